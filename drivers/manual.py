@@ -12,6 +12,8 @@ from drivers.interfaces import Identity, Setting, Surroundings
 class ManualTargets:
     """Target changer for targets that a person places; the runner of a plan asks the person.
 
+    `current_target` is the one that a person has confirmed, and empty before the first.
+
     names: of the targets. settling_ms: time until the bench is still after the person's touch.
     """
 
@@ -27,7 +29,7 @@ class ManualTargets:
             raise ValueError(f"settling_ms is {settling_ms}; it must be from 0 to 1000000")
         self._clock = surroundings.clock
         self.names = tuple(names)
-        self.current_target = self.names[0]
+        self.current_target = ""
         self.settling = settling_ms * 1e-3
 
     @property

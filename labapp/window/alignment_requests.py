@@ -21,6 +21,7 @@ from labapp.window.measuring_messages import (
 )
 from labapp.window.messages import BenchOpened, CancelJob, JobEnded, JobProgress
 from labapp.window.picture_marks import PictureMarks
+from labapp.window.setting_requests import SettingRequests
 
 if TYPE_CHECKING:
     from labapp.window.main_window import MainWindow
@@ -32,9 +33,11 @@ _TRIAL_JOBS = ("exposure", "bracket proposal")
 class AlignmentRequests(QObject):
     """Turn the panel's buttons and the marks on the picture into commands to the engine."""
 
-    def __init__(self, window: MainWindow, connection: EngineConnection) -> None:
+    def __init__(
+        self, window: MainWindow, connection: EngineConnection, settings: SettingRequests
+    ) -> None:
         super().__init__(window)
-        self._window, self._send = window, connection.send
+        self._window, self._send, self._settings = window, connection.send, settings
         self._panel = panel = window.alignment
         self.marks = PictureMarks(window.live_view.picture)
         self._asked = MeasurePictures(None, None)
@@ -77,11 +80,7 @@ class AlignmentRequests(QObject):
     def show_exposure(self, found: ExposureFound) -> None:
         """Show the exposure that was found in the window, and take it over into its field."""
         self._panel.show_exposure(found)
-        field = self._window.settings.exposure
-        # The camera has it already.
-        field.blockSignals(True)
-        field.setValue(found.exposure * 1e3)
-        field.blockSignals(False)
+        self._settings.note_exposure(found.exposure)
 
     def show_progress(self, progress: JobProgress) -> None:
         """Show in the window which exposure is tried, if it is a job of this panel."""

@@ -48,15 +48,17 @@ class DeviceRow(QWidget):
 class DeviceList(WrappingPanel):
     """List the bench's devices, one row each; a failed device is red until it works again.
 
-    `reconnect_requested` is emitted with the bench's name of a device to be opened again.
+    `reconnect_requested` is emitted with the bench's name of a device to be opened again, and
+    `row_added` with each new row.
     """
 
     reconnect_requested = Signal(str)
+    row_added = Signal(QWidget)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.rows: dict[str, DeviceRow] = {}
-        self._in_run = False
+        self._locked = False
         self._layout = QVBoxLayout(self)
         self._empty = make_label(self, "opening the bench …", look="faint")
         fill_layout(self._layout, self._empty, 1, margins=PANEL_MARGINS, spacing=4)
@@ -76,11 +78,11 @@ class DeviceList(WrappingPanel):
             if device.name not in self.rows:
                 self._add(device.name)
             self.rows[device.name].show_device(device)
-        self.set_run_active(self._in_run)
+        self.set_locked(self._locked)
 
-    def set_run_active(self, on: bool) -> None:
-        """Disable the window's Reconnect buttons during a run, which reopens failed devices."""
-        self._in_run = on
+    def set_locked(self, on: bool) -> None:
+        """Disable the window's Reconnect buttons, as in a run or while the settings are locked."""
+        self._locked = on
         for row in self.rows.values():
             row.reconnect.setEnabled(not on)
 
@@ -92,6 +94,7 @@ class DeviceList(WrappingPanel):
         row.reconnect.clicked.connect(lambda: self._request_reconnect(name))
         self.rows[name] = row
         self._layout.insertWidget(len(self.rows), row)
+        self.row_added.emit(row)
 
     def _request_reconnect(self, name: str) -> None:
         button = self.rows[name].reconnect

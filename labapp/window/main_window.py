@@ -30,6 +30,7 @@ from labapp.window.dock_scroll import DockScroll
 from labapp.window.effects_panel import EffectsPanel
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.help_window import HelpWindow
+from labapp.window.input_guard import InputGuard
 from labapp.window.kept_queue import KeptQueue
 from labapp.window.light_filter import LightFilter
 from labapp.window.live_view import LiveView
@@ -37,6 +38,7 @@ from labapp.window.log_panel import LogPanel
 from labapp.window.message_line import MessageLine
 from labapp.window.pattern_panel import PatternPanel
 from labapp.window.prompt_bar import PromptBar
+from labapp.window.question_bar import QuestionBar
 from labapp.window.queue_panel import QueuePanel
 from labapp.window.reconstruction_view import ReconstructionView
 from labapp.window.remembered_settings import RememberedSettings, changes
@@ -67,6 +69,8 @@ Chosen: who types or drags causes one writing."""
 _LAYOUT_VERSION = 5
 """Version of the docks' layout. Qt ignores a saved layout of another version."""
 
+_SETTING_ACTIONS = ("undo", "redo", "lock")
+
 _INPUT_WIDGETS = (QAbstractSpinBox, QComboBox, QLineEdit)
 """Widgets in which Enter completes the input."""
 
@@ -93,11 +97,13 @@ class MainWindow(QMainWindow):
         self.tabs.add_scrolled_tab(self.side_by_side, "Side by side")
         self.tabs.add_scrolled_tab(self.accuracy, "Accuracy")
         self.prompt_bar = PromptBar(self.actions_["pause"], self)
+        self.question = QuestionBar(self.actions_["yes"], self)
         central = QWidget(self)
-        fill_layout(QVBoxLayout(central), self.prompt_bar, (self.tabs, 1), spacing=4)
+        bars = self.question, self.prompt_bar
+        fill_layout(QVBoxLayout(central), *bars, (self.tabs, 1), spacing=4)
         self.setCentralWidget(central)
         self.devices = DeviceList(self)
-        self.settings = SettingsPanel(self)
+        self.settings = SettingsPanel([self.actions_[name] for name in _SETTING_ACTIONS], self)
         self.pattern = PatternPanel(self)
         self.run = RunPanel([self.actions_[name] for name in ("acquire", "reconstruct")], self)
         files = [self.actions_[name] for name in ("plan", "resume", "open")]
@@ -142,6 +148,11 @@ class MainWindow(QMainWindow):
         self._restore()
         self._watch_changes()
         self._keeping.timeout.connect(self._save_settings)
+        # A click on no field leaves the field that has the focus, and keys do nothing then.
+        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
+        self._guard = InputGuard(self)
+        self.devices.row_added.connect(self._guard.watch)
+        self.setFocus()
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask before the window gives up a run, then save its settings and end its engine."""
@@ -162,7 +173,12 @@ class MainWindow(QMainWindow):
             self.tabs.setCurrentWidget(self.reconstruction)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Let Enter confirm a run's prompt, unless an input field of the window has the focus."""
+        """Let Enter confirm a run's prompt, unless an input field of the window has the focus.
+
+        Esc says no to a question.
+        """
+        if event.key() == Qt.Key.Key_Escape:
+            self.question.decline()
         if (
             event.key() not in (Qt.Key.Key_Return, Qt.Key.Key_Enter)
             or not self.prompt_bar.is_asking
@@ -355,8 +371,8 @@ class MainWindow(QMainWindow):
     def _save_settings(self) -> None:
         remembered = self._remembered
         remembered.store_fields(self._remembered_fields())
-        if self.settings.target.currentText():
-            remembered.put("target", self.settings.target.currentText())
+        if self.settings.target.set_text:
+            remembered.put("target", self.settings.target.set_text)
         if self.session.last_run is not None:
             remembered.put("last_run", str(self.session.last_run))
         remembered.put("tab", self.tabs.tabText(self.tabs.currentIndex()))

@@ -33,7 +33,14 @@ class SetLive(Command):
 
 @dataclass(frozen=True)
 class PlaceTarget(Command):
-    """Place a target before the camera."""
+    """Place a target before the camera; a person who places targets confirms it by this."""
+
+    target: str
+
+
+@dataclass(frozen=True)
+class AskForTarget(Command):
+    """Note that a person is asked to place a target by hand; "" if nobody is asked any more."""
 
     target: str
 
@@ -65,6 +72,13 @@ class ShowPattern(Command):
     """Compute a pattern and put it on the SLM."""
 
     pattern: PatternTable
+
+
+@dataclass(frozen=True)
+class ShowPatternAgain(Command):
+    """Put a pattern on the SLM that was there before, by its number in BenchState."""
+
+    number: int
 
 
 @dataclass(frozen=True)
@@ -269,7 +283,8 @@ class BenchOpened:
 
     Ranges are in metres and seconds, shapes are (rows, columns), and `full_scale` is in DN.
     `virtual` tells whether the bench's clock takes no real time. `scene_tolerance` is the relative
-    error of simulated pictures, and None where the camera is real.
+    error of simulated pictures, and None where the camera is real. `targets_by_hand` tells whether
+    a person places the targets.
     """
 
     name: str
@@ -281,6 +296,7 @@ class BenchOpened:
     full_scale: int
     virtual: bool
     scene_tolerance: float | None = None
+    targets_by_hand: bool = False
 
 
 @dataclass(frozen=True)
@@ -289,6 +305,8 @@ class BenchState:
 
     `wavelength` is in metres, `exposure` in seconds. `live` tells whether live view is running, and
     `waiting` whether a run waits for a person, who may set exposure and live view meanwhile.
+    `target` is empty as long as a person has confirmed none. `pattern_number` counts the patterns
+    that the window has shown, from 0 for the one at the opening.
     """
 
     devices: tuple[DeviceInfo, ...]
@@ -298,6 +316,7 @@ class BenchState:
     exposure: float
     live: bool
     waiting: bool = False
+    pattern_number: int = 0
 
     @property
     def failed_devices(self) -> set[str]:

@@ -35,10 +35,12 @@ _FILES = "Pictures and designs (*.png *.tif *.tiff *.bmp *.jpg *.h5)"
 class PatternForm(QWidget):
     """Let the person choose a kind of pattern and its parameters.
 
-    `changed` is emitted after each change. `numbers` and `texts` are the fields by kind and key.
+    `changed` is emitted after each change, and `edited` while a text is being typed. `numbers` and
+    `texts` are the fields by kind and key.
     """
 
     changed = Signal()
+    edited = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -66,10 +68,17 @@ class PatternForm(QWidget):
         """Return what the person must still enter in the window's pattern form, or ""."""
         kind = self._selected_kind
         for field in kind.fields:
-            if isinstance(field, NumberField) or self.texts[kind.name, field.key].text():
+            if isinstance(field, NumberField):
+                continue
+            if self.texts[kind.name, field.key].text().strip():
                 continue
             return "choose a picture file" if isinstance(field, FileField) else "type some text"
         return ""
+
+    @property
+    def needs_file(self) -> bool:
+        """Return whether the pattern chosen in the window comes from a file."""
+        return any(isinstance(field, FileField) for field in self._selected_kind.fields)
 
     def pattern_table(self, wavelength_nm: float) -> PatternTable:
         """Return the pattern chosen in the window as a table of a plan file.
@@ -109,6 +118,7 @@ class PatternForm(QWidget):
                 form.addRow(field.label, box)
                 continue
             self.texts[where] = line = QLineEdit(page)
+            line.textChanged.connect(self.edited)
             line.editingFinished.connect(self.changed)
             if isinstance(field, FileField):
                 line.setPlaceholderText(field.hint)

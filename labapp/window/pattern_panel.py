@@ -32,10 +32,12 @@ class PatternPanel(QWidget):
         self.show_button = QPushButton("Show on SLM", self)
         self._wavelength_nm = 550.0
         self._chosen = self._on_panel = ""
+        self._showing_allowed = self._has_preview = False
         # A preview is computed once nothing has changed for 300 ms.
         self._pause = QTimer(self, singleShot=True, interval=300)
         self._pause.timeout.connect(self._request_preview)
         self.form.changed.connect(self.schedule_preview)
+        self.form.edited.connect(self._mark_outdated)
         self.show_button.clicked.connect(lambda: self.show_requested.emit(self.pattern_table()))
         below = fill_layout(QHBoxLayout(), (self.psf, 1), (self.note, 1))
         # On a small screen, the pictures are what is out of sight, and not the button.
@@ -51,12 +53,26 @@ class PatternPanel(QWidget):
             self._wavelength_nm = nanometres
             self.schedule_preview()
 
-    def set_run_active(self, on: bool) -> None:
-        """Disable the window's "Show on SLM" during a run; the next pattern can be chosen."""
-        self.show_button.setEnabled(not on)
+    def set_showing_allowed(self, on: bool) -> None:
+        """Enable the window's "Show on SLM" if the bench is free and the pattern is complete.
+
+        A file must have been read for a preview. The next pattern can be chosen in any case.
+        """
+        self._showing_allowed = on
+        known = not self.form.missing_input and (self._has_preview or not self.form.needs_file)
+        self.show_button.setEnabled(on and known)
 
     def schedule_preview(self) -> None:
-        """Request a preview from the window's engine when no setting has changed for a moment."""
+        """Request a preview from the window's engine when no setting has changed for a moment.
+
+        Until it comes, the preview before is faint. A pattern that isn't complete has none.
+        """
+        self._mark_outdated()
+        if missing := self.form.missing_input:
+            self._pause.stop()
+            self.note.setText(missing)
+            self._clear_preview()
+            return
         self.note.setText("computing the preview …")
         self._pause.start()
 
@@ -66,6 +82,8 @@ class PatternPanel(QWidget):
             return
         self._chosen = preview.name
         self._compare()
+        self._has_preview = True
+        self.set_showing_allowed(self._showing_allowed)
         self.grey.show_grey(preview.grey)
         self.psf.show_decades(preview.psf, PSF_DECADES)
         side = preview.psf.shape[0]
@@ -78,8 +96,7 @@ class PatternPanel(QWidget):
         """Clear the window's preview of an earlier pattern, as the requested one didn't come."""
         if self.note.text().startswith("computing"):
             self.note.setText("no preview")
-            self.grey.clear()
-            self.psf.clear()
+            self._clear_preview()
 
     def show_displayed(self, name: str) -> None:
         self._on_panel = name
@@ -92,8 +109,18 @@ class PatternPanel(QWidget):
         self.displayed_label.setText(f"{sign}On the SLM: {self._on_panel}")
         mark_difference(self.displayed_label, differs)
 
+    def _mark_outdated(self) -> None:
+        """Show the window's preview faintly, as that of the pattern before."""
+        self._has_preview = False
+        self.set_showing_allowed(self._showing_allowed)
+        for thumbnail in (self.grey, self.psf):
+            thumbnail.set_outdated(True)
+
+    def _clear_preview(self) -> None:
+        self._chosen = ""
+        self._compare()
+        self.grey.clear()
+        self.psf.clear()
+
     def _request_preview(self) -> None:
-        if self.form.missing_input:
-            self.note.setText(self.form.missing_input)
-            return
         self.preview_requested.emit(self.pattern_table())

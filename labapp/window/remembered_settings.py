@@ -17,6 +17,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from labapp.window.commit_fields import CommitSpinBox
+
 log = logging.getLogger(__name__)
 
 _TICKED = "ticked"
@@ -106,6 +108,9 @@ def _set(field: QWidget, text: str) -> None:
 
 def _get(field: QWidget) -> str:
     """Return the value of a field of the window, to be saved."""
+    if isinstance(field, CommitSpinBox):
+        # What is only proposed in it isn't set yet.
+        return str(field.set_value)
     if isinstance(field, QDoubleSpinBox | QSpinBox):
         return str(field.value())
     if isinstance(field, QLineEdit):

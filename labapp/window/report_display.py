@@ -141,7 +141,7 @@ class ReportDisplay:
         window.actions_["live"].setChecked(report.live)
         window.live_view.set_running(report.live)
         self._session.note_waiting(report.waiting)
-        self._session.send_pending_wavelength()
+        self._session.settings.show_state(report)
 
     def _job_progress(self, report: JobProgress) -> None:
         if report.job == "reconstruction":

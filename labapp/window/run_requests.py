@@ -80,10 +80,14 @@ class RunRequests(QObject):
 
     def _acquire(self) -> None:
         run = self._window.run
+        self._window.settings.take_back_pending()
+        if missing := self._window.pattern.form.missing_input:
+            self._window.message.show_error(f"The pattern isn't complete: {missing}.")
+            return
         self._enqueue(
             AcquireBracket(
                 pattern=self._window.pattern.pattern_table(),
-                wavelength=self._window.settings.wavelength.value() * 1e-9,
+                wavelength=self._window.settings.wavelength.set_value * 1e-9,
                 star=run.star.bracket,
                 photograph=run.photograph.bracket,
                 folder=run.chosen_folder,

@@ -21,26 +21,27 @@ from labapp.window.messages import (
     ComputePreview,
     ForecastAccuracy,
     MeasureAccuracy,
-    PlaceTarget,
     QueueState,
     ReconnectDevice,
     ReconstructRun,
     RequestRefused,
     SaveRestored,
-    SetExposure,
     SetLive,
     SetTolerance,
     SetView,
-    SetWavelength,
-    ShowPattern,
 )
+from labapp.window.question_bar import Question
 from labapp.window.report_display import ReportDisplay
 from labapp.window.run_requests import RunRequests
+from labapp.window.setting_requests import SettingRequests
 from labapp.window.spectral_messages import ListBands, RestoreCube, ShowCubeColours
 
 if TYPE_CHECKING:
     from labapp.window.main_window import MainWindow
 
+
+_RUN = "run"
+"""Subject of the question whether a run or a measurement is cancelled."""
 
 _PICTURE_KINDS = "Light (*.tiff *.npy);;Picture (*.png)"
 _CUBE_KINDS = "Cube (*.h5 *.hdr);;Colours (*.png)"
@@ -60,15 +61,16 @@ class Session(QObject):
         self._reports = ReportDisplay(window, self)
         self._open = False
         self._last_run: Path | None = None
-        self._wavelength_pending = self._live_before = False
+        self._live_before = False
         self.job = ""
         self.queue = QueueState(())
         self.first_target = ""
         self._waiting = False
+        self.settings = SettingRequests(window, connection)
         connection.report_received.connect(self._reports.show_report)
         connection.engine_died.connect(self._engine_died)
         self._runs = RunRequests(window, connection)
-        self.alignment = AlignmentRequests(window, connection)
+        self.alignment = AlignmentRequests(window, connection, self.settings)
         self._connect_panels()
         self._connect_actions()
         self._connect_accuracy()
@@ -85,9 +87,9 @@ class Session(QObject):
         window = self._window
         self._open = True
         window.settings.adopt_bench_ranges(
-            bench, window.settings.target.currentText() or self.first_target
+            bench, window.settings.target.set_text or self.first_target
         )
-        window.settings.request_all_settings()
+        self.settings.on_bench_opened(bench)
         self._send_view(window.live_view.view)
         self._connection.send(SetLive(True))
         self.alignment.open_bench(bench)
@@ -127,6 +129,8 @@ class Session(QObject):
     def on_job_ended(self) -> None:
         """Note that the engine's job is over, and enable the window's actions again."""
         measured, self.job = self.job == MEASUREMENT, ""
+        if measured:
+            self._window.question.withdraw(_RUN)
         if measured and self._live_before:
             self._connection.send(SetLive(True))
         self._allow()
@@ -134,23 +138,22 @@ class Session(QObject):
     def show_queue(self, queue: QueueState) -> None:
         self.queue = queue
         self._runs.show_queue(queue)
-        self.send_pending_wavelength()
+        if not queue.is_busy:
+            self._window.question.withdraw(_RUN)
         self._allow()
+        self.settings.send_pending_wavelength()
 
     def _engine_died(self, how: str) -> None:
         self._open = False
         self._runs.forget_engine()
+        self.settings.on_bench_closed()
         self._reports.show_engine_death(how)
         self.show_queue(QueueState(()))
         self.on_job_ended()
 
     def _connect_panels(self) -> None:
         window, send = self._window, self._connection.send
-        window.settings.target_requested.connect(lambda name: send(PlaceTarget(name)))
-        window.settings.wavelength_requested.connect(self._tune)
-        window.settings.exposure_requested.connect(lambda seconds: send(SetExposure(seconds)))
         window.pattern.preview_requested.connect(self._preview)
-        window.pattern.show_requested.connect(lambda table: send(ShowPattern(table)))
         window.devices.reconnect_requested.connect(lambda device: send(ReconnectDevice(device)))
         window.message.restart_requested.connect(self._restart)
         window.live_view.view_changed.connect(self._send_view)
@@ -174,10 +177,8 @@ class Session(QObject):
         self._window.pattern.schedule_preview()
 
     def _forecast(self) -> None:
-        settings = self._window.settings
-        self._connection.send(
-            ForecastAccuracy(settings.wavelength.value() * 1e-9, settings.exposure.value() * 1e-3)
-        )
+        wavelength, exposure = self._window.settings.set_values
+        self._connection.send(ForecastAccuracy(wavelength, exposure))
 
     def _measure(self) -> None:
         """Start the window's full measurement, while live view rests."""
@@ -199,7 +200,8 @@ class Session(QObject):
             lambda light: self._connection.send(ShowCubeColours(light))
         )
         actions["open"].triggered.connect(self._open_run)
-        actions["cancel"].triggered.connect(self._cancel)
+        actions["cancel"].triggered.connect(self._ask_to_cancel)
+        actions["lock"].toggled.connect(lambda _: self._allow())
         for name, change in (
             ("contrast", view.set_auto_contrast),
             ("marks", view.set_clipping_marks),
@@ -211,13 +213,15 @@ class Session(QObject):
         """Enable the window's actions that are possible now, and disable the others."""
         window, free = self._window, self._open and not self.job
         idle = free and not self.is_run_active
-        may_look = idle or (self._open and self._waiting)
+        # What is locked neither moves nor begins; a run under way can still be stopped.
+        movable = free and not self.settings.is_locked
+        may_look = (idle or (self._open and self._waiting)) and not self.settings.is_locked
         # The next run can be prepared and queued while one is under way.
         allowed = {
             "live": may_look,
-            "acquire": free,
-            "plan": free,
-            "resume": free,
+            "acquire": movable,
+            "plan": movable,
+            "resume": movable,
             "pause": self._open and self.queue.current_run is not None,
             "cancel": self._open and (self.is_run_active or bool(self.job)),
             "open": idle,
@@ -226,35 +230,15 @@ class Session(QObject):
         for name, on in allowed.items():
             window.actions_[name].setEnabled(on)
         window.accuracy.set_measuring_allowed(idle)
-        window.settings.setEnabled(self._open)
         window.pattern.setEnabled(self._open)
-        for panel in (window.settings, window.pattern, window.devices):
-            panel.set_run_active(self.is_run_active)
-        window.settings.exposure.setEnabled(may_look or not self.is_run_active)
-        window.alignment.set_allowed(exposes=may_look, proposes=idle)
-        window.queue.release_button.setEnabled(free)
-
-    def _tune(self, wavelength: float) -> None:
-        self._window.pattern.set_wavelength(self._window.settings.wavelength.value())
-        self._window.accuracy.make_outdated()
-        if self.is_run_active:
-            self._wavelength_pending = True
-        else:
-            self._connection.send(SetWavelength(wavelength))
-
-    def send_pending_wavelength(self) -> None:
-        """Send the wavelength chosen in the window during a run, once live view runs again."""
-        if (
-            self._wavelength_pending
-            and not self.is_run_active
-            and self._window.actions_["live"].isChecked()
-        ):
-            self._wavelength_pending = False
-            self._connection.send(SetWavelength(self._window.settings.wavelength.value() * 1e-9))
+        self.settings.allow(self._open, run_active=self.is_run_active, waiting=self._waiting)
+        window.devices.set_locked(self.is_run_active or self.settings.is_locked)
+        window.alignment.set_allowed(exposes=may_look, proposes=idle and movable)
+        window.queue.release_button.setEnabled(movable)
 
     def _preview(self, table: dict[str, Any]) -> None:
         if self._open:
-            wavelength = self._window.settings.wavelength.value() * 1e-9
+            wavelength = self._window.settings.wavelength.set_value * 1e-9
             self._connection.send(ComputePreview(table, wavelength))
 
     def _reconstruct_last(self) -> None:
@@ -291,6 +275,27 @@ class Session(QObject):
         if (bands := view.wanted_bands) is not None:
             return RestoreCube(path, bands, view.spectra.light.currentText())
         return ReconstructRun(path, *view.choices)
+
+    def _ask_to_cancel(self) -> None:
+        """Ask before a run or a measurement of the window is given up; end other jobs at once.
+
+        What an hour took isn't lost to one key. A second Esc says no.
+        """
+        question, run = self._window.question, self.queue.current_run
+        if question.subject:
+            question.decline()
+        elif self.is_run_active or self.job == MEASUREMENT:
+            text = "Cancel the measurement? What it has measured is kept."
+            if run is not None:
+                text = (
+                    f"Cancel {run.title}? {run.stored_frames} of {run.planned_frames} frames are "
+                    "stored and kept; the rest can be taken later (Ctrl+R)."
+                )
+            elif self.is_run_active:
+                text = "Cancel the run that is about to begin?"
+            question.ask(Question(_RUN, text, "Cancel it", "Go on", self._cancel))
+        else:
+            self._cancel()
 
     def _cancel(self) -> None:
         self._window.run.message.setText("cancelling …")

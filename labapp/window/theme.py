@@ -65,6 +65,7 @@ _SHEET = f"""
 QMainWindow, QDialog, QMessageBox {{ background: {BACKGROUND}; }}
 QToolButton {{ color: {TEXT}; background: {PANEL}; border: 1px solid {EDGE};
   border-radius: 3px; padding: 4px 7px; }}
+QToolButton#flat {{ padding: 0px 5px; }}
 QToolButton:hover, QPushButton:hover {{ border-color: {ACCENT}; }}
 QToolButton:checked {{ background: #3a2f1c; border-color: {ACCENT}; color: #f0d9ae; }}
 QToolButton:disabled, QPushButton:disabled {{ color: #5a5852; border-color: #26282c; }}
@@ -98,8 +99,10 @@ QLabel#paused {{ color: {SIMULATED}; }}
 QWidget#call {{ background: {PROMPT}; border-radius: 3px; }}
 QWidget#call QLabel {{ color: {PROMPT_TEXT}; font-weight: bold; }}
 QLabel#readBack {{ font-family: monospace; color: {REAL}; }}
+QLabel#readBack[confirmed="true"] {{ color: {TEXT}; }}
 QLabel[differs="true"] {{ color: {SIMULATED}; }}
 QLabel#readBack[differs="true"] {{ color: {SIMULATED}; }}
+QAbstractSpinBox[pending="true"], QComboBox[pending="true"] {{ color: {SIMULATED}; }}
 QLabel#caption {{ background: rgba(0, 0, 0, 170); color: {TEXT}; font-family: monospace;
   padding: 4px 8px; border-radius: 3px; }}
 QLabel#awaited {{ background: {SIMULATED}; color: {BACKGROUND}; font-family: monospace;

@@ -13,6 +13,9 @@ from labapp.window.theme import EDGE, FIELD
 PSF_DECADES = 4
 """Decades below its peak over which the window shows a PSF."""
 
+_OUTDATED = 0.25
+"""Opacity of a picture that is no longer of what is chosen. Chosen."""
+
 
 class Thumbnail(QWidget):
     """Show a grey picture, (rows, columns) uint8, as large as its place in the window allows.
@@ -24,6 +27,7 @@ class Thumbnail(QWidget):
         super().__init__(parent)
         self._size = size
         self._image: QImage | None = None
+        self._outdated = False
         self.setMinimumSize(size)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
 
@@ -36,12 +40,17 @@ class Thumbnail(QWidget):
         image = QImage(data.data, columns, rows, columns, QImage.Format.Format_Grayscale8)
         # QImage only refers to the array, which is freed on return, so the image is copied.
         self._image = image.copy()
-        self.update()
+        self.set_outdated(False)
 
     def show_decades(self, psf: NDArray[np.float32], decades: int) -> None:
         """Show a PSF's logarithm as a thumbnail in the window, down to `decades` below the peak."""
         share = np.maximum(psf / psf.max(), 10.0**-decades)
         self.show_grey(np.rint(255 * (np.log10(share) / decades + 1)).astype(np.uint8))
+
+    def set_outdated(self, on: bool) -> None:
+        """Set whether the window's picture is of what was chosen before; it is faint then."""
+        self._outdated = on
+        self.update()
 
     def clear(self) -> None:
         self._image = None
@@ -56,6 +65,7 @@ class Thumbnail(QWidget):
             size = self._image.size().scaled(self.size(), Qt.AspectRatioMode.KeepAspectRatio)
             place = QRect(self.rect().topLeft(), size)
             place.moveCenter(self.rect().center())
+            painter.setOpacity(_OUTDATED if self._outdated else 1.0)
             painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
             painter.drawImage(place, self._image)
             painter.drawRect(place.adjusted(0, 0, -1, -1))

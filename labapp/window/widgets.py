@@ -51,17 +51,28 @@ def plain_tip(text: str) -> str:
     return f'<span style="white-space: pre-wrap">{escape(text)}</span>'
 
 
+def mark_property(widget: QWidget, name: str, on: bool) -> None:
+    """Set a property of a widget in the window by which the style sheet changes its look."""
+    if bool(widget.property(name)) != on:
+        widget.setProperty(name, on)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)
+
+
 def mark_difference(value_label: QLabel, differs: bool) -> None:
     """Colour a label of the window if its value differs from the requested one."""
-    if value_label.property("differs") != differs:
-        value_label.setProperty("differs", differs)
-        value_label.style().unpolish(value_label)
-        value_label.style().polish(value_label)
+    mark_property(value_label, "differs", differs)
 
 
-def make_tool_button(parent: QWidget, action: QAction, *, wide: bool = False) -> QToolButton:
-    """Create a button for one of the window's actions; a wide one takes all the width it can."""
+def make_tool_button(
+    parent: QWidget, action: QAction, *, wide: bool = False, look: str = ""
+) -> QToolButton:
+    """Create a button for one of the window's actions; a wide one takes all the width it can.
+
+    `look` is a name of the theme's style sheet: "flat" is no higher than a line of text.
+    """
     made = QToolButton(parent)
+    made.setObjectName(look)
     made.setDefaultAction(action)
     if wide:
         made.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)

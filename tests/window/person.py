@@ -13,6 +13,8 @@ from PySide6.QtWidgets import QAbstractSpinBox, QComboBox, QLineEdit, QTableView
 from waits import PATIENCE, wait_until
 from window_bench import Bench
 
+from labapp.window.commit_fields import CommitComboBox
+
 
 class Person:
     """Clicks, types and looks at one window; nothing is done behind the window's back."""
@@ -46,6 +48,13 @@ class Person:
             before = box.currentIndex()
             self._qtbot.keyClick(box, Qt.Key.Key_Down)
             assert box.currentIndex() != before, f"{text} is not in the list"
+        if isinstance(box, CommitComboBox):
+            self._qtbot.keyClick(box, Qt.Key.Key_Return)
+
+    def cancels(self) -> None:
+        """Press Esc, and answer the question whether the run is really to be cancelled."""
+        self.presses(Qt.Key.Key_Escape)
+        self.clicks(self.window.question.yes_button)
 
     def selects(self, table: QTableView, row: int) -> None:
         place = table.visualRect(table.model().index(row, 0)).center()

@@ -99,7 +99,7 @@ def test_after_a_cancelled_run_the_queue_holds(bench, person, queue, run_plan):
     person.selects(queue.table, 1)
     person.clicks(queue.remove)
     person.waits(lambda: [run.title for run in bench.runs] == ["Too long", "Wanted"])
-    person.presses(Qt.Key.Key_Escape)
+    person.cancels()
     person.waits(lambda: bench.states == ["CANCELLED", "WAITING"])
     person.waits(queue.hold_bar.isVisible)
     assert queue.held_text.text() == "Held: Too long was cancelled. 1 run waits."
@@ -140,6 +140,7 @@ def test_pause_holds_and_resume_goes_on(bench, person, queue, run_plan):
     person.presses(Qt.Key.Key_F8)
     person.waits(lambda: bench.states == ["PAUSED"])
     person.clicks(bench.window.bar.buttons["cancel"])
+    person.clicks(bench.window.question.yes_button)
     person.waits(lambda: bench.states == ["CANCELLED"])
 
 
@@ -173,7 +174,7 @@ def test_a_run_asks_and_waits_for_the_answer(bench, person, queue, run_plan):
 def test_cancel_at_a_prompt_cancels(bench, person, queue, run_plan):
     run_plan("Two places", top=ASKS, targets='["near", "far"]')
     person.waits(lambda: bench.window.prompt_bar.is_asking)
-    person.presses(Qt.Key.Key_Escape)
+    person.cancels()
     person.waits(lambda: bench.states == ["CANCELLED"])
     assert bench.window.prompt_bar.text == ""
     with Record(bench.runs[0].path) as record:
@@ -183,7 +184,7 @@ def test_cancel_at_a_prompt_cancels(bench, person, queue, run_plan):
 def test_a_cancelled_run_is_resumed(bench, person, queue, run_plan, chosen_file):
     run_plan("In two goes", top=ASKS, targets='["dark", "near"]', repeats=5)
     person.waits(lambda: bench.window.prompt_bar.is_asking)
-    person.presses(Qt.Key.Key_Escape)
+    person.cancels()
     person.waits(lambda: bench.states == ["CANCELLED"])
     path = bench.runs[0].path
     assert bench.runs[0].stored_frames == 10
@@ -222,7 +223,7 @@ def test_a_wavelength_chosen_during_a_run_is_for_what_follows(bench, person, que
     assert round(bench.frame.wavelength * 1e9) == 550
     person.waits(lambda: bench.window.prompt_bar.is_asking)
     run_plan("Short")
-    person.presses(Qt.Key.Key_Escape)
+    person.cancels()
     person.waits(queue.release_button.isVisible)
     person.clicks(queue.release_button)
     person.waits(lambda: bench.states == ["CANCELLED", "COMPLETE"])

@@ -199,7 +199,7 @@ def test_a_run_tells_what_its_frames_are_computed_with(live, chosen_file, tmp_pa
 
     # Not every frame is shown, so that one of them may be told of late.
     person.waits(lambda: exposures() >= {1e-3, 8e-3})
-    person.presses(Qt.Key.Key_Escape)
+    person.cancels()
     person.waits(lambda: bench.states[-1] == "CANCELLED")
     # The live view comes back with what the person had set.
     person.presses(Qt.Key.Key_F5)

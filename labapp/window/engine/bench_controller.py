@@ -14,6 +14,7 @@ from drivers.interfaces import Frame, Setting
 from labapp.bench.opening import Bench
 from labapp.window.engine.device_monitor import DeviceMonitor
 from labapp.window.engine.live_tolerance import LiveTolerance
+from labapp.window.engine.shown_patterns import ShownPatterns
 from labapp.window.messages import BenchOpened, BenchState, LiveFrame
 
 
@@ -24,8 +25,7 @@ class RequestedSettings:
     target: str | None = None
     wavelength: float | None = None
     exposure: float | None = None
-    pattern: str = "neutral"
-    grey: NDArray[np.uint8] | None = None
+    pattern_number: int | None = None
 
 
 class BenchController:
@@ -41,6 +41,10 @@ class BenchController:
         self.live_tolerance = LiveTolerance(bench.camera_world)
         self._opened = _describe_capabilities(bench)
         self._requested = RequestedSettings()
+        self._shown = ShownPatterns(
+            bench.slm.displayed_pattern, np.zeros(bench.description.panel.shape, np.uint8)
+        )
+        self._asked_target = ""
         self._ready = bench.clock.now()
         self._exposure = self._opened.exposure_range[0]
         try:
@@ -50,9 +54,14 @@ class BenchController:
 
     def place_target(self, target: str) -> None:
         """Place the target that the window requests."""
+        self._asked_target = ""
         self._requested = replace(self._requested, target=target)
         self.devices.require_alive("targets")
         self._note_settling("targets", self._bench.targets.place(target))
+
+    def ask_for_target(self, target: str) -> None:
+        """Note which target the window asks a person to place; "" if it asks for none."""
+        self._asked_target = target
 
     def set_wavelength(self, wavelength: float) -> None:
         """Set the wavelength that the window requests."""
@@ -79,21 +88,33 @@ class BenchController:
         return self._exposure
 
     def show_pattern(self, name: str, grey: NDArray[np.uint8]) -> None:
-        self._requested = replace(self._requested, pattern=name, grey=grey)
+        """Show a new pattern of the window on the SLM."""
+        self.show_again(self._shown.keep(name, grey))
+
+    def show_again(self, number: int) -> None:
+        """Show a pattern on the SLM that the window has shown before; by its number.
+
+        Raises UserError if it isn't kept any more.
+        """
+        name, grey = self._shown.pattern(number)
+        self._requested = replace(self._requested, pattern_number=number)
         self.devices.require_alive("slm")
         self._note_settling("slm", self._bench.slm.show(name, grey))
 
     def restore_settings(self) -> None:
-        """Set the bench's devices to the settings last requested in the window."""
+        """Set the bench's devices to the settings last requested in the window.
+
+        A target that a person places stays as it is; the person is asked for the next one.
+        """
         wanted = self._requested
-        if wanted.target is not None:
+        if wanted.target is not None and not self._bench.targets.by_hand:
             self.place_target(wanted.target)
         if wanted.wavelength is not None:
             self.set_wavelength(wanted.wavelength)
         if wanted.exposure is not None:
             self.set_exposure(wanted.exposure)
-        if wanted.grey is not None:
-            self.show_pattern(wanted.pattern, wanted.grey)
+        if wanted.pattern_number is not None:
+            self.show_again(wanted.pattern_number)
 
     def take_frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
         """Take a live frame, with its settings, for the window when all settings have settled."""
@@ -109,7 +130,7 @@ class BenchController:
         bench = self._bench
         return LiveFrame(
             image=image,
-            target=bench.targets.current_target,
+            target=self._target_words(),
             pattern=bench.slm.displayed_pattern,
             wavelength=bench.filter.wavelength,
             exposure=exposure,
@@ -149,11 +170,23 @@ class BenchController:
             wavelength=said["filter"],
             exposure=self._exposure,
             live=live,
+            pattern_number=self._requested.pattern_number or 0,
         )
 
     def describe_bench(self) -> BenchOpened:
         infos = self.devices.device_infos(self._exposure, live=False, running=False)
         return replace(self._opened, devices=infos)
+
+    def _target_words(self) -> str:
+        """Return what a live frame says of its target: whatever nobody can read back, it says so.
+
+        A target that a person places is only what the person has confirmed.
+        """
+        target = self._bench.targets.current_target
+        if not self._bench.targets.by_hand:
+            return target
+        confirmed = f"{target} (confirmed)" if target else "target not confirmed"
+        return f"{confirmed}, asked: {self._asked_target}" if self._asked_target else confirmed
 
     def _apply_exposure(self, exposure: float) -> None:
         self.devices.require_alive("camera")
@@ -182,4 +215,5 @@ def _describe_capabilities(bench: Bench) -> BenchOpened:
         full_scale=bench.camera.full_scale,
         virtual=not bench.file.is_real,
         scene_tolerance=None if bench.camera_world is None else bench.camera_world.imaging.tol,
+        targets_by_hand=bench.targets.by_hand,
     )

@@ -76,7 +76,14 @@ class DeviceMonitor:
         if query_devices:
             self.last_settings = {role: self._query_setting(role) for role in _SETTING_QUERIES}
         nm, ms = self.last_settings["filter"] * 1e9, exposure * 1e3
-        values = self.last_settings | {"filter": f"{nm:.2f} nm", "camera": f"{ms:.3f} ms"}
+        target = self.last_settings["targets"]
+        if self._bench.targets.by_hand:
+            target = f"{target}, as confirmed" if target else "none confirmed"
+        values = self.last_settings | {
+            "filter": f"{nm:.2f} nm",
+            "camera": f"{ms:.3f} ms",
+            "targets": target,
+        }
         busy = "in a run" if running else "ready"
         states = {"camera": "in a run" if running else "live" if live else "stopped"}
 

@@ -36,6 +36,7 @@ from labapp.window.messages import (
     AcknowledgeFrame,
     AcquireBracket,
     AnswerPrompt,
+    AskForTarget,
     Cancel,
     CancelAcknowledged,
     CancelJob,
@@ -64,11 +65,12 @@ from labapp.window.messages import (
     SetView,
     SetWavelength,
     ShowPattern,
+    ShowPatternAgain,
 )
 from labapp.window.spectral_messages import ListBands, RestoreCube, ShowCubeColours
 from labapp.window.tone_mapping import DigitalScale
 
-_SETTINGS = (PlaceTarget, SetWavelength, SetExposure, ShowPattern)
+_SETTINGS = (PlaceTarget, SetWavelength, SetExposure, ShowPattern, ShowPatternAgain)
 """Commands after which pictures are others than before."""
 
 _COMPUTING = "computing the picture"
@@ -140,6 +142,8 @@ class Engine:
             ComputedPattern: lambda command: self._controller.show_pattern(
                 command.name, command.grey
             ),
+            ShowPatternAgain: lambda command: self._controller.show_again(command.number),
+            AskForTarget: lambda command: self._controller.ask_for_target(command.target),
             ReconnectDevice: self._reconnect,
             StartQueuedRuns: self._run_all,
             **self._alignment.by_bench,

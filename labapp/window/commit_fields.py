@@ -1,0 +1,280 @@
+"""Fields of the window that set hardware: a value counts only once the person has set it.
+
+Stepping, scrolling and typing only propose a value, which is shown as pending. Enter, a click on
+an arrow, or a click on an item of the open list sets it. Esc, leaving the field and a drag take
+it back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
+from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QWheelEvent
+from PySide6.QtWidgets import QApplication, QComboBox, QDoubleSpinBox, QWidget
+
+from labapp.window.widgets import mark_property
+
+PRESSES = (QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick)
+"""Events in which a button of the mouse goes down; the second of two clicks has its own."""
+
+_ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
+
+
+class CommitSpinBox(QDoubleSpinBox):
+    """Let the person set a number of the bench.
+
+    `committed` is emitted with a number that the person has set, and `pending_changed` with
+    whether the field shows one that isn't set. `set_value` is the number that was set last;
+    setValue() from the program sets it, too, and emits nothing.
+    """
+
+    committed = Signal(float)
+    pending_changed = Signal(bool)
+
+    def __init__(self, parent: QWidget | None = None, **properties: Any) -> None:
+        super().__init__(parent, **properties)
+        self.setKeyboardTracking(False)
+        self.set_value = self.value()
+        self._by_person = self._typed = self._is_pending = self._just_entered = False
+        self._pressed_at, self._before_press = QPoint(), self.set_value
+        self.valueChanged.connect(self._note)
+        self.lineEdit().textEdited.connect(self._note_text)
+        self.lineEdit().installEventFilter(self)
+
+    @property
+    def is_pending(self) -> bool:
+        """Return whether the window's field shows a number that isn't set."""
+        return self._typed or self.value() != self.set_value
+
+    def show_value(self, value: float) -> None:
+        """Show a number in the window as the one that is set."""
+        self._typed = False
+        self.setValue(value)
+        self.set_value = self.value()
+        self._mark()
+
+    def take_back(self) -> None:
+        """Show the number that is set in the window again, in place of a pending one."""
+        self.show_value(self.set_value)
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ShortcutOverride and _takes_escape(self, event):
+            return True
+        return super().event(event)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Leave the field after a drag over its text: only a click enters it."""
+        if isinstance(event, QMouseEvent):
+            if event.type() in PRESSES:
+                self._pressed_at = event.globalPosition().toPoint()
+            elif event.type() == QEvent.Type.MouseButtonRelease:
+                if self._just_entered and was_dragged(self._pressed_at, event):
+                    self.lineEdit().deselect()
+                    leave_field(self)
+                self._just_entered = False
+        return super().eventFilter(watched, event)
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        self._just_entered = event.reason() == Qt.FocusReason.MouseFocusReason
+        super().focusInEvent(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        if event.reason() != Qt.FocusReason.PopupFocusReason:
+            self.take_back()
+        super().focusOutEvent(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in _ENTER:
+            with self._as_person():
+                self.interpretText()
+            self._commit()
+            leave_field(self)
+        elif event.key() == Qt.Key.Key_Escape and self.is_pending:
+            self.take_back()
+        else:
+            with self._as_person():
+                super().keyPressEvent(event)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        with self._as_person():
+            super().wheelEvent(event)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        # An arrow that is held goes on stepping until it is released.
+        self._pressed_at, self._before_press = event.globalPosition().toPoint(), self.value()
+        self._by_person = True
+        super().mousePressEvent(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        super().mouseReleaseEvent(event)
+        if was_dragged(self._pressed_at, event):
+            self.setValue(self._before_press)
+        elif self.value() != self._before_press:
+            self._commit()
+            leave_field(self)
+        self._by_person = False
+        self._mark()
+
+    @contextmanager
+    def _as_person(self) -> Iterator[None]:
+        """Take changes within the block for the person's, which only propose a number."""
+        self._by_person = True
+        try:
+            yield
+        finally:
+            self._by_person = False
+            self._mark()
+
+    def _note(self, value: float) -> None:
+        if not self._by_person:
+            self.set_value = value
+        self._mark()
+
+    def _note_text(self) -> None:
+        self._typed = True
+        self._mark()
+
+    def _commit(self) -> None:
+        if self.is_pending:
+            self._typed, self.set_value = False, self.value()
+            self.committed.emit(self.set_value)
+        self._mark()
+
+    def _mark(self) -> None:
+        self._is_pending = _show_pending(self, self._is_pending)
+
+
+class CommitComboBox(QComboBox):
+    """Let the person choose a setting of the bench from a list.
+
+    `committed` is emitted with an item that the person has set, and `pending_changed` with
+    whether the field shows one that isn't set. `set_text` is the item that was set last.
+    """
+
+    committed = Signal(str)
+    pending_changed = Signal(bool)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.set_text = ""
+        self._by_key = self._is_pending = False
+        self._pressed_at = QPoint()
+        self.activated.connect(self._choose)
+
+    @property
+    def is_pending(self) -> bool:
+        """Return whether the window's field shows an item that isn't set."""
+        return self.currentText() != self.set_text
+
+    def show_text(self, text: str) -> None:
+        """Show an item in the window as the one that is set; without such an item, none is."""
+        self.setCurrentIndex(self.findText(text))
+        self.set_text = self.currentText()
+        self._mark()
+
+    def take_back(self) -> None:
+        """Show the item that is set in the window again, in place of a pending one."""
+        self.show_text(self.set_text)
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ShortcutOverride and _takes_escape(self, event):
+            return True
+        return super().event(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        if event.reason() != Qt.FocusReason.PopupFocusReason:
+            self.take_back()
+        super().focusOutEvent(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in _ENTER:
+            self._commit()
+            leave_field(self)
+        elif event.key() == Qt.Key.Key_Escape and self.is_pending:
+            self.take_back()
+        else:
+            with self._by_keys():
+                super().keyPressEvent(event)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        with self._by_keys():
+            super().wheelEvent(event)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Wait for the release: a drag that begins on the field must not open its list."""
+        self._pressed_at = event.globalPosition().toPoint()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        inside = self.rect().contains(event.position().toPoint())
+        if event.button() != Qt.MouseButton.LeftButton or not inside:
+            return
+        if was_dragged(self._pressed_at, event):
+            leave_field(self)
+        else:
+            self.showPopup()
+
+    @contextmanager
+    def _by_keys(self) -> Iterator[None]:
+        """Take a choice within the block for a proposal, since the list isn't open."""
+        self._by_key = True
+        try:
+            yield
+        finally:
+            self._by_key = False
+            self._mark()
+
+    def _choose(self) -> None:
+        if self._by_key:
+            self._mark()
+        else:
+            self._commit(again=True)
+            leave_field(self)
+
+    def _commit(self, *, again: bool = False) -> None:
+        if self.currentText() and (again or self.is_pending):
+            self.set_text = self.currentText()
+            self.committed.emit(self.set_text)
+        self._mark()
+
+    def _mark(self) -> None:
+        self._is_pending = _show_pending(self, self._is_pending)
+
+
+CommitField = CommitSpinBox | CommitComboBox
+
+
+def leave_field(field: QWidget) -> None:
+    """Give the focus from a field to the window, where keys set nothing."""
+    if field.window().focusWidget() is field:
+        field.window().setFocus()
+
+
+def was_dragged(pressed_at: QPoint, event: QMouseEvent) -> bool:
+    """Return whether the mouse has moved over the window from a press to this release.
+
+    `pressed_at` is the place of the press on the screen, in pixels.
+    """
+    moved = event.globalPosition().toPoint() - pressed_at
+    return moved.manhattanLength() >= QApplication.startDragDistance()
+
+
+def _takes_escape(field: CommitField, event: QEvent) -> bool:
+    """Accept Esc for a field of the window that has something to take back."""
+    if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:
+        return False
+    if not field.is_pending:
+        return False
+    event.accept()
+    return True
+
+
+def _show_pending(field: CommitField, before: bool) -> bool:
+    """Mark a field of the window whose value isn't set, and return whether it isn't."""
+    pending = field.is_pending
+    mark_property(field, "pending", pending)
+    if pending != before:
+        field.pending_changed.emit(pending)
+    return pending
