@@ -163,9 +163,13 @@ class PauseRun(Command):
 
 @dataclass(frozen=True)
 class AnswerPrompt(Command):
-    """Confirm that a person has done what the run's prompt of this number asks for."""
+    """Confirm that a person has done what the run's prompt of this number asks for.
+
+    `alternative` tells that the person chose the prompt's other answer.
+    """
 
     number: int
+    alternative: bool = False
 
 
 @dataclass(frozen=True)
@@ -549,10 +553,15 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Prompt:
-    """Ask a person at the window to do something for a run; `number` counts the prompts."""
+    """Ask a person at the window to do something for a run; `number` counts the prompts.
+
+    `done` is the answer that Enter gives, and `alternative` another one, if there is one.
+    """
 
     number: int
     text: str
+    done: str = "Done"
+    alternative: str = ""
 
 
 @dataclass(frozen=True)

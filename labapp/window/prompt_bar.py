@@ -14,10 +14,11 @@ from labapp.window.widgets import fill_layout, make_label, make_tool_button
 class PromptBar(QWidget):
     """Show a run's prompt, or why the run is paused, above the picture.
 
-    `prompt_done` is emitted with the prompt's number when the person has done what it asks for.
+    `prompt_done` is emitted with the prompt's number when the person has done what it asks for,
+    and with whether the person chose its other answer.
     """
 
-    prompt_done = Signal(int)
+    prompt_done = Signal(int, bool)
 
     def __init__(self, pause: QAction, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -25,11 +26,13 @@ class PromptBar(QWidget):
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._label = make_label(self, wrap=True)
         self.done_button = QPushButton("Done  Enter", self)
+        self.other_button = QPushButton(self)
         self.resume_button = make_tool_button(self, pause)
         self._prompt: Prompt | None = None
-        parts = (self._label, 1), self.done_button, self.resume_button
+        parts = (self._label, 1), self.done_button, self.other_button, self.resume_button
         fill_layout(QHBoxLayout(self), *parts, margins=(10, 6, 6, 6))
-        self.done_button.clicked.connect(self._confirm_prompt)
+        self.done_button.clicked.connect(lambda: self._answer(alternative=False))
+        self.other_button.clicked.connect(lambda: self._answer(alternative=True))
         self.hide()
 
     @property
@@ -55,16 +58,23 @@ class PromptBar(QWidget):
     def _ask(self, prompt: Prompt) -> None:
         if prompt != self._prompt:
             self._prompt = prompt
-            self.done_button.setEnabled(True)
-        self._show(prompt.text, self.done_button)
+            self._allow(True)
+            self.done_button.setText(f"{prompt.done}  Enter")
+            self.other_button.setText(prompt.alternative)
+        others = (self.other_button,) if prompt.alternative else ()
+        self._show(prompt.text, self.done_button, *others)
 
-    def _show(self, text: str, button: QWidget | None) -> None:
+    def _show(self, text: str, *buttons: QWidget | None) -> None:
         self._label.setText(text)
-        for one in (self.done_button, self.resume_button):
-            one.setVisible(one is button)
+        for one in (self.done_button, self.other_button, self.resume_button):
+            one.setVisible(one in buttons)
         self.show()
 
-    def _confirm_prompt(self) -> None:
+    def _allow(self, on: bool) -> None:
+        for button in (self.done_button, self.other_button):
+            button.setEnabled(on)
+
+    def _answer(self, *, alternative: bool) -> None:
         if self._prompt is not None:
-            self.done_button.setEnabled(False)
-            self.prompt_done.emit(self._prompt.number)
+            self._allow(False)
+            self.prompt_done.emit(self._prompt.number, alternative)

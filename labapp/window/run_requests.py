@@ -52,7 +52,9 @@ class RunRequests(QObject):
         queue.remove_requested.connect(lambda numbers: send(RemoveRuns(numbers)))
         queue.clear_requested.connect(lambda: send(ClearEndedRuns()))
         queue.release_requested.connect(lambda: send(ReleaseQueue()))
-        window.prompt_bar.prompt_done.connect(lambda number: send(AnswerPrompt(number)))
+        window.prompt_bar.prompt_done.connect(
+            lambda number, other: send(AnswerPrompt(number, other))
+        )
 
     def restore_kept(self) -> None:
         """Put runs that an earlier session or engine left into the new engine's queue, held."""

@@ -264,3 +264,26 @@ def choose(hand, box, text):
         down = box.currentIndex() < box.findText(text)
         hand.presses(Qt.Key.Key_Down if down else Qt.Key.Key_Up)
     hand.presses(Qt.Key.Key_Return)
+
+
+def test_a_dark_frame_with_light_is_asked_about(bench, person, chosen_file, tmp_path):
+    """Taken again as long as it is lit; kept if a person says so."""
+    plan = write_plan(tmp_path, "Lit", targets='["flat"]', wavelengths="[550]")
+    plan.write_text(plan.read_text().replace("[1, 8]", '[400]\nrole = "dark"'))
+    chosen_file(plan)
+    bar = bench.window.prompt_bar
+    bench.window.actions_["plan"].trigger()
+    person.waits(lambda: bar.is_asking)
+    first = bar.text
+    assert first.startswith("flat at 400 ms: ")
+    assert "of this dark frame" in first or "this dark frame reads" in first
+    # What is asked about is seen.
+    person.waits(lambda: (bench.frame.target, bench.frame.exposure) == ("flat", 0.4))
+    assert (bench.stored, bench.states[-1]) == (0, "PAUSED")
+    asked = bench.window.session.queue.prompt.number
+    person.presses(Qt.Key.Key_Return)
+    person.waits(lambda: bar.is_asking and bench.window.session.queue.prompt.number > asked)
+    assert bar.text == first
+    person.clicks(bar.other_button)
+    person.waits(lambda: bench.states[-1] == "COMPLETE")
+    assert bench.runs[-1].stored_frames == 1

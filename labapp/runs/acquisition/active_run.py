@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,7 @@ from optics.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
     from labapp.runs.acquisition.scene_watch import SceneWatch
+    from labapp.runs.frame_doubts import FrameDoubts
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +41,14 @@ log = logging.getLogger(__name__)
 OnFrame = Callable[[Shot, Frame], None]
 
 _FILE_LOST = "the file of the record was moved, deleted or replaced while the run wrote it"
+
+JudgeFrame = Callable[[str, Shot, Frame, Progress], bool]
+"""Shows a person a frame that is doubted, with the reason; returns whether the frame is kept, and
+else it is taken again. Raises Cancelled if the run is ended."""
+
+
+class _TakeAgain(Exception):
+    """A person wants a frame to be taken again."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +97,9 @@ class ActiveRun:
         progress: Progress,
         lock: int,
         meanwhile: Meanwhile | None = None,
+        judge: JudgeFrame | None = None,
     ) -> None:
+        self._judge = judge
         self._bench, self._plan, self._path, self._lock = bench, plan, path, lock
         self._meanwhile = meanwhile or Idle()
         self._hooks, self._progress = hooks, progress
@@ -115,6 +127,7 @@ class ActiveRun:
             rows, columns = self._bench.camera.shape
             as_planned = not self._bench.file.is_real
             keeper = FrameStore(self._writer, 2 * rows * columns, as_planned, self._pause)
+            self._doubts = _build_doubts(self._plan, self._bench, shots)
             self._expected = sum(shot.duration for shot in shots)
             state, message = self._take_all(shots, keeper, on_frame, is_resumed)
             if has_path(self._writer.handle, self._path):
@@ -189,13 +202,39 @@ class ActiveRun:
     def _take_with_recovery(self, shot: Shot, keeper: FrameStore) -> Frame:
         while True:
             try:
-                return self._taker.take(shot, keeper.store_frame)
+                return self._taker.take(shot, partial(self._store, keeper))
+            except _TakeAgain:
+                self._taker.invalidate_settings()
             except DeviceError as error:
                 if self._plan.retry.then == "fail":
                     raise
                 self._progress.pause()
                 text = f"{error}. Mend it, then let the run go on"
                 self._pause(text, lambda: not self._progress.is_paused)
+
+    def _store(
+        self, keeper: FrameStore, shot: Shot, frame: Frame, wavelength: float, attempt: int
+    ) -> None:
+        """Store a frame of the run, unless a person doubts it and wants it to be taken again."""
+        doubt = self._doubts.doubt(shot, frame.image)
+        if doubt:
+            log.warning("frame %d is doubted: %s", shot.index, doubt)
+            if self._judge is not None and not self._keeps(doubt, shot, frame):
+                raise _TakeAgain
+            self._doubts.settle(shot)
+        keeper.store_frame(shot, frame, wavelength, attempt)
+
+    def _keeps(self, doubt: str, shot: Shot, frame: Frame) -> bool:
+        """Return whether a person keeps a frame that the run doubts; the run pauses meanwhile."""
+        assert self._judge is not None
+        self._writer.set_state(State.PAUSED, doubt)
+        self._report(doubt)
+        with self._excluding_time():
+            kept = self._judge(doubt, shot, frame, self._progress)
+        self._progress.raise_if_cancelled()
+        self._writer.set_state(State.RUNNING)
+        log.info("kept by a person" if kept else "taken again")
+        return kept
 
     def _is_cancelled(self) -> bool:
         """Return whether the run was cancelled, and report a device unplugged during the run.
@@ -322,6 +361,13 @@ def _watch_scene(plan: PlanFile, bench: Bench) -> SceneWatch | None:
     from labapp.runs.acquisition.scene_watch import SceneWatch
 
     return SceneWatch(plan, bench.description.sensor)
+
+
+def _build_doubts(plan: PlanFile, bench: Bench, shots: Sequence[Shot]) -> FrameDoubts:
+    """Return what judges a run's frames; it is loaded only once frames are taken."""
+    from labapp.runs.frame_doubts import FrameDoubts
+
+    return FrameDoubts(plan, bench.description, shots)
 
 
 def _describe(shot: Shot) -> str:

@@ -17,7 +17,7 @@ from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
-from labapp.runs.acquisition.active_run import ActiveRun, OnFrame, RunOutcome
+from labapp.runs.acquisition.active_run import ActiveRun, JudgeFrame, OnFrame, RunOutcome
 from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
 from labapp.runs.acquisition.frame_storage import require_space
 from labapp.runs.acquisition.frame_taker import AskOperator
@@ -60,6 +60,7 @@ def run_plan(
     progress: Progress | None = None,
     on_frame: OnFrame | None = None,
     ask: AskOperator | None = None,
+    judge: JudgeFrame | None = None,
     stopwatch: Stopwatch | None = None,
     on_planned: OnPlanned | None = None,
     meanwhile: Meanwhile | None = None,
@@ -90,6 +91,9 @@ def run_plan(
         Called with each shot and its frame, once the frame is on the disk.
     ask : AskOperator, optional
         Prompts a person. It is needed if the plan has prompts.
+    judge : JudgeFrame, optional
+        Asks a person about a frame that shows something else than it was taken for. Without it,
+        the frame is kept, and the record's log has the doubt.
     stopwatch : Stopwatch, optional
         Is told how long the stages of the run took.
     on_planned : callable, optional
@@ -143,7 +147,7 @@ def run_plan(
             bench, plan, patterns, listed, abilities, part.raise_if_cancelled
         )
         lock = create_record(path, contents, force=force)
-        run = ActiveRun(bench, plan, path, patterns, hooks, ask, part, lock, meanwhile)
+        run = ActiveRun(bench, plan, path, patterns, hooks, ask, part, lock, meanwhile, judge)
         return run.take(listed, on_frame)
 
 
@@ -182,6 +186,7 @@ def resume_run(
     on_frame: OnFrame | None = None,
     ask: AskOperator | None = None,
     meanwhile: Meanwhile | None = None,
+    judge: JudgeFrame | None = None,
 ) -> RunOutcome:
     """Resume a run: take the frames that its record lacks, with its own plan, patterns and seed.
 
@@ -202,6 +207,9 @@ def resume_run(
         Prompts a person. It is needed if the plan has prompts.
     meanwhile : Meanwhile, optional
         May use the bench while the user pauses the run, as for live pictures.
+    judge : JudgeFrame, optional
+        Asks a person about a frame that shows something else than it was taken for. Without it,
+        the frame is kept, and the record's log has the doubt.
 
     Returns
     -------
@@ -237,7 +245,7 @@ def resume_run(
     hooks = Hooks.of(plan, bench)
     # Both handles are of the same open file, which has the lock.
     lock = os.dup(record.lock)
-    run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress, lock, meanwhile)
+    run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress, lock, meanwhile, judge)
     return run.take(left, on_frame, is_resumed=True)
 
 

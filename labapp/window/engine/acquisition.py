@@ -57,10 +57,28 @@ class Acquisition:
                 self._waiting.note_placing(False)
             run.mark_resumed()
 
+        def judge(doubt: str, shot: Shot, frame: Frame, progress: Progress) -> bool:
+            run.mark_paused(doubt)
+            self._show(shot, frame, at_once=True)
+            text = f"{doubt}. Put it right, then press Enter: the frame is taken again."
+            kept = self._person.ask(
+                text,
+                progress,
+                self._waiting,
+                done="Take it again",
+                alternative="Keep it as it is",
+            )
+            run.mark_resumed()
+            return kept
+
         self._controller.devices.require_alive()
         try:
             outcome = run.take(
-                progress=run.progress, on_frame=on_frame, ask=ask, meanwhile=self._waiting
+                progress=run.progress,
+                on_frame=on_frame,
+                ask=ask,
+                judge=judge,
+                meanwhile=self._waiting,
             )
         except Cancelled:
             return RunEnded(None, State.CANCELLED, 0, "cancelled before the first frame")
@@ -81,10 +99,10 @@ class Acquisition:
             self._controller.read_state(live=False, running=True, query_devices=False)
         )
 
-    def _show(self, shot: Shot, frame: Frame) -> None:
-        """Send a run's stored frame to the window, if the window's next frame is due."""
+    def _show(self, shot: Shot, frame: Frame, *, at_once: bool = False) -> None:
+        """Send a run's frame to the window if the window's next frame is due, or at once."""
         self._controller.note_run_frame(frame)
-        if not self._pace.is_due:
+        if not (self._pace.is_due or at_once):
             self._sender.skip(frame.number)
             return
         self._pace.begin()

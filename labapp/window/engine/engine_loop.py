@@ -170,7 +170,7 @@ class Engine:
             ClearEndedRuns: lambda _: self._queue.clear(),
             ReleaseQueue: self._go_on,
             PauseRun: lambda command: self._queue.pause(command.on),
-            AnswerPrompt: lambda command: self._person.answer(command.number),
+            AnswerPrompt: self._answer,
             Cancel: self._cancel,
             **self._alignment.at_once,
         }
@@ -322,6 +322,9 @@ class Engine:
         if self._live:
             self._controller.restore_settings()
         self._channel.send(DeviceReconnected(command.device))
+
+    def _answer(self, command: AnswerPrompt) -> None:
+        self._person.answer(command.number, alternative=command.alternative)
 
     def _cancel(self, command: Cancel) -> None:
         self._stop()

@@ -20,28 +20,41 @@ class PersonPrompter:
         self._on_change = on_change
         self._answer_event = threading.Event()
         self._count = 0
+        self._alternative = False
         self.prompt: Prompt | None = None
 
-    def ask(self, text: str, progress: Progress, meanwhile: Meanwhile | None = None) -> None:
+    def ask(
+        self,
+        text: str,
+        progress: Progress,
+        meanwhile: Meanwhile | None = None,
+        *,
+        done: str = "Done",
+        alternative: str = "",
+    ) -> bool:
         """Show a run's prompt in the window, and wait for the answer.
 
-        `meanwhile` uses the bench until the answer comes. Raises Cancelled if the run is cancelled.
+        `meanwhile` uses the bench until the answer comes. Returns whether the person chose the
+        alternative. Raises Cancelled if the run is cancelled.
         """
         self._answer_event.clear()
+        self._alternative = False
         self._count += 1
-        self._show(Prompt(self._count, text))
+        self._show(Prompt(self._count, text, done, alternative))
         try:
             wait_until(self._answer_event.is_set, progress, meanwhile or Idle())
         finally:
             self._show(None)
+        return self._alternative
 
-    def answer(self, number: int) -> None:
+    def answer(self, number: int, *, alternative: bool = False) -> None:
         """Accept the window's answer to the present prompt.
 
         An answer to an earlier prompt is ignored, since a person may press a key twice.
         """
         prompt = self.prompt
-        if prompt is not None and prompt.number == number:
+        if prompt is not None and prompt.number == number and not self._answer_event.is_set():
+            self._alternative = alternative
             self._answer_event.set()
 
     def _show(self, prompt: Prompt | None) -> None:

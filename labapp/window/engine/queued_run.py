@@ -14,7 +14,7 @@ from labapp.window.messages import RunInfo
 from optics.progress import Progress
 
 TakeRun = Callable[..., RunOutcome]
-"""run_plan() or resume_run() with all arguments bound but progress, on_frame and ask."""
+"""run_plan() or resume_run() with all arguments bound but progress, on_frame, ask and judge."""
 
 _PAUSED_PREFIX = "PAUSED: "
 """Start of a run's message while it is paused; the reason follows."""

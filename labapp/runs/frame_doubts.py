@@ -1,0 +1,215 @@
+"""Doubts about a run's frame: what it shows doesn't fit what it was taken for.
+
+A dark frame with light in it, a target that gives no light, or a star that is none, or out of
+focus, spoils all that is computed from a record, and can't be seen from the settings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.files.plan_file import PlanFile, Reconstruction
+from labapp.runs.steps import Shot
+
+if TYPE_CHECKING:
+    from optics.camera import Camera, Sensor
+
+
+@dataclass(frozen=True)
+class DoubtLimits:
+    """Set what a run's frame must show before a person is asked about it.
+
+    Attributes
+    ----------
+    dark_clipped : float
+        Share of saturated pixels in a dark frame that hot pixels may cause. Chosen; hot pixels are
+        some in ten thousand.
+    dark_excess : float
+        Share of the full scale by which the middle pixel of a dark frame may exceed what is
+        expected. Chosen, so that a black level that is a few digital numbers off raises no doubt.
+    warm : float
+        Factor by which the dark current may exceed its description. Chosen: it doubles about every
+        7 K.
+    sigmas : float
+        Standard deviations of the noise above which a pixel has light. Chosen: noise alone has one
+        such pixel in 1e9.
+    lit_pixels : int
+        Pixels with light that a target has at least. Chosen; a star in focus has as many.
+    extended : float
+        Brightness of the middle pixel over that of a bright one, from which on a star is none.
+        Chosen; a star's is below 1e-2.
+    widest_star : float
+        Width of a star with the neutral pattern in pixels, from which on it is out of focus if
+        diffraction is much finer. Chosen.
+    blur : float
+        The same as a multiple of the diffraction's width. Chosen.
+    """
+
+    dark_clipped: float = 0.005
+    dark_excess: float = 0.005
+    warm: float = 10.0
+    sigmas: float = 6.0
+    lit_pixels: int = 9
+    extended: float = 0.2
+    widest_star: float = 8.0
+    blur: float = 5.0
+
+
+_LIMITS = DoubtLimits()
+
+_CLIPPED_STAR = 1e-6
+"""Share of saturated pixels up to which a star's brightest pixels can be told apart. Chosen: a
+few hot pixels in five megapixels."""
+
+
+class FrameDoubts:
+    """Judge the frames of one run by what they show; each kind of doubt is told until settled.
+
+    The names of dark target, star and neutral pattern are the plan's, or else "dark", "star" and
+    "neutral". That a target gives no light is judged at its longest exposure, since the shorter
+    ones of a bracket may be dark on purpose.
+    """
+
+    def __init__(self, plan: PlanFile, camera: Camera, shots: Sequence[Shot]) -> None:
+        self._roles = plan.reconstruct or Reconstruction(coded="")
+        self._camera = camera
+        self._longest: dict[str, float] = {}
+        for shot in shots:
+            self._longest[shot.target] = max(shot.exposure, self._longest.get(shot.target, 0.0))
+        self._settled: set[tuple[str, str]] = set()
+
+    def doubt(self, shot: Shot, image: NDArray[np.uint16]) -> str:
+        """Return what in a run's frame doesn't fit what it was taken for; "" if all does."""
+        for kind, text in self._doubts(shot, image).items():
+            if text and (kind, shot.target) not in self._settled:
+                return f"{shot.target} at {shot.exposure * 1e3:g} ms: {text}"
+        return ""
+
+    def settle(self, shot: Shot) -> None:
+        """Doubt the frames of a run's target no more: a person has said that they are right."""
+        self._settled |= {(kind, shot.target) for kind in ("dark", "light", "star", "focus")}
+
+    def _doubts(self, shot: Shot, image: NDArray[np.uint16]) -> dict[str, str]:
+        sensor = self._camera.sensor
+        if shot.role == "dark" or shot.target == self._roles.dark:
+            return {"dark": light_in_the_dark(sensor, shot.exposure, image)}
+        if shot.role != "light":
+            return {}
+        found = {}
+        if shot.exposure >= self._longest.get(shot.target, 0.0):
+            found["light"] = lack_of_light(sensor, shot.exposure, image)
+        if shot.target == self._roles.star and shot.pattern == self._roles.neutral:
+            found["star"] = star_that_is_none(sensor, shot.exposure, image)
+            found["focus"] = star_out_of_focus(self._camera, shot.wavelength, shot.exposure, image)
+        return found
+
+
+def light_in_the_dark(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
+    """Return how a dark frame of a run shows light; "" if it doesn't.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera's sensor.
+    exposure : float
+        Exposure time in seconds.
+    image : ndarray of uint16, shape (rows, columns)
+        The frame in DN.
+    """
+    clipped = float(np.mean(image >= sensor.full_scale))
+    if clipped > _LIMITS.dark_clipped:
+        return f"{100 * clipped:.2g} % of the pixels of this dark frame are saturated"
+    level, noise = _dark_level(sensor, exposure)
+    middle = float(np.median(image))
+    excess = middle - level
+    if excess > max(_LIMITS.sigmas * noise, _LIMITS.dark_excess * sensor.full_scale):
+        return f"this dark frame reads {middle:.0f} DN, and {level:.0f} DN are the dark's at most"
+    return ""
+
+
+def lack_of_light(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
+    """Return that a run's longest exposure of a target shows no light; "" if it shows some.
+
+    Parameters as in light_in_the_dark().
+    """
+    if np.count_nonzero(image > _lit(sensor, exposure)) >= _LIMITS.lit_pixels:
+        return ""
+    return "no pixel has light: the target is missing, or the light is off"
+
+
+def star_that_is_none(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
+    """Return that a run's star frame shows something extended; "" if it shows a point.
+
+    Parameters as in light_in_the_dark(). A frame with saturated pixels isn't judged, because
+    bright and very bright can't be told apart in it.
+    """
+    if _is_clipped(sensor, image):
+        return ""
+    level, _ = _dark_level(sensor, exposure)
+    bright = float(np.quantile(image, 0.999))
+    if bright <= _lit(sensor, exposure):
+        return ""
+    share = (float(np.median(image)) - level) / (bright - level)
+    if share <= _LIMITS.extended:
+        return ""
+    return f"its middle pixel has {100 * share:.0f} % of the brightest ones' light: this is no star"
+
+
+def star_out_of_focus(
+    camera: Camera, wavelength: float, exposure: float, image: NDArray[np.uint16]
+) -> str:
+    """Return that a run's star with the neutral pattern is out of focus; "" if it is sharp.
+
+    Its width is the diameter of a disk with the area in which the star has half its peak or more.
+    In focus it is about that of diffraction, 1.03 λ N (Goodman, Introduction to Fourier Optics,
+    sec. 4.4), with N the image distance over the stop's diameter.
+
+    Parameters
+    ----------
+    camera : Camera
+        The bench's camera.
+    wavelength : float
+        Metres.
+    exposure : float
+        Exposure time in seconds.
+    image : ndarray of uint16, shape (rows, columns)
+        The frame in DN. It isn't judged if pixels are saturated, or if the star is dim.
+    """
+    sensor = camera.sensor
+    if _is_clipped(sensor, image):
+        return ""
+    level = float(np.median(image))
+    above = float(np.partition(image, -_LIMITS.lit_pixels, axis=None)[-_LIMITS.lit_pixels]) - level
+    _, noise = _dark_level(sensor, exposure)
+    # Half of a dim peak lies within the noise.
+    if above < 4 * _LIMITS.sigmas * noise:
+        return ""
+    width = 2 * math.sqrt(np.count_nonzero(image - level >= above / 2) / math.pi)
+    number = camera.lens.image_distance * camera.lens.f_number / camera.lens.focal_length
+    finest = max(1.03 * wavelength * number / sensor.pitch, 1.0)
+    if width <= max(_LIMITS.widest_star, _LIMITS.blur * finest):
+        return ""
+    return f"the star is {width:.0f} pixels wide, and {finest:.1f} in focus: focus the lens"
+
+
+def _dark_level(sensor: Sensor, exposure: float) -> tuple[float, float]:
+    """Return the highest digital number that the dark of a run's frame has, and its noise in DN."""
+    electrons = _LIMITS.warm * sensor.dark_current * exposure
+    noise = math.sqrt(sensor.read_noise**2 + electrons) / sensor.gain
+    return sensor.black_level + electrons / sensor.gain, math.hypot(noise, 1 / math.sqrt(12))
+
+
+def _lit(sensor: Sensor, exposure: float) -> float:
+    """Return the digital number above which a pixel of a run's frame has light."""
+    level, noise = _dark_level(sensor, exposure)
+    return level + _LIMITS.sigmas * noise
+
+
+def _is_clipped(sensor: Sensor, image: NDArray[np.uint16]) -> bool:
+    return bool(np.mean(image >= sensor.full_scale) > _CLIPPED_STAR)
