@@ -118,7 +118,6 @@ def test_colours_are_merged_each_by_itself(tmp_path):
     [
         (["--exposures", "0.001,0.004"], "2 times for 3 files"),
         (["--exposures", "0.001,x,0.1"], "are seconds with commas"),
-        (["--exposures", "0.01,0.01,0.01"], "different times"),
         (["--exposures", "0.01,0.02,-1"], "must be positive"),
         ([], "--exposures is missing"),
         (["--exposures", "0.001,0.004,0.016", "--method", "best"], "choose one of plain"),
@@ -130,6 +129,38 @@ def test_what_does_not_fit_is_refused(files, tmp_path, options, words):
     with pytest.raises(UserError, match=words):
         merged([*files, *NOISE, *options, "--out", tmp_path / "m.h5"])
     assert not (tmp_path / "m.h5").exists()
+
+
+def test_exposures_of_one_length_are_averaged_and_named(scene, tmp_path):
+    paths = [tmp_path / f"{number}.tiff" for number in range(4)]
+    for number, path in enumerate(paths):
+        tifffile.imwrite(path, frame(scene, 1e-3, number))
+    said = merged(
+        [*paths, "--exposures", "0.001,0.001,0.001,0.001", *NOISE, "--out", tmp_path / "m.h5"]
+    )
+    assert any("all exposures are 0.001 s: the light is their mean" in one
+               for one in said["warnings"])  # fmt: skip
+    with h5py.File(tmp_path / "m.h5") as file:
+        rate, variance, state = (file[name][:] for name in ("rate", "variance", "state"))
+    assert np.mean((rate - scene)[state == 0] ** 2 / variance[state == 0]) == pytest.approx(
+        1, abs=0.1
+    )
+    # A fourth of one frame's variance: photons, reading and rounding.
+    light = scene * 1e-3
+    wanted = (light + 2.4**2 + 2.6**2 / 12) / 4e-6
+    bright = (light > 100) & (state == 0)
+    assert variance[bright] == pytest.approx(wanted[bright], rel=0.25)
+
+
+def test_numbers_that_end_below_the_full_scale_are_named(tmp_path):
+    rate = 10 ** np.random.default_rng(1).uniform(3, 7, (60, 80))
+    paths = [tmp_path / f"{number}.tiff" for number in range(3)]
+    for number, (path, time) in enumerate(zip(paths, TIMES, strict=True)):
+        tifffile.imwrite(path, frame(rate, time, number))
+    arguments = [*paths, "--exposures", "0.001,0.004,0.016", *NOISE[:6], "--out", tmp_path / "m.h5"]
+    assert any("Give --full-scale 4095" in one for one in merged(arguments)["warnings"])
+    said = merged([*arguments, "--full-scale", "4095", "--force"])
+    assert said["warnings"] == []
 
 
 def test_unknown_noise_and_other_sizes_are_refused(files, tmp_path):

@@ -21,6 +21,10 @@ Frame = NDArray[Any]
 _CODED = Sensor(bits=8, full_well=1e9, dark_current=0.0, black_level=0.0)
 """What is known of the sensor of 8-bit pictures without a word on their noise: the full scale."""
 
+_PILE, _PILE_RATIO = 1e-4, 10.0
+"""Share of pixels with the highest number, and their ratio to those with one less, from which on
+that number looks like the full scale. Chosen: without clipping, highest numbers are rare."""
+
 
 @dataclass(frozen=True)
 class SensorNumbers:
@@ -80,11 +84,6 @@ def read_bracket_files(
     wrong = [one for one in exposures if not 0 < one < math.inf]
     if wrong:
         raise UserError(f"--exposures: {wrong[0]:g} s can't be; all must be positive.")
-    if len(set(exposures)) == 1 and len(paths) > 1:
-        raise UserError(
-            f"--exposures: all are {exposures[0]:g} s. A bracket has different times; to average "
-            "frames of one time, give their true times, or average them elsewhere."
-        )
     photographs = [read_photograph(path, linear=linear) for path in paths]
     _require_one_kind(photographs)
     told = sensor_file is not None or numbers != SensorNumbers() or darks or linear is not None
@@ -104,8 +103,37 @@ def read_bracket_files(
         )
     sensor = _sensor(sensor_file, numbers, photographs, frames[0].shape[1:])
     means, counts = _mean_darks(darks, frames[0], len(frames), sensor, linear)
-    source = _sensor_source(sensor_file, numbers)
-    return BracketFiles(names, frames, times, means, counts, sensor, sensor_source=source)
+    return BracketFiles(
+        names, frames, times, means, counts, sensor,
+        sensor_source=_sensor_source(sensor_file, numbers),
+        doubts=(*_equal_times(times), *_other_full_scale(frames, times, sensor)),
+    )  # fmt: skip
+
+
+def _equal_times(times: Sequence[float]) -> list[str]:
+    """Say in words if a bracket's files have one exposure time."""
+    if len(times) == 1 or len(set(times)) > 1:
+        return []
+    return [
+        f"all exposures are {times[0]:g} s: the light is their mean, over the range of one "
+        "exposure. Take different times for a wider range, and check --exposures"
+    ]
+
+
+def _other_full_scale(frames: Sequence[Frame], times: Sequence[float], sensor: Sensor) -> list[str]:
+    """Say in words if the numbers of a bracket's files end below the sensor's full scale."""
+    longest = frames[int(np.argmax(times))]
+    top = float(longest.max())
+    if top >= sensor.full_scale:
+        return []
+    count, below = (int((longest == number).sum()) for number in (top, top - 1))
+    if count < _PILE * longest.size or count < _PILE_RATIO * below:
+        return []
+    return [
+        f"{count} pixels of the longest exposure have the number {top:g}, which none exceeds, and "
+        f"the full scale is taken to be {sensor.full_scale}: if the sensor's is {top:g}, clipped "
+        f"pixels weren't known. Give --full-scale {top:g}"
+    ]
 
 
 def _sensor_source(path: Path | None, numbers: SensorNumbers) -> str:
