@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 from optics.plane import Plane
+from simulator.convolution import convolve_valid
 from simulator.effects.blur_effects import (
     BlurEffect,
     psf_error_bound,
@@ -125,7 +125,7 @@ def _ghost_norm(s: Situation, lowest: int) -> float:
         near = cut_kernel(kernel, (y, x))
         down, across = (n // 2 for n in near.shape)
         plane = Plane((rows + 2 * down, columns + 2 * across), (cell, cell))
-        ghosts = fftconvolve(probe.light_on(plane), near, mode="valid")
+        ghosts = convolve_valid(probe.light_on(plane), near)
         found = max(found, float(np.linalg.norm(ghosts)))
     return step * found
 

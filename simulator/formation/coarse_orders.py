@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 from optics.caching import ByteCache
 from optics.plane import Plane
+from simulator.convolution import convolve_valid
 from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
@@ -100,7 +100,7 @@ class CoarseOrders:
                     if self._objects.is_uniform(one.picture) and not self._recipe.vignetting:
                         continue  # It stays uniform, and all of it is in the zeroth order's path.
                     drawn = self._draw_on_cells(layer, part, kernel.shape)
-                    ghosts = fftconvolve(drawn, kernel, mode="valid")
+                    ghosts = convolve_valid(drawn, kernel)
                     total += weights[:, part, node, None, None] * ghosts
         return self._on_pixels(total)
 

@@ -117,19 +117,25 @@ def install_noise_camera(folder: Path) -> None:
     (folder / module.name).write_text(module.read_text())
 
 
+def environment_of(folder: Path) -> dict[str, str]:
+    """Variables of a window's process: its settings are in a folder, which holds packages, too.
+
+    Not the folder of the tests: its own folders have the names of our packages.
+    """
+    path = os.pathsep.join([str(Path(__file__).parents[2]), str(folder)])
+    return {"PYTHONPATH": path, "XDG_CONFIG_HOME": str(folder), "HOME": str(folder)}
+
+
 def _seen(folder: Path, environment: dict[str, str], bench: str) -> Seen:
     """Open a window on a bench, and look at the screen while it is live."""
     files = {"bench.toml": bench, "scene.toml": _scene()}
     for name, text in files.items():
         (folder / name).write_text(text)
     child = Path(__file__).with_name("live_window.py")
-    path = os.pathsep.join([str(child.parents[2]), str(folder)])
     command = [sys.executable, "-P", str(child), str(time.monotonic()), str(_SECONDS)]
     command += [str(folder / name) for name in files]
-    own = {"PYTHONPATH": path, "XDG_CONFIG_HOME": str(folder), "HOME": str(folder)}
-    with subprocess.Popen(
-        command, env=environment | own, stdout=subprocess.PIPE, text=True
-    ) as window:
+    own = environment | environment_of(folder)
+    with subprocess.Popen(command, env=own, stdout=subprocess.PIPE, text=True) as window:
         assert window.stdout is not None
         place = json.loads(window.stdout.readline())["place"]
         changes = _changes(environment["DISPLAY"], place)

@@ -217,7 +217,7 @@ def test_a_wavelength_chosen_during_a_run_is_for_what_follows(bench, person, que
     person.waits(lambda: bench.window.prompt_bar.is_asking)
     person.types(bench.window.settings.wavelength, "620")
     bench.reports.clear()
-    bench.frame = None
+    bench.picture = None
     person.clicks(bench.window.prompt_bar.done_button)
     person.waits(lambda: bench.stored == 2 and bench.frame is not None)
     assert round(bench.frame.wavelength * 1e9) == 550
