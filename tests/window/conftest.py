@@ -28,6 +28,7 @@ from window_scene import write_bench
 from labapp.bench.opening import BenchFiles
 from labapp.common.speed import save_speed
 from labapp.window import theme
+from labapp.window.alignment_panel import AlignmentPanel
 from optics.accuracy import MachineSpeed
 from simulator.screens import NoXServer, xvfb
 from simulator.screens.authority import authority_file
@@ -213,3 +214,19 @@ def chosen_file(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
 @pytest.fixture
 def person(bench: Bench, qtbot: Any) -> Person:
     return Person(bench, qtbot)
+
+
+@pytest.fixture
+def align(bench: Bench, person: Person) -> Iterator[AlignmentPanel]:
+    """The panel, with the star before the camera and no marks on the picture; then the queue's."""
+    panel = bench.window.alignment
+    person.presses(Qt.Key.Key_F9)
+    person.waits(panel.isVisible)
+    for switch in (panel.region, panel.line, panel.cross):
+        if switch.isChecked():
+            person.clicks(switch)
+    person.chooses(bench.window.settings.target, "star")
+    person.types(bench.window.settings.exposure, "1")
+    person.waits(lambda: bench.frame.target == "star" and bench.frame.exposure == 1e-3)
+    yield panel
+    bench.window.show_queue()

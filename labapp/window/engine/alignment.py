@@ -57,6 +57,8 @@ class Alignment:
         self._controller, self._jobs = controller, jobs
         self._sensor = bench.description.sensor
         self._abilities = BenchCapabilities.of(bench)
+        self.is_given_up: Callable[[], bool] = lambda: False
+        """Whether what tries exposures must end, as when a run goes on that has waited."""
         self._measurer = PictureMeasurer(channel, self._sensor, self._complain)
         self._kept = KeptPictures(bench)
         self._writing = ThreadPoolExecutor(1, "keeping")
@@ -173,22 +175,32 @@ class Alignment:
         """Return what takes trial frames of a region for the window, until it is cancelled."""
 
         def take(exposure: float) -> tuple[float, NDArray[Any]]:
+            self._raise_if_given_up(progress)
             progress.report(0.0, f"trial frame of {exposure * 1e3:g} ms")
             self._controller.try_exposure(exposure)
             try:
                 with self._controller.live_tolerance.during_frame():
-                    frame = self._controller.take_frame(
-                        lambda: self._channel.closed or progress.is_cancelled
-                    )
+                    frame = self._controller.take_frame(lambda: self._must_end(progress))
             except DeviceError:
                 # A camera that was cancelled says so by an error.
-                progress.raise_if_cancelled()
+                self._raise_if_given_up(progress)
                 raise
-            progress.raise_if_cancelled()
+            self._raise_if_given_up(progress)
             self._show(frame)
             return frame.exposure, _part(frame, region)
 
         return take
+
+    def _must_end(self, progress: Progress) -> bool:
+        """Return whether a trial frame for the window must end before it is complete."""
+        # A simulated exposure takes no time, and a computation that is cancelled may seem to hang.
+        unwanted = self._bench.file.is_real and self.is_given_up()
+        return self._channel.closed or progress.is_cancelled or unwanted
+
+    def _raise_if_given_up(self, progress: Progress) -> None:
+        progress.raise_if_cancelled()
+        if self.is_given_up():
+            raise Cancelled("the run goes on")
 
     def _show(self, frame: LiveFrame) -> None:
         """Send the window a trial frame, if there is room, so that it sees what goes on."""

@@ -123,6 +123,7 @@ class Engine:
             self._alignment.offer,
             self._complain,
         )
+        self._alignment.is_given_up = lambda: waiting.is_over
         self._acquisition = Acquisition(
             channel,
             self._controller,

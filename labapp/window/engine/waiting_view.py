@@ -75,7 +75,13 @@ class WaitingView:
             **allowed,
         }
         self._on = self._placing = False
+        self._is_over: Callable[[], bool] = lambda: False
         self._exposure = 0.0
+
+    @property
+    def is_over(self) -> bool:
+        """Return whether the window's commands are to end, since a run that waited goes on."""
+        return self._is_over()
 
     def note_placing(self, on: bool) -> None:
         """Note whether a person is placing a target just now, so that no name is known of it."""
@@ -91,6 +97,7 @@ class WaitingView:
 
     def step(self, is_over: Callable[[], bool]) -> None:
         """Carry out a command of the window, or take a live picture."""
+        self._is_over = is_over
         seconds = self._pace.seconds_left if self._on and self._sender.has_room else _INTERVAL
         command = self._channel.take_command_of(self._obey, min(seconds, _INTERVAL))
         if command is not None:
@@ -102,7 +109,7 @@ class WaitingView:
 
     def end(self) -> None:
         """End the window's live pictures, and set the exposure that the run had set."""
-        self._on = False
+        self._on, self._is_over = False, lambda: False
         if self._controller.exposure != self._exposure:
             with suppress(DeviceError):
                 self._controller.try_exposure(self._exposure)
