@@ -44,7 +44,7 @@ ACTION_SPECS = (
     ActionSpec("accept", "Acknowledge error", "Ctrl+E", "Take the error off the bottom line"),
     ActionSpec("dim", "Dimmer", "Ctrl+D", "Everything darker, pictures too", checkable=True),
     ActionSpec(
-        "red", "Red light", "Ctrl+L", "Red alone, for eyes used to the dark", checkable=True
+        "red", "Red light", "Ctrl+Shift+D", "Red, for eyes used to the dark", checkable=True
     ),
     ActionSpec("reset", "Reset layout", "", "Put every panel back where it was"),
     ActionSpec("quit", "Quit", "Ctrl+Q", "Close the window, and leave the bench safe"),

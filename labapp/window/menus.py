@@ -11,10 +11,10 @@ SEPARATOR = ""
 """Stands for a line in a menu."""
 
 MENUS: Mapping[str, tuple[str, ...]] = {
-    "&Run": ("acquire", "plan", "resume", SEPARATOR, "pause", "cancel", SEPARATOR, "quit"),
-    "&Bench": ("live",),
+    "&Run": ("acquire", "plan", "resume", SEPARATOR, "pause", "cancel", "yes", SEPARATOR, "quit"),
+    "&Bench": ("live", SEPARATOR, "undo", "redo", "lock"),
     "&Picture": ("reconstruct", "open", SEPARATOR, "contrast", "marks"),
-    "&View": ("why", "accept", SEPARATOR, "dim", "red"),
+    "&View": ("why", "align", "accept", SEPARATOR, "dim", "red"),
     "P&anels": ("reset", SEPARATOR),
     "&Help": ("help", "keys"),
 }

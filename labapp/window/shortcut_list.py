@@ -19,7 +19,7 @@ from labapp.window.widgets import fill_layout
 
 _OTHER_KEYS = (
     ("Enter", "Confirm what a run asks for, where no field has the focus"),
-    ("Ctrl+1 … Ctrl+7", "Go to a panel: Devices, Pattern, Settings, and so on"),
+    ("Ctrl+1 … Ctrl+8", "Go to a panel: Devices, Pattern, Settings, and so on"),
     ("Ctrl+Tab", "The next tab, where a tab has the focus"),
     ("Tab, Shift+Tab", "The next field or button, or the one before"),
     ("Alt and a letter", "The menu whose title has that letter underlined"),

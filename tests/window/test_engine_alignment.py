@@ -36,17 +36,13 @@ from simulator.faults import Fault
 class FakeChannel:
     """A window that takes all, and sends what the test puts in line."""
 
-    closed, has_room = False, True
+    closed = False
 
     def __init__(self):
-        self.reports, self.line, self.on_frame = [], [], lambda: None
+        self.reports, self.line = [], []
 
     def send(self, report):
         self.reports.append(report)
-
-    def send_frame(self, frame):
-        self.reports.append(frame)
-        self.on_frame()
 
     def take_command_of(self, kinds, timeout):
         found = next((one for one in self.line if type(one) in kinds), None)
@@ -58,6 +54,20 @@ class FakeChannel:
         return [one for one in self.reports if isinstance(one, kind)]
 
 
+class FakeSender:
+    """Hands every picture to the window at once."""
+
+    has_room = True
+
+    def __init__(self, channel):
+        self._channel, self.on_frame = channel, lambda: None
+
+    def offer(self, frame, request=0, on_sent=lambda _: None):
+        self._channel.send(frame)
+        on_sent(frame)
+        self.on_frame()
+
+
 class Desk:
     """A bench with the engine's parts around it, before the star."""
 
@@ -67,12 +77,14 @@ class Desk:
         self.controller.place_target("star")
         self.controller.set_exposure(1e-3)
         self.jobs = Jobs(self.channel)
-        self.alignment = Alignment(bench, self.channel, self.controller, self.jobs)
+        self.sender = FakeSender(self.channel)
+        self.alignment = Alignment(bench, self.channel, self.sender, self.controller, self.jobs)
         self.waiting = WaitingView(
             bench,
             self.channel,
+            self.sender,
             self.controller,
-            FramePacer(self.channel),
+            FramePacer(self.sender),
             {FindExposure: self.alignment.by_bench[FindExposure]},
             self.alignment.offer,
             self.errors.append,
@@ -105,7 +117,7 @@ def test_an_exposure_is_found_and_requested():
 
 def test_who_cancels_has_the_exposure_of_before():
     with desk() as at:
-        at.channel.on_frame = lambda: at.jobs.cancel(EXPOSURE_JOB)
+        at.sender.on_frame = lambda: at.jobs.cancel(EXPOSURE_JOB)
         at.alignment.by_bench[FindExposure](FindExposure(0.6, None))
         assert at.channel.of(ExposureFound) == []
         assert len(at.channel.of(LiveFrame)) == 1
@@ -200,7 +212,7 @@ def test_a_target_that_is_being_placed_has_no_name(monkeypatch):
 def test_a_cancelled_run_ends_its_wait():
     with desk() as at:
         progress = Progress()
-        at.channel.on_frame = progress.cancel
+        at.sender.on_frame = progress.cancel
         with pytest.raises(Cancelled):
             wait_until(lambda: False, progress, at.waiting)
         assert not at.channel.of(BenchState)[-1].waiting

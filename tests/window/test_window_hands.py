@@ -169,10 +169,10 @@ def test_redo_makes_again_what_was_undone(bench, hand, person):
     hand.types(settings.wavelength, "600")
     person.waits(lambda: settings.wavelength_read.text() == "600.00 nm")
     assert window.actions_["undo"].toolTip() == "Undo: wavelength 550 nm  (Ctrl+Z)"
-    person.clicks(buttons(settings)["Undo  Ctrl+Z"])
+    person.clicks(buttons(settings)["Undo"])
     person.waits(lambda: settings.wavelength_read.text() == "550.00 nm")
     assert settings.wavelength.text() == "550.00 nm"
-    person.clicks(buttons(settings)["Redo  Ctrl+Y"])
+    person.clicks(buttons(settings)["Redo"])
     person.waits(lambda: settings.wavelength_read.text() == "600.00 nm")
 
 
@@ -229,10 +229,10 @@ def test_targets_placed_by_hand_are_asked_and_confirmed(manual):
     window, settings = manual.window, manual.window.settings
     wait_until(lambda: manual.frame is not None, manual.describe)
     assert manual.frame.target == "target not confirmed"
-    wait_until(lambda: settings.target_read.text() == "not confirmed")
+    wait_until(lambda: settings.target_read.text().endswith("not confirmed"))
     hand, watch = Hand(window), Watch(window, manual.connection)
     choose(hand, settings.target, "star")
-    assert settings.target_read.text() == "asked: star"
+    assert settings.target_read.text().endswith("asked: star")
     assert window.question.text == "Place the target 'star' before the camera, then confirm it."
     wait_until(lambda: manual.frame.target == "target not confirmed, asked: star")
     assert watch.moves == []
@@ -249,7 +249,7 @@ def test_targets_placed_by_hand_are_asked_and_confirmed(manual):
     wait_until(lambda: settings.target_read.text() == "confirmed: dark")
     # Undo can only ask.
     hand.presses(Qt.Key.Key_Z, ctrl=True)
-    wait_until(lambda: settings.target_read.text() == "asked: star")
+    wait_until(lambda: settings.target_read.text().endswith("asked: star"))
     hand.presses(Qt.Key.Key_Return, ctrl=True)
     wait_until(lambda: settings.target_read.text() == "confirmed: star")
     assert not window.actions_["undo"].isEnabled()

@@ -117,5 +117,4 @@ class Acquisition:
             number=frame.number,
         )
         self._effects.report_if_changed(seen)
-        self._on_frame(seen)
-        self._sender.offer(seen)
+        self._sender.offer(seen, on_sent=self._on_frame)

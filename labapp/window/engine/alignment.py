@@ -205,8 +205,7 @@ class Alignment:
     def _show(self, frame: LiveFrame) -> None:
         """Send the window a trial frame, if there is room, so that it sees what goes on."""
         if self._sender.has_room:
-            self._kept.offer(frame)
-            self._sender.offer(frame)
+            self._sender.offer(frame, on_sent=self._kept.offer)
 
 
 def _part(frame: LiveFrame, region: PixelRegion | None) -> NDArray[Any]:

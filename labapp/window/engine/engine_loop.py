@@ -266,10 +266,9 @@ class Engine:
             with self._outdated.watch(), self._controller.live_tolerance.during_frame():
                 frame = self._take_awaited_frame(request)
                 self._effects.report_if_changed(frame)
-            self._alignment.offer(frame)
             # In this order, no prediction follows the picture.
             self._awaited.note_picture(request)
-            self._sender.offer(frame, request)
+            self._sender.offer(frame, request, self._alignment.offer)
         except Exception as error:
             if self._outdated.is_given_up and isinstance(error, DeviceError):
                 return

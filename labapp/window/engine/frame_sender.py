@@ -27,6 +27,7 @@ class _Waiting:
     frame: LiveFrame
     request: int = 0
     is_prediction: bool = False
+    on_sent: Callable[[LiveFrame], None] = lambda _: None
 
 
 class FrameSender:
@@ -60,13 +61,22 @@ class FrameSender:
         """Reduce later frames to another view of the window's; any thread may call this."""
         self._view = view
 
-    def offer(self, frame: LiveFrame, request: int = 0) -> None:
-        """Have a frame shown in the window, taken after the person's change number `request`."""
+    def offer(
+        self,
+        frame: LiveFrame,
+        request: int = 0,
+        on_sent: Callable[[LiveFrame], None] = lambda _: None,
+    ) -> None:
+        """Have a frame shown in the window, taken after the person's change number `request`.
+
+        `on_sent` is called with the frame just before the window gets it, in the sender's thread;
+        not if another frame takes its place.
+        """
         with self._condition:
             self.tally.count_taken(frame.number)
             if self._waiting is not None:
                 self.tally.count_dropped()
-            self._waiting = _Waiting(frame, request)
+            self._waiting = _Waiting(frame, request, on_sent=on_sent)
             self._condition.notify_all()
 
     def offer_prediction(self, frame: LiveFrame, is_wanted: Callable[[], bool]) -> None:
@@ -117,7 +127,7 @@ class FrameSender:
                 self._is_working, discards = True, self._discards
             self.on_room()
             try:
-                self._send(self._write(waiting), discards)
+                self._send(self._write(waiting), waiting, discards)
             except Exception as error:
                 # The thread must go on: the next frame may be a sound one.
                 self.on_failure(error)
@@ -140,7 +150,7 @@ class FrameSender:
         )
         return self._memory.write(slot, picture)
 
-    def _send(self, header: SlotHeader, discards: int) -> None:
+    def _send(self, header: SlotHeader, waiting: _Waiting, discards: int) -> None:
         """Send a frame once the one before is on the window's screen, unless it is discarded."""
 
         def is_due() -> bool:
@@ -150,6 +160,7 @@ class FrameSender:
             self._condition.wait_for(is_due)
             if self._discards != discards or self._channel.closed:
                 return
+            waiting.on_sent(waiting.frame)
             self._is_shown = False
             self._sent.append(header.slot)
         self._channel.send(header)

@@ -144,8 +144,7 @@ class WaitingView:
             return
         if self._placing:
             frame = replace(frame, target=_BEING_PLACED)
-        self._on_frame(frame)
-        self._sender.offer(frame)
+        self._sender.offer(frame, on_sent=self._on_frame)
 
     def _tell(self, *, waiting: bool = True) -> None:
         state = self._controller.read_state(self._on, running=True)
