@@ -114,13 +114,18 @@ class AlignmentPanel(QScrollArea):
                 self.said.setText("")
         self._allow()
 
-    def show_measured(self, measured: PictureMeasured) -> None:
-        """Show what was measured in a live picture of the window, as numbers and as curves."""
+    def show_measured(
+        self, measured: PictureMeasured, cross: tuple[float, float] | None = None
+    ) -> None:
+        """Show what was measured in a live picture of the window, as numbers and as curves.
+
+        `cross` is the place of the cross-hair, (row, column), from which the star's is told.
+        """
         region = measured.region
         if region is not None:
             self.history.add(measured)
             self.statistics.setText(_statistics_text(region))
-            self.star.setText(_star_text(region.star, region.no_star))
+            self.star.setText(_star_text(region.star, region.no_star, cross))
             self._show_course(region)
         self.profile.show_line(measured.line)
 
@@ -229,14 +234,19 @@ def _statistics_text(region: RegionReading) -> str:
     )
 
 
-def _star_text(star: StarReading | None, no_star: str) -> str:
+def _star_text(star: StarReading | None, no_star: str, cross: tuple[float, float] | None) -> str:
     """Describe the star in the window's region; or say why there is none."""
     if star is None:
         return f"star: {no_star}"
     clipped = f"\n{star.saturated} px saturated: it looks too wide" if star.saturated else ""
+    away = (
+        ""
+        if cross is None
+        else (f"\nfrom the cross-hair: {star.x - cross[1]:+.2f} px, {star.y - cross[0]:+.2f} px")
+    )
     return (
         f"FWHM {star.fwhm:.2f} px ({star.fwhm_major:.2f} x {star.fwhm_minor:.2f})\n"
-        f"at x {star.x:.2f}  y {star.y:.2f}  peak {star.peak:.0f} DN{clipped}"
+        f"at x {star.x:.2f}  y {star.y:.2f}  peak {star.peak:.0f} DN{away}{clipped}"
     )
 
 

@@ -64,7 +64,8 @@ class AlignmentRequests(QObject):
 
     def show_measured(self, measured: PictureMeasured) -> None:
         """Show what was measured for the window, and a ring around the star."""
-        self._panel.show_measured(measured)
+        cross = self.marks.cross if self._panel.cross.isChecked() else None
+        self._panel.show_measured(measured, cross)
         self.marks.show_star(measured.region.star if measured.region else None)
 
     def show_star(self, found: StarFound) -> None:

@@ -53,8 +53,9 @@ class PictureMarks(QObject):
         (start, end), middle = self._line.getHandles(), rows / 2
         start.setPos(self._line.mapFromParent(pg.Point(columns / 4, middle)))
         end.setPos(self._line.mapFromParent(pg.Point(3 * columns / 4, middle)))
-        self._cross[0].setValue(rows / 2)
-        self._cross[1].setValue(columns / 2)
+        # The optical axis is in the middle of pixel n // 2.
+        self._cross[0].setValue(rows // 2 + 0.5)
+        self._cross[1].setValue(columns // 2 + 0.5)
 
     def place_region(self, centre: tuple[float, float], side: int = _FIRST_REGION) -> None:
         """Put the window's region around a place (row, column), within the picture."""
@@ -78,7 +79,7 @@ class PictureMarks(QObject):
         self.changed.emit()
 
     def show_cross(self, on: bool) -> None:
-        """Show or hide the window's cross-hair, which begins in the middle and can be dragged."""
+        """Show or hide the window's cross-hair, which begins on the axis and can be dragged."""
         for line in self._cross:
             line.setVisible(on)
 

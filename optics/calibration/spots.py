@@ -89,7 +89,27 @@ def without_hot_pixels(frame: Array, variance: Array) -> Array:
     hot = frame - dimmest > _SETTINGS.hot_pixel_ratio * (
         brightest - dimmest
     ) + _SETTINGS.detection_sigmas * np.sqrt(variance)
-    return np.where(hot, ndimage.median_filter(frame, footprint=ring, mode="nearest"), frame)
+    clean = frame.copy()
+    clean[hot] = _median_around(frame, hot)
+    return clean
+
+
+def _median_around(frame: Array, chosen: NDArray[np.bool_]) -> Array:
+    """Return the median of the neighbours of some pixels of a calibration frame, the upper one.
+
+    Few pixels are hot, and a median over the whole frame takes half a second for 5 megapixels.
+    """
+    rows, columns = np.nonzero(chosen)
+    last_row, last_column = frame.shape[0] - 1, frame.shape[1] - 1
+    around = [
+        frame[np.clip(rows + down, 0, last_row), np.clip(columns + across, 0, last_column)]
+        for down in (-1, 0, 1)
+        for across in (-1, 0, 1)
+        if down or across
+    ]
+    middle = len(around) // 2
+    median: Array = np.partition(np.array(around), middle, axis=0)[middle]
+    return median
 
 
 def find_spot(

@@ -103,6 +103,18 @@ def test_the_line_shows_the_numbers_along_it(bench, person, align):
     person.presses(Qt.Key.Key_F5)
 
 
+def test_the_cross_hair_tells_how_far_the_star_is(bench, person, align):
+    person.clicks(align.find_star)
+    person.waits(align.region.isChecked)
+    person.clicks(align.cross)
+    assert bench.window.session.alignment.marks.cross == (32, 48)
+    person.waits(lambda: "from the cross-hair" in align.star.text())
+    said = align.star.text()
+    x, y = (float(one) for one in re.search(r"at x ([\d.]+)  y ([\d.]+)", said).groups())
+    away = (float(one) for one in re.search(r"hair: (\S+) px, (\S+) px", said).groups())
+    assert tuple(away) == pytest.approx((x - 48, y - 32), abs=0.011)
+
+
 def test_one_to_one_is_a_pixel_a_pixel(bench, person, align):
     picture = bench.window.live_view.picture
     person.clicks(align.true_size)
