@@ -32,8 +32,8 @@ class StarShapeSettings:
     first_width : float
         Standard deviation of the first window in pixels.
     narrowest : float
-        Least standard deviation of the window in pixels. Of a star in a single pixel, the window
-        shows no less.
+        Least standard deviation of the window in pixels: the neighbours of a star in a single pixel
+        have 0.4 % of its light.
     widest : float
         Largest standard deviation, as a share of the region's shorter side. Of a star that is
         wider, the region shows too little.
@@ -48,7 +48,7 @@ class StarShapeSettings:
     """
 
     first_width: float = 2.0
-    narrowest: float = 0.5
+    narrowest: float = 0.3
     widest: float = 0.2
     rounds: int = 100
     tolerance: float = 1e-5
@@ -98,10 +98,11 @@ class StarShape:
 def star_shape(numbers: NDArray[Any], sensor: Sensor) -> StarShape:
     """Measure the star that stands out most in a region, by adaptive moments.
 
-    A Gaussian window follows the star until it has the star's own place and shape: that is the
-    elliptical Gaussian of best fit. It is exact for a Gaussian, whose noise outside doesn't count,
-    and it grows steadily with defocus: a disc of radius R has a width of 1.485 R. Pixels add 1/12
-    square pixel to the variance, as they do in the picture. Behind colour filters, the mean over
+    A Gaussian window follows the star until both have the same moments through it, on the same
+    pixels: that is the elliptical Gaussian of best fit. It is exact for a Gaussian, also for one of
+    few pixels, and noise far from the star doesn't count. It grows steadily with defocus: a disc of
+    radius R has a width of 1.485 R. Pixels add 1/12 square pixel to the variance, as they do in the
+    picture. A star of a standard deviation below half a pixel can't be told from a hot pixel. Behind colour filters, the mean over
     each period of their pattern is measured, and the variance that this adds is subtracted.
 
     Parameters
@@ -183,21 +184,33 @@ def _adaptive_moments(light: Array, start: tuple[float, float]) -> tuple[Array, 
         dx = np.arange(part[1].start, part[1].stop)[None, :] - centre[1]
         inverse = np.linalg.inv(window)
         distance = inverse[0, 0] * dy**2 + 2 * inverse[0, 1] * dy * dx + inverse[1, 1] * dx**2
-        weighted = np.exp(-distance / 2) * light[part]
-        total = float(weighted.sum())
-        if not total > 0:
-            raise ValueError("the star is lost in the noise; expose longer")
-        step = np.array([(weighted * dy).sum(), (weighted * dx).sum()]) / total
-        moments = [(weighted * a * b).sum() / total for a, b in ((dy, dy), (dy, dx), (dx, dx))]
-        # In a window of its own shape, a Gaussian has half of its covariance, and half of a shift.
-        centre = centre + 2 * step
-        wider = _limited(2 * np.array([moments[:2], moments[1:]]))
+        weight = np.exp(-distance / 2)
+        shift, spread = _moments(weight * light[part], dy, dx)
+        # What a Gaussian of the window's own shape would have there, on the same few pixels.
+        own_shift, own_spread = _moments(weight**2, dy, dx)
+        # Through its own window, a Gaussian shows half of a change of its place and covariance.
+        centre = centre + 2 * (shift - own_shift)
+        wider = _limited(window + 2 * (spread - own_spread))
         change = float(np.abs(wider - window).max() / window.max())
         window = wider
         _require_inside(centre, window, light.shape, widest)
         if change < _SETTINGS.tolerance:
             break
     return centre, window
+
+
+def _moments(weighted: Array, dy: Array, dx: Array) -> tuple[Array, Array]:
+    """Return the mean (y, x) of a star's weighted light, and its second moments, (2, 2).
+
+    Raises ValueError if there is no light.
+    """
+    total = float(weighted.sum())
+    if not total > 0:
+        raise ValueError("the star is lost in the noise; expose longer")
+    share = weighted / total
+    mean = np.array([(share * dy).sum(), (share * dx).sum()])
+    across = float((share * dy * dx).sum())
+    return mean, np.array([[(share * dy**2).sum(), across], [across, (share * dx**2).sum()]])
 
 
 def _window_pixels(centre: Array, window: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:

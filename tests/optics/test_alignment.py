@@ -47,7 +47,14 @@ def exposed(light, seed=0):
 
 
 @pytest.mark.parametrize(
-    ("sigmas", "angle"), [((1.0, 1.0), 0.0), ((3.0, 1.5), 0.4), ((6.0, 4.0), -1.2)]
+    ("sigmas", "angle"),
+    [
+        ((0.5, 0.5), 0.0),
+        ((1.0, 0.5), 0.1),
+        ((1.0, 1.0), 0.0),
+        ((3.0, 1.5), 0.4),
+        ((6.0, 4.0), -1.2),
+    ],
 )
 def test_a_gaussian_star_has_its_own_widths(sigmas, angle):
     found = star_shape(exposed(gaussian(sigmas, (30.3, 33.6), angle=angle)), SENSOR)
