@@ -102,8 +102,9 @@ def star_shape(numbers: NDArray[Any], sensor: Sensor) -> StarShape:
     pixels: that is the elliptical Gaussian of best fit. It is exact for a Gaussian, also for one of
     few pixels, and noise far from the star doesn't count. It grows steadily with defocus: a disc of
     radius R has a width of 1.485 R. Pixels add 1/12 square pixel to the variance, as they do in the
-    picture. A star of a standard deviation below half a pixel can't be told from a hot pixel. Behind colour filters, the mean over
-    each period of their pattern is measured, and the variance that this adds is subtracted.
+    picture. A star of a standard deviation below half a pixel can't be told from a hot pixel.
+    Behind colour filters, the mean over each period of their pattern is measured, and the variance
+    that this adds is subtracted.
 
     Parameters
     ----------
