@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.accuracy.diagram import draw
 from labapp.accuracy.hdr_case import BracketCase
+from labapp.accuracy.hdr_diagram import draw_merges
+from labapp.accuracy.hdr_row import MergeRow
 from labapp.accuracy.opencv_merging import OPENCV_MERGES, merge_by_opencv
 from labapp.accuracy.row_output import Columns, format_number, print_rows, write_plot
 from labapp.accuracy.work_precision import (
@@ -22,7 +23,6 @@ from labapp.accuracy.work_precision import (
     CUT,
     Deadline,
     RetimingSettings,
-    Row,
     mark_front,
 )
 from labapp.common.console import terminal_progress
@@ -40,34 +40,6 @@ _SURE = 3.0
 _FAR_OFF = 10.0
 """Relative error from which on a merge counts as failed. Chosen."""
 
-
-@dataclass(frozen=True)
-class MergeRow(Row):
-    """Measured error and time of a merge.
-
-    Attributes
-    ----------
-    error_achieved, error_predicted : float or None
-        Root mean square of relative errors over all levels of light, and what the merge states.
-    frames : int
-        Number of exposures.
-    exposure_s : float
-        Sum of the exposure times, seconds.
-    efficiency, least_efficiency : float or None
-        Least variance of any unbiased estimate (Cramér and Rao) over the mean squared error: of
-        the sums over all levels, and at the level where it's least.
-    bias : float or None
-        Largest mean relative error of a level that isn't chance; 0 if all may be.
-    """
-
-    frames: int = 0
-    exposure_s: float = 0.0
-    efficiency: float | None = None
-    least_efficiency: float | None = None
-    bias: float | None = None
-
-
-ERROR_NAME = "error of the light, relative"
 
 _COLUMNS: Columns[MergeRow] = {
     "exposures": lambda row: f"{row.frames}, {row.exposure_s:.3g} s",
@@ -97,7 +69,7 @@ def accuracy_hdr(cases: Sequence[BracketCase], *, as_json: bool, plot: Path | No
         rows = measure_merges(cases, progress)
     name = cases_name(cases)
     print_rows(f"Merged brackets: {name}", _COLUMNS, _REMARK, rows, as_json=as_json)
-    write_plot(plot, lambda: draw(name, rows, ERROR_NAME))
+    write_plot(plot, lambda: draw_merges(name, rows))
 
 
 def cases_name(cases: Sequence[BracketCase]) -> str:

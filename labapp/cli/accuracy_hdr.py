@@ -50,7 +50,8 @@ def accuracy_hdr_(
     table gives relative errors beside the ones that each method states, the efficiency against the
     least variance of any unbiased estimate, bias, and processor time in ms. Rows on the front are
     beaten by no other row in both time and error; **labapp merge --budget** chooses among such
-    methods. A method that fails has a row, too. For instance
+    methods. A method that fails has a row, too. The diagram (--plot) shows errors by exposures with
+    their total time, beside the least possible ones, and by processor time. For instance
 
     **labapp accuracy hdr --frames 2,4 --pixels 500**
     """

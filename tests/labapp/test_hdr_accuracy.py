@@ -9,6 +9,7 @@ import pytest
 
 from labapp.accuracy.hdr import measure_merges
 from labapp.accuracy.hdr_case import BracketCase
+from labapp.accuracy.hdr_diagram import draw_merges
 from labapp.accuracy.work_precision import CUT, Deadline, RetimingSettings
 from optics.hdr import METHODS
 from optics.progress import Progress
@@ -61,6 +62,22 @@ def test_wrong_numbers_of_exposures_are_refused(labapp, wrong):
     code, _, errors = labapp("accuracy", "hdr", "--frames", wrong)
     assert code == 1
     assert "give whole numbers from 1 to 16" in errors
+
+
+def test_the_diagram_shows_errors_by_exposures_above_the_least_possible_ones():
+    cases = [BracketCase(n, 4.0, 1e-3, 4.0, 16, 12, 2.6, 2.4, 500, 0) for n in (2, 4)]
+    rows = measure_merges(cases, Progress())
+    left, right = draw_merges("two cases", rows).axes
+    lines = {one.get_label(): one for one in left.get_lines()}
+    least = lines["least of any unbiased estimate"]
+    assert list(least.get_xdata()) == [2, 4]
+    # Few levels have large errors, each of 500 pixels: their mean is known to 1.5 %.
+    for name in METHODS:
+        assert (lines[name].get_ydata() > 0.95 * least.get_ydata()).all()
+    wanted = [np.sqrt(np.mean(case.least_errors**2)) for case in cases]
+    assert least.get_ydata() == pytest.approx(wanted)
+    assert [one.get_text() for one in left.get_xticklabels()] == ["2\n0.005 s", "4\n0.085 s"]
+    assert "processor time" in right.get_xlabel()
 
 
 def test_the_diagram_is_written(labapp, tmp_path):

@@ -15,6 +15,7 @@ from labapp.accuracy import (
     edof_psf,
     hdr,
     hdr_case,
+    hdr_row,
     multispectral,
     propagate,
     psf,
@@ -263,7 +264,7 @@ OPERATIONS = (
         "Merging of exposure brackets",
         "Light of four decades from two, four and eight exposures. Noise limits what can be known: "
         "for each number of exposures, the error levels off.",
-        hdr.ERROR_NAME,
+        hdr_row.ERROR_NAME,
         _measure_merges,
     ),
     Operation(

@@ -1,0 +1,90 @@
+"""Draw the error of merges of exposure brackets by the exposures and by the time they take."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+from labapp.accuracy.hdr_row import ERROR_NAME, MergeRow
+from labapp.accuracy.reading import failure_sentences
+from labapp.accuracy.row_output import describe_machine
+
+_LETTERS = 150
+"""Letters of a line under the diagram."""
+
+_MARKERS = "osD^vP"
+
+
+def draw_merges(name: str, rows: Sequence[MergeRow]) -> Figure:
+    """Draw the accuracy of merged brackets: by exposures, with what is possible, and by time.
+
+    `name` describes the brackets. Merges that fail are named in sentences under the diagram.
+    """
+    failures = [
+        line
+        for sentence in failure_sentences(rows)
+        for line in textwrap.wrap(sentence, _LETTERS, max_lines=2)
+    ]
+    lines = [*failures, f"{describe_machine()}. Processor time, one thread."]
+    footing, height = 0.2 + 0.19 * len(lines), 5.0
+    low = footing / (height + footing)
+    layout = ConstrainedLayoutEngine(rect=(0, low, 1, 1 - low))
+    figure = Figure(figsize=(12, height + footing), dpi=100, layout=layout)
+    left, right = figure.subplots(1, 2, sharey=True)
+    good = [row for row in rows if not row.failure]
+    _draw_by_exposures(left, good)
+    _draw_by_time(right, good)
+    left.set_ylabel(ERROR_NAME)
+    left.set_title(name, loc="left", fontsize=10)
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=4, fontsize=8.5)
+    figure.text(0.01, 0.06 / (height + footing), "\n".join(lines), fontsize=8, color="#444444")
+    return figure
+
+
+def _methods(rows: Sequence[MergeRow]) -> dict[str, list[MergeRow]]:
+    """Return the accuracy rows of each merge, in the order of exposures."""
+    found: dict[str, list[MergeRow]] = {}
+    for row in sorted(rows, key=lambda row: row.frames):
+        found.setdefault(row.method, []).append(row)
+    return found
+
+
+def _draw_by_exposures(axes: Axes, rows: Sequence[MergeRow]) -> None:
+    """Draw the error of merges by the number of exposures, labelled with their total time."""
+    for (method, own), mark in zip(_methods(rows).items(), _MARKERS, strict=False):
+        axes.plot([row.frames for row in own], _errors(own), f"{mark}-", label=method, alpha=0.85)
+    bounds = {
+        row.frames: (row.error_achieved or 0.0) * math.sqrt(row.efficiency)
+        for row in rows
+        if row.efficiency
+    }
+    counts = sorted(bounds)
+    axes.plot(
+        counts, [bounds[one] for one in counts], "--", color="black", lw=1,
+        label="least of any unbiased estimate",
+    )  # fmt: skip
+    times = {row.frames: row.exposure_s for row in rows}
+    axes.set(xscale="log", yscale="log", xlabel="exposures, and their total time")
+    axes.set_xticks(counts, [f"{one}\n{times[one]:.3g} s" for one in counts])
+    axes.set_xticks([], minor=True)
+    axes.grid(alpha=0.3)
+
+
+def _draw_by_time(axes: Axes, rows: Sequence[MergeRow]) -> None:
+    """Draw the error of merges by their processor time."""
+    for own, mark in zip(_methods(rows).values(), _MARKERS, strict=False):
+        milliseconds = [1e3 * (row.cpu_s or 0.0) for row in own]
+        axes.plot(milliseconds, _errors(own), f"{mark}-", alpha=0.85)
+    axes.set(xscale="log", xlabel="processor time of one merge, ms")
+    axes.set_title("each method from few exposures, above, to many", loc="left", fontsize=10)
+    axes.grid(alpha=0.3)
+
+
+def _errors(rows: Sequence[MergeRow]) -> list[float]:
+    return [row.error_achieved or math.nan for row in rows]
