@@ -37,13 +37,22 @@ def stale_calibrations(record: Record) -> list[str]:
 
     Raises UserError for a record that is damaged.
     """
-    bench, identities, started = record.bench, _identities(record), _start(record)
-    found = []
-    if (panel := bench.active_calibration) is not None:
-        found += validity_warnings(panel, bench, identities, started)
-    if (camera := bench.active_camera_calibration) is not None:
-        found += camera_validity_warnings(camera, bench, identities, started)
-    return found
+    panel = record.bench.active_calibration
+    if panel is None:
+        return stale_camera(record)
+    found = validity_warnings(panel, record.bench, _identities(record), _start(record))
+    return found + stale_camera(record)
+
+
+def stale_camera(record: Record) -> list[str]:
+    """Return why the calibration of the camera may not have held when a record was made.
+
+    Raises UserError for a record that is damaged.
+    """
+    camera = record.bench.active_camera_calibration
+    if camera is None:
+        return []
+    return camera_validity_warnings(camera, record.bench, _identities(record), _start(record))
 
 
 def _start(record: Record) -> datetime:

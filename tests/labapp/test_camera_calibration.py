@@ -36,6 +36,7 @@ from labapp.files.reading import read_file
 from labapp.pictures.analysis.brackets import merge_all
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
+from labapp.runs.recorded_calibrations import stale_camera
 from optics.camera import Sensor
 from optics.hdr import DEFECTIVE
 from optics.progress import Progress
@@ -293,6 +294,14 @@ def test_reports_say_which_calibration_was_in_force_and_why_it_may_not_have_held
     assert doubt in told
     assert escape(summary) in page
     assert escape(told) in page
+    with h5py.File(tmp_path / "flat.h5", "r+") as file:
+        file["entry/start_time"][()] = "yesterday"
+    words = "its start time is 'yesterday', which is no date"
+    with (
+        Record(tmp_path / "flat.h5", damaged=True) as record,
+        pytest.raises(UserError, match=words),
+    ):
+        stale_camera(record)
 
 
 def test_every_reason_to_doubt_the_calibration_is_named(found, files):

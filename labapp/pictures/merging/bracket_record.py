@@ -18,7 +18,7 @@ from labapp.pictures.analysis.brackets import (
 from labapp.pictures.analysis.known_defects import known_defects
 from labapp.pictures.merging.bracket_files import BracketFiles
 from labapp.runs.record.reader import Record
-from labapp.runs.recorded_calibrations import camera_in_force, stale_calibrations
+from labapp.runs.recorded_calibrations import camera_in_force, stale_camera
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
         frames, sensor = found[0].frames, record.bench.build_camera().sensor
         bracket = recorded_bracket(record, frames, dark_target(record.plan), sensor)
         defects = known_defects(record)
-        source, doubts = camera_in_force(record), stale_calibrations(record)
+        source, doubts = camera_in_force(record), stale_camera(record)
     return BracketFiles(
         [f"frame {index}" for index in frames],
         [np.asarray(frame)[None] for frame in bracket.frames],
