@@ -55,7 +55,7 @@ def measure_frame_delays(
     capabilities : BenchCapabilities
         What the bench can do.
     planned : sequence of Shot
-        The frames of the run, one at least, whose wavelengths are tried.
+        The frames of the run, whose patterns are tried.
     progress : Progress
         Can cancel the measurement.
     patterns : mapping of arrays of uint8, optional
@@ -110,7 +110,7 @@ def _measure(
         lambda: progress.is_cancelled,
     )
     shots = schedule_shots(
-        _shots(bench, capabilities, planned, shown), replace(capabilities, delays=FrameDelays())
+        _shots(bench, capabilities, shown), replace(capabilities, delays=FrameDelays())
     )
     excess = []
     for shot in shots:
@@ -118,38 +118,36 @@ def _measure(
         taker.take(shot, lambda *_: None)
         excess.append(bench.clock.now() - began - shot.duration)
     # The first two bring all devices to a known state, and load what is loaded once. The last
-    # leaves the panel neutral. Between them, each change has two frames.
-    changed, same = excess[2:-1:2], excess[3:-1:2]
-    frame = sum(same) / len(same)
-    change, tuned, *placed = (one - frame for one in changed)
+    # leaves the panel neutral. Between them, each change comes twice, with two frames each.
+    changed, same = np.array(excess[2:-1:2]), np.array(excess[3:-1:2])
+    frame = float(same.mean())
+    change, tuned, *placed = (changed.reshape(2, -1).mean(axis=0) - frame).tolist()
     return FrameDelays(frame=frame, filter=tuned, slm=change, target=placed[0] if placed else 0.0)
 
 
-def _shots(
-    bench: Bench, capabilities: BenchCapabilities, planned: Sequence[Shot], shown: Sequence[str]
-) -> Sequence[Shot]:
+def _shots(bench: Bench, capabilities: BenchCapabilities, shown: Sequence[str]) -> Sequence[Shot]:
     """Return the frames that measure a bench's delays before its run.
 
     They are two of one setting each: the first, another pattern, another wavelength, and another
-    target unless a person places it; at the end, the first target and the neutral pattern again.
-    shown: the names of both patterns. The wavelength changes under the second, which is the run's
-    own if it has one.
+    target unless a person places it; then the first pattern, a third wavelength and the first
+    target. The last is of the neutral pattern. shown: the names of both patterns.
     """
     low, high = capabilities.exposure_range
-    colours = [*dict.fromkeys((shot.slot, shot.wavelength) for shot in planned)]
-    # The filter changes in any case, as it may in a later run.
-    colours += [colour for colour in _ends(capabilities) if colour != colours[0]]
-    # A wheel may have a single slot.
-    first, second = (colours * 2)[:2]
+    first, second, third = _colours(capabilities)
+    before, after = shown
     here = bench.targets.current_target
-    others = [name for name in bench.targets.names if name != here and not bench.targets.by_hand]
+    names = () if bench.targets.by_hand else bench.targets.names
+    there = next((name for name in names if name != here), here)
     settings = [
-        *[(first, shown[0], here)] * 2,
-        *[(first, shown[1], here)] * 2,
-        *[(second, shown[1], here)] * 2,
-        *[(second, shown[1], other) for other in others[:1]] * 2,
-        (second, _NEUTRAL, here),
+        (first, before, here),
+        (first, after, here),
+        (second, after, here),
+        *([(second, after, there)] if there != here else []),
+        (second, before, there),
+        (third, before, there),
+        *([(third, before, here)] if there != here else []),
     ]
+    twice = [setting for setting in settings for _ in range(2)]
     return [
         Shot(
             index=_BEFORE_PLAN,
@@ -163,12 +161,20 @@ def _shots(
             place=place,
             slot=slot,
         )
-        for (slot, wavelength), pattern, place in settings
+        for (slot, wavelength), pattern, place in (*twice, (third, _NEUTRAL, here))
     ]
 
 
-def _ends(capabilities: BenchCapabilities) -> list[tuple[int, float]]:
-    """Return two wavelengths of the bench's filter, each with the slot of a wheel, otherwise 0."""
+def _colours(capabilities: BenchCapabilities) -> list[tuple[int, float]]:
+    """Return three wavelengths of the bench's filter, each with the slot of a wheel, otherwise 0.
+
+    They are seldom those of the run: a virtual bench that is served to real drivers would have
+    computed their pictures, and be quicker in the run than in the measurement.
+    """
     if capabilities.slots:
-        return [(slot, capabilities.slots[slot - 1]) for slot in (1, len(capabilities.slots))]
-    return [(0, wavelength) for wavelength in capabilities.wavelength_range]
+        last = len(capabilities.slots)
+        # A wheel may have a single slot.
+        return [(slot, capabilities.slots[slot - 1]) for slot in (1, last, (last + 1) // 2)]
+    shortest, longest = capabilities.wavelength_range
+    between = capabilities.wavelength_in_metres(1e9 * (0.9 * shortest + 0.1 * longest))
+    return [(0, shortest), (0, longest), (0, between)]
