@@ -48,18 +48,22 @@ _RING = {"kind": "ring", "radius_um": 80.0, "width_um": 8.0, "wavelength_nm": 55
 def time_left_figures(folder: Path) -> list[Figure]:
     """The window's first bracket on the virtual bench, and one on a small bench behind its wires.
 
-    Each is taken three times in a session: the first time nothing is known, and the others have
-    what was measured.
+    Nothing is known of the first run of all. It is taken again in the session, and, on the virtual
+    bench, in a new one, which has no pictures of it, but knows what they cost.
     """
     plan = _bracket(ExposureBracket(1, 8, 4), ExposureBracket(100, 4, 3))
-    with open_bench(BenchFiles.with_defaults()) as bench:
-        found = _judge(folder, "virtual bench", bench, plan, lambda text, progress: None)
+    found: list[Figure] = []
+    where = "virtual bench"
+    for session in (("first of all", "again in the session"), ("again in a new session",)):
+        with open_bench(BenchFiles.with_defaults()) as bench:
+            found += _judge(folder, where, session, bench, plan, lambda text, progress: None)
+    where, plan = "served bench", _bracket(ExposureBracket(8, 8, 3), ExposureBracket(100, 4, 3))
     try:
         with _served(folder / "served") as (files, ask), open_bench(files) as bench:
-            small = _bracket(ExposureBracket(8, 8, 3), ExposureBracket(100, 4, 3))
-            return found + _judge(folder, "served bench", bench, small, ask)
+            session = ("first of all", "again in the session")
+            return found + _judge(folder, where, session, bench, plan, ask)
     except (DeviceError, OSError, TimeoutError) as error:
-        name, goal = _words("served bench", "run again")
+        name, goal = _words(where, "again in the session")
         return [*found, Figure(name, goal, str(error), None)]
 
 
@@ -73,19 +77,25 @@ def _words(where: str, which: str) -> tuple[str, str]:
 
 
 def _judge(
-    folder: Path, where: str, bench: Bench, plan: PlanFile, ask: AskOperator
+    folder: Path,
+    where: str,
+    session: tuple[str, ...],
+    bench: Bench,
+    plan: PlanFile,
+    ask: AskOperator,
 ) -> list[Figure]:
+    """Take the runs of a session, which share what they learn of costs."""
+    costs = FrameCosts(folder / f"{where}.json", where)
     figures = []
-    for number, which in enumerate(("first of all", "run again", "and again")):
-        costs = FrameCosts(folder / f"{where}.json", where)
-        readings, end = _take(folder / f"{where}-{number}.h5", bench, plan, costs, ask)
+    for which in session:
+        readings, end = _take(folder / f"{where}, {which}.h5", bench, plan, costs, ask)
         wrong, told, lasted = _compare(readings, end)
         name, goal = _words(where, which)
-        first = number == 0
         measured = f"{wrong:.1f} s off at worst, known at {told:.0f} % of readings; {lasted:.0f} s"
-        good = told == 100 and _is_good(readings, end)
         # Of a first run, nothing like it was measured.
-        figures.append(Figure(name, TOLD if first else goal, measured, None if first else good))
+        first = which == "first of all"
+        good = None if first else told == 100 and _is_good(readings, end)
+        figures.append(Figure(name, TOLD if first else goal, measured, good))
     return figures
 
 
@@ -117,7 +127,8 @@ def _take(
     end = time.monotonic()
     over.set()
     reader.join()
-    assert outcome.state is State.COMPLETE, outcome.message
+    if outcome.state is not State.COMPLETE:
+        raise OSError(outcome.message)
     run.mark_ended(outcome.state, "")
     return readings, end
 

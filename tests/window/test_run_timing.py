@@ -44,6 +44,8 @@ def costs(tmp_path):
 def test_frames_of_a_setting_are_told_from_its_first():
     shots = make_shots(("dark", 1.0), ("dark", 1.0), ("star", 1.0), ("star", 2.0), ("star", 1.0))
     assert frame_kinds(shots) == ["new dark", "same dark", "new star", "new star", "same star"]
+    known = {("star", "neutral", 550e-9, 2.0)}
+    assert frame_kinds(shots, known)[2:] == ["new star", "known star", "same star"]
 
 
 @pytest.mark.parametrize(("virtual", "left"), [(True, 3 * 0.5), (False, 6.0 + 3 * 0.5)])
@@ -90,6 +92,9 @@ def test_a_run_is_known_from_the_one_before(clock, costs, tmp_path):
     told.begin()
     clock.passes(4)
     assert told.seconds_left == pytest.approx(5 + 9, rel=0.1)
+    # In the session, the pictures are there already: each costs what a further frame does.
+    again_at_once = RunTiming(shots, virtual=True, costs=costs)
+    assert again_at_once.whole_seconds == pytest.approx(8 * 0.5)
     # The machine is twice as slow now, which the stars that are to come feel as well.
     slow = RunTiming(shots, virtual=True, costs=again)
     take(slow, slower=2.0, frames=3)

@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import statistics
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from pathlib import Path
 
 from labapp.common.errors import UserError
@@ -18,7 +18,13 @@ from labapp.runs.steps import Shot
 log = logging.getLogger(__name__)
 
 PREPARING = "preparing"
-"""Name of the cost of what comes before the first frame, for each setting of the run."""
+"""Name of the cost of what comes before the first frame, for each setting that is new."""
+
+PREPARING_KNOWN = "preparing known"
+"""The same for each setting that was taken before in this session."""
+
+Setting = tuple[str, str, float, float]
+"""What decides on a picture: place of the target, pattern, wavelength and exposure."""
 
 _KEPT = 5
 """Runs over which a cost is a median. Chosen: it follows a change of the bench in three runs."""
@@ -27,18 +33,24 @@ _MOST_BYTES = 1 << 20
 """Bytes that the file may have. Chosen."""
 
 
-def frame_kinds(shots: Sequence[Shot]) -> list[str]:
+def setting_of(shot: Shot) -> Setting:
+    """Return the setting of a frame in a run of the window."""
+    return (shot.place or shot.target, shot.pattern, shot.wavelength, shot.exposure)
+
+
+def frame_kinds(shots: Sequence[Shot], known: Set[Setting] = frozenset()) -> list[str]:
     """Return the kind of each frame, of which all cost about the same.
 
     A frame is of another kind on each target, and where its setting is new: a simulated picture is
-    computed once for a setting, and further frames differ by their noise alone.
+    computed once for a setting, and further frames differ by their noise alone. Settings of earlier
+    runs are `known`: their pictures may be kept.
     """
-    seen: set[tuple[str, str, float, float]] = set()
+    seen: set[Setting] = set()
     kinds = []
     for shot in shots:
-        place = shot.place or shot.target
-        setting = (place, shot.pattern, shot.wavelength, shot.exposure)
-        kinds.append(f"{'same' if setting in seen else 'new'} {place}")
+        setting = setting_of(shot)
+        kind = "same" if setting in seen else "known" if setting in known else "new"
+        kinds.append(f"{kind} {setting[0]}")
         seen.add(setting)
     return kinds
 
@@ -58,12 +70,23 @@ class FrameCosts:
         The file, which may be missing or damaged.
     bench : str
         Name of the bench.
+
+    Attributes
+    ----------
+    known : set of tuples
+        Settings that were taken in this session, whose pictures a simulated bench may have kept.
     """
 
     def __init__(self, file: Path, bench: str) -> None:
         self._file, self._bench = file, bench
         self._all = self._read()
         self._own = self._all.setdefault(bench, {})
+        self.known: set[Setting] = set()
+
+    @property
+    def kinds(self) -> list[str]:
+        """Return the kinds of frames of the window's runs whose costs were measured."""
+        return list(self._own)
 
     def seconds(self, kind: str) -> float | None:
         """Return the usual cost of a kind of frame in seconds; None if none was measured."""

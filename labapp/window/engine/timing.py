@@ -7,7 +7,13 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 
 from labapp.runs.steps import Shot
-from labapp.window.engine.frame_costs import PREPARING, FrameCosts, frame_kinds
+from labapp.window.engine.frame_costs import (
+    PREPARING,
+    PREPARING_KNOWN,
+    FrameCosts,
+    frame_kinds,
+    setting_of,
+)
 
 
 class RunTiming:
@@ -41,11 +47,13 @@ class RunTiming:
     def replan(self, shots: Sequence[Shot]) -> None:
         """Take over the frames of a queued run, before the first one."""
         self.expected_bench_seconds = sum(shot.duration for shot in shots)
-        self._shots, self._kinds, self._taken = list(shots), frame_kinds(shots), 0
-        self._settings = sum(kind.startswith("new ") for kind in self._kinds)
+        self._shots, self._taken = list(shots), 0
+        self._kinds = frame_kinds(shots, self._costs.known)
 
     def begin(self) -> None:
         self._began = time.monotonic()
+        # Runs before it may have taken its settings since it was put in line.
+        self._kinds = frame_kinds(self._shots, self._costs.known)
 
     def end(self, *, complete: bool = False) -> None:
         """Note the end of a run in the window's queue; a complete one's costs are kept."""
@@ -69,13 +77,25 @@ class RunTiming:
         """Count the next stored frame of a run in the window's queue."""
         now = time.monotonic()
         kind, lasts = self._kinds[self._taken], self._shots[self._taken].duration
-        if self._taken == 0 and self._began is not None and self._settings:
-            before = now - self._began - self._rested - self._rate * lasts
-            self._measured[PREPARING].append(max(0.0, before) / self._settings)
+        if self._taken == 0 and self._began is not None:
+            self._note_preparing(now - self._began - self._rested - self._rate * lasts)
         elif self._frame_began is not None:
             self._measured[kind].append(now - self._frame_began - self._rate * lasts)
         self._frame_began = now
+        self._costs.known.add(setting_of(self._shots[self._taken]))
         self._taken += 1
+
+    def _note_preparing(self, seconds: float) -> None:
+        """Share what came before the window's first frame among the settings that were prepared."""
+        new, known = self._count("new "), self._count("known ")
+        if new:
+            seconds -= known * (self._costs.seconds(PREPARING_KNOWN) or 0.0)
+            self._measured[PREPARING].append(max(0.0, seconds) / new)
+        elif known:
+            self._measured[PREPARING_KNOWN].append(max(0.0, seconds) / known)
+
+    def _count(self, kind: str) -> int:
+        return sum(one.startswith(kind) for one in self._kinds)
 
     @property
     def elapsed_seconds(self) -> float:
@@ -86,11 +106,13 @@ class RunTiming:
     @property
     def whole_seconds(self) -> float | None:
         """Return the real seconds that a waiting run of the window will take; None if unknown."""
-        preparing = self._costs.seconds(PREPARING)
+        new, preparing = self._count("new "), self._costs.seconds(PREPARING)
         rest = self._rest_of_frames()
-        if rest is None or preparing is None:
+        if rest is None or (new and preparing is None):
             return None
-        return preparing * self._settings + rest
+        # Settings that were taken in this session are prepared in no time, until it is measured.
+        known = self._count("known ") * (self._costs.seconds(PREPARING_KNOWN) or 0.0)
+        return new * (preparing or 0.0) + known + rest
 
     @property
     def seconds_left(self) -> float | None:
@@ -125,11 +147,28 @@ class RunTiming:
         usual = self._costs.seconds(kind)
         if usual is not None:
             return usual * self._ratio
-        # On a real bench, kinds differ little: the mean of those that were seen serves.
-        every = [one for name, seen in self._measured.items() if name != PREPARING for one in seen]
-        if self._rate:
-            return _mean(every) if every else 0.0
+        if self._rate or _is_kept(kind):
+            return self._cost_of_others()
         return None
+
+    def _cost_of_others(self) -> float | None:
+        """Return the mean cost of the window's frames of other kinds, in this run or before it.
+
+        On a virtual bench, a picture that is kept costs the same whatever it shows, and one that
+        isn't may take a thousand times as long. On a real bench, kinds differ little.
+        """
+        seen = [
+            one
+            for kind, costs in self._measured.items()
+            if not kind.startswith(PREPARING) and (self._rate or _is_kept(kind))
+            for one in costs
+        ]
+        if not seen:
+            usual = [self._costs.seconds(kind) for kind in self._costs.kinds if _is_kept(kind)]
+            seen = [cost for cost in usual if cost is not None]
+        if seen:
+            return _mean(seen)
+        return 0.0 if self._rate else None
 
     @property
     def _ratio(self) -> float:
@@ -137,10 +176,15 @@ class RunTiming:
         measured = usual = 0.0
         for kind, seen in self._measured.items():
             cost = self._costs.seconds(kind)
-            if kind != PREPARING and cost is not None:
+            if not kind.startswith(PREPARING) and cost is not None:
                 measured += sum(seen)
                 usual += cost * len(seen)
         return measured / usual if measured > 0 and usual > 0 else 1.0
+
+
+def _is_kept(kind: str) -> bool:
+    """Return whether a simulated bench of the window has the picture of such frames already."""
+    return kind.startswith(("same ", "known "))
 
 
 def _mean(values: Sequence[float]) -> float:
