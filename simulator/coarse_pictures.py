@@ -12,6 +12,7 @@ from optics.caching import ByteCache
 from optics.camera import Camera
 from optics.psf import nyquist_samples_per_pixel
 from optics.slm import grey_to_phase
+from optics.threads import single_threaded
 from optics.validation import as_number
 from simulator.effects.registry import EFFECTS
 from simulator.formation import expected_electrons
@@ -49,6 +50,7 @@ class CoarsePictures:
     def __init__(self) -> None:
         self._cache, self._ledger = ByteCache(_MEMORY), Ledger()
 
+    @single_threaded
     def predict(self, s: Situation, check: Callable[[], None] = lambda: None) -> torch.Tensor:
         """Predict the mean electrons of each pixel, averaged over a coarse picture's larger pixels.
 

@@ -15,6 +15,7 @@ from optics.caching import ByteCache
 from optics.camera import Camera
 from optics.sensor import moments
 from optics.slm import max_phase
+from optics.threads import single_threaded
 from optics.validation import as_number
 from simulator.caching import Cache
 from simulator.effects.picture_norms import estimated_norms, minimum_norms
@@ -144,6 +145,7 @@ class Imaging:
     def _plan_key(self, s: Situation) -> Hashable:
         return self.tol, tuple(sorted(self.forced.items())), self.decide_by, picture_key(s)
 
+    @single_threaded
     def _compute_plan(
         self,
         s: Situation,
@@ -188,6 +190,7 @@ class Imaging:
             ),
         )
 
+    @single_threaded
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> torch.Tensor:

@@ -10,7 +10,8 @@ from labapp.window.engine.channel import Channel
 from labapp.window.messages import JobProgress, PictureAwaited
 
 _PATIENCE = 0.05
-"""Seconds that a picture may take without a word about it: shorter ones would only flicker."""
+"""Seconds that a picture of a setting may take without a word: shorter ones would only flicker.
+Chosen. That of a pattern never comes as soon."""
 
 _SETTING = "setting the devices"
 _PATTERN_JOB, _PATTERN = "pattern", "computing the pattern"
@@ -28,7 +29,7 @@ class AwaitedPicture:
         self._condition = threading.Condition()
         self._newest = self._reached = 0
         self._is_live = False
-        self._began = 0.0
+        self._began, self._patience = 0.0, _PATIENCE
         self._activity, self._end = _SETTING, 0.0
         threading.Thread(target=self._tell, name="awaited-picture", daemon=True).start()
 
@@ -42,11 +43,12 @@ class AwaitedPicture:
         """Return the number of the change that the window's newest picture belongs to."""
         return self._reached
 
-    def count_request(self) -> None:
+    def count_request(self, *, is_pattern: bool = False) -> None:
         """Count a change of a setting in the window, of which no picture can have come yet."""
         with self._condition:
             self._newest += 1
             self._began = time.monotonic()
+            self._patience = 0.0 if is_pattern else _PATIENCE
             self._activity, self._end = _SETTING, 0.0
             self._condition.notify()
 
@@ -83,7 +85,7 @@ class AwaitedPicture:
             with self._condition:
                 self._condition.wait_for(lambda: self._is_awaited or self._channel.closed)
                 self._condition.wait_for(
-                    lambda: self._channel.closed, self._began + _PATIENCE - time.monotonic()
+                    lambda: self._channel.closed, self._began + self._patience - time.monotonic()
                 )
                 report = self._report() if self._is_awaited else None
             if report is not None:

@@ -241,7 +241,7 @@ class Engine:
         """Count a change of what the window's pictures depend on, once it waits or is obeyed."""
         is_simulated = self._controller.live_tolerance.is_simulated
         if isinstance(command, _SETTINGS) or (isinstance(command, SetTolerance) and is_simulated):
-            self._awaited.count_request()
+            self._awaited.count_request(is_pattern=isinstance(command, ShowPattern))
 
     def _set_view(self, command: SetView) -> None:
         self._sender.set_view(command.view)
