@@ -11,7 +11,7 @@ from pathlib import Path
 
 from figures import Figure
 from figures.startup import display
-from figures.window_live import environment_of
+from figures.window_live import environment_of, other_load
 from labapp.files.reading import bundled_path
 
 _KINDS = ["Fresnel lens", "Axicon", "Cubic", "Annular", "Sine", "Aberrations", "Blazed grating"]
@@ -28,6 +28,7 @@ def window_changes_figures(folder: Path) -> list[Figure]:
     with display() as environment:
         if environment is None:
             return [Figure("patterns in the window", "seen", "no display: get xvfb", None)]
+        beside = other_load()
         found = {size: _found(folder, environment, size) for size in _PICTURE_GOALS}
     start = found[_SMALL][0]
     coarse, exact = start.get("prediction", start["exact"]), start["exact"]
@@ -35,18 +36,18 @@ def window_changes_figures(folder: Path) -> list[Figure]:
         Figure(
             "window shown, and its first picture: coarse and marked / exact, bundled bench",
             f"≤ {_SHOWN_GOAL:g} s, ≤ {_FIRST_GOALS[0]:g} / {_FIRST_GOALS[1]:g} s",
-            f"{start['window']:.2f} s, {coarse:.1f} / {exact:.1f} s",
+            f"{start['window']:.2f} s, {coarse:.1f} / {exact:.1f} s{beside}",
             start["window"] <= _SHOWN_GOAL
             and coarse <= _FIRST_GOALS[0]
             and exact <= _FIRST_GOALS[1],
         )
     ]
     for size, moments in found.items():
-        figures += _figures(size, moments[1:])
+        figures += _figures(size, moments[1:], beside)
     return figures
 
 
-def _figures(size: str, changes: list[dict[str, float]]) -> list[Figure]:
+def _figures(size: str, changes: list[dict[str, float]], beside: str) -> list[Figure]:
     """Of the changes of pattern on a bench with a sensor of some size."""
     busy = [one["busy"] for one in changes if "busy" in one]
     exact = [one["exact"] for one in changes]
@@ -59,20 +60,20 @@ def _figures(size: str, changes: list[dict[str, float]]) -> list[Figure]:
         Figure(
             f"{size}, a pattern is shown: it is said what the picture waits for",
             f"≤ {1e3 * _BUSY_GOAL:g} ms",
-            f"{1e3 * max(busy):.0f} ms, slowest of {len(busy)}",
+            f"{1e3 * max(busy):.0f} ms, slowest of {len(busy)}{beside}",
             max(busy) <= _BUSY_GOAL,
         ),
         Figure(
             f"{size}, coarse prediction, L2 against the mean of 16 exact frames",
             f"≤ {soon:g} s, within {100 * near:g} %",
             f"median {statistics.median(coarse):.2f} s, worst {max(coarse):.2f} s, "
-            f"within {100 * max(errors):.1f} %; {len(coarse)} of {len(changes)} came first",
+            f"within {100 * max(errors):.1f} %; {len(coarse)} of {len(changes)} came first{beside}",
             max(coarse) <= soon and max(errors) <= near,
         ),
         Figure(
             f"{size}, exact picture of a new pattern",
             f"median ≤ {usual:g} s, worst ≤ {longest:g} s",
-            f"median {median:.1f} s, worst {worst:.1f} s, {len(exact)} patterns",
+            f"median {median:.1f} s, worst {worst:.1f} s, {len(exact)} patterns{beside}",
             median <= usual and worst <= longest,
         ),
     ]
