@@ -24,10 +24,6 @@ class FrameRate:
         """Count a frame that is on the screen at a time in seconds."""
         self._arrivals.append(now)
 
-    def restart(self) -> None:
-        """Forget the frames of before the window's live view was stopped."""
-        self._arrivals.clear()
-
     def describe(self, now: float) -> str:
         """Return the rate of the window's live frames at a time in seconds, or their age."""
         if not self._arrivals:

@@ -124,7 +124,6 @@ class LiveView(QWidget):
         """Set whether the window's live view runs; if not, the last frame is marked "STOPPED"."""
         if not on:
             self.awaited.hide()
-            self._rate.restart()
         self._running = on
         if self._picture is not None:
             self._describe(self._picture)
