@@ -34,7 +34,12 @@ ACTION_SPECS = (
     ActionSpec("lock", "Lock", "Ctrl+L", "Keep the bench as it is: nothing moves", checkable=True),
     ActionSpec("plan", "Run plan …", "Ctrl+P", "Put the run of a plan file in line"),
     ActionSpec("resume", "Resume run …", "Ctrl+R", "Take the frames that a record lacks"),
-    ActionSpec("open", "Open run …", "Ctrl+O", "Reconstruct a run that was taken earlier"),
+    ActionSpec(
+        "open",
+        "Open run …",
+        "Ctrl+O",
+        "See a run taken earlier, and reconstruct it",
+    ),
     ActionSpec("contrast", "Auto contrast", "A", "Contrast follows the picture", checkable=True),
     ActionSpec("marks", "Clipping marks", "C", "Saturated red, zero blue", checkable=True),
     ActionSpec("why", "Why", "W", "What the simulator does and why, or the queue", checkable=True),

@@ -50,6 +50,13 @@ class BeforeAfterView(PictureView):
         self._redraw()
         self.fit()
 
+    def show_single(self, picture: NDArray[np.uint8]) -> None:
+        """Show one picture in the window that hasn't been restored, (rows, columns) uint8."""
+        self.show_before_after(picture, picture)
+        self.divider.hide()
+        for caption in self.captions:
+            caption.hide()
+
     def show_only_before(self, on: bool) -> None:
         """Show only the picture before reconstruction in the window, or both pictures again."""
         self._only_before = on
@@ -66,4 +73,4 @@ class BeforeAfterView(PictureView):
         at = self._before.shape[1] if self._only_before else round(self.divider.value())
         both = np.concatenate([self._before[:, :at], self._after[:, at:]], axis=1)
         self.show_indices(both, self._palette)
-        self.captions[1].setVisible(not self._only_before)
+        self.captions[1].setVisible(self.divider.isVisible() and not self._only_before)

@@ -180,6 +180,13 @@ class ReconnectDevice(Command):
 
 
 @dataclass(frozen=True)
+class OpenRecord(Command):
+    """Show what a record holds, and one of its frames."""
+
+    path: Path
+
+
+@dataclass(frozen=True)
 class ReconstructRun(Command):
     """Restore the blurred photograph of a record.
 
@@ -617,6 +624,29 @@ class DeviceReconnected:
     """Tell the window that a failed device of the bench is open again."""
 
     device: str
+
+
+@dataclass(frozen=True, eq=False)
+class RecordOpened:
+    """Tell the window what a record holds, and whether its photograph can be restored.
+
+    Attributes
+    ----------
+    path : Path
+        The record.
+    summary, frame : str
+        What the record holds, and which of its frames `picture` is.
+    picture : ndarray of uint8, shape (rows, columns), or None
+        A raw frame with the grey values of a screen; None if the record has none.
+    why_not_restored : str
+        Why the photograph can't be restored as it is; empty if it can.
+    """
+
+    path: Path
+    summary: str
+    frame: str
+    picture: NDArray[np.uint8] | None
+    why_not_restored: str
 
 
 @dataclass(frozen=True, eq=False)

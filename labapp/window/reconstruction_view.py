@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.before_after_view import BeforeAfterView
-from labapp.window.messages import DECODER, ReconstructionResult
+from labapp.window.messages import DECODER, ReconstructionResult, RecordOpened
 from labapp.window.spectral_messages import RecordBands, SpectralResult
 from labapp.window.spectral_view import SpectralView
 from labapp.window.widgets import fill_layout, make_label, make_tool_button, plain_tip
@@ -135,6 +135,17 @@ class ReconstructionView(QWidget):
         self.note.setToolTip(plain_tip(str(result.path)))
         self._pages.setCurrentIndex(0)
         self._enable_buttons()
+
+    def show_record(self, record: RecordOpened) -> None:
+        """Show a record in the window as it is: a raw frame, and what else it holds."""
+        if record.picture is not None:
+            self.picture.show_single(record.picture)
+        shown = f" Shown: {record.frame}." if record.frame else ""
+        why = f" Not restored: {record.why_not_restored}." if record.why_not_restored else ""
+        self._described = f"{record.summary}{shown}{why}"
+        self.note.setText(self._described + self._hint)
+        self.note.setToolTip(plain_tip(str(record.path)))
+        self._pages.setCurrentIndex(0)
 
     def show_cube(self, result: SpectralResult) -> None:
         self._pages.setCurrentWidget(self.spectra)

@@ -33,6 +33,7 @@ from labapp.window.messages import (
     PictureSaved,
     QueueState,
     ReconstructionResult,
+    RecordOpened,
     RequestRefused,
     RunEnded,
 )
@@ -70,6 +71,7 @@ class ReportDisplay:
             RequestRefused: session.refuse_request,
             DeviceReconnected: self._device_reconnected,
             RunEnded: self._run_ended,
+            RecordOpened: session.show_record,
             ReconstructionResult: self._reconstruction_result,
             SpectralResult: self._spectral_result,
             CubeColours: window.reconstruction.spectra.show_colours,

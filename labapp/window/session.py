@@ -21,9 +21,11 @@ from labapp.window.messages import (
     ComputePreview,
     ForecastAccuracy,
     MeasureAccuracy,
+    OpenRecord,
     QueueState,
     ReconnectDevice,
     ReconstructRun,
+    RecordOpened,
     RequestRefused,
     SaveRestored,
     SetLive,
@@ -249,7 +251,20 @@ class Session(QObject):
         folder = self._window.run.folder.text()
         path, _ = QFileDialog.getOpenFileName(self._window, "Run", folder, "Runs (*.h5)")
         if path:
-            self._reconstruct(Path(path))
+            self._last_run = Path(path)
+            self._connection.send(ListBands(self._last_run))
+            self._connection.send(OpenRecord(self._last_run))
+            self._allow()
+
+    def show_record(self, record: RecordOpened) -> None:
+        """Show a record that the person has opened in the window, and restore it if it can be."""
+        window = self._window
+        window.reconstruction.show_record(record)
+        window.show_reconstruction()
+        window.message.show_message(f"Opened {record.path}.")
+        wants_bands = window.reconstruction.wanted_bands is not None
+        if self._last_run == record.path and (wants_bands or not record.why_not_restored):
+            self._reconstruct_last()
 
     def _save_restored(self) -> None:
         title, ending, kinds = "Reconstructed picture", ".tiff", _PICTURE_KINDS

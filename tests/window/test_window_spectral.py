@@ -284,8 +284,8 @@ def test_a_cube_is_restored_seen_in_a_light_and_saved(
     person.chooses(view.light, "D65")
     # Without "Bands", no wavelength is chosen: it says what to do.
     opens(bench, person, chosen_file, record)
-    person.waits(lambda: window.message.is_error)
-    assert "tick Bands, to restore a spectral cube" in window.message.text
+    person.waits(lambda: "Not restored: it has several wavelengths" in panel.note.text())
+    assert not window.message.is_error
     person.waits(lambda: panel.band_list.placeholderText() == "all: 460, 540, 620 nm")
     assert "tick Bands to restore a spectral cube (F7)" in panel.note.text()
 

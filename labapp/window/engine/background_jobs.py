@@ -24,6 +24,7 @@ from labapp.window.messages import (
     ComputePreview,
     ForecastAccuracy,
     MeasureAccuracy,
+    OpenRecord,
     PictureSaved,
     ReconstructRun,
     SaveRestored,
@@ -89,6 +90,14 @@ class BackgroundJobs:
             self._channel.send(restored.result_message)
 
         self._start("reconstruction", work)
+
+    def open_record(self, command: OpenRecord) -> None:
+        def work(progress: Progress) -> None:
+            from labapp.window.engine.opened_record import open_record
+
+            self._channel.send(open_record(command.path))
+
+        self._start("opening", work)
 
     def restore_cube(self, command: RestoreCube) -> None:
         def work(progress: Progress) -> None:
