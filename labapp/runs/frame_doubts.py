@@ -110,6 +110,44 @@ class FrameDoubts:
         return found
 
 
+def target_doubt(
+    camera: Camera,
+    target: str,
+    pattern: str,
+    wavelength: float,
+    exposure: float,
+    image: NDArray[np.uint16],
+) -> str:
+    """Return how a frame outside of a run doesn't fit the target that a person has placed.
+
+    Targets and patterns are known by their usual names: "dark", "star" and "neutral".
+
+    Parameters
+    ----------
+    camera : Camera
+        The bench's camera.
+    target, pattern : str
+        Names of the target that was confirmed, and of the pattern on the SLM.
+    wavelength, exposure : float
+        Wavelength in metres and exposure time in seconds.
+    image : ndarray of uint16, shape (rows, columns)
+        The frame in DN.
+
+    Returns
+    -------
+    str
+        The doubt in words; "" if the frame fits.
+    """
+    usual, sensor = Reconstruction(coded=""), camera.sensor
+    if target == usual.dark:
+        return light_in_the_dark(sensor, exposure, image)
+    found = lack_of_light(sensor, exposure, image)
+    if not found and target == usual.star and pattern == usual.neutral:
+        found = star_that_is_none(sensor, exposure, image)
+        found = found or star_out_of_focus(camera, wavelength, exposure, image)
+    return found
+
+
 def light_in_the_dark(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
     """Return how a dark frame of a run shows light; "" if it doesn't.
 

@@ -316,7 +316,8 @@ class BenchState:
 
     `wavelength` is in metres, `exposure` in seconds. `live` tells whether live view is running, and
     `waiting` whether a run waits for a person, who may set exposure and live view meanwhile.
-    `target` is empty as long as a person has confirmed none. `pattern_number` counts the patterns
+    `target` is empty as long as a person has confirmed none, and `target_doubt` says how the first
+    picture after that doesn't fit the target. `pattern_number` counts the patterns
     that the window has shown, from 0 for the one at the opening.
     """
 
@@ -328,6 +329,7 @@ class BenchState:
     live: bool
     waiting: bool = False
     pattern_number: int = 0
+    target_doubt: str = ""
 
     @property
     def failed_devices(self) -> set[str]:

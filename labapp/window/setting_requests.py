@@ -24,6 +24,9 @@ from labapp.window.settings_history import SettingChange, SettingsHistory
 if TYPE_CHECKING:
     from labapp.window.main_window import MainWindow
 
+_DOUBT = "doubt"
+"""Subject of the question about a target that the picture doesn't show."""
+
 _TARGET = "target"
 """Subject of the question whether a person has placed a target."""
 
@@ -43,6 +46,7 @@ class SettingRequests(QObject):
         self._by_hand = self._run_active = self._waiting = self._open = False
         self._wavelength_pending = False
         self._newest_pattern = 0
+        self._target_doubt = ""
         settings, actions = window.settings, window.actions_
         settings.target_requested.connect(self._request_target)
         settings.wavelength_requested.connect(self._request_wavelength)
@@ -60,13 +64,15 @@ class SettingRequests(QObject):
         """Begin with a bench that has just opened, and request the window's settings from it."""
         self._by_hand = bench.targets_by_hand
         self._newest_pattern = 0
+        self._target_doubt = ""
         self._history.clear()
         self._history.note("pattern", 0)
         self._window.settings.request_all_settings()
 
     def on_bench_closed(self) -> None:
         """Forget what was set on a bench that the window has lost."""
-        self._window.question.withdraw(_TARGET)
+        for subject in (_TARGET, _DOUBT):
+            self._window.question.withdraw(subject)
         self._history.clear()
 
     def show_state(self, state: BenchState) -> None:
@@ -80,8 +86,29 @@ class SettingRequests(QObject):
         if self._by_hand and state.target and not self._run_active:
             # A run may have asked for another target than the window did last.
             self._history.values["target"] = state.target
+        if state.target_doubt != self._target_doubt:
+            self._target_doubt = state.target_doubt
+            self._ask_about_target(state.target)
         self.send_pending_wavelength()
         self._update()
+
+    def _ask_about_target(self, target: str) -> None:
+        """Ask the person at the window whether a target is in place that the picture doesn't show.
+
+        If it isn't, the person is asked to place it again.
+        """
+        if not self._target_doubt or self._run_active:
+            return
+        self._window.question.ask(
+            Question(
+                _DOUBT,
+                f"{target!r} is confirmed, but {self._target_doubt}.",
+                "It is in place",
+                "Place it again",
+                lambda: None,
+                lambda: self._request_target(target),
+            )
+        )
 
     def allow(self, is_open: bool, *, run_active: bool, waiting: bool) -> None:
         """Enable the window's settings that may be changed now, and disable the others.
@@ -91,7 +118,8 @@ class SettingRequests(QObject):
         self._open, self._run_active, self._waiting = is_open, run_active, waiting
         window, free = self._window, is_open and not self.is_locked
         if run_active or not free:
-            window.question.withdraw(_TARGET)
+            for subject in (_TARGET, _DOUBT):
+                window.question.withdraw(subject)
             self._end_asking()
         window.settings.set_enabled(free, run_active=run_active, waiting=waiting)
         window.pattern.set_showing_allowed(free and not run_active)
@@ -161,8 +189,8 @@ class SettingRequests(QObject):
         """End the window's request for a target that the person hasn't placed."""
         settings = self._window.settings
         if settings.asked_target:
-            settings.ask_for_target("")
             settings.target.show_text(self._history.values.get("target", ""))
+            settings.ask_for_target("")
             self._send(AskForTarget(""))
 
     def _set(self, name: str, value: Any) -> None:

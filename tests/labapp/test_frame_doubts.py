@@ -15,6 +15,7 @@ from labapp.runs.frame_doubts import (
     light_in_the_dark,
     star_out_of_focus,
     star_that_is_none,
+    target_doubt,
 )
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -121,6 +122,22 @@ def test_roles_and_exposures_decide_what_is_judged():
     assert "dark frame" in doubts.doubt(taken[2], frame(130.0))
     doubts.settle(taken[2])
     assert doubts.doubt(taken[2], frame(130.0)) == ""
+
+
+def test_targets_that_a_person_places_are_judged_by_their_names():
+    empty, lit, wide = frame(0.0), frame(130.0), frame(spot(30.0, 8000.0))
+    for target, pattern, image, words in (
+        ("dark", "neutral", empty, ""),
+        ("dark", "neutral", lit, "this dark frame reads 114 DN"),
+        ("star", "neutral", empty, "no pixel has light"),
+        ("star", "neutral", wide, "the star is 30 pixels wide"),
+        ("star", "ring", wide, ""),
+        ("photograph", "neutral", empty, "no pixel has light"),
+        ("photograph", "neutral", lit, ""),
+    ):
+        said = target_doubt(CAMERA, target, pattern, 550e-9, 0.1, image)
+        assert said.startswith(words), (target, pattern)
+        assert bool(said) == bool(words), (target, pattern)
 
 
 @pytest.fixture

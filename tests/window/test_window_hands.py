@@ -240,6 +240,17 @@ def test_targets_placed_by_hand_are_asked_and_confirmed(manual):
     wait_until(lambda: settings.target_read.text() == "confirmed: star")
     wait_until(lambda: manual.frame.target == "star (confirmed)")
     assert "star, as confirmed" in window.devices.text("targets")
+    # The virtual camera looks at the dark, whatever a person says.
+    doubt = (
+        "'star' is confirmed, but no pixel has light: the target is missing, or the light is off."
+    )
+    wait_until(lambda: window.question.text == doubt)
+    hand.clicks(window.question.no_button)
+    assert settings.target_read.text() == "asked: star"
+    hand.presses(Qt.Key.Key_Return, ctrl=True)
+    wait_until(lambda: window.question.text == doubt)
+    hand.presses(Qt.Key.Key_Return, ctrl=True)
+    assert window.question.text == ""
     choose(hand, settings.target, "dark")
     hand.presses(Qt.Key.Key_Escape)
     assert settings.target_read.text() == "confirmed: star"
@@ -247,6 +258,9 @@ def test_targets_placed_by_hand_are_asked_and_confirmed(manual):
     choose(hand, settings.target, "dark")
     hand.clicks(window.question.yes_button)
     wait_until(lambda: settings.target_read.text() == "confirmed: dark")
+    frames = manual.frames
+    wait_until(lambda: manual.frames > frames + 2)
+    assert window.question.text == ""
     # Undo can only ask.
     hand.presses(Qt.Key.Key_Z, ctrl=True)
     wait_until(lambda: settings.target_read.text().endswith("asked: star"))
@@ -254,7 +268,7 @@ def test_targets_placed_by_hand_are_asked_and_confirmed(manual):
     wait_until(lambda: settings.target_read.text() == "confirmed: star")
     assert not window.actions_["undo"].isEnabled()
     assert window.actions_["redo"].isEnabled()
-    assert watch.moves == ["PlaceTarget"] * 3
+    assert watch.moves == ["PlaceTarget"] * 4
 
 
 def choose(hand, box, text):

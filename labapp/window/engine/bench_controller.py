@@ -44,7 +44,8 @@ class BenchController:
         self._shown = ShownPatterns(
             bench.slm.displayed_pattern, np.zeros(bench.description.panel.shape, np.uint8)
         )
-        self._asked_target = ""
+        self._asked_target = self._target_doubt = ""
+        self._target_unseen = False
         self._ready = bench.clock.now()
         self._exposure = self._opened.exposure_range[0]
         try:
@@ -54,7 +55,8 @@ class BenchController:
 
     def place_target(self, target: str) -> None:
         """Place the target that the window requests."""
-        self._asked_target = ""
+        self._asked_target = self._target_doubt = ""
+        self._target_unseen = self._bench.targets.by_hand
         self._requested = replace(self._requested, target=target)
         self.devices.require_alive("targets")
         self._note_settling("targets", self._bench.targets.place(target))
@@ -123,6 +125,7 @@ class BenchController:
         bench.clock.wait_until(self._ready, cancelled)
         frame = bench.camera.capture(cancelled)
         self.devices.mark_working("camera")
+        self._judge_target(frame)
         return self.label_frame(frame.image, frame.exposure, frame.number)
 
     def label_frame(self, image: NDArray[np.uint16], exposure: float, number: int) -> LiveFrame:
@@ -171,11 +174,37 @@ class BenchController:
             exposure=self._exposure,
             live=live,
             pattern_number=self._requested.pattern_number or 0,
+            target_doubt=self._target_doubt,
         )
 
     def describe_bench(self) -> BenchOpened:
         infos = self.devices.device_infos(self._exposure, live=False, running=False)
         return replace(self._opened, devices=infos)
+
+    def _judge_target(self, frame: Frame) -> None:
+        """Judge by the window's first frame whether a target is there that a person confirmed."""
+        if not self._target_unseen:
+            return
+        # It is loaded only where a person places targets.
+        from labapp.runs.frame_doubts import target_doubt
+
+        bench, self._target_unseen = self._bench, False
+        self._target_doubt = target_doubt(
+            bench.description,
+            bench.targets.current_target,
+            bench.slm.displayed_pattern,
+            bench.filter.wavelength,
+            frame.exposure,
+            frame.image,
+        )
+
+    @property
+    def target_doubt(self) -> str:
+        """Return how the window's first frame of a confirmed target doesn't fit it; "" if it does.
+
+        Only targets that a person places are judged.
+        """
+        return self._target_doubt
 
     def _target_words(self) -> str:
         """Return what a live frame says of its target: whatever nobody can read back, it says so.

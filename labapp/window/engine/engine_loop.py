@@ -264,6 +264,7 @@ class Engine:
     def _take_frame(self) -> None:
         request = self._settled_request()
         self._pace.begin()
+        doubt = self._controller.target_doubt
         try:
             with self._outdated.watch(), self._controller.live_tolerance.during_frame():
                 frame = self._take_awaited_frame(request)
@@ -271,6 +272,8 @@ class Engine:
             # In this order, no prediction follows the picture.
             self._awaited.note_picture(request)
             self._sender.offer(frame, request, self._alignment.offer)
+            if self._controller.target_doubt != doubt:
+                self._tell()
         except Exception as error:
             if self._outdated.is_given_up and isinstance(error, DeviceError):
                 return
