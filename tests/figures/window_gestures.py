@@ -100,11 +100,14 @@ class Hand:
 
     def presses(self, key: Qt.Key, *, ctrl: bool = False) -> None:
         keys = Qt.KeyboardModifier.ControlModifier if ctrl else Qt.KeyboardModifier.NoModifier
+        self.takes_focus()
+        QTest.keyClick(self._handle, key, keys)
+
+    def takes_focus(self) -> None:
+        """Activate the window: without a window manager, nobody does after a list was open."""
         if not QApplication.activePopupWidget() and not self.window.isActiveWindow():
-            # Without a window manager, nobody gives the focus back that a list has taken.
             self.window.activateWindow()
             wait(self.window.isActiveWindow)
-        QTest.keyClick(self._handle, key, keys)
 
     def types(self, field: QWidget, text: str) -> None:
         """Click into a field, type over what it has, and press Enter."""
@@ -346,6 +349,7 @@ def undo_figures(hand: Hand, watch: Watch, settings: Settings, count: int) -> di
         wait(settings.make())
         if watch.seen == before:
             continue
+        hand.takes_focus()
         began = time.monotonic()
         hand.presses(Qt.Key.Key_Z, ctrl=True)
         wait(lambda old=before: watch.seen == old)

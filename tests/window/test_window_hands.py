@@ -38,7 +38,7 @@ def middle(widget):
 
 def test_stray_gestures_move_nothing(bench, hand, watch, person):
     before, rng = watch.seen, random.Random(11)
-    for _ in range(80):
+    for _ in range(50):
         hand.stray(rng)
     hand.closes_lists()
     person.waits(lambda: watch.seen == before)
