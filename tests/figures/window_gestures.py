@@ -39,6 +39,7 @@ from labapp.window.messages import (
     ShowPattern,
     ShowPatternAgain,
 )
+from labapp.window.theme import DIFFERS_SIGN
 
 MOVES = (
     PlaceTarget,
@@ -179,8 +180,14 @@ class Watch:
     def seen(self) -> tuple[str, ...]:
         """What the window says of the bench."""
         settings = self.window.settings
-        labels = settings.target_read, settings.wavelength_read, settings.exposure_read
-        return (*(one.text() for one in labels), self.window.pattern.displayed_label.text())
+        labels = (
+            settings.target_read,
+            settings.wavelength_read,
+            settings.exposure_read,
+            self.window.pattern.displayed_label,
+        )
+        # The sign says that a field shows another value than the bench has.
+        return tuple(one.text().removeprefix(f"{DIFFERS_SIGN} ") for one in labels)
 
 
 def wait(seen: Callable[[], bool], patience: float = _PATIENCE) -> float:
