@@ -23,6 +23,9 @@ from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
 
+_LARGE = 1 << 22
+"""Bytes from which a picture's digest takes longer than the disk to begin with it. Chosen."""
+
 
 class CorruptFrame(Exception):
     """A frame's picture differs from the one that the camera sent."""
@@ -140,6 +143,7 @@ class RecordWriter:
         summed = self._digest_threads.submit(checksum, image)
         digested = self._digest_threads.submit(digests.image_digest, image)
         self._write("images", index, image.data.cast("B"))
+        self._begin_writeback(index, image.nbytes)
         found = summed.result()
         if known is not None and found != known:
             raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
@@ -217,6 +221,16 @@ class RecordWriter:
         # By its path, a file is found again after a move; but the path may name another by now.
         path = self.path if has_path(self._lock, self.path) else f"/proc/self/fd/{self._lock}"
         self._handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+
+    def _begin_writeback(self, index: int, size: int) -> None:
+        """Let the disk take a large picture of a run's record while its digest is computed.
+
+        On Linux the advice begins to write, and keeps what isn't on the disk yet in memory.
+        """
+        if size >= _LARGE:
+            place = self._places["images"]
+            offset = place.offset + index * place.row_bytes
+            os.posix_fadvise(self._handle, offset, size, os.POSIX_FADV_DONTNEED)
 
     def _put(self, name: str, row: int, value: Any) -> None:
         """Write a row of a dataset at its place in the file of the run's record."""
