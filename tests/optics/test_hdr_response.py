@@ -39,6 +39,21 @@ def test_the_curve_is_that_of_the_pictures():
     assert curve.number_noise == pytest.approx(np.hypot(0.7, 12**-0.5), rel=0.25)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_three_exposures_far_apart_tell_a_curve_without_ripples(seed):
+    """sRGB's curve (IEC 61966-2-1), and even patches; ripples with a period of 8 fit as well."""
+    rng, times = np.random.default_rng(seed), np.array([0.125, 1.0, 8.0])
+    patches = 10 ** rng.uniform(-2.5, 0.5, (4, 4))
+    light = np.kron(patches, np.ones((60, 80))) * np.exp(rng.normal(0, 0.02, (240, 320)))
+    share = np.minimum(light * times[:, None, None], 1)
+    coded = np.where(share < 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
+    frames = np.clip(np.round(255 * coded + rng.normal(0, 0.5, coded.shape)), 0, 255)
+    curve = fit_response(frames.astype(np.uint8), times)
+    levels = np.arange(30, 246)
+    away = curve.logs[levels] - np.log(((levels / 255 + 0.055) / 1.055) ** 2.4)
+    assert np.abs(away - np.median(away)).max() < 0.1
+
+
 def test_merged_light_is_that_of_the_scene_and_better_than_opencvs():
     light, frames = pictures()
     merged = merge_by_response(frames, TIMES, fit_response(frames, TIMES))
