@@ -125,6 +125,10 @@ def test_what_tells_no_curve_is_refused():
         fit_response(frames[:2], [1.0, 1.0])
     with pytest.raises(ValueError, match="0 pixels have numbers from 5 to 250 in two frames"):
         fit_response(np.full((3, 50, 50), 255, np.uint8), [1, 2, 4])
+    white = frames[:3].copy()
+    white[1] = 255
+    with pytest.raises(ValueError, match=r"in two neighbouring exposures.* add exposures"):
+        fit_response(white, TIMES[:3])
     with pytest.raises(ValueError, match="numbers hardly change"):
         fit_response(np.full((3, 50, 50), 128, np.uint8), [1, 2, 4])
     curve = fit_response(frames, TIMES)
