@@ -143,7 +143,7 @@ def test_a_cancelled_run_says_so_in_its_file_and_leaves_the_bench_safe(
     assert not bench.window.settings.target.isEnabled()
     assert not bench.window.pattern.show_button.isEnabled()
     # What the devices are set to is read back during the run, too.
-    person.waits(lambda: bench.window.settings.target_read.text() == "dark")
+    person.waits(lambda: bench.window.settings.target_read.text() == "≠ dark")
     person.clicks(bench.window.bar.buttons["cancel"])
     person.clicks(bench.window.question.yes_button)
     person.waits(lambda: bench.last(RunEnded) is not None)
