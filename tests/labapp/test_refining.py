@@ -405,7 +405,7 @@ def test_a_design_of_another_kind_or_panel_is_refused(labapp, small, design, tmp
         (bare, "its settings name no pattern"),
         (damaged, "damaged.h5: is damaged"),
         (small.scene, "scene.toml: cannot be read as HDF5"),
-        (tmp_path / "none.h5", "none.h5: there is no such file"),
+        (tmp_path / "none.h5", "none.h5: cannot be read: there is no such file"),
     ):
         code, _, err = labapp("refine", path, *small.arguments(), "--out", tmp_path / "b.h5")
         assert code == 1

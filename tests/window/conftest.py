@@ -229,4 +229,5 @@ def align(bench: Bench, person: Person) -> Iterator[AlignmentPanel]:
     person.types(bench.window.settings.exposure, "1")
     person.waits(lambda: bench.frame.target == "star" and bench.frame.exposure == 1e-3)
     yield panel
+    bench.window.live_view.picture.fit()
     bench.window.show_queue()

@@ -98,6 +98,9 @@ def test_a_key_holds_the_contrast(bench, person):
 def test_a_handle_of_the_histogram_is_dragged_while_pictures_come(bench, person, qtbot):
     """Frames that come meanwhile don't take it out of the hand."""
     view, action = bench.window.live_view, bench.window.actions_["contrast"]
+    person.waits(lambda: bench.frame.exposure == 0.4)
+    count = bench.frames
+    person.waits(lambda: bench.frames > count + 2)
     low, high = view.levels
     place = view.histogram.handle_position(1)
     plot = view.histogram.plot.viewport()

@@ -25,6 +25,7 @@ def test_live_goes_on_while_a_run_asks_and_leaves_no_trace(
             if looks:
                 look_around(bench, person, align)
             else:
+                person.waits(bench.window.actions_["live"].isChecked)
                 person.presses(Qt.Key.Key_F5)
                 person.waits(lambda: "STOPPED" in bench.window.live_view.caption.text())
             person.clicks(bench.window.prompt_bar.done_button)
