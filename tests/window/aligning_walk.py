@@ -170,7 +170,7 @@ class Walk:
         asks = self._window.prompt_bar
         self._waits(lambda: asks.is_asking or self._bench.last(RunEnded) is not None)
         while asks.is_asking:
-            # Without its pattern, the star is out of focus, which the window doubts; so it shall be.
+            # Without its pattern, the star is out of focus: the window doubts it, rightly.
             assert "focus" in asks.text
             self._person.clicks(asks.other_button)
             self._waits(lambda text=asks.text: asks.text != text)
