@@ -12,6 +12,9 @@ def main() -> None:
         begin_command(sys.argv)
         quit_on_interrupt()
     except KeyboardInterrupt:
+        # What would print the document isn't imported yet.
+        if "--json" in sys.argv:
+            os.write(1, b'{"error": "cancelled", "exit_code": 130}\n')
         os._exit(130)
     from labapp.cli import main as run_command
 
