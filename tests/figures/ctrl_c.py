@@ -44,10 +44,12 @@ COMMANDS = {
     "explain": "explain --json",
 }
 
-# The package's first line is preceded by Python's own start, which prints what it likes.
+# Before the first line of the command, Python itself starts and looks for it, and prints what it
+# likes if it is interrupted.
 _START = (
-    "import os, runpy, sys; sys.argv[:] = ['labapp', *sys.argv[1:]]; os.write({told}, b'x'); "
-    "os.close({told}); runpy.run_module('labapp', run_name='__main__', alter_sys=True)"
+    "import os, sys; from importlib.util import find_spec; "
+    "sys.argv[:] = ['labapp', *sys.argv[1:]]; spec = find_spec('labapp.__main__'); "
+    "code = spec.loader.get_code(spec.name); os.write({told}, b'x'); exec(code)"
 )
 
 
