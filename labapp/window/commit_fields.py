@@ -8,8 +8,8 @@ it back.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import AbstractContextManager, contextmanager
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QWheelEvent
@@ -23,7 +23,55 @@ PRESSES = (QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick)
 _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
-class CommitSpinBox(QDoubleSpinBox):
+class _CommitInput(QWidget if TYPE_CHECKING else object):  # type: ignore[misc]
+    """Let keys and wheel only propose a value in a field of the window; Enter sets it.
+
+    Stands before a Qt class among the bases. Esc and leaving the field take the value back.
+    """
+
+    @property
+    def is_pending(self) -> bool:
+        """Return whether the window's field shows a value that isn't set."""
+        raise NotImplementedError
+
+    def take_back(self) -> None:
+        """Show the value that is set in the window again, in place of a pending one."""
+        raise NotImplementedError
+
+    def _enter(self) -> None:
+        """Set what the window's field shows."""
+        raise NotImplementedError
+
+    def _proposing(self) -> AbstractContextManager[None]:
+        """Return the block in which changes only propose a value in the window."""
+        raise NotImplementedError
+
+    def event(self, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ShortcutOverride and _takes_escape(self, event):
+            return True
+        return super().event(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        if event.reason() != Qt.FocusReason.PopupFocusReason:
+            self.take_back()
+        super().focusOutEvent(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() in _ENTER:
+            self._enter()
+            leave_field(self)
+        elif event.key() == Qt.Key.Key_Escape and self.is_pending:
+            self.take_back()
+        else:
+            with self._proposing():
+                super().keyPressEvent(event)
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        with self._proposing():
+            super().wheelEvent(event)
+
+
+class CommitSpinBox(_CommitInput, QDoubleSpinBox):
     """Let the person set a number of the bench.
 
     `committed` is emitted with a number that the person has set, and `pending_changed` with
@@ -60,11 +108,6 @@ class CommitSpinBox(QDoubleSpinBox):
         """Show the number that is set in the window again, in place of a pending one."""
         self.show_value(self.set_value)
 
-    def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShortcutOverride and _takes_escape(self, event):
-            return True
-        return super().event(event)
-
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Leave the field after a drag over its text: only a click enters it."""
         if isinstance(event, QMouseEvent):
@@ -80,27 +123,6 @@ class CommitSpinBox(QDoubleSpinBox):
     def focusInEvent(self, event: QFocusEvent) -> None:
         self._just_entered = event.reason() == Qt.FocusReason.MouseFocusReason
         super().focusInEvent(event)
-
-    def focusOutEvent(self, event: QFocusEvent) -> None:
-        if event.reason() != Qt.FocusReason.PopupFocusReason:
-            self.take_back()
-        super().focusOutEvent(event)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() in _ENTER:
-            with self._as_person():
-                self.interpretText()
-            self._commit()
-            leave_field(self)
-        elif event.key() == Qt.Key.Key_Escape and self.is_pending:
-            self.take_back()
-        else:
-            with self._as_person():
-                super().keyPressEvent(event)
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        with self._as_person():
-            super().wheelEvent(event)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         # An arrow that is held goes on stepping until it is released.
@@ -119,7 +141,7 @@ class CommitSpinBox(QDoubleSpinBox):
         self._mark()
 
     @contextmanager
-    def _as_person(self) -> Iterator[None]:
+    def _proposing(self) -> Iterator[None]:
         """Take changes within the block for the person's, which only propose a number."""
         self._by_person = True
         try:
@@ -137,6 +159,11 @@ class CommitSpinBox(QDoubleSpinBox):
         self._typed = True
         self._mark()
 
+    def _enter(self) -> None:
+        with self._proposing():
+            self.interpretText()
+        self._commit()
+
     def _commit(self) -> None:
         if self.is_pending:
             self._typed, self.set_value = False, self.value()
@@ -147,7 +174,7 @@ class CommitSpinBox(QDoubleSpinBox):
         self._is_pending = _show_pending(self, self._is_pending)
 
 
-class CommitComboBox(QComboBox):
+class CommitComboBox(_CommitInput, QComboBox):
     """Let the person choose a setting of the bench from a list.
 
     `committed` is emitted with an item that the person has set, and `pending_changed` with
@@ -179,30 +206,6 @@ class CommitComboBox(QComboBox):
         """Show the item that is set in the window again, in place of a pending one."""
         self.show_text(self.set_text)
 
-    def event(self, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.ShortcutOverride and _takes_escape(self, event):
-            return True
-        return super().event(event)
-
-    def focusOutEvent(self, event: QFocusEvent) -> None:
-        if event.reason() != Qt.FocusReason.PopupFocusReason:
-            self.take_back()
-        super().focusOutEvent(event)
-
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        if event.key() in _ENTER:
-            self._commit()
-            leave_field(self)
-        elif event.key() == Qt.Key.Key_Escape and self.is_pending:
-            self.take_back()
-        else:
-            with self._by_keys():
-                super().keyPressEvent(event)
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
-        with self._by_keys():
-            super().wheelEvent(event)
-
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Wait for the release: a drag that begins on the field must not open its list."""
         self._pressed_at = event.globalPosition().toPoint()
@@ -217,7 +220,7 @@ class CommitComboBox(QComboBox):
             self.showPopup()
 
     @contextmanager
-    def _by_keys(self) -> Iterator[None]:
+    def _proposing(self) -> Iterator[None]:
         """Take a choice within the block for a proposal, since the list isn't open."""
         self._by_key = True
         try:
@@ -232,6 +235,9 @@ class CommitComboBox(QComboBox):
         else:
             self._commit(again=True)
             leave_field(self)
+
+    def _enter(self) -> None:
+        self._commit()
 
     def _commit(self, *, again: bool = False) -> None:
         if self.currentText() and (again or self.is_pending):
@@ -261,7 +267,7 @@ def was_dragged(pressed_at: QPoint, event: QMouseEvent) -> bool:
     return moved.manhattanLength() >= QApplication.startDragDistance()
 
 
-def _takes_escape(field: CommitField, event: QEvent) -> bool:
+def _takes_escape(field: _CommitInput, event: QEvent) -> bool:
     """Accept Esc for a field of the window that has something to take back."""
     if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:
         return False
