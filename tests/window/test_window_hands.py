@@ -210,7 +210,7 @@ def test_a_picture_file_is_shown_once_it_was_read(bench, hand, person, tmp_path)
     bench.reports.clear()
     person.types(pattern.form.file, str(tmp_path / "missing.png"))
     person.waits(lambda: pattern.note.text() == "no preview")
-    assert window.message.is_error
+    person.waits(lambda: window.message.is_error)
     assert not pattern.show_button.isEnabled()
     window.message.acknowledge()
     pattern.form.file.clear()
