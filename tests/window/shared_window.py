@@ -60,6 +60,8 @@ class SharedWindow:
         person.waits(window.actions_["live"].isEnabled, patience=patience)
         window.message.acknowledge()
         window.tabs.setCurrentWidget(window.live_view)
+        for text in (window.pattern.form.texts[kind, "file"] for kind in ("image", "logo")):
+            text.clear()
         for name, wanted in (("why", False), ("live", True)):
             if window.actions_[name].isChecked() is not wanted:
                 person.clicks(window.bar.buttons[name])
