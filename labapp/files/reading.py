@@ -23,7 +23,7 @@ M = TypeVar("M")
 class FileModel(BaseModel):
     """Base of all tables in the application's files; unknown keys are errors, values are frozen."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, defer_build=True)
 
 
 def bundled_path(name: str) -> Path:

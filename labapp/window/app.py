@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
-from typing import Unpack
-
-from PySide6.QtWidgets import QApplication
+from typing import TYPE_CHECKING, Unpack
 
 from labapp.common.errors import UserError
-from labapp.window import theme
+from labapp.common.memory import lasting_objects
 from labapp.window.bench_options import BenchOptions
-from labapp.window.engine_connection import EngineConnection
-from labapp.window.main_window import MainWindow
-from labapp.window.remembered_settings import RememberedSettings, default_settings_file
+from labapp.window.started_engine import StartedEngine, start_engine
+
+if TYPE_CHECKING:
+    from PySide6.QtWidgets import QApplication
+
+    from labapp.window.engine_connection import EngineConnection
+    from labapp.window.main_window import MainWindow
 
 
 def main(**options: Unpack[BenchOptions]) -> int:
@@ -33,20 +36,29 @@ def main(**options: Unpack[BenchOptions]) -> int:
 def open_window(
     **options: Unpack[BenchOptions],
 ) -> tuple[QApplication, MainWindow, EngineConnection]:
-    """Show the window, and start its engine process.
+    """Start the window's engine, load the window meanwhile, and show it.
 
     `options` are the files of the bench, of the scene, of the image, and of faults that are
     injected into simulated devices, and the memory for simulated pictures. Only the engine's
-    process imports heavy libraries, after the window is shown. Raises UserError if there is no
-    display.
+    process imports heavy libraries. Raises UserError if there is no display.
     """
     _require_display()
     # Ctrl-C in the terminal ends the window at once; the engine then makes the bench safe.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    engine: StartedEngine | None = None
+    with contextlib.suppress(OSError):  # The connection tries again, and tells why.
+        engine = start_engine(options)
+    with lasting_objects():
+        from PySide6.QtWidgets import QApplication
+
+        from labapp.window import theme
+        from labapp.window.engine_connection import EngineConnection
+        from labapp.window.main_window import MainWindow
+        from labapp.window.remembered_settings import RememberedSettings, default_settings_file
     application = QApplication(sys.argv[:1])
     application.setApplicationName("labapp")
     theme.apply_theme(application)
-    connection = EngineConnection(**options)
+    connection = EngineConnection(engine, **options)
     window = MainWindow(connection, RememberedSettings(default_settings_file()))
     window.show()
     connection.start()

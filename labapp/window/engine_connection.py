@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 import threading
 from dataclasses import dataclass
@@ -18,8 +17,7 @@ from labapp.common.plain_text import printable
 from labapp.window.bench_options import BenchOptions
 from labapp.window.frame_memory import FrameMemoryReader, SlotHeader
 from labapp.window.messages import AcknowledgeFrame, Command
-
-_ENGINE = "labapp.window.engine.engine_process:run_engine"
+from labapp.window.started_engine import StartedEngine, start_engine
 
 
 @dataclass(frozen=True)
@@ -28,8 +26,6 @@ class EngineConnectionSettings:
 
     Attributes
     ----------
-    grace : float
-        Seconds that the engine has to leave the bench safe once the window is gone. Chosen.
     kept_characters : int
         Characters of the last line of the engine's error output that are kept for the message
         about its end. Chosen.
@@ -37,7 +33,6 @@ class EngineConnectionSettings:
         Seconds to wait for the rest of the error output of an engine that has ended. Chosen.
     """
 
-    grace: float = 10.0
     kept_characters: int = 2000
     reading_time: float = 1.0
 
@@ -49,7 +44,7 @@ class EngineConnection(QObject):
     """Run the engine in a child process and exchange messages with it; only close() waits.
 
     `options` are the files of the bench, the scene, the image and the faults, where given, and the
-    memory for simulated pictures.
+    memory for simulated pictures. `engine` was started with them, if it was already.
     `report_received` is emitted with every report; of live frames that arrive together, only the
     newest is emitted. `engine_died` is emitted with an explanation if the engine ended without
     being told to.
@@ -58,9 +53,12 @@ class EngineConnection(QObject):
     report_received = Signal(object)
     engine_died = Signal(str)
 
-    def __init__(self, **options: Unpack[BenchOptions]) -> None:
+    def __init__(
+        self, engine: StartedEngine | None = None, **options: Unpack[BenchOptions]
+    ) -> None:
         super().__init__()
         self._options = options
+        self._engine = engine
         self._process: ChildProcess | None = None
         self.has_failed = False
         """Whether the engine that ended last crashed, or couldn't leave the bench safe."""
@@ -85,20 +83,20 @@ class EngineConnection(QObject):
         return self._process.pid if self._process else 0
 
     def start(self) -> None:
-        """Start an engine process for the window, after closing the one that is running."""
+        """Listen to the window's engine; start one, after closing the one that is running."""
         self.close()
         self._last_words = ""
-        reading, theirs = os.pipe()
-        self._passing = threading.Thread(target=self._forward_stderr, args=(reading,), daemon=True)
-        self._passing.start()
+        engine, self._engine = self._engine, None
         try:
-            process = ChildProcess(_ENGINE, self._options, grace=_SETTINGS.grace, errors=theirs)
+            engine = engine or start_engine(self._options)
         except OSError as error:
             self.engine_died.emit(f"The engine could not be started: {error}.")
             return
-        finally:
-            os.close(theirs)
-        self._process, self._waiting = process, SimpleQueue()
+        errors = engine.error_output
+        self._passing = threading.Thread(target=self._forward_stderr, args=(errors,), daemon=True)
+        self._passing.start()
+        self._process, self._waiting = engine.process, SimpleQueue()
+        process = engine.process
         self._frames = FrameMemoryReader(process.line.memory)
         threading.Thread(target=_send, args=(process, self._waiting), daemon=True).start()
         for end, obey in (

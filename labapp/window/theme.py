@@ -55,12 +55,6 @@ READY_SIGN = "●"
 DIFFERS_SIGN = "≠"
 """Stands before a value read back that isn't the one that was set."""
 
-SATURATED = (255, 0, 0)
-"""Red, green and blue of the mark on saturated pixels."""
-
-BLACK = (40, 90, 255)
-"""The same on pixels at zero, where the black level is too low for the noise without light."""
-
 _SHEET = f"""
 QMainWindow, QDialog, QMessageBox {{ background: {BACKGROUND}; }}
 QToolButton {{ color: {TEXT}; background: {PANEL}; border: 1px solid {EDGE};

@@ -13,7 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.window.theme import BLACK, SATURATED
+SATURATED = (255, 0, 0)
+"""Red, green and blue of the mark on saturated pixels."""
+
+BLACK = (40, 90, 255)
+"""The same on pixels at zero, where the black level is too low for the noise without light."""
 
 SATURATED_INDEX = 255
 """Palette index of saturated pixels."""

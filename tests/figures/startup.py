@@ -14,8 +14,10 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from figures import Figure
+from figures.where import PACKAGES
 from labapp.bench.opening import DRIVER_GROUP
 from simulator.screens import NoXServer, xvfb
+from simulator.screens.authority import authority_file
 
 _REPEATS = 5
 _HELP_GOAL, _WINDOW_GOAL = 0.5, 2.5
@@ -74,8 +76,7 @@ def window_time(folder: Path) -> list[Figure]:
 
 def _one_window(environment: dict[str, str]) -> tuple[float, float]:
     child = Path(__file__).with_name("window_startup.py")
-    # Not the folder of the tests: its own folders have the names of our packages.
-    environment = environment | {"PYTHONPATH": str(child.parents[2])}
+    environment = environment | {"PYTHONPATH": PACKAGES}
     command = [sys.executable, "-P", str(child), str(time.monotonic())]
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
     said = json.loads(done.stdout.splitlines()[-1])
@@ -84,13 +85,17 @@ def _one_window(environment: dict[str, str]) -> tuple[float, float]:
 
 @contextmanager
 def display() -> Iterator[dict[str, str] | None]:
-    """An environment with an X display: the user's own, or a virtual one while it is needed."""
+    """An environment with an X display: the user's own, or a virtual one while it is needed.
+
+    Its cookie is found by windows with another home, too.
+    """
+    environment = {**os.environ, "XAUTHORITY": str(authority_file())}
     if os.environ.get("DISPLAY"):
-        yield dict(os.environ)
+        yield environment
         return
     try:
         with xvfb(1920, 1080) as server:
-            yield {**os.environ, "DISPLAY": server.display, "QT_QPA_PLATFORM": "xcb"}
+            yield {**environment, "DISPLAY": server.display, "QT_QPA_PLATFORM": "xcb"}
     except NoXServer:
         yield None
 

@@ -10,3 +10,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
+
+PACKAGES = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
+"""The same for one that starts elsewhere; the application's packages are found first."""

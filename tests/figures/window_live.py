@@ -16,6 +16,7 @@ from small_bench.files import Size, bench_text
 from drivers.x11.reader import ScreenReader
 from figures import Figure
 from figures.startup import display
+from figures.where import PACKAGES
 from labapp.files.reading import bundled_path
 
 _SHAPE = (2048, 2448)
@@ -126,11 +127,8 @@ def other_load() -> str:
 
 
 def environment_of(folder: Path) -> dict[str, str]:
-    """Variables of a window's process: its settings are in a folder, which holds packages, too.
-
-    Not the folder of the tests: its own folders have the names of our packages.
-    """
-    path = os.pathsep.join([str(Path(__file__).parents[2]), str(folder)])
+    """Variables of a window's process: its settings are in a folder, which holds packages, too."""
+    path = os.pathsep.join([PACKAGES, str(folder)])
     return {"PYTHONPATH": path, "XDG_CONFIG_HOME": str(folder), "HOME": str(folder)}
 
 

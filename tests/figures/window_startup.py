@@ -7,71 +7,20 @@ and closes.
 
 from __future__ import annotations
 
-import json
-import os
 import sys
-import time
-from pathlib import Path
-
-from PySide6.QtCore import QEvent, QObject, QTimer
-from PySide6.QtWidgets import QApplication, QMainWindow
 
 from labapp.window.app import open_window
-from labapp.window.messages import LivePicture, OpeningFailed
-
-_FRAMES = 60
-
-
-class _Watcher(QObject):
-    """Notes the first paint and the first frames, prints them, and closes the window."""
-
-    def __init__(self, window: QMainWindow, began: float) -> None:
-        super().__init__(window)
-        self._window, self._began = window, began
-        self._found: dict[str, float] = {}
-        self._frames = 0
-        window.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Paint and "seconds_to_window" not in self._found:
-            # The event is handled after this; what a person sees is there once it was.
-            QTimer.singleShot(0, lambda: self._note("seconds_to_window"))
-        return False
-
-    def hear(self, report: object) -> None:
-        if isinstance(report, OpeningFailed):
-            print(report.message, file=sys.stderr)
-            QApplication.exit(1)
-        if not isinstance(report, LivePicture):
-            return
-        self._frames += 1
-        self._note("seconds_to_picture")
-        if self._frames == _FRAMES:
-            self._finish()
-
-    def _note(self, name: str) -> None:
-        self._found.setdefault(name, round(time.monotonic() - self._began, 3))
-
-    def _finish(self) -> None:
-        first, now = self._found["seconds_to_picture"], time.monotonic() - self._began
-        self._found["frames_per_second"] = round((_FRAMES - 1) / (now - first), 1)
-        self._found["rss_mb"] = round(_resident_bytes() / 1e6, 1)
-        print(json.dumps(self._found), flush=True)
-        self._window.close()
 
 
 def report_on_window(began: float) -> None:
     """Open a window, report on it, and return when it is closed; SystemExit if its bench fails."""
     application, window, connection = open_window()
-    watcher = _Watcher(window, began)
+    from figures.startup_watcher import StartupWatcher
+
+    watcher = StartupWatcher(window, began)
     connection.report_received.connect(watcher.hear)
     if status := application.exec():
         sys.exit(status)
-
-
-def _resident_bytes() -> int:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from figures.where import PACKAGES
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor
 
@@ -56,7 +57,8 @@ def test_the_window_process_loads_nothing_heavy(display, tmp_path):
     """The only window here on the bundled bench, which is a large one."""
     child = subprocess.run(
         [sys.executable, "-c", _CHILD],
-        env={**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
+        env=os.environ
+        | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path), "PYTHONPATH": PACKAGES},
         stdout=subprocess.PIPE,
         text=True,
         check=True,

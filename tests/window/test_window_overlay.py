@@ -8,8 +8,7 @@ from waits import wait_until
 from labapp.window.frame_reduction import reduce_frame
 from labapp.window.live_view import LiveView
 from labapp.window.messages import LiveFrame, LivePicture
-from labapp.window.theme import BLACK, SATURATED
-from labapp.window.tone_mapping import DigitalScale
+from labapp.window.tone_mapping import BLACK, SATURATED, DigitalScale
 
 _FULL, _BLACK_LEVEL = 4095, 64
 

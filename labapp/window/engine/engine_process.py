@@ -6,7 +6,7 @@ import sys
 
 from drivers.hosted.message_socket import MessageSocket
 from labapp.common.command_end import unsafe_devices
-from labapp.common.memory import keep_freed_memory
+from labapp.common.memory import keep_freed_memory, lasting_objects
 from labapp.window.bench_options import BenchOptions
 from labapp.window.engine.channel import Channel
 from labapp.window.messages import OpeningFailed
@@ -16,10 +16,11 @@ def run_engine(line: MessageSocket, options: BenchOptions) -> None:
     """Open a bench, and serve as the window's engine until the window is gone."""
     keep_freed_memory()
     channel = Channel(line)
-    from drivers.errors import DeviceError
-    from labapp.bench.opening import BenchFiles, open_bench
-    from labapp.common.errors import UserError
-    from labapp.window.engine.engine_loop import Engine
+    with lasting_objects():
+        from drivers.errors import DeviceError
+        from labapp.bench.opening import BenchFiles, open_bench
+        from labapp.common.errors import UserError
+        from labapp.window.engine.engine_loop import Engine
 
     try:
         with open_bench(BenchFiles.with_defaults(**options)) as opened:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -22,13 +23,17 @@ from labapp.window.messages import AcquireBracket, PatternTable
 
 _NEUTRAL: PatternTable = {"kind": "constant", "grey": 0}
 
-_pattern: TypeAdapter[StillPattern] = TypeAdapter(StillPattern)
+
+@cache
+def _pattern() -> TypeAdapter[StillPattern]:
+    """Return what validates patterns; made when it is needed, as an engine should start soon."""
+    return TypeAdapter(StillPattern)
 
 
 def validate_pattern(table: PatternTable) -> StillPattern:
     """Validate a pattern from the window; raise UserError, which names the key that is wrong."""
     try:
-        return _pattern.validate_python(table)
+        return _pattern().validate_python(table)
     except ValidationError as error:
         raise UserError(format_validation_error(error, "pattern")) from error
 
