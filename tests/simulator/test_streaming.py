@@ -92,6 +92,11 @@ def test_noises_together_are_distributed_as_each_by_itself(shot, electrons, read
     numbers = (
         FrameSimulator(light, 0.5, sensor, recipe).frame(generator()).ravel().astype(int) - 100
     )
+    assert distance(numbers, electrons, read) < 1.2 / math.sqrt(numbers.size)
+
+
+def distance(numbers, electrons, read):
+    """Kolmogorov's, of numbers from Poisson's distribution and a normal one together."""
     values = np.arange(numbers.min(), numbers.max() + 1)
     seen = np.bincount(numbers - values[0]).cumsum() / numbers.size
     far = 9 * math.sqrt(electrons) + 20
@@ -101,7 +106,24 @@ def test_noises_together_are_distributed_as_each_by_itself(shot, electrons, read
         true = st.norm.cdf((values[:, None] + 0.5 - counts) / read) @ shares
     else:
         true = st.poisson.cdf(values, electrons)
-    assert np.abs(seen - true).max() < 1.2 / math.sqrt(numbers.size)
+    return np.abs(seen - true).max()
+
+
+@pytest.mark.parametrize("electrons", [5.0, 5800.0])
+def test_few_pixels_among_others_are_distributed_as_by_themselves(electrons):
+    """Where nearly all noises are merged: pixels with few electrons, and ones near the full well.
+
+    The well is far enough for hardly a number in thousands to be cut.
+    """
+    sensor = Sensor(shape=(400, 1000), bits=16, full_well=6200.0, gain=1.0, read_noise=2.4,
+                    black_level=100.0, dark_current=0.0)  # fmt: skip
+    recipe = replace(ALL, shot="skewed", dark_current=False, fixed_pattern=False)
+    light = torch.full(sensor.shape, 300.0)
+    light.view(-1)[::20] = electrons
+    frame = FrameSimulator(light, 0.5, sensor, recipe).frame(generator()).ravel().astype(int) - 100
+    few, most = frame[::20], np.delete(frame, np.s_[::20])
+    assert distance(few, electrons, 2.4) < 1.2 / math.sqrt(few.size)
+    assert distance(most, 300.0, 2.4) < 1.2 / math.sqrt(most.size)
 
 
 def test_a_frame_follows_from_the_generator_and_from_no_thread():
