@@ -121,9 +121,22 @@ def install_noise_camera(folder: Path) -> None:
 
 
 def other_load() -> str:
-    """What else the machine does, in words, if that is enough to change what is measured."""
-    load, cores = os.getloadavg()[0], os.cpu_count() or 1
-    return f"; beside other work, load {load:.0f} on {cores} cores" if load > 0.5 * cores else ""
+    """What else the machine does, in words, if that is enough to change what is measured.
+
+    It is looked at for a second, in which this process waits.
+    """
+    before = _busy_seconds()
+    time.sleep(1.0)
+    load, cores = _busy_seconds() - before, os.cpu_count() or 1
+    return f"; beside other work, {load:.1f} of {cores} cores busy" if load > 0.1 * cores else ""
+
+
+def _busy_seconds() -> float:
+    """Processor time that all cores spent with anything, since the machine started."""
+    user, nice, system, _idle, _waiting, *others = map(
+        int, Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]
+    )
+    return (user + nice + system + sum(others[:2])) / os.sysconf("SC_CLK_TCK")
 
 
 def environment_of(folder: Path) -> dict[str, str]:
