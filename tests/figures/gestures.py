@@ -12,7 +12,7 @@ from window.plan_files import write_plan
 from window.window_scene import write_bench
 
 from figures import Figure
-from figures.startup import display
+from figures.startup import display, environment_of
 
 _SEED = 33
 _STRAY, _MEANT = 500, 200
@@ -57,12 +57,7 @@ def _gestures(folder: Path, environment: dict[str, str]) -> dict[str, Any]:
     files = write_bench(folder)
     plan = write_plan(folder, "Long", repeats=_LONG)
     child = Path(__file__).with_name("window_gestures.py")
-    # Not the folder of the tests: its own folders have the names of our packages.
-    environment = environment | {
-        "PYTHONPATH": str(child.parents[2]),
-        "XDG_CONFIG_HOME": str(folder / "config"),
-        "HOME": str(folder),
-    }
+    environment = environment | environment_of(folder)
     numbers = map(str, (_SEED, _STRAY, _MEANT))
     paths = map(str, (files.bench, files.scene, plan, folder / "runs"))
     command = [sys.executable, "-P", str(child), *paths, *numbers]

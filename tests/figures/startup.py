@@ -85,19 +85,28 @@ def _one_window(environment: dict[str, str]) -> tuple[float, float]:
 
 @contextmanager
 def display() -> Iterator[dict[str, str] | None]:
-    """An environment with an X display: the user's own, or a virtual one while it is needed.
-
-    Its cookie is found by windows with another home, too.
-    """
-    environment = {**os.environ, "XAUTHORITY": str(authority_file())}
+    """An environment with an X display: the user's own, or a virtual one while it is needed."""
     if os.environ.get("DISPLAY"):
-        yield environment
+        yield dict(os.environ)
         return
     try:
         with xvfb(1920, 1080) as server:
-            yield {**environment, "DISPLAY": server.display, "QT_QPA_PLATFORM": "xcb"}
+            yield {**os.environ, "DISPLAY": server.display, "QT_QPA_PLATFORM": "xcb"}
     except NoXServer:
         yield None
+
+
+def environment_of(folder: Path) -> dict[str, str]:
+    """Variables of a window's process whose settings and packages are in a folder.
+
+    The cookie of the X server is where it was.
+    """
+    return {
+        "PYTHONPATH": os.pathsep.join([PACKAGES, str(folder)]),
+        "XDG_CONFIG_HOME": str(folder / "config"),
+        "HOME": str(folder),
+        "XAUTHORITY": str(authority_file()),
+    }
 
 
 MEASUREMENTS = {"help": help_time, "window": window_time, "import": import_time}

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 from figures import Figure
-from figures.startup import display
-from figures.window_live import environment_of, other_load
+from figures.startup import display, environment_of
+from figures.window_live import other_load
 from labapp.files.reading import bundled_path
 
 _KINDS = ["Fresnel lens", "Axicon", "Cubic", "Annular", "Sine", "Aberrations", "Blazed grating"]

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from figures import Figure
+from figures.startup import environment_of
 from simulator.screens import NoXServer, xvfb
 
 SCREENS = (
@@ -49,12 +50,10 @@ def _probe(home: Path, display: str, scale: float) -> dict[str, dict[str, list[s
     child = Path(__file__).with_name("window_probe.py")
     environment = {
         **os.environ,
-        "PYTHONPATH": str(child.parents[2]),
+        **environment_of(home),
         "DISPLAY": display,
         "QT_QPA_PLATFORM": "xcb",
         "QT_SCALE_FACTOR": f"{scale:g}",
-        "XDG_CONFIG_HOME": str(home),
-        "HOME": str(home),
     }
     command = [sys.executable, "-P", str(child), os.environ.get("LABAPP_PICTURES", "")]
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)

@@ -15,7 +15,7 @@ import numpy as np
 from small_bench.files import write_small
 
 from figures import Figure
-from figures.startup import display
+from figures.startup import display, environment_of
 from labapp.common.console import print_message
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -93,12 +93,7 @@ def _kill_often(folder: Path, environment: dict[str, str]) -> None:
 
 def _begin(folder: Path, environment: dict[str, str], seed: str) -> subprocess.Popen[str]:
     child = Path(__file__).with_name("window_victim.py")
-    # Not the folder of the tests: its own folders have the names of our packages.
-    environment = environment | {
-        "PYTHONPATH": str(child.parents[2]),
-        "XDG_CONFIG_HOME": str(folder / "config"),
-        "HOME": str(folder),
-    }
+    environment = environment | environment_of(folder)
     command = [sys.executable, "-P", str(child), str(folder), seed]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
 

@@ -15,8 +15,7 @@ from small_bench.files import Size, bench_text
 
 from drivers.x11.reader import ScreenReader
 from figures import Figure
-from figures.startup import display
-from figures.where import PACKAGES
+from figures.startup import display, environment_of
 from labapp.files.reading import bundled_path
 
 _SHAPE = (2048, 2448)
@@ -137,12 +136,6 @@ def _busy_seconds() -> float:
         int, Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]
     )
     return (user + nice + system + sum(others[:2])) / os.sysconf("SC_CLK_TCK")
-
-
-def environment_of(folder: Path) -> dict[str, str]:
-    """Variables of a window's process: its settings are in a folder, which holds packages, too."""
-    path = os.pathsep.join([PACKAGES, str(folder)])
-    return {"PYTHONPATH": path, "XDG_CONFIG_HOME": str(folder), "HOME": str(folder)}
 
 
 def _seen(folder: Path, environment: dict[str, str], bench: str) -> Seen:

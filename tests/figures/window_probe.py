@@ -20,7 +20,7 @@ from PySide6.QtTest import QTest
 
 from figures.window_geometry import all_faults
 from labapp.window.app import open_window
-from labapp.window.messages import LiveFrame
+from labapp.window.messages import LivePicture
 
 _PATIENCE = 60.0
 """Seconds in which the first picture comes."""
@@ -29,9 +29,9 @@ _PATIENCE = 60.0
 def report_on_window(pictures: str) -> None:
     """Open a window, print what is wrong with its geometry, and end the process."""
     _, window, connection = open_window()
-    came: list[LiveFrame] = []
+    came: list[LivePicture] = []
     connection.report_received.connect(
-        lambda report: came.append(report) if isinstance(report, LiveFrame) else None
+        lambda report: came.append(report) if isinstance(report, LivePicture) else None
     )
     late = time.monotonic() + _PATIENCE
     while not came and time.monotonic() < late:
