@@ -35,7 +35,7 @@ class Shot:
     role : str
         "light", or the kind of calibration frame.
     place : str
-        Name of the target on the bench.
+        Name of the target on the bench; "" leaves the one that is there.
     prompt : str
         What a person is asked to do before the target is placed.
     slot : int

@@ -60,6 +60,8 @@ class SlowBench:
         return Setting(what, what, self.time + settling)
 
     def place(self, name):
+        if name not in self.able.targets:
+            raise DeviceError("targets", f"place {name}", "no such target", "Choose another")
         self.targets.current_target = name
         return self.done(name, PLACE, self.able.target_settling)
 
@@ -91,8 +93,9 @@ PLAN = plan_of(
 )
 
 
-def measured(able, plan=PLAN):
+def measured(able, plan=PLAN, placed="star"):
     bench = SlowBench(able)
+    bench.targets.current_target = placed
     return bench, measure_frame_delays(bench, able, planned_shots(plan, able), Progress())
 
 
@@ -128,10 +131,14 @@ def test_patterns_of_the_run_are_shown_for_that_and_constant_ones_where_they_are
     assert [one for one in bench.settings if one in (*shown, *names)] == shown
 
 
-def test_a_person_is_not_asked_to_place_targets_for_that():
-    bench, able = measured(tunable(by_hand=True))
+@pytest.mark.parametrize("placed", ["star", ""])
+def test_a_person_is_not_asked_to_place_targets_for_that(placed):
+    """Nor does a target count as placed of which nobody said so."""
+    bench, able = measured(tunable(by_hand=True), placed=placed)
+    assert able.delays.frame == pytest.approx(SET - EARLY)
     assert able.delays.target == 0.0
-    assert {one for one in bench.settings if one in able.targets} == {"star"}
+    assert {one for one in bench.settings if one in able.targets} <= {placed}
+    assert bench.targets.current_target == placed
 
 
 def test_a_plans_time_follows_from_them():

@@ -112,7 +112,7 @@ class FrameTaker:
             )
         ready = [
             bench.clock.now(),
-            self._apply("target", shot.place, lambda: bench.targets.place(shot.place)),
+            self._place(shot.place),
             self._apply("pattern", shot.pattern, lambda: self._show(shot.pattern)),
             self._apply("wavelength", _colour(shot), lambda: self._tune(shot)),
         ]
@@ -143,6 +143,12 @@ class FrameTaker:
             log.info("asked: %s", text)
             self._ask(text, self._progress)
         self._placed_target = shot.target
+
+    def _place(self, target: str) -> float:
+        """Place the target of a run's shot, if it has one; return the time when it stands."""
+        if not target:
+            return 0.0
+        return self._apply("target", target, lambda: self._bench.targets.place(target))
 
     def _show(self, name: str) -> Setting[str]:
         grey = self._patterns[name]
