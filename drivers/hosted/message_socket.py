@@ -17,6 +17,9 @@ from typing import Any
 
 _LENGTH = struct.Struct("!Q")
 
+_PART_BYTES = 1 << 20
+"""Bytes of a message that are read without a pause. Chosen: a millisecond or two."""
+
 
 class LineClosed(EOFError):
     """Raised when the other end of a message socket is closed, or its process has ended."""
@@ -83,14 +86,18 @@ class MessageSocket:
     def receive_nowait(self) -> Any:
         """Return the next message from the other process, such as a hosted device's, or None.
 
-        The result is None if the message hasn't arrived completely.
+        The result is None if the message hasn't arrived completely, or is large: it is read in
+        parts, one a call, so that who polls the socket can do something else in between.
 
         Bytes of later messages stay in the socket, so that it can still be polled for them.
         """
         try:
+            most = self._read + _PART_BYTES
             while self._read < len(self._part):
+                if self._read >= most:
+                    return None
                 with memoryview(self._part) as part:
-                    count = self._socket.recv_into(part[self._read :], 0, socket.MSG_DONTWAIT)
+                    count = self._socket.recv_into(part[self._read : most], 0, socket.MSG_DONTWAIT)
                 if not count:
                     raise LineClosed
                 self._read += count

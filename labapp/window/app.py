@@ -55,11 +55,12 @@ def open_window(
         from labapp.window.engine_connection import EngineConnection
         from labapp.window.main_window import MainWindow
         from labapp.window.remembered_settings import RememberedSettings, default_settings_file
-    application = QApplication(sys.argv[:1])
-    application.setApplicationName("labapp")
-    theme.apply_theme(application)
-    connection = EngineConnection(engine, **options)
-    window = MainWindow(connection, RememberedSettings(default_settings_file()))
+
+        application = QApplication(sys.argv[:1])
+        application.setApplicationName("labapp")
+        theme.apply_theme(application)
+        connection = EngineConnection(engine, **options)
+        window = MainWindow(connection, RememberedSettings(default_settings_file()))
     window.show()
     connection.start()
     return application, window, connection

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
+from PySide6.QtCore import QSignalBlocker
 from PySide6.QtWidgets import QWidget
 
 from labapp.window import tone_mapping
@@ -42,8 +43,9 @@ class BeforeAfterView(PictureView):
         """
         columns = before.shape[1]
         self._before, self._after = before, after
-        self.divider.setBounds((0, columns))
-        self.divider.setValue(columns / 2)
+        with QSignalBlocker(self.divider):
+            self.divider.setBounds((0, columns))
+            self.divider.setValue(columns / 2)
         self.divider.show()
         for caption in self.captions:
             caption.show()

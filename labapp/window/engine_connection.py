@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import select
 import sys
 import threading
+import time
 from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Unpack
 
-from PySide6.QtCore import QObject, QSocketNotifier, Signal
+from PySide6.QtCore import QObject, QSocketNotifier, QTimer, Signal
 
 from drivers.hosted.calls import CallResult
 from drivers.hosted.child_process import ChildProcess
@@ -22,10 +24,13 @@ from labapp.window.started_engine import StartedEngine, start_engine
 
 @dataclass(frozen=True)
 class EngineConnectionSettings:
-    """Set how the window's connection handles the end of its engine process.
+    """Set how the window's connection reads messages and handles the end of its engine process.
 
     Attributes
     ----------
+    turn : float
+        Seconds of reading after which the window's event loop has its turn, before anything is
+        reported. Chosen: some messages hold pictures.
     kept_characters : int
         Characters of the last line of the engine's error output that are kept for the message
         about its end. Chosen.
@@ -33,6 +38,7 @@ class EngineConnectionSettings:
         Seconds to wait for the rest of the error output of an engine that has ended. Chosen.
     """
 
+    turn: float = 5e-3
     kept_characters: int = 2000
     reading_time: float = 1.0
 
@@ -65,6 +71,7 @@ class EngineConnection(QObject):
         self._frames: FrameMemoryReader | None = None
         self._slot = 0
         self._notifiers: list[QSocketNotifier] = []
+        self._arrived: list[object] = []
         self._waiting: SimpleQueue[Command | None] = SimpleQueue()
 
     @property
@@ -129,13 +136,43 @@ class EngineConnection(QObject):
             notifier.setEnabled(False)
             notifier.deleteLater()
         self._waiting.put(None)
+        self._arrived.clear()
         if self._frames is not None:
             self._frames.close()
+            self._frames = None
         process.close()
         self.has_failed = process.exit_code() != 0
 
     def _read(self) -> None:
-        messages = self._messages()
+        """Read messages of the window's engine, and report them unless that has taken its time.
+
+        What isn't read stays in the socket, which calls again.
+        """
+        late = time.monotonic() + _SETTINGS.turn
+        with contextlib.suppress(EOFError, OSError):  # The engine's end is told by another end.
+            while (
+                self._process is not None
+                and (message := self._process.line.receive_nowait()) is not None
+            ):
+                self._arrived.append(message)
+                if time.monotonic() > late:
+                    QTimer.singleShot(0, self._report)
+                    return
+        self._report()
+
+    def _read_rest(self, process: ChildProcess) -> None:
+        """Read all that the window's engine had sent when it ended, large messages too."""
+        waiting = select.poll()
+        waiting.register(process.line.fileno(), select.POLLIN)
+        with contextlib.suppress(EOFError, OSError):
+            while self._process is process and waiting.poll(0):
+                if (message := process.line.receive_nowait()) is not None:
+                    self._arrived.append(message)
+
+    def _report(self) -> None:
+        """Report what has arrived, in order; of the live frames, only the newest."""
+        messages = list(self._arrived)
+        self._arrived.clear()
         frames = [message for message in messages if isinstance(message, SlotHeader)]
         for message in messages:
             if isinstance(message, CallResult) and message.failure is not None:
@@ -146,18 +183,6 @@ class EngineConnection(QObject):
             elif message is frames[-1] and self._frames is not None:
                 self._slot = message.slot
                 self.report_received.emit(self._frames.read(message))
-
-    def _messages(self) -> list[object]:
-        """Return all messages of the window's engine that have arrived."""
-        messages: list[object] = []
-        # _end() handles the end of the engine.
-        with contextlib.suppress(EOFError, OSError):
-            while (
-                self._process is not None
-                and (message := self._process.line.receive_nowait()) is not None
-            ):
-                messages.append(message)
-        return messages
 
     def _forward_stderr(self, end: int) -> None:
         """Pass on the error output of the window's engine, in a thread of its own."""
@@ -173,9 +198,12 @@ class EngineConnection(QObject):
 
     def _end(self) -> None:
         """Report to the window that its engine ended by itself, after reading its last messages."""
-        self._read()
         process = self._process
         if process is None:
+            return
+        self._read_rest(process)
+        self._report()
+        if self._process is not process:
             return
         self.close()
         self._passing.join(_SETTINGS.reading_time)

@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSize
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
 
 from labapp.window import tone_mapping
@@ -34,6 +35,7 @@ class SideBySide(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._last_results: list[ReconstructionResult] = []
+        self._is_outdated = False
         self.pictures = {name: PictureView(self) for name in _TITLES}
         self.titles = {name: make_label(self, title, rich=True) for name, title in _TITLES.items()}
         inset = QSize(104, 104)
@@ -58,6 +60,19 @@ class SideBySide(QWidget):
     def show_result(self, result: ReconstructionResult) -> None:
         others = [one for one in self._last_results if one.method != result.method]
         self._last_results = [*[one for one in others if one.path == result.path][-1:], result]
+        self._is_outdated = True
+        if self.isVisible():
+            self._show_last()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        if self._is_outdated:
+            self._show_last()
+
+    def _show_last(self) -> None:
+        """Show the window's last results; not before anybody looks, as large ones take long."""
+        self._is_outdated = False
+        result = self._last_results[-1]
         dark = np.zeros_like(result.before)
         self._show("neutral", dark if result.neutral is None else result.neutral)
         self._show("coded", result.before, result.scores and result.scores[0])
