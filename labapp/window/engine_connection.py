@@ -139,7 +139,6 @@ class EngineConnection(QObject):
         self._arrived.clear()
         if self._frames is not None:
             self._frames.close()
-            self._frames = None
         process.close()
         self.has_failed = process.exit_code() != 0
 

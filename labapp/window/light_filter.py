@@ -9,6 +9,7 @@ from __future__ import annotations
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent
 from PySide6.QtWidgets import QApplication, QWidget
+from shiboken6 import isValid
 
 _DIM = 0.45
 """Share of its light that a dimmed window keeps, in values of the screen. Chosen."""
@@ -31,7 +32,7 @@ class LightFilter(QObject):
         """Set the light of all windows of the application, those that open later included."""
         share = round(255 * (_DIM if dim else 1.0))
         self._colour = QColor(share, 0 if red else share, 0 if red else share)
-        for pane in self._panes:
+        for pane in self._living_panes():
             pane.remove()
         self._panes = []
         # A filter sees every event, so that there is none while nothing is filtered.
@@ -46,18 +47,20 @@ class LightFilter(QObject):
             event.type() == QEvent.Type.Show
             and isinstance(watched, QWidget)
             and watched.isWindow()
-            and not any(pane.is_before(watched) for pane in self._panes)
+            and not any(pane.is_before(watched) for pane in self._living_panes())
         ):
             self._cover(watched)
         return False
 
     def _cover(self, window: QWidget) -> None:
-        pane = _Pane(window, self._colour)
-        pane.destroyed.connect(lambda: self._forget(pane))
-        self._panes.append(pane)
+        self._panes = [*self._living_panes(), _Pane(window, self._colour)]
 
-    def _forget(self, pane: _Pane) -> None:
-        self._panes = [one for one in self._panes if one is not pane]
+    def _living_panes(self) -> list[_Pane]:
+        """Return the panes of windows that still exist.
+
+        They are asked, since PySide can crash where a pane's own end calls Python.
+        """
+        return [pane for pane in self._panes if isValid(pane)]
 
 
 class _Pane(QWidget):

@@ -58,6 +58,8 @@ def test_defocus_by_the_pattern_widens_the_star_and_lowers_the_score(bench, pers
     person.clicks(align.find_star)
     person.waits(align.region.isChecked)
     person.clicks(align.restart)
+    # A single picture makes no best one.
+    person.waits(lambda: len(align.history.points) >= 5)
     sharp = measured(bench, person).region
     form = bench.window.pattern.form
     person.chooses(form.kind, "Aberrations")

@@ -25,7 +25,7 @@ def title(guide):
 def test_f1_opens_the_guide_and_the_window_stays_usable(bench, person):
     person.presses(Qt.Key.Key_F1)
     person.waits(lambda: bench.window.help is not None and bench.window.help.isVisible())
-    assert title(bench.window.help) == "First session"
+    person.waits(lambda: title(bench.window.help) == "First session")
     assert not bench.window.help.isModal()
     bench.window.help.close()
     person.clicks(bench.window.help_button)

@@ -5,6 +5,7 @@ import pytest
 from eyes import pixels
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QLabel, QVBoxLayout
+from shiboken6 import isValid
 from waits import wait_until
 
 from labapp.runs.state import State
@@ -47,6 +48,19 @@ def test_red_light_leaves_red_alone_in_dialogues_too(window, qtbot):
     # What opens while it is red is in white light again afterwards, like all else.
     window.actions_["red"].trigger()
     wait_until(lambda: tuple(brightest(dialogue)) == (255, 255, 255))
+    wait_until(lambda: brightest(window).min() > 150)
+
+
+def test_dialogues_come_and_go_in_red_light(window):
+    window.actions_["red"].trigger()
+    for _ in range(20):
+        dialogue = QDialog(window)
+        dialogue.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialogue.show()
+        dialogue.close()
+        wait_until(lambda dialogue=dialogue: not isValid(dialogue))
+    wait_until(lambda: tuple(brightest(window)[1:]) == (0, 0))
+    window.actions_["red"].trigger()
     wait_until(lambda: brightest(window).min() > 150)
 
 
