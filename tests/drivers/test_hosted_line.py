@@ -35,6 +35,25 @@ def framed(message: object) -> bytes:
     return struct.pack("!Q", len(body)) + body
 
 
+def test_a_large_message_leaves_time_between_its_parts(ends):
+    """Who polls gets None until it is whole; what follows waits behind it."""
+    line, theirs = ends
+    picture = np.random.default_rng(1).integers(0, 255, (2048, 2448), dtype=np.uint8)
+    theirs.setblocking(True)
+    sending = threading.Thread(
+        target=theirs.sendall, args=(framed(picture) + framed("the next"),), daemon=True
+    )
+    sending.start()
+    came = [line.receive_nowait()]
+    while came[-1] is None:
+        select.select([line], [], [], 10)
+        came.append(line.receive_nowait())
+    assert np.array_equal(came[-1], picture)
+    assert len(came) > 4
+    assert line.receive() == "the next"
+    sending.join()
+
+
 @pytest.mark.parametrize("piece", [1, 7, 64, 10_000])
 def test_messages_survive_any_cutting(ends, piece):
     line, theirs = ends
