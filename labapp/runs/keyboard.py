@@ -19,7 +19,7 @@ _POLL_INTERVAL = 0.05
 
 
 class Keyboard:
-    """Reads standard input during a run: p pauses, r resumes, and Enter answers a prompt.
+    """Reads standard input during a run: p pauses, r resumes, and Enter or a key answers a prompt.
 
     A terminal is read only while the run is in its foreground. Other input is read only for
     answers, because it may be meant for another program. `progress` is that of the run. Use
@@ -29,12 +29,17 @@ class Keyboard:
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
         self._question_pending, self._answer_given = threading.Event(), threading.Event()
+        self._other_key, self._answer = b"", b""
         self._input_ended = threading.Event()
         self._done = threading.Event()
         threading.Thread(target=self._read, name="keyboard", daemon=True).start()
 
-    def wait_for_enter(self, progress: Progress) -> None:
-        """Wait until Enter answers a run's prompt; raise UserError if standard input has ended."""
+    def wait_for_enter(self, progress: Progress, other_key: str = "") -> bool:
+        """Wait until Enter answers a run's prompt, or another key of a terminal does.
+
+        Returns whether it was Enter. Raises UserError if standard input has ended.
+        """
+        self._other_key = other_key.encode()
         self._answer_given.clear()
         self._question_pending.set()
         try:
@@ -47,6 +52,12 @@ class Keyboard:
                     )
         finally:
             self._question_pending.clear()
+        return self._answer != self._other_key
+
+    @property
+    def is_terminal(self) -> bool:
+        """Return whether a person can answer by a single key, at a terminal of this run."""
+        return _is_at_terminal(_standard_input())
 
     def close(self) -> None:
         self._done.set()
@@ -77,7 +88,8 @@ class Keyboard:
 
     def _press(self, key: bytes, terminal: bool) -> None:
         """Obey a key pressed during the run: Enter answers, p pauses and r resumes."""
-        if key in b"\r\n":
+        if key in b"\r\n" or (terminal and self._wants_answer and key.lower() == self._other_key):
+            self._answer = key.lower()
             self._answer_given.set()
         elif terminal and key in b"pP":
             self._progress.pause()
@@ -91,6 +103,11 @@ def _standard_input() -> int | None:
         return sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
         return None
+
+
+def _is_at_terminal(source: int | None) -> bool:
+    """Return whether a run's standard input is a terminal, and the run in its foreground."""
+    return source is not None and os.isatty(source) and _is_in_foreground(source)
 
 
 def _is_in_foreground(terminal: int) -> bool:
@@ -108,9 +125,7 @@ def _is_in_foreground(terminal: int) -> bool:
 def open_keyboard(progress: Progress) -> Iterator[Keyboard]:
     """Open the keyboard for a run's prompts and pauses; in a terminal, keys need no Enter."""
     source = _standard_input()
-    terminal = (
-        source if source is not None and os.isatty(source) and _is_in_foreground(source) else None
-    )
+    terminal = source if _is_at_terminal(source) else None
     before = termios.tcgetattr(terminal) if terminal is not None else None
     if terminal is not None:
         tty.setcbreak(terminal)

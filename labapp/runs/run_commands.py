@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from drivers.interfaces import Frame
 from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench
 from labapp.common.console import out, print_error, print_json, print_message, terminal_progress
 from labapp.common.errors import UserError
@@ -15,12 +16,14 @@ from labapp.files.fault_file import read_faults
 from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.writing import make_folder
+from labapp.runs.acquisition.active_run import JudgeFrame
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.queue import RunRequest, run_all
 from labapp.runs.acquisition.runner import RunOutcome, hold_record, resume_run, run_plan
 from labapp.runs.keyboard import open_keyboard
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.state import State
+from labapp.runs.steps import Shot
 from optics.progress import Cancelled, Progress
 
 
@@ -56,7 +59,7 @@ def run_files(
     ]
     with (
         open_bench(files, speed=execution.speed) as bench,
-        interactive_progress(execution) as (progress, ask),
+        attended_run(execution) as (progress, ask, judge),
     ):
         outcomes = run_all(
             bench,
@@ -64,6 +67,7 @@ def run_files(
             force=execution.force,
             progress=progress,
             ask=ask,
+            judge=judge,
             on_outcome=lambda outcome: _report_outcome(outcome, execution),
         )
     if execution.as_json:
@@ -108,8 +112,8 @@ def resume_file(
         if not execution.as_json:
             print_message(f"{record}: {len(held.missing)} frames to take")
         opened_bench = stack.enter_context(open_bench(made_from, speed=execution.speed))
-        progress, ask = stack.enter_context(interactive_progress(execution))
-        outcome = resume_run(opened_bench, held, progress=progress, ask=ask)
+        progress, ask, judge = stack.enter_context(attended_run(execution))
+        outcome = resume_run(opened_bench, held, progress=progress, ask=ask, judge=judge)
     _report_outcome(outcome, execution)
     if execution.as_json:
         print_json(_as_data(outcome))
@@ -150,6 +154,19 @@ def require_complete(outcome: RunOutcome) -> None:
 @contextmanager
 def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress, AskOperator]]:
     """Yield a run's progress, shown in the terminal, and the function that asks its prompts."""
+    with attended_run(execution) as (progress, ask, _):
+        yield progress, ask
+
+
+@contextmanager
+def attended_run(
+    execution: ExecutionOptions,
+) -> Iterator[tuple[Progress, AskOperator, JudgeFrame | None]]:
+    """Yield what interactive_progress() does, and the function that asks about doubted frames.
+
+    It is None where nobody is at a terminal, or all prompts count as answered: such a frame is
+    kept, and the record's log has the doubt.
+    """
     with terminal_progress() as progress, open_keyboard(progress) as keyboard:
 
         def ask(text: str, progress: Progress) -> None:
@@ -157,7 +174,11 @@ def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress
             if not execution.yes:
                 keyboard.wait_for_enter(progress)
 
-        yield progress, ask
+        def judge(doubt: str, shot: Shot, frame: Frame, progress: Progress) -> bool:
+            print_message(f"{doubt} Enter takes the frame again, k keeps it.")
+            return not keyboard.wait_for_enter(progress, other_key="k")
+
+        yield progress, ask, judge if keyboard.is_terminal and not execution.yes else None
 
 
 def print_written_plan(

@@ -212,6 +212,54 @@ def test_keys_pause_a_run_and_let_it_go_on(small, tmp_path):
     assert state_of(path) is State.COMPLETE
 
 
+LIT = """
+version = 1
+title = "Lit darks"
+[patterns.neutral]
+kind = "constant"
+[[acquire]]
+targets = ["photograph"]
+exposures_ms = [400]
+wavelengths_nm = [550]
+patterns = ["neutral"]
+repeats = 2
+role = "dark"
+"""
+
+
+def log_of(path):
+    with Record(path) as record:
+        return [text for _, text in record.log]
+
+
+def test_a_doubted_frame_is_taken_again_or_kept_by_a_key(small, tmp_path):
+    small.plan.write_text(LIT)
+    path = tmp_path / "run.h5"
+    with terminal(run(small, path)) as (process, press):
+        wait_until(lambda: state_of(path) is State.PAUSED)
+        press(b"\n")
+        wait_until(lambda: sum("is doubted" in text for text in log_of(path)) == 2)
+        assert stored(path) == 0
+        press(b"k")
+        assert process.wait(60) == 0
+    assert state_of(path) is State.COMPLETE
+    log = log_of(path)
+    assert "taken again" in log
+    assert "kept by a person" in log
+
+
+@pytest.mark.parametrize("options", [(), ("--yes",)])
+def test_a_doubted_frame_is_kept_where_nobody_is_asked(small, tmp_path, options):
+    small.plan.write_text(LIT)
+    path = tmp_path / "run.h5"
+    if options:
+        with terminal(run(small, path, *options)) as (process, _):
+            assert process.wait(60) == 0
+    else:
+        assert forked.run(run(small, path), stdin=forked.DEVNULL).returncode == 0
+    assert any("is doubted" in text for text in log_of(path))
+
+
 BEHIND = "os.fork() and os._exit(os.waitstatus_to_exitcode(os.wait()[1])); os.setpgid(0, 0)"
 """Leaves the terminal to the parent, as a shell's & does."""
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
+from labapp.runs.acquisition.active_run import JudgeFrame
 from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import RunOutcome, run_plan
@@ -35,6 +36,7 @@ def run_all(
     force: bool = False,
     progress: Progress | None = None,
     ask: AskOperator | None = None,
+    judge: JudgeFrame | None = None,
     on_outcome: Callable[[RunOutcome], None] = lambda outcome: None,
 ) -> list[RunOutcome]:
     """Take several runs in turn; the next run begins even if one fails.
@@ -58,6 +60,7 @@ def run_all(
             force=force,
             progress=part,
             ask=ask,
+            judge=judge,
         )
         outcomes.append(outcome)
         on_outcome(outcome)
