@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from figures import TOLD, Figure
+from figures.walks import walk
 from labapp.window.engine.light_metering import SETTINGS, find_exposure
 from optics.alignment import focus_score, region_statistics, star_shape
 from optics.alignment.region import Region
 from optics.camera import Sensor
 from optics.hdr import ExposureLimits
 
-_WALK = Path(__file__).parents[1] / "window" / "aligning_walk.py"
 _WALK_GOAL, _WALK_LIMIT = 180.0, 600.0
 _WIDTH_GOAL, _CASES, _SIDE = 0.02, 200, 96
 _LEVEL, _LEVEL_GOAL = 0.6, 0.1
@@ -32,20 +27,12 @@ _SENSOR = Sensor()
 
 def walk_figure(folder: Path) -> Iterator[Figure]:
     """On the virtual bench, in a window on an X server in memory, pixels and focus included."""
-    paths = [str(_WALK.parents[1]), str(_WALK.parents[2])]
-    done = subprocess.run(
-        [sys.executable, str(_WALK), str(folder)],
-        capture_output=True,
-        text=True,
-        timeout=_WALK_LIMIT,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
-    )
     name = "star found, focused, exposed, bracketed and restored, by clicks alone"
     goal = f"≤ {_WALK_GOAL / 60:g} min on the virtual bench"
-    if done.returncode:
-        yield Figure(name, goal, done.stderr.strip().splitlines()[-1], None)
+    found = walk("aligning_walk.py", folder, _WALK_LIMIT)
+    if isinstance(found, str):
+        yield Figure(name, goal, found, None)
         return
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     steps = found["seconds"]
     listed = ", ".join(
         f"{step} {steps[step]:.0f}" for step in sorted(steps, key=lambda one: steps[one])

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 from figures import Figure
-from figures.where import PACKAGES
+from figures.walks import walk
 from simulator.screens import NoXServer, require_program
 
-_WALK = Path(__file__).parents[1] / "window" / "busy_walk.py"
 _WALKS = 3
 _LIMIT = 400.0
 """Seconds after which a walk is given up."""
@@ -33,7 +27,9 @@ def event_loop_figures(folder: Path) -> list[Figure]:
     late: Counter[str] = Counter()
     beats = 0
     for number in range(_WALKS):
-        found = _walked(folder / str(number))
+        found = walk("busy_walk.py", folder / str(number), _LIMIT)
+        if isinstance(found, str):
+            return [Figure(name, goal, found, None)]
         beats += found["beats"]
         for step, milliseconds in found["late_ms"].items():
             late[step] = max(late[step], milliseconds)
@@ -41,20 +37,6 @@ def event_loop_figures(folder: Path) -> list[Figure]:
     worst = max(late.values())
     seen = f"{worst:.0f} ms, the worst of {beats} turns ({listed})"
     return [Figure(name, goal, seen, worst <= _GOAL)]
-
-
-def _walked(folder: Path) -> dict[str, Any]:
-    folder.mkdir()
-    done = subprocess.run(
-        [sys.executable, str(_WALK), str(folder)],
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-        timeout=_LIMIT,
-        env=os.environ | {"PYTHONPATH": PACKAGES},
-    )
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
 
 
 MEASUREMENTS = {"event-loop": event_loop_figures}
