@@ -60,6 +60,7 @@ class SharedWindow:
         person.waits(window.actions_["live"].isEnabled, patience=patience)
         window.message.acknowledge()
         window.tabs.setCurrentWidget(window.live_view)
+        window.live_view.picture.fit()
         for text in (window.pattern.form.texts[kind, "file"] for kind in ("image", "logo")):
             text.clear()
         for name, wanted in (("why", False), ("live", True)):
