@@ -102,8 +102,8 @@ class EngineConnection(QObject):
         errors = engine.error_output
         self._passing = threading.Thread(target=self._forward_stderr, args=(errors,), daemon=True)
         self._passing.start()
-        self._process, self._waiting = engine.process, SimpleQueue()
         process = engine.process
+        self._process, self._waiting = process, SimpleQueue()
         self._frames = FrameMemoryReader(process.line.memory)
         threading.Thread(target=_send, args=(process, self._waiting), daemon=True).start()
         for end, obey in (

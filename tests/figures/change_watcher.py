@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, QTimer
-from PySide6.QtWidgets import QApplication
 
+from figures.picture_watcher import PictureWatcher
 from labapp.window.main_window import MainWindow
-from labapp.window.messages import FailureReport, LivePicture, OpeningFailed, PictureAwaited
+from labapp.window.messages import LivePicture, PictureAwaited
 
 _AVERAGED = 16
 """Frames whose mean is the exact picture that a prediction is compared with."""
@@ -21,12 +20,12 @@ _REST = 1500
 """Milliseconds between a picture and the next pattern, for the preview to be computed."""
 
 
-class ChangeWatcher(QObject):
+class ChangeWatcher(PictureWatcher):
     """Clicks through the patterns, notes what is painted when, and closes the window at the end."""
 
     def __init__(self, window: MainWindow, began: float, kinds: list[str]) -> None:
         super().__init__(window)
-        self._window, self._clicked, self._kinds = window, began, kinds
+        self._clicked, self._kinds = began, kinds
         self._moments: dict[str, float] = {}
         self._found: list[dict[str, float]] = []
         self._prediction: NDArray[np.uint16] | None = None
@@ -40,19 +39,17 @@ class ChangeWatcher(QObject):
         return False
 
     def hear(self, report: object) -> None:
-        if isinstance(report, OpeningFailed | FailureReport):
-            print(report.message, file=sys.stderr)
-            QApplication.exit(1)
+        super().hear(report)
         if isinstance(report, PictureAwaited) and report.request > self._request:
             self._note("busy")
-        if not isinstance(report, LivePicture):
-            return
-        if report.is_prediction:
+
+    def note_picture(self, picture: LivePicture) -> None:
+        if picture.is_prediction:
             self._note("prediction")
-            self._prediction = report.frame.image.copy()
-        elif report.request > self._request:
+            self._prediction = picture.frame.image.copy()
+        elif picture.request > self._request:
             self._note("exact")
-            self._add(report)
+            self._add(picture)
 
     def _note(self, name: str) -> None:
         """The event is handled after this; what a person sees is there once it was."""

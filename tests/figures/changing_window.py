@@ -17,11 +17,9 @@ def changing_window(began: float, bench: Path, scene: Path, kinds: list[str]) ->
     """Open a window on a bench's files, and report on it; SystemExit if its bench fails."""
     application, window, connection = open_window(bench=bench, scene=scene)
     from figures.change_watcher import ChangeWatcher
+    from figures.picture_watcher import run_watched
 
-    watcher = ChangeWatcher(window, began, kinds)
-    connection.report_received.connect(watcher.hear)
-    if status := application.exec():
-        sys.exit(status)
+    run_watched(application, connection, ChangeWatcher(window, began, kinds))
 
 
 if __name__ == "__main__":

@@ -12,34 +12,29 @@ import sys
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QObject, QPoint, QTimer
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import QPoint, QTimer
 
+from figures.picture_watcher import PictureWatcher, run_watched
 from labapp.window.app import open_window
 from labapp.window.main_window import MainWindow
-from labapp.window.messages import LivePicture, OpeningFailed
+from labapp.window.messages import LivePicture
 
 _WARM_UP = 30
 """Frames before the measurement: the first ones meet memory that nobody has used yet."""
 
 
-class _Meter(QObject):
+class _Meter(PictureWatcher):
     """Counts frames and processor time of the window's process, and closes it at the end."""
 
     def __init__(self, window: MainWindow, began: float, seconds: float) -> None:
         super().__init__(window)
-        self._window, self._began, self._seconds = window, began, seconds
+        self._began, self._seconds = began, seconds
         self._frames = 0
         self._moments: dict[str, float] = {}
 
-    def hear(self, report: object) -> None:
-        if isinstance(report, OpeningFailed):
-            print(report.message, file=sys.stderr)
-            QApplication.exit(1)
-        if not isinstance(report, LivePicture):
-            return
+    def note_picture(self, picture: LivePicture) -> None:
         self._frames += 1
-        self._last = report
+        self._last = picture
         self._moments.setdefault("first_picture_s", time.monotonic() - self._began)
         if self._frames == _WARM_UP:
             self._start()
@@ -68,10 +63,7 @@ class _Meter(QObject):
 def live_window(began: float, seconds: float, bench: Path, scene: Path) -> None:
     """Open a window on a bench's files, and report on it; SystemExit if its bench fails."""
     application, window, connection = open_window(bench=bench, scene=scene)
-    meter = _Meter(window, began, seconds)
-    connection.report_received.connect(meter.hear)
-    if status := application.exec():
-        sys.exit(status)
+    run_watched(application, connection, _Meter(window, began, seconds))
 
 
 if __name__ == "__main__":

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from pathlib import Path
 
 from PySide6.QtCore import QEvent, QObject, QTimer
-from PySide6.QtWidgets import QApplication, QMainWindow
 
-from labapp.window.messages import LivePicture, OpeningFailed
+from figures.picture_watcher import PictureWatcher
+from labapp.window.main_window import MainWindow
+from labapp.window.messages import LivePicture
 
 _FRAMES = 60
 
 
-class StartupWatcher(QObject):
+class StartupWatcher(PictureWatcher):
     """Notes the first paint and the first frames, prints them, and closes the window."""
 
-    def __init__(self, window: QMainWindow, began: float) -> None:
+    def __init__(self, window: MainWindow, began: float) -> None:
         super().__init__(window)
-        self._window, self._began = window, began
+        self._began = began
         self._found: dict[str, float] = {}
         self._frames = 0
         window.installEventFilter(self)
@@ -32,12 +32,7 @@ class StartupWatcher(QObject):
             QTimer.singleShot(0, lambda: self._note("seconds_to_window"))
         return False
 
-    def hear(self, report: object) -> None:
-        if isinstance(report, OpeningFailed):
-            print(report.message, file=sys.stderr)
-            QApplication.exit(1)
-        if not isinstance(report, LivePicture):
-            return
+    def note_picture(self, picture: LivePicture) -> None:
         self._frames += 1
         self._note("seconds_to_picture")
         if self._frames == _FRAMES:

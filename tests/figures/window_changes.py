@@ -79,15 +79,19 @@ def _figures(size: str, changes: list[dict[str, float]], beside: str) -> list[Fi
     ]
 
 
-def _found(folder: Path, environment: dict[str, str], size: str) -> list[dict[str, float]]:
-    """The moments of the start, and of each pattern."""
-    width, height = size.split(" x ")
+def bundled_bench(width: int, height: int) -> str:
+    """The bundled bench's file with another number of pixels."""
     text = bundled_path("bench.toml").read_text()
-    text = text.replace("width = 768", f"width = {width}").replace(
+    return text.replace("width = 768", f"width = {width}").replace(
         "height = 512", f"height = {height}"
     )
+
+
+def _found(folder: Path, environment: dict[str, str], size: str) -> list[dict[str, float]]:
+    """The moments of the start, and of each pattern."""
+    width, height = map(int, size.split(" x "))
     bench = folder / f"bench-{width}.toml"
-    bench.write_text(text)
+    bench.write_text(bundled_bench(width, height))
     child = Path(__file__).with_name("changing_window.py")
     files = [str(bench), str(bundled_path("scene.toml"))]
     command = [sys.executable, "-P", str(child), str(time.monotonic()), *files, *_KINDS]

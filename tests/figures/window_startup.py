@@ -15,12 +15,10 @@ from labapp.window.app import open_window
 def report_on_window(began: float) -> None:
     """Open a window, report on it, and return when it is closed; SystemExit if its bench fails."""
     application, window, connection = open_window()
+    from figures.picture_watcher import run_watched
     from figures.startup_watcher import StartupWatcher
 
-    watcher = StartupWatcher(window, began)
-    connection.report_received.connect(watcher.hear)
-    if status := application.exec():
-        sys.exit(status)
+    run_watched(application, connection, StartupWatcher(window, began))
 
 
 if __name__ == "__main__":

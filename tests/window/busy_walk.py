@@ -13,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+from figures.window_changes import bundled_bench
 from person import Person
 from PySide6.QtCore import QObject, QPoint, Qt, QTimer
 from PySide6.QtTest import QTest
@@ -196,12 +197,6 @@ class BusyWalk:
         self._window.help.close()
 
 
-def bench_text() -> str:
-    """The bundled bench, with a sensor of 5 megapixels."""
-    text = bundled_path("bench.toml").read_text()
-    return text.replace("width = 768", "width = 2448").replace("height = 512", "height = 2048")
-
-
 def main() -> None:
     from labapp.common.memory import keep_freed_memory, lasting_objects
     from simulator.screens import xvfb
@@ -210,7 +205,7 @@ def main() -> None:
     keep_freed_memory()
     folder = Path(sys.argv[1])
     file = folder / "bench.toml"
-    file.write_text(bench_text())
+    file.write_text(bundled_bench(2448, 2048))
     with xvfb(1920, 1080) as server:
         os.environ.update(DISPLAY=server.display, QT_QPA_PLATFORM="xcb")
         from PySide6.QtWidgets import QApplication
