@@ -245,7 +245,7 @@ def test_binning_is_set_and_seen(fake: FakeGigECamera) -> None:
     with camera(binning=[2, 2]) as device:
         assert device.shape == (SHAPE[0] // 2, SHAPE[1] // 2)
         device.set_exposure(1e-3)
-        means = picture(1e-3).reshape(24, 2, 32, 2).mean(axis=(1, 3))
+        means = picture(1e-3).reshape(SHAPE[0] // 2, 2, SHAPE[1] // 2, 2).mean(axis=(1, 3))
         np.testing.assert_array_equal(device.capture(never).image, np.rint(means))
 
 
