@@ -43,10 +43,12 @@ class BandedMatrix:
 
     def blocks(self, device: torch.device) -> list[tuple[slice, slice, torch.Tensor]]:
         """Return the dense blocks of the banded matrix on a device: rows, columns and entries."""
-        if self._blocks is None or self._blocks[0][2].device != device:
+        blocks = self._blocks
+        if blocks is None or blocks[0][2].device != device:
             starts = range(0, self.shape[0], _BLOCK)
-            self._blocks = [self._block(start, device) for start in starts]
-        return self._blocks
+            # Another thread may make those of another device at the same time.
+            blocks = self._blocks = [self._block(start, device) for start in starts]
+        return blocks
 
     def _block(self, start: int, device: torch.device) -> tuple[slice, slice, torch.Tensor]:
         """Return a dense block of the banded matrix, with its rows and columns."""

@@ -25,7 +25,7 @@ def normalise_amplitude(
     if amplitude is None or not amplitude.numel():
         return amplitude, None
     axes = tuple(range(-min(sample_axes, amplitude.ndim), 0))
-    peak = amplitude.detach().abs().amax(axes, keepdim=True)
+    peak = _peak(amplitude.detach(), axes)
     peak = torch.where((peak > _DARKEST_PEAK) & peak.isfinite(), peak, 1.0)
     if bool((peak == 1).all()):
         return amplitude, None
@@ -33,7 +33,19 @@ def normalise_amplitude(
         # Numbers near the end of single precision's range lose digits, or become NaN in a division.
         wide = torch.complex128 if amplitude.is_complex() else torch.float64
         amplitude, peak = amplitude.to(wide), peak.to(torch.float64)
-    return amplitude / peak, peak.squeeze(axes).to(torch.float64)
+    return amplitude * peak.reciprocal(), peak.squeeze(axes).to(torch.float64)
+
+
+def _peak(amplitude: torch.Tensor, axes: tuple[int, ...]) -> torch.Tensor:
+    """Return the largest modulus of every pattern whose PSF is computed."""
+    if not amplitude.is_complex():
+        return amplitude.abs().amax(axes, keepdim=True)
+    # The root of the largest square takes a quarter of the time of all moduli.
+    squares = torch.addcmul(amplitude.real.square(), amplitude.imag, amplitude.imag)
+    peak = squares.amax(axes, keepdim=True).sqrt()
+    if _is_extreme(peak) or not bool(peak.isfinite().all()):
+        return amplitude.abs().amax(axes, keepdim=True)
+    return peak
 
 
 def scale_light(light: torch.Tensor, peak: torch.Tensor | None) -> torch.Tensor:

@@ -14,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
+from optics.caching import byte_limited_cache
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.banded_matrix import BandedMatrix
 from optics.fourier.fitted_interpolation import FittedInterpolation, interpolation_width
@@ -40,6 +41,10 @@ FINEST_INTERPOLATION = 1e-8
 _PASSES_PER_FITTED_TERM = 3000.0
 """Time to fit the weights, for each sample and node, over that of a pass over a sample; measured
 for 16 to 1800 samples."""
+
+_PARTS_BYTES = 32 << 20
+"""Bytes of the weights that are kept. Chosen: those of 40 PSFs of 1600 samples a side, as a panel's
+calibration needs over a band of wavelengths."""
 
 _MOST_BEND = 2.0
 """Radians by which the lens' wave may turn in half a panel pixel. Chosen: 0.75 are met by 2
@@ -295,37 +300,76 @@ class _AxisParts:
     error: float
     rounding_growth: float
 
+    @property
+    def bytes(self) -> int:
+        """The memory in bytes that the PSF's axis takes, about."""
+        return self.wave.nbytes + self.matrix.bytes
 
+
+@dataclass(frozen=True)
 class _Axis:
     """Plans the Fourier sum over panel pixels along one axis of a PSF.
 
     In the frame of the pixels' middle, at x_m, the wave exp(i c (x_m + t)²) of a pixel at t has the
     tilt 2 c x_m, which shifts the image by x_m c scale / pi.
+
+    geometry: its planes are regular. axis: 0 (y) or 1 (x). For the others see
+    `InterpolatedPixelTransform`.
     """
 
-    def __init__(
-        self,
-        geometry: FourierGeometry,
-        axis: int,
-        curvature: float,
-        side: float,
-        oversampling: float,
-        mirrored: bool,
-    ) -> None:
-        pupil = geometry.pupil
+    geometry: FourierGeometry
+    axis: int
+    curvature: float
+    side: float
+    oversampling: float
+    mirrored: bool
+
+    @cached_property
+    def _places(self) -> torch.Tensor:
+        """The positions of the panel's pixels along the PSF's axis, metres."""
+        return self.geometry.pupil.coordinates(self.axis)
+
+    @property
+    def _count(self) -> int:
+        return self._places.numel()
+
+    @property
+    def _pitch(self) -> float:
+        pupil = self.geometry.pupil
         assert isinstance(pupil, Plane)
-        self._curvature, self._side, self._scale = curvature, side, geometry.scale
-        places = pupil.coordinates(axis)
-        self._count, self._pitch = places.numel(), pupil.pitch[axis]
-        self._middle = float(places.mean())
-        self._u = geometry.image.coordinates(axis).numpy()
-        self.samples = self._u - self._middle * curvature * geometry.scale / math.pi
-        self._mirrored = mirrored
-        self.given = (self._count + 1) // 2 if mirrored else self._count
-        least = math.ceil(oversampling * self._count) + 1
-        self.length = scipy.fft.next_fast_len(least)
-        if mirrored:
-            self.length = 2 * scipy.fft.next_fast_len(-(-least // 2))
+        return pupil.pitch[self.axis]
+
+    @cached_property
+    def _middle(self) -> float:
+        return float(self._places.mean())
+
+    @property
+    def _scale(self) -> float:
+        return self.geometry.scale
+
+    @cached_property
+    def _u(self) -> NDArray[np.float64]:
+        """The positions of the PSF's samples along the axis, metres."""
+        u: NDArray[np.float64] = self.geometry.image.coordinates(self.axis).numpy()
+        return u
+
+    @cached_property
+    def samples(self) -> NDArray[np.float64]:
+        """The positions of the PSF's samples in the frame of the pixels' middle, metres."""
+        return self._u - self._middle * self.curvature * self._scale / math.pi
+
+    @property
+    def given(self) -> int:
+        """The number of the panel's pixels along the axis that are given for a PSF."""
+        return (self._count + 1) // 2 if self.mirrored else self._count
+
+    @cached_property
+    def length(self) -> int:
+        """The length of the FFT along the axis of the PSF."""
+        least = math.ceil(self.oversampling * self._count) + 1
+        if self.mirrored:
+            return 2 * scipy.fft.next_fast_len(-(-least // 2))
+        return int(scipy.fft.next_fast_len(least))
 
     @property
     def _frequencies(self) -> NDArray[np.float64]:
@@ -349,14 +393,14 @@ class _Axis:
         Where the wave bends much inside a pixel, its weights aren't few any more.
         """
         edge = self._count / 2 * self._pitch
-        bend = abs(self._curvature) * edge * self._side
-        in_grid = not self._mirrored or self._farthest() + width / 2 + 2 < self.length // 2
+        bend = abs(self.curvature) * edge * self.side
+        in_grid = not self.mirrored or self._farthest() + width / 2 + 2 < self.length // 2
         return in_grid and bend < _MOST_BEND
 
     @property
     def kept(self) -> int:
         """The number of grid points of the PSF's spectrum along the axis, about."""
-        if self._mirrored:
+        if self.mirrored:
             return min(math.ceil(self._farthest()) + 8, self.length // 2)
         reach = float(np.ptp(self._frequencies)) * self.length
         return min(math.ceil(reach) + 16, self.length)
@@ -364,25 +408,29 @@ class _Axis:
     @property
     def operations(self) -> float:
         """The operations of the FFT of one line of the panel."""
-        kind = MirroredSpectrum if self._mirrored else FullSpectrum
+        kind = MirroredSpectrum if self.mirrored else FullSpectrum
         return kind(self._count, self.length, range(1)).operations
 
+    @byte_limited_cache(_PARTS_BYTES)
     def parts(self, error: float, dtype: torch.dtype) -> _AxisParts:
-        """Return the wave, the spectrum's grid and the weights of the PSF along the axis."""
+        """Return the wave, the spectrum's grid and the weights of the PSF along the axis.
+
+        They are kept for other PSFs of the same samples and wavelength.
+        """
         fit = FittedInterpolation(
             self._count, self.length, self._frequencies, error, self._pixel_factor
         )
         # The image of a panel whose pixels' middle is off the axis has another phase.
-        turns = self._curvature * self._middle**2 / (2 * math.pi) - self._u * (
+        turns = self.curvature * self._middle**2 / (2 * math.pi) - self._u * (
             self._middle / self._scale
         )
         phases = unit_phasor(torch.from_numpy(turns), torch.complex128).numpy()
-        make = fit.matrix_of_mirrored_input if self._mirrored else fit.matrix
+        make = fit.matrix_of_mirrored_input if self.mirrored else fit.matrix
         matrix = make(dtype, phases)
         t = (torch.arange(self._count, dtype=torch.float64) - (self._count - 1) / 2) * self._pitch
-        bent = unit_phasor(self._curvature / (2 * math.pi) * t**2, torch.complex128)
+        bent = unit_phasor(self.curvature / (2 * math.pi) * t**2, torch.complex128)
         wave = (bent * torch.from_numpy(fit.scaling)).to(dtype)[-self.given :]
-        kind = MirroredSpectrum if self._mirrored else FullSpectrum
+        kind = MirroredSpectrum if self.mirrored else FullSpectrum
         spectrum = kind(self._count, self.length, fit.grid)
         return _AxisParts(wave, spectrum, matrix, fit.error, fit.rounding_growth)
 
@@ -393,12 +441,12 @@ class _Axis:
         at t. places: t in half widths of the panel. The result is (samples, places).
         """
         t = places * (self._count / 2 * self._pitch)
-        half = self._side / 2
-        bend = abs(self._curvature) * (2 * float(np.abs(t).max()) * half + half**2)
+        half = self.side / 2
+        bend = abs(self.curvature) * (2 * float(np.abs(t).max()) * half + half**2)
         tilt = 2 * math.pi * float(np.abs(self.samples).max()) * half / self._scale
         nodes, weights = gauss_legendre(full_precision_nodes(bend + tilt))
         d = nodes * half
-        bent = np.exp(1j * self._curvature * (2 * np.outer(d, t) + d[:, None] ** 2))
+        bent = np.exp(1j * self.curvature * (2 * np.outer(d, t) + d[:, None] ** 2))
         tilted = np.exp(-2j * math.pi / self._scale * np.outer(self.samples, d))
         found: NDArray[np.complex128] = (tilted * (weights / 2)) @ bent
         return found
