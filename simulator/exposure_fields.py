@@ -31,8 +31,8 @@ def exposure_fields(
         return
     for name, share in panel_state.shares:
         if share > 0:
-            phase = _settled_phase(modulator, pictures, name)
-            fields = modulator.flicker_fields(phase, dtype=torch.float32, tol=tol)
+            grey = torch.from_numpy(pictures[name].copy())
+            fields = modulator.iterate_still_fields(grey, tol=tol)
             yield from ((share * weight, field) for weight, field in fields)
 
 

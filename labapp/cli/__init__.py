@@ -27,7 +27,7 @@ from labapp.common.command_end import (
     print_owed_document,
     unsafe_devices,
 )
-from labapp.common.memory import keep_freed_memory
+from labapp.common.memory import collect_garbage_rarely, keep_freed_memory
 
 # isort: on
 
@@ -55,6 +55,7 @@ def main() -> None:
     debug = "--debug" in sys.argv
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
     keep_freed_memory()
+    collect_garbage_rarely()
     begin_command(arguments)
     code, words = 0, "see standard error"
     try:

@@ -41,7 +41,7 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
         If the panel lacks a level, the shape isn't the panel's, or the wavelength is outside the
         panel's table.
     """
-    _require_levels(panel, grey)
+    require_levels(panel, grey)
     curves = _phase_curves(panel, wavelength)
     if curves.shape[:2] == (1, 1):
         return curves[0, 0].to(grey.device)[grey.to(torch.int64)]
@@ -102,6 +102,11 @@ def phase_to_grey(
         for rows, table in _row_curves(panel, curves)
     ]
     return torch.cat(parts, dim=-2)
+
+
+def is_uniform(panel: Panel) -> bool:
+    """Tell whether all of the SLM's pixels have the same phase at the same grey level."""
+    return panel.response is None or tuple(panel.response.shares.shape[1:3]) == (1, 1)
 
 
 def whole_waves(panel: Panel, wavelength: float) -> int:
@@ -231,7 +236,8 @@ def _require_shape(name: str, value: torch.Tensor, panel: Panel) -> None:
         )
 
 
-def _require_levels(panel: Panel, grey: torch.Tensor) -> None:
+def require_levels(panel: Panel, grey: torch.Tensor) -> None:
+    """Raise ValueError if an SLM lacks one of the grey levels, or they aren't whole."""
     if grey.is_floating_point() or grey.is_complex() or grey.dtype == torch.bool:
         raise ValueError(f"grey is {grey.dtype}; give whole levels, as uint8")
     if not grey.numel():

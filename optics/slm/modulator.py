@@ -14,7 +14,7 @@ from optics.slm.flatness import flatness_phase
 from optics.slm.flicker import flicker_nodes
 from optics.slm.gap import gap_amplitude
 from optics.slm.jitter import scattered_share
-from optics.slm.lut import grey_to_phase, phase_to_grey
+from optics.slm.lut import grey_to_phase, is_uniform, phase_to_grey, require_levels
 from optics.slm.panel import Panel
 from optics.slm.phase_range import max_phase
 from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
@@ -131,6 +131,49 @@ class Modulator:
             If the phase's shape isn't the panel's, or the phase isn't finite.
         """
         self._require_phase(phase)
+        return self._with_static_factor(self._pixel_field(phase))
+
+    def modulation_of_grey(
+        self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
+    ) -> torch.Tensor:
+        """Compute the complex field of each SLM pixel from grey levels.
+
+        It is the `modulation` of the settled `phase`. Where the field of a pixel follows from its
+        own level alone, it is computed once for each level and looked up, in a fifth of the time.
+
+        Parameters
+        ----------
+        grey : torch.Tensor
+            Grey levels, (..., rows, columns).
+        dtype : torch.dtype, optional
+            Type of the phase; the default, float32, gives complex64 fields.
+
+        Returns
+        -------
+        torch.Tensor
+            The field, (..., rows, columns).
+
+        Raises
+        ------
+        ValueError
+            If the panel lacks a level, or the shape isn't the panel's.
+        """
+        panel = self.panel
+        if panel.coupling or not is_uniform(panel):
+            return self.modulation(torch.as_tensor(self.phase(grey)).to(dtype))
+        require_levels(panel, grey)
+        if tuple(grey.shape[-2:]) != panel.shape:
+            raise ValueError(f"grey is {tuple(grey.shape)}; the panel has {panel.shape}")
+        levels = self.phase(torch.arange(panel.levels, device=grey.device))
+        fields = self._pixel_field(torch.as_tensor(levels).to(dtype))
+        return self._with_static_factor(fields[grey.to(torch.int64)])
+
+    def _pixel_field(self, phase: torch.Tensor) -> torch.Tensor:
+        """Compute the field of SLM pixels, without flatness and illumination.
+
+        The phase has the panel's shape where neighbouring pixels are coupled, and any shape
+        otherwise.
+        """
         panel = self.panel
         if panel.coupling:
             field = fringing_field_mean(
@@ -138,12 +181,14 @@ class Modulator:
             )
         else:
             field = torch.complex(torch.cos(phase), torch.sin(phase))
-        if panel.gap_reflection:
-            field = field + gap_amplitude(panel)
+        return field + gap_amplitude(panel) if panel.gap_reflection else field
+
+    def _with_static_factor(self, field: torch.Tensor) -> torch.Tensor:
+        """Multiply an SLM's field by the factor of its flatness and illumination."""
         return field if self._static_factor is None else field * self._static_factor.to(field)
 
     def still_fields(
-        self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
+        self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32, tol: float = FLICKER_TOL
     ) -> list[tuple[float, torch.Tensor]]:
         """Compute shares of time and fields while the SLM shows still grey levels.
 
@@ -155,13 +200,25 @@ class Modulator:
             Grey levels, (rows, columns).
         dtype : torch.dtype, optional
             Type of the phase; the default, float32, gives complex64 fields.
+        tol : float, optional
+            Largest error of the mean over the flicker.
 
         Returns
         -------
         list of (float, torch.Tensor)
             Shares of time, whose sum is 1, and fields (rows, columns).
         """
-        return list(self.flicker_fields(torch.as_tensor(self.phase(grey)), dtype=dtype))
+        return list(self.iterate_still_fields(grey, dtype=dtype, tol=tol))
+
+    def iterate_still_fields(
+        self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32, tol: float = FLICKER_TOL
+    ) -> Iterator[tuple[float, torch.Tensor]]:
+        """Yield what `still_fields` lists; each field is computed when it is asked for."""
+        if self.panel.flicker:
+            phase = torch.as_tensor(self.phase(grey))
+            yield from self.flicker_fields(phase, dtype=dtype, tol=tol)
+        else:
+            yield 1.0, self.modulation_of_grey(grey, dtype=dtype)
 
     def flicker_fields(
         self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = FLICKER_TOL

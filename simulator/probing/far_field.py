@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.fft
+import scipy.sparse
 import torch
 from numpy.typing import NDArray
 
@@ -29,12 +30,15 @@ class FarField:
     def __init__(self, field: torch.Tensor, side: float, samples_per_spot: float = 2) -> None:
         rows, columns = (math.ceil(samples_per_spot * n) for n in field.shape)
         far = fft(fft(field, columns, -1), rows, -2).numpy()
-        light = far.real**2 + far.imag**2
+        # Work in place: most of the time would be spent on fresh memory.
+        light = np.abs(far)
+        light *= light
         total = light.sum(dtype=np.float64)
         if not total > 0:
             raise ValueError("no light passes the stop: open it, or move it before the panel")
         self._top = _peak_intensity(far, light, samples_per_spot) / total
-        self.light: Light = light * np.float32(1 / total)
+        light *= np.float32(1 / total)
+        self.light: Light = light
         self._side = side
 
     @property
@@ -50,7 +54,10 @@ class FarField:
 
         The result is along an axis, (samples,).
         """
-        places = np.fft.fftfreq(self.light.shape[axis]) + order
+        return self._envelope_at(np.fft.fftfreq(self.light.shape[axis]) + order)
+
+    def _envelope_at(self, places: NDArray[np.floating]) -> Array:
+        """Return the probed far field's envelope along an axis at places in shares of a period."""
         return np.asarray(self._side * np.sinc(self._side * places) ** 2)
 
     def _summed_envelope(self, axis: int, orders: int) -> Array:
@@ -72,23 +79,23 @@ class FarField:
     def zeroth_order_light(self) -> Light:
         """Return the light of the probed far field's zeroth diffraction order."""
         down, along = (self.envelope(axis).astype(np.float32) for axis in (0, 1))
-        return np.asarray(self.light * down[:, None] * along)
+        light = self.light * down[:, None]
+        light *= along
+        return light
 
-    def light_over_orders(self, most: int) -> Light:
-        """Return the light of the probed far field's orders from -most to most along each axis.
+    def light_around_axis(self, reach: tuple[int, int]) -> Light:
+        """Return the light of the probed far field around the optical axis, over all orders.
 
-        The result is (rows, columns) of 2 most + 1 periods, with the optical axis in the middle, at
-        n // 2.
+        reach: samples (y, x) to either side. The result is (2 y, 2 x) samples, with the optical
+        axis in the middle, at n // 2. It may reach beyond one period.
         """
-        centred = np.fft.fftshift(self.light)
-        down, across = (
-            np.concatenate(
-                [np.fft.fftshift(self.envelope(axis, k)) for k in range(-most, most + 1)]
-            ).astype(np.float32)
-            for axis in (0, 1)
-        )
-        tiles = 2 * most + 1
-        return np.asarray(np.tile(centred, (tiles, tiles)) * down[:, None] * across)
+        light: NDArray[np.float32] = self.light
+        for axis, most in enumerate(reach):
+            samples, period = np.arange(-most, most), self.light.shape[axis]
+            along = self._envelope_at(samples / period).astype(np.float32)
+            light = np.take(light, samples, axis, mode="wrap")
+            light *= along if axis else along[:, None]
+        return light
 
     def _ensquared_sums(self, light: Light) -> Array:
         """Sum a probed far field's light in squares around the axis, for each size of square.
@@ -96,13 +103,11 @@ class FarField:
         The half side of square k is k + 1/2 steps. A step is the distance of the samples along the
         shorter axis.
         """
-        steps = min(light.shape) // 2
-        # Folding adds up to four samples, for which single precision suffices. The sums over many
-        # samples need double precision.
-        sums = _fold_axis(_fold_axis(light, 0), 1).astype(np.float64)
-        for axis in (1, 0):
-            sums = np.add.reduceat(sums, _ring_starts(light.shape[axis], steps), axis)
-        return np.asarray(np.diagonal(sums.cumsum(0).cumsum(1)))
+        down, across = (_ring_sums(n, min(light.shape) // 2) for n in light.shape)
+        # A ring has up to four samples along an axis, for which single precision suffices. The sums
+        # over many samples need double precision.
+        rings = across @ np.ascontiguousarray((down @ light).T)
+        return np.asarray(np.diagonal(rings.astype(np.float64).cumsum(0).cumsum(1)))
 
     @cached_property
     def ensquared_share(self) -> Array:
@@ -120,7 +125,7 @@ class FarField:
         The squares are those of ensquared_share. The integral is relative to that of uniform light
         over the period, and exact, because the density is sampled at its Nyquist rate.
         """
-        total = self._ensquared_sums(self.zeroth_order_light**2)
+        total = self._squared_sums
         return np.asarray(self.light.size * np.maximum(total[-1] - total, 0.0))
 
     @cached_property
@@ -129,7 +134,12 @@ class FarField:
 
         The integral is 1 for uniform light.
         """
-        return float(self.light.size * (self.zeroth_order_light.astype(np.float64) ** 2).sum())
+        return float(self.light.size * self._squared_sums[-1])
+
+    @cached_property
+    def _squared_sums(self) -> Array:
+        """Return the sums of the probed zeroth order's squared light, as in _ensquared_sums()."""
+        return self._ensquared_sums(self.zeroth_order_light**2)
 
     @cached_property
     def transfer(self) -> NDArray[np.complex64]:
@@ -148,7 +158,7 @@ def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: 
     # Light may be brighter half a sample away: for two samples a spot, by a factor of sinc(1/4)^-4,
     # which is below 1.6.
     brighter = 1.05 * float(np.sinc(0.5 / samples_per_spot)) ** -4
-    places = np.argwhere(light > most / brighter)
+    places = np.flatnonzero(light > most / brighter)
     # Only few candidates are interpolated. Of more than 64, some are so close to the top of a
     # fringe that a quarter of that suffices (audited).
     if len(places) > 64:
@@ -161,7 +171,7 @@ def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: 
     # The field begins at the first sample of the transformed array. The offset of its centre is a
     # phase ramp in the far field, which is removed here.
     turns = [np.exp(1j * np.pi * span * (1 / samples_per_spot - 1 / n)) for n in far.shape]
-    for y, x in places:
+    for y, x in zip(*np.unravel_index(places, light.shape), strict=True):
         rows, columns = (y + span) % far.shape[0], (x + span) % far.shape[1]
         patch = far[np.ix_(rows, columns)] * turns[0][:, None] * turns[1]
         most = max(most, float(np.abs(weights @ patch @ weights.T).max()) ** 2)
@@ -183,24 +193,15 @@ def radii(shape: tuple[int, ...]) -> Array:
     return np.hypot(down[:, None], np.arange(kept))
 
 
-def _fold_axis(light: Light, axis: int) -> Light:
-    """Fold an axis of a probed far field: index k holds the sum of samples k and -k."""
-    half = light.shape[axis] // 2
-    if axis == 0:
-        folded = light[: half + 1].copy()
-        folded[1:half] += light[:half:-1]
-    else:
-        folded = light[:, : half + 1].copy()
-        folded[:, 1:half] += light[:, :half:-1]
-    return folded
-
-
 @lru_cache(maxsize=16)
-def _ring_starts(samples: int, steps: int) -> NDArray[np.intp]:
-    """Return the index at which each ring begins along a folded axis of a probed far field.
+def _ring_sums(samples: int, steps: int) -> scipy.sparse.csr_array:
+    """Return the matrix that sums samples along an axis of a probed far field over rings.
 
-    Ring k contains distances above k - 1 steps, up to k steps.
+    Ring k contains distances from the optical axis above k - 1 steps, up to k steps. The matrix is
+    (steps + 1, samples), and the axis is at sample 0.
     """
-    away = np.arange(samples // 2 + 1) * (2 * steps / samples)
-    rings = np.minimum(np.ceil(away - 1e-9), steps).astype(int)
-    return np.asarray(np.searchsorted(rings, np.arange(steps + 1)), dtype=np.intp)
+    sample = np.arange(samples)
+    away = np.minimum(sample, samples - sample) * (2 * steps / samples)
+    ring = np.minimum(np.ceil(away - 1e-9), steps).astype(int)
+    ones = np.ones(samples, np.float32)
+    return scipy.sparse.csr_array((ones, (ring, sample)), shape=(steps + 1, samples))

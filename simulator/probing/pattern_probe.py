@@ -143,7 +143,7 @@ class PatternProbe:
     @cached_property
     def fields(self) -> list[torch.Tensor]:
         """Return the field behind the panel for each probed picture, complex64."""
-        return [self.modulator.modulation(one.to(torch.float32)) for one in self.phases]
+        return [self.modulator.modulation_of_grey(grey) for grey in self.greys]
 
     @cached_property
     def _ideal_fields(self) -> list[torch.Tensor]:
@@ -155,8 +155,7 @@ class PatternProbe:
         if bare == self.panel:
             return []
         modulator = modulator_at(bare, self.wavelength)
-        phases = [torch.as_tensor(modulator.phase(grey)) for grey in self.greys]
-        return [modulator.modulation(one.to(torch.float32)) for one in phases]
+        return [modulator.modulation_of_grey(grey) for grey in self.greys]
 
     @property
     def aperture_share(self) -> torch.Tensor:
@@ -405,8 +404,12 @@ class PatternProbe:
         reached = math.ceil(min(max(half) / self.period - 0.5, 2.0))
         most = max(reached, 0) if self.samples_per_spot == 2 else 0
         pitch = self.period / far.light.shape[0], self.period / far.light.shape[1]
-        light = far.light_over_orders(most)
-        return _transfer_at(light, pitch, ky, kx, half, self.samples_per_spot)
+        y, x = (
+            math.ceil(min(aside / step + 1, (2 * most + 1) * n // 2))
+            for aside, step, n in zip(half, pitch, far.light.shape, strict=True)
+        )
+        light = far.light_around_axis((y, x))
+        return _transfer_at(light, pitch, ky, kx, self.samples_per_spot)
 
     def transfers_behind_moved_stop(
         self, moves: Sequence[tuple[float, float]], ky: Array, kx: Array, half: tuple[float, float]
@@ -456,7 +459,6 @@ def _transfer_at(
     pitch: tuple[float, float],
     ky: Array,
     kx: Array,
-    half: tuple[float, float],
     samples_per_spot: float,
 ) -> NDArray[np.complex128]:
     """Return the transfer function of a probed far field's light at frequencies (ky, kx).
@@ -464,19 +466,13 @@ def _transfer_at(
     light: with the optical axis in the middle; pitch: metres on the sensor between its samples. The
     transfer function fades out where light with fewer than two samples a spot doesn't tell it.
     """
-    kept = [
-        math.ceil(min(far / step + 1, n // 2))
-        for far, step, n in zip(half, pitch, light.shape, strict=True)
-    ]
-    y, x = (n // 2 for n in light.shape)
-    cut = np.ascontiguousarray(light[y - kept[0] : y + kept[0], x - kept[1] : x + kept[1]])
     known = (abs(ky) * pitch[0] < 0.5) & (abs(kx) * pitch[1] < 0.5)
     found = np.zeros(known.shape, dtype=np.complex128)
     series = NonuniformTransform(
-        torch.from_numpy(ky[known]), torch.from_numpy(kx[known]), Plane(cut.shape, pitch), 1.0,
+        torch.from_numpy(ky[known]), torch.from_numpy(kx[known]), Plane(light.shape, pitch), 1.0,
         _SETTINGS.transfer_error, few_points=True,
     )  # fmt: skip
-    found[known] = series.adjoint(torch.from_numpy(cut)).numpy()
+    found[known] = series.adjoint(torch.from_numpy(light)).numpy()
     if samples_per_spot < 2:
         for k, step in ((ky, pitch[0]), (kx, pitch[1])):
             ramp = np.clip((0.5 - abs(k) * step) / (0.5 - _SETTINGS.alias_free), 0, 1)

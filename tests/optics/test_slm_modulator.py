@@ -268,6 +268,40 @@ def test_arrays_come_in_and_go_out():
     assert np.allclose(kept.numpy(), field, atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {},
+        {"gap_reflection": 0.3, "flatness": bowl(), "illumination": beam()},
+        {"coupling": 2e-6},
+        {"response": PhaseResponse((WAVELENGTH,), torch.linspace(0, 1, 512).reshape(1, 1, 2, 256))},
+    ],
+    ids=["plain", "gap and maps", "coupled", "two regions"],
+)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_the_field_of_grey_levels_is_that_of_their_phase(effects, dtype):
+    one = made(**effects)
+    grey = torch.from_numpy(np.random.default_rng(1).integers(0, 256, (3, *PANEL.shape), np.uint8))
+    wanted = one.modulation(one.phase(grey).to(dtype))
+    found = one.modulation_of_grey(grey, dtype=dtype)
+    assert found.dtype == wanted.dtype
+    assert torch.equal(found, wanted)
+
+
+@pytest.mark.parametrize(
+    ("grey", "told"),
+    [
+        (torch.full((6, 8), 300), "grey goes from 300 to 300; the panel's levels are 0 to 255"),
+        (torch.zeros(6, 7, dtype=torch.uint8), r"grey is \(6, 7\); the panel has \(6, 8\)"),
+        (torch.zeros(6, 8), "grey is torch.float32; give whole levels"),
+    ],
+    ids=["level", "shape", "type"],
+)
+def test_grey_levels_that_a_panel_cannot_show_are_refused(grey, told):
+    with pytest.raises(ValueError, match=told):
+        made().modulation_of_grey(grey)
+
+
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_the_precision_is_that_of_the_phase(dtype):
     everything = made(coupling=1e-6, gap_reflection=0.2, flatness=bowl(), illumination=beam())

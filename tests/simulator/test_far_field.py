@@ -66,6 +66,23 @@ def test_shares_of_squares_and_their_energy_are_sums_of_samples():
     assert far.order_share(0) == pytest.approx(light.sum(), rel=1e-5)
 
 
+@pytest.mark.parametrize("samples_per_spot", [1.5, 2])
+def test_the_light_around_the_axis_is_that_of_the_pixels_by_a_plain_sum(samples_per_spot):
+    """Two and a half periods, at every sample, of square pixels that are open over 0.9."""
+    rng = np.random.default_rng(5)
+    field = rng.normal(size=(5, 6)) + 1j * rng.normal(size=(5, 6))
+    far = FarField(torch.from_numpy(field).to(torch.complex64), 0.9, samples_per_spot)
+    reach = tuple(5 * n // 4 for n in far.light.shape)
+    found = far.light_around_axis(reach)
+    y, x = (np.arange(-most, most) / n for most, n in zip(reach, far.light.shape, strict=True))
+    waves = [np.exp(-2j * np.pi * np.outer(u, np.arange(n))) for u, n in ((y, 5), (x, 6))]
+    envelope = np.outer(0.9 * np.sinc(0.9 * y) ** 2, 0.9 * np.sinc(0.9 * x) ** 2)
+    wanted = abs(waves[0] @ field @ waves[1].T) ** 2 * envelope
+    # All light of one period, without the envelope, adds up to 1.
+    wanted /= (abs(field) ** 2).sum() * far.light.size
+    np.testing.assert_allclose(found, wanted, atol=1e-6 * wanted.max())
+
+
 def test_most_orders_hold_nearly_all_light():
     """A pixel's own pattern sums up to all light over all orders."""
     far = FarField(random_field(3), 0.9)
