@@ -451,6 +451,7 @@ class _Axis:
         found: NDArray[np.complex128] = (tilted * (weights / 2)) @ bent
         return found
 
+    @byte_limited_cache(_PARTS_BYTES)
     def mean_squared_factor(self) -> torch.Tensor:
         """Return the mean over the panel's pixels of what a PSF's sample gets of each, float64."""
         nodes, weights = gauss_legendre(16)
