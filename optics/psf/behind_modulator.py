@@ -61,16 +61,15 @@ def modulated_psf(
             part = (1 - scattered) * part + scattered * _jitter_scattered_psf(
                 operator, camera, field
             ).to(part)
-        light = share * part if light is None else light + share * part
+        light = share * part if light is None else torch.add(light, part, alpha=share)
         time += share
     if light is None:
         raise ValueError("timed_fields is empty; give one share of time and its field at least")
     light = (1 - modulator.unmodulated_share) * light
     for share, straight in modulator.unmodulated_fields:
         # Unmodulated light is the same for every pattern, so the operator caches its PSF.
-        light = light + time * share * operator.unmodulated_psf(straight, cache_result=True).to(
-            light
-        )
+        psf = operator.unmodulated_psf(straight, cache_result=True).to(light)
+        light = torch.add(light, psf, alpha=time * share)
     return light
 
 

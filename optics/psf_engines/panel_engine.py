@@ -394,9 +394,10 @@ class PanelEngine(PSFEngine):
         """Whether the PSF's field without a pattern is a product of one along y and one along x."""
         return self._method.separable and self._is_open and not self._request.differentiable
 
-    def _straight_field(self) -> torch.Tensor:
-        """Compute the PSF's field without a pattern, where it is a product over both axes."""
-        return self._straight_axis(0)[:, None] * self._straight_axis(1)
+    def _straight_light(self) -> torch.Tensor:
+        """Compute the PSF without a pattern, where its field is a product over both axes."""
+        y, x = (squared_modulus(self._straight_axis(axis), 1.0) for axis in (0, 1))
+        return (y * self._plain_intensity_scale)[:, None] * x
 
     def _straight_axis(self, axis: int) -> torch.Tensor:
         """Return one axis of the PSF's field without a pattern, complex, for every sample."""
@@ -491,8 +492,7 @@ class PanelEngine(PSFEngine):
         scale, transform = self._intensity_scale, self._transform
         field, missing, peak = None, None, None
         if phase is None and amplitude is None and self._is_straight_field_separable:
-            field, power = self._straight_field(), self._straight_power
-            light = squared_modulus(field, scale)
+            light, power = self._straight_light(), self._straight_power
         else:
             pattern, peak = self._pattern(phase, amplitude)
             power = self._pattern_power(pattern, amplitude)

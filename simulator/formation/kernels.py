@@ -155,9 +155,11 @@ class Kernels:
         else:
             light = self._light(self._operator(point, (0, 0)), modulator, parts)
         if order is not None:
-            plane = self._around(point, order)
-            light = light * self._cell(plane, point.wavelength, order).to(light)
-        light = light * self._vignetting_correction(point)
+            for share in self._cell_shares(point, order):
+                light = light * share.to(light)
+        correction = self._vignetting_correction(point)
+        if correction != 1:
+            light = light * correction
         if not mount.is_aligned:
             light = mount.to_sensor_axes(light, self._window(order))
         return light
@@ -296,20 +298,20 @@ class Kernels:
             causes, lambda: list(exposure_fields(modulator, seen, pictures, tol))
         )
 
-    def _cell(self, plane: Plane, wavelength: float, order: Order) -> torch.Tensor:
+    def _cell_shares(self, point: PointSource, order: Order) -> list[torch.Tensor]:
         """Return the share of each rendered sample's light that belongs to a diffraction order.
 
-        The samples are in the panel's axes. The orders that are merged with the zeroth belong to
-        it. The shares of all orders add up to 1. Where two orders meet, one fades out as the other
-        fades in: a PSF that ended abruptly would cause ringing.
+        It is the product of two, a column along y and a row along x, in the panel's axes. The
+        orders that are merged with the zeroth belong to it. The shares of all orders add up to 1.
+        Where two orders meet, one fades out as the other fades in: a PSF that ended abruptly would
+        cause ringing.
         """
-        period = self.period(wavelength)
-        inside = []
-        for at, k in zip(plane.mesh(), order, strict=True):
+        period, shares = self.period(point.wavelength), []
+        for at, k in zip(self._around(point, order).mesh(), order, strict=True):
             depth = (self._merged_orders + 0.5) * period - (at - k * period).abs()
             ramp = (depth / self._fading(period) + 0.5).clamp(0, 1)
-            inside.append(torch.sin(math.pi / 2 * ramp) ** 2)
-        return inside[0] * inside[1]
+            shares.append(torch.sin(math.pi / 2 * ramp) ** 2)
+        return shares
 
 
 def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields) -> torch.Tensor:

@@ -150,15 +150,26 @@ def _transform_centred_part(
     the whole PSF. kept: of as large a plane with as many samples or fewer; the result has its
     frequencies, and finer detail is removed.
     """
-    (rows, columns), (y, x) = part.shape, (n // 2 for n in part.shape)
-    lines = np.zeros((rows, shape[1]), dtype=np.float32)
-    lines[:, : columns - x] = part[:, x:]
-    lines[:, shape[1] - x :] = part[:, :x]
-    lit = rfft(torch.from_numpy(lines))[:, : kept[1] // 2 + 1]
-    whole = torch.zeros((shape[0], lit.shape[1]), dtype=torch.complex64)
-    whole[: rows - y] = lit[y:]
-    whole[shape[0] - y :] = lit[:y]
+    lit = rfft(_from_origin(part, shape[1], 1))[:, : kept[1] // 2 + 1]
+    whole = _from_origin(lit, shape[0], 0)
+    # At most two arrays of the whole PSF are in memory.
+    del lit
     return _low_rows(fft(whole, shape[0], 0, overwrite=True), kept[0])
+
+
+def _from_origin(part: torch.Tensor, length: int, dim: int) -> torch.Tensor:
+    """Return a rendered PSF's part along an axis of `length`, from its origin on, and 0 elsewhere.
+
+    The part's origin is at n // 2.
+    """
+    count = part.shape[dim]
+    before = count // 2
+    shape = list(part.shape)
+    shape[dim] = length
+    whole = part.new_zeros(shape)
+    whole.narrow(dim, 0, count - before).copy_(part.narrow(dim, before, count - before))
+    whole.narrow(dim, length - before, before).copy_(part.narrow(dim, 0, before))
+    return whole
 
 
 def _crop_spectrum(
@@ -211,5 +222,7 @@ def downsample_spectrum(
 
 def _weighted_sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
     """Return the weighted sum of PSFs or transfer functions with which an image is rendered."""
-    first, *others = (float(w) * part for part, w in zip(parts, weights, strict=True))
+    first, *others = (
+        part if w == 1 else float(w) * part for part, w in zip(parts, weights, strict=True)
+    )
     return sum(others, first)
