@@ -33,7 +33,7 @@ from simulator.streaming import FrameSimulator
 
 _MACHINE = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
-_LEAST_MEMORY, _MEMORY_PER_PIXEL = 600 << 20, 75
+_LEAST_MEMORY, _MEMORY_PER_PIXEL = 560 << 20, 85
 """Bytes that simulated pictures may keep for later ones: of any sensor, and for each pixel. Chosen:
 more of them saved little in the bundled plans."""
 
@@ -221,7 +221,7 @@ class Imaging:
 def default_memory(camera: Camera) -> int:
     """Return the bytes that a camera's simulated pictures may keep for later ones.
 
-    It is at most a quarter of the machine's memory: 0.7 GB for a sensor of 768 x 512 pixels, 1.0 GB
+    It is at most a quarter of the machine's memory: 0.6 GB for a sensor of 768 x 512 pixels, 1.0 GB
     for one of 2448 x 2048.
     """
     rows, columns = camera.sensor.shape
