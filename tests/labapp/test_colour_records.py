@@ -195,7 +195,8 @@ def test_light_of_one_colour_is_refused_and_restored_grey_by_name(labapp, red_re
     code, _, errors = labapp("reconstruct", red_record, "--out", tmp_path / "a.npy")
     assert code != 0
     assert "--grey" in errors
-    assert "told apart" in errors
+    # The noise decides whether blue is found to be without light, or too faint.
+    assert "told apart" in errors or "see hardly any" in errors
     with pytest.raises(UserError, match="--grey"):
         reconstruct_record(ReconstructRun(red_record, "tv", None), Progress())
     out = tmp_path / "grey.npy"
