@@ -31,14 +31,18 @@ def exposure_fields(
         return
     for name, share in panel_state.shares:
         if share > 0:
-            grey = torch.from_numpy(pictures[name].copy())
-            fields = modulator.iterate_still_fields(grey, tol=tol)
+            fields = modulator.iterate_still_fields(_grey_levels(pictures, name), tol=tol)
             yield from ((share * weight, field) for weight, field in fields)
+
+
+def _grey_levels(pictures: Pictures, name: str) -> torch.Tensor:
+    """Return the grey levels of one of the pictures on the simulator's panel, uint8."""
+    return torch.from_numpy(pictures[name].copy())
 
 
 def _settled_phase(modulator: Modulator, pictures: Pictures, name: str) -> torch.Tensor:
     """Return the phase in radians that the simulator's panel reaches for a still pattern."""
-    return torch.as_tensor(modulator.phase(torch.from_numpy(pictures[name].copy())))
+    return torch.as_tensor(modulator.phase(_grey_levels(pictures, name)))
 
 
 def _moving(

@@ -214,7 +214,7 @@ def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFit
         grey = torch.from_numpy(frames.record.pattern(name))
         steered.append(light)
         noises.append(noise)
-        modulation = modulator.modulation(modulator.phase(grey))
+        modulation = modulator.modulation_of_grey(grey, dtype=torch.float64)
         expected.append(zeroth_order_share(modulation.numpy()))
     usable = ~(frames.hot_pixels(dark) | frames.clipped_pixels(names.NEUTRAL_NAME, nm))
     centre = fits.registrations[nm].centre

@@ -98,7 +98,8 @@ def folder(files, lamp, tmp_path_factory) -> Path:
     options = SpectraOptions((), plan, "flat", "star", "dark", None, None, 25, 60, str(lamp))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibrating, "build_spectra_plan", add_photograph)
-        patch.setattr(plan_design, "_STAR_REPEATS", 2)
+        # The noise of fewer frames moves the first band's PSF by a third of its error.
+        patch.setattr(plan_design, "_STAR_REPEATS", 8)
         calibrate_spectra_of_bench(options, out, files, ExecutionOptions(yes=True))
     return out
 
@@ -137,7 +138,7 @@ def true_psfs(record: Path) -> np.ndarray:
 def test_psfs_become_those_of_the_true_panel(record, found):
     """Unmodulated light interferes with the ring, which the calibrated model can't follow.
 
-    In eight draws of the noise, the first band's error was 0.14 to 0.21, and 0.37 to 0.55 of what
+    In three draws of the noise, the first band's error was 0.15 to 0.17, and 0.38 to 0.44 of what
     it was before.
     """
     neutral, true = (one / one.sum((1, 2), keepdims=True) for one in true_psfs(record))
@@ -148,12 +149,12 @@ def test_psfs_become_those_of_the_true_panel(record, found):
     for one, was, wanted in zip(inside, nominal, true, strict=True):
         error, before = (np.linalg.norm(psf - wanted) / np.linalg.norm(wanted)
                          for psf in (one, was))  # fmt: skip
-        assert error < 0.25
-        assert error < 0.65 * before
+        assert error < 0.2
+        assert error < 0.5 * before
     middle = (slice(None), *2 * (slice(WINDOW // 2 - 1, WINDOW // 2 + 2),))
     orders = (neutral * true)[middle].sum((1, 2)) / (neutral**2)[middle].sum((1, 2))
     for one, wanted in zip(parameters(found, "zeroth order"), orders, strict=True):
-        assert abs(one.value - wanted) < 0.65 * abs(one.nominal - wanted)
+        assert abs(one.value - wanted) < 0.5 * abs(one.nominal - wanted)
 
 
 def test_places_and_size_are_the_described_ones_within_their_deviation(found):
