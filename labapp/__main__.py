@@ -1,24 +1,32 @@
 """Run the command line: `python -m labapp` does the same as `labapp`."""
 
+# Python has loaded these three before it runs a script. While it looks for any other module, signal
+# included, Ctrl-C may get lost or be printed with a traceback.
+import _signal  # type: ignore[import-not-found]
 import os
 import sys
 
 
 def main() -> None:
     """Run labapp's command line; Ctrl-C ends it without a traceback from here on."""
-    try:
-        from labapp.common.command_end import begin_command, quit_on_interrupt
+    _signal.signal(_signal.SIGINT, _quit_before_imports)
+    from labapp.common.command_end import begin_command, quit_on_interrupt
 
-        begin_command(sys.argv)
-        quit_on_interrupt()
-    except KeyboardInterrupt:
-        # What would print the document isn't imported yet.
-        if "--json" in sys.argv:
-            os.write(1, b'{"error": "cancelled", "exit_code": 130}\n')
-        os._exit(130)
+    begin_command(sys.argv)
+    quit_on_interrupt()
     from labapp.cli import main as run_command
 
     run_command()
+
+
+def _quit_before_imports(number: int, frame: object) -> None:
+    """End the command at once; what would print --json's document isn't imported yet."""
+    try:
+        if "--json" in sys.argv:
+            os.write(1, b'{"error": "cancelled", "exit_code": 130}\n')
+        os.write(2, b"cancelled\n")
+    finally:
+        os._exit(130)
 
 
 if __name__ == "__main__":

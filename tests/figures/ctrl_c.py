@@ -22,7 +22,7 @@ from labapp.common.console import print_message
 _MOMENTS = 200
 
 _LATEST = 5.0
-"""Seconds after the first line of our own code, up to which Ctrl-C is pressed."""
+"""Seconds after the command's first import, up to which Ctrl-C is pressed."""
 
 _ENDS_WITHIN = 60.0
 """Seconds after which a command that goes on counts as one that Ctrl-C doesn't end."""
@@ -44,13 +44,21 @@ COMMANDS = {
     "explain": "explain --json",
 }
 
-# Before the first line of the command, Python itself starts and looks for it, and prints what it
-# likes if it is interrupted.
-_START = (
-    "import os, sys; from importlib.util import find_spec; "
-    "sys.argv[:] = ['labapp', *sys.argv[1:]]; spec = find_spec('labapp.__main__'); "
-    "code = spec.loader.get_code(spec.name); os.write({told}, b'x'); exec(code)"
-)
+# Before the command's first import, Python itself starts and looks for it, and prints what it likes
+# if it is interrupted. As the finder of modules is asked within that import, what it tells can't
+# come too early.
+_START = """
+import os, sys
+class FirstImport:
+    def find_spec(name, path=None, target=None):
+        if name == "labapp.common":
+            sys.meta_path.remove(FirstImport)
+            os.write({told}, b"x")
+sys.meta_path.insert(0, FirstImport)
+sys.argv[0] = "labapp"
+from labapp.__main__ import main
+main()
+"""
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,7 @@ def any_moment(folder: Path) -> list[Figure]:
         measured += f"; first trouble: {first.name} at {first.moment:.2f} s: {first.wrong}"
     return [
         Figure(
-            f"Ctrl-C at {_MOMENTS} moments of eight commands, from our first line to 5 s",
+            f"Ctrl-C at {_MOMENTS} moments of eight commands, from the first import to 5 s",
             "130, no traceback, one JSON document with --json, nothing left running",
             measured,
             not wrong,
@@ -105,7 +113,7 @@ def interrupt_often(
 
 
 def _interrupt(words: list[str], moment: float, again: float | None) -> str | None:
-    """Press Ctrl-C some seconds after a command's first line; what is wrong then.
+    """Press Ctrl-C some seconds after a command's first import; what is wrong then.
 
     again: seconds after which it is pressed a second time. None if the command had ended before.
     """
@@ -123,8 +131,8 @@ def _interrupt(words: list[str], moment: float, again: float | None) -> str | No
         start_new_session=True,
     )
     os.close(told)
-    with open(reading, "rb") as first_line:
-        first_line.read(1)
+    with open(reading, "rb") as first_import:
+        first_import.read(1)
     time.sleep(moment)
     if process.poll() is not None:
         process.communicate()
