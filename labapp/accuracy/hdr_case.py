@@ -78,14 +78,14 @@ class BracketCase:
         """The bracket of the accuracy case, (levels, pixels), with Poisson's and normal noise."""
         rng, shape = np.random.default_rng(self.seed), (_LEVELS, self.pixels)
 
-        def taken(light: Array | float) -> NDArray[np.uint16]:
+        def draw_frame(light: Array | float) -> NDArray[np.uint16]:
             electrons = rng.poisson(light, shape) + rng.normal(0, self.read_noise, shape)
             number = np.round(electrons / self.gain + _BLACK)
             return np.clip(number, 0, 2**self.bits - 1).astype(np.uint16)
 
-        frames = [taken(self.rates[:, None] * time) for time in self.times]
+        frames = [draw_frame(self.rates[:, None] * time) for time in self.times]
         darks = [
-            np.mean([taken(0.0) for _ in range(self.darks)], axis=0).astype(np.float32)
+            np.mean([draw_frame(0.0) for _ in range(self.darks)], axis=0).astype(np.float32)
             for _ in self.times
         ]
         counts = [self.darks] * self.frames

@@ -22,7 +22,7 @@ from optics.progress import Progress
 class PlainConsole(Console):
     """A terminal on which every text is shown as it is, without markup, emoji codes and controls.
 
-    Names and messages come from files and devices. Use `styled` for parts in colour.
+    Names and messages come from files and devices. Use `styled_line` for parts in colour.
     """
 
     def __init__(self, *, stderr: bool = False) -> None:
@@ -36,7 +36,7 @@ out = PlainConsole()
 err = PlainConsole(stderr=True)
 
 
-def styled(*parts: str | tuple[str, str]) -> Text:
+def styled_line(*parts: str | tuple[str, str]) -> Text:
     """Return a line for the terminal of texts, and of texts with a style, as ("held", "green")."""
     pairs = ((part, "") if isinstance(part, str) else part for part in parts)
     return Text.assemble(*((printable_line(text), style) for text, style in pairs))
@@ -44,7 +44,7 @@ def styled(*parts: str | tuple[str, str]) -> Text:
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     """Print a table in the terminal; right-align columns whose heading ends in a blank."""
-    out.print(styled((title, "bold")))
+    out.print(styled_line((title, "bold")))
     made = Table(box=SIMPLE_HEAD, pad_edge=False)
     for name in columns:
         made.add_column(

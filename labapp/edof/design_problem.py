@@ -178,10 +178,10 @@ class EdofProblem:
         )
         period = 2 * math.pi * self.request.orders
 
-        def seen(parameters: torch.Tensor) -> torch.Tensor:
+        def other_phase(parameters: torch.Tensor) -> torch.Tensor:
             return torch.remainder(self.phase(parameters), period) * (other / first)
 
-        return seen
+        return other_phase
 
     @cached_property
     def spectrum(self) -> torch.Tensor:
@@ -217,9 +217,9 @@ class EdofProblem:
             phase = _read_phase(Path(name), self.camera.panel)
         else:
             phase = self.pattern(name, wavelength)
-        return self._displayed(phase) if self.conditions else phase
+        return self._displayed_phase(phase) if self.conditions else phase
 
-    def _displayed(self, phase: torch.Tensor) -> torch.Tensor:
+    def _displayed_phase(self, phase: torch.Tensor) -> torch.Tensor:
         """Return a phase as it is displayed: one that isn't already, in the middle of the range."""
         if float(phase.min()) >= 0 and float(phase.max()) <= 2 * math.pi * self.request.orders:
             return phase

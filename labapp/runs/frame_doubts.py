@@ -176,7 +176,7 @@ def lack_of_light(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) ->
 
     Parameters as in light_in_the_dark().
     """
-    if np.count_nonzero(image > _lit(sensor, exposure)) >= _LIMITS.lit_pixels:
+    if np.count_nonzero(image > _lit_level(sensor, exposure)) >= _LIMITS.lit_pixels:
         return ""
     return "no pixel has light: the target is missing, or the light is off"
 
@@ -191,7 +191,7 @@ def star_that_is_none(sensor: Sensor, exposure: float, image: NDArray[np.uint16]
         return ""
     level, _ = _dark_level(sensor, exposure)
     bright = float(np.quantile(image, 0.999))
-    if bright <= _lit(sensor, exposure):
+    if bright <= _lit_level(sensor, exposure):
         return ""
     share = (float(np.median(image)) - level) / (bright - level)
     if share <= _LIMITS.extended:
@@ -243,7 +243,7 @@ def _dark_level(sensor: Sensor, exposure: float) -> tuple[float, float]:
     return sensor.black_level + electrons / sensor.gain, math.hypot(noise, 1 / math.sqrt(12))
 
 
-def _lit(sensor: Sensor, exposure: float) -> float:
+def _lit_level(sensor: Sensor, exposure: float) -> float:
     """Return the digital number above which a pixel of a run's frame has light."""
     level, noise = _dark_level(sensor, exposure)
     return level + _LIMITS.sigmas * noise

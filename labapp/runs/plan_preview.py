@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from labapp.bench.opening import Bench, BenchFiles, open_bench
-from labapp.common.console import out, print_json, print_table, styled, terminal_progress
+from labapp.common.console import out, print_json, print_table, styled_line, terminal_progress
 from labapp.common.errors import UserError
 from labapp.files.pattern_table import VideoPattern
 from labapp.files.plan_file import NamedPlan, PlanFile
@@ -172,7 +172,7 @@ def _print_summary(preview: Preview) -> None:
         f"{disk} on disk, {_size(preview.free)} free in this folder",
         *_bracket_lines(preview.plan),
     )
-    out.print(styled((preview.plan.title, "bold")))
+    out.print(styled_line((preview.plan.title, "bold")))
     out.print(f"On {preview.bench}  {badge}")
     for line in lines:
         out.print(line)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from labapp.common.console import out, print_json, print_table, styled
+from labapp.common.console import out, print_json, print_table, styled_line
 from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record import layout
 from labapp.runs.record.reader import Record
@@ -22,7 +22,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
         print_json(data)
         return
     badge = f"SIMULATED: {', '.join(data['simulated'])}" if data["simulated"] else "real devices"
-    out.print(styled((data["title"], "bold"), f"  {data['state']}  ", (badge, "yellow")))
+    out.print(styled_line((data["title"], "bold"), f"  {data['state']}  ", (badge, "yellow")))
     out.print(f"{data['stored']} of {data['frames']} frames stored, {data['size']}")
     out.print(f"started {data['start_time']}, ended {data['end_time'] or 'not yet'}")
     out.print(f"expected {data['expected_s']:.1f} s of bench time, on a {data['clock']} clock")
@@ -33,7 +33,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if data["retried"]:
         out.print(f"frames that needed more than one attempt: {data['retried']}")
     if data["missing"]:
-        out.print(styled((f"missing frames: {data['missing']}", "red")))
+        out.print(styled_line((f"missing frames: {data['missing']}", "red")))
     if data["message"]:
         out.print(data["message"])
     out.print()

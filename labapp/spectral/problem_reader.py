@@ -93,7 +93,7 @@ class ProblemReader:
         self.progress.report(_MERGING_SHARE, "PSFs of the bands")
         psfs = self._band_psfs()
         response = self._response(psfs)
-        is_calibrated = self._calibrated is not None
+        is_calibrated = self._calibrated_bands is not None
         knows_share = is_calibrated or psfs.knows_share or self._light_share is not None
         remarks = remarks_on(
             snapshot, self.record, knows_share=knows_share, is_calibrated=is_calibrated
@@ -190,8 +190,8 @@ class ProblemReader:
         The star's light is only known from the record's own.
         """
         bands, path = self.bands.wavelengths, self.psf
-        if self._calibrated is not None:
-            return self._calibrated.psfs
+        if self._calibrated_bands is not None:
+            return self._calibrated_bands.psfs
         if path is None:
             found = measure_band_psfs(self.record, self._brackets, self.roles, bands)
             return found.with_light_share(self._light_share)
@@ -202,7 +202,7 @@ class ProblemReader:
         return replace(found, light=None).with_unit_sums().with_light_share(self._light_share)
 
     @cached_property
-    def _calibrated(self) -> CalibratedBands | None:
+    def _calibrated_bands(self) -> CalibratedBands | None:
         """Choose the bands of the record's snapshot from the calibration; None without one."""
         if self.calibration is None:
             return None
@@ -215,7 +215,8 @@ class ProblemReader:
         """Return what is known of the record's camera, if its photograph shall refine it."""
         if not self.refines:
             return None
-        return self._calibrated.prior if self._calibrated else prior_of_run(psfs, response)
+        calibrated = self._calibrated_bands
+        return calibrated.prior if calibrated else prior_of_run(psfs, response)
 
     @cached_property
     def _psf_stack(self) -> SpectralCube | None:
@@ -231,7 +232,7 @@ class ProblemReader:
         if self.refines:
             require_filters("--refine", mosaic_of(self.record))
         if self.calibration is not None:
-            _ = self._calibrated
+            _ = self._calibrated_bands
         elif self.psf is None:
             require_star(self.record, self.roles, self.bands.wavelengths)
         else:
@@ -258,8 +259,8 @@ class ProblemReader:
 
     def _psf_source(self) -> str:
         """Say in words where the PSFs of the record's bands are from."""
-        if self._calibrated is not None:
-            return self._calibrated.source
+        if self._calibrated_bands is not None:
+            return self._calibrated_bands.source
         if self.psf is None:
             return f"star {self.roles.star!r} of the same run, in each band"
         if is_record(self.psf) and not is_cube(self.psf):
@@ -268,8 +269,8 @@ class ProblemReader:
 
     def _response(self, psfs: BandPSFs) -> BandResponse:
         """Return what white gives in each band of the record's snapshot behind each filter."""
-        if self._calibrated is not None:
-            return self._calibrated.response
+        if self._calibrated_bands is not None:
+            return self._calibrated_bands.response
         snapshot, mosaic = self.snapshot, mosaic_of(self.record)
         bands = snapshot.wavelengths
         if self.white != self.roles.star and snapshot.is_broad:

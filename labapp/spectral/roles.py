@@ -38,11 +38,12 @@ def choose_roles(
     """
     plan = record.plan.reconstruct
     neutral = plan.neutral if plan else "neutral"
-    star = _known("--star", star or (plan.star if plan else "star"), record.target_names, star)
+    named = star or (plan.star if plan else "star")
+    star = _require_name("--star", named, record.target_names, star)
     photograph = target or (plan.photograph if plan else None) or _last_target(record, star)
-    photograph = _known("--target", photograph, record.target_names, photograph)
+    photograph = _require_name("--target", photograph, record.target_names, photograph)
     coded = pattern or (plan.coded if plan else None) or _last_pattern(record, neutral)
-    coded = _known("--pattern", coded, record.pattern_names, coded)
+    coded = _require_name("--pattern", coded, record.pattern_names, coded)
     base = plan or Reconstruction(coded=coded)
     chosen = {"photograph": photograph, "coded": coded, "star": star, "neutral": neutral}
     return base.model_copy(update={**chosen, "wavelength_nm": None, "grey": True})
@@ -54,11 +55,11 @@ def white_target(record: Record, roles: Reconstruction, named: str | None) -> st
     Raises UserError if the record has no target of that name.
     """
     if named is not None:
-        return _known("--white", named, record.target_names, named)
+        return _require_name("--white", named, record.target_names, named)
     return FLAT if FLAT in record.target_names else roles.star
 
 
-def _known(option: str, name: str, names: list[str], required: str | None) -> str:
+def _require_name(option: str, name: str, names: list[str], required: str | None) -> str:
     """Return a target's or pattern's name; UserError if a required one isn't in the record."""
     if required is not None and name not in names:
         raise UserError(f"{option} {name}: the record has {', '.join(names)}. Name one of these.")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from labapp.bench.opening import BenchFiles, open_bench
-from labapp.common.console import out, print_json, print_table, styled, terminal_progress
+from labapp.common.console import out, print_json, print_table, styled_line, terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.output_paths import RECORD, STUDY_FILES
@@ -153,7 +153,7 @@ def _print_results(
         return
     badge = account.simulation_badge
     heading = f"{account.study.title} ({account.study.source})"
-    out.print(styled((heading, "bold"), "  ", (badge, "yellow")))
+    out.print(styled_line((heading, "bold"), "  ", (badge, "yellow")))
     out.print()
     rows = [[row.what, row.published, row.expected, row.ours] for row in account.results.rows]
     print_table("", ["what", "published", "expected", "ours"], rows)

@@ -175,13 +175,13 @@ def _thumbnail(grey: Thumbnail, side: int) -> Thumbnail:
 def whiten(thumbnail: Thumbnail) -> Thumbnail:
     """Return the fine structure of a thumbnail, with nearly the same contrast everywhere."""
 
-    def blurred(values: Thumbnail, sigma: float) -> Thumbnail:
+    def blur(values: Thumbnail, sigma: float) -> Thumbnail:
         """Return a thumbnail blurred by a Gaussian."""
         smooth = cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
         return np.asarray(smooth, np.float32)
 
-    detail = blurred(thumbnail, _DETAIL_SIGMAS[0]) - blurred(thumbnail, _DETAIL_SIGMAS[1])
-    contrast = np.sqrt(blurred(detail * detail, _CONTRAST_SIGMA))
+    detail = blur(thumbnail, _DETAIL_SIGMAS[0]) - blur(thumbnail, _DETAIL_SIGMAS[1])
+    contrast = np.sqrt(blur(detail * detail, _CONTRAST_SIGMA))
     # What is below a quarter of the picture's mean contrast may be noise.
     floor = _CONTRAST_FLOOR * float(contrast.mean()) + _LEAST_CONTRAST
     return np.asarray(detail / (contrast + floor), np.float32)

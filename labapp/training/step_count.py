@@ -44,7 +44,7 @@ def count_steps(
     int
         Number of steps, at least 1; the same in all processes.
     """
-    with _unchanged(task):
+    with _keep_unchanged(task):
         state = TrainingState(task, replace(schedule, steps=_TIMED_STEPS + 1), processes)
         times = [_time(state.take_step) for _ in range(_TIMED_STEPS + 1)][1:]
         validation = _time(state.validate)
@@ -53,7 +53,7 @@ def count_steps(
 
 
 @contextmanager
-def _unchanged(task: TrainingTask) -> Iterator[None]:
+def _keep_unchanged(task: TrainingTask) -> Iterator[None]:
     """Undo all changes of a training task's module and memory after the block."""
     weights = copy.deepcopy(task.module.state_dict())
     extra = copy.deepcopy(task.extra_state()) if isinstance(task, RememberingTask) else None

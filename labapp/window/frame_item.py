@@ -54,7 +54,7 @@ class FrameItem(pg.GraphicsObject):  # type: ignore[misc]
         row, column, rows, columns = self._shown.region
         place = painter.worldTransform().mapRect(QRectF(column, row, columns, rows))
         density = painter.device().devicePixelRatioF()
-        image = self._coloured(self._shown.indices)
+        image = self._coloured_image(self._shown.indices)
         painter.save()
         painter.resetTransform()
         if _fits(image, place, density):
@@ -68,7 +68,7 @@ class FrameItem(pg.GraphicsObject):  # type: ignore[misc]
         painter.restore()
         self.painted.emit()
 
-    def _coloured(self, indices: NDArray[np.uint8]) -> QImage:
+    def _coloured_image(self, indices: NDArray[np.uint8]) -> QImage:
         """Return the window's picture in the screen's colours, converted once for each picture."""
         if self._image is None:
             rows, columns = indices.shape

@@ -37,31 +37,6 @@ class Region:
                 f"the region is {self.rows} x {self.columns} pixels; give 1 at least on each side"
             )
 
-    @staticmethod
-    def centred(shape: tuple[int, int], place: tuple[float, float], side: int) -> Region:
-        """Return the region of `side` pixels around a place (y, x), moved into the picture.
-
-        Parameters
-        ----------
-        shape : (int, int)
-            Rows and columns of the picture; the region is no larger.
-        place : (float, float)
-            Row and column of its middle.
-        side : int
-            Pixels, 1 at least.
-
-        Returns
-        -------
-        Region
-            As large as the picture at most.
-        """
-        sizes = [min(side, n) for n in shape]
-        first = [
-            min(max(round(c - (size - 1) / 2), 0), n - size)
-            for c, size, n in zip(place, sizes, shape, strict=True)
-        ]
-        return Region(first[0], first[1], sizes[0], sizes[1])
-
     def within(self, shape: tuple[int, int]) -> Region:
         """Return the part of the region that lies in a picture to be aligned.
 

@@ -191,7 +191,7 @@ def _adaptive_moments(light: Array, start: tuple[float, float]) -> tuple[Array, 
         own_shift, own_spread = _moments(weight**2, dy, dx)
         # Through its own window, a Gaussian shows half of a change of its place and covariance.
         centre = centre + 2 * (shift - own_shift)
-        wider = _limited(window + 2 * (spread - own_spread))
+        wider = _widen_narrow_axes(window + 2 * (spread - own_spread))
         change = float(np.abs(wider - window).max() / window.max())
         window = wider
         _require_inside(centre, window, light.shape, widest)
@@ -224,7 +224,7 @@ def _window_pixels(centre: Array, window: Array, shape: tuple[int, ...]) -> tupl
     return rows, columns
 
 
-def _limited(covariance: Array) -> Array:
+def _widen_narrow_axes(covariance: Array) -> Array:
     """Return a star window's covariance with neither axis narrower than it may be."""
     values, vectors = np.linalg.eigh(covariance)
     limited: Array = (vectors * np.maximum(values, _SETTINGS.narrowest**2)) @ vectors.T

@@ -138,13 +138,14 @@ def _noise_below_a_step(dark: DarkSignal) -> tuple[Measured, bool]:
     point = dark.points[0]
     least = _LIMIT_EVENTS / 2 * point.variance_sigma
 
-    def squared(temporal: float) -> float:
+    def noise_variance(temporal: float) -> float:
         return noise_below_a_step(point.mean, point.over_pixels, temporal) ** 2
 
     if point.variance <= least:
-        return Measured(squared(least), squared(least)), True
-    found = squared(point.variance)
-    return Measured(found, abs(squared(point.variance + point.variance_sigma) - found)), False
+        return Measured(noise_variance(least), noise_variance(least)), True
+    found = noise_variance(point.variance)
+    higher = noise_variance(point.variance + point.variance_sigma)
+    return Measured(found, abs(higher - found)), False
 
 
 def _relative(one: Measured) -> float:

@@ -120,7 +120,7 @@ def _deviations(values: Map, least: float) -> tuple[Map, float]:
 def collect_defects(found: Sequence[tuple[GroupDefects, Indices, Indices]]) -> Defects:
     """Collect the defects of all groups of a camera's pixels, each with its rows and columns."""
 
-    def listed(kind: str) -> Indices:
+    def indices_of(kind: str) -> Indices:
         parts = [
             np.stack([rows[mask], columns[mask]], axis=1)
             for one, rows, columns in found
@@ -134,6 +134,6 @@ def collect_defects(found: Sequence[tuple[GroupDefects, Indices, Indices]]) -> D
         return float(np.median([getattr(one, name) for one, _, _ in found]))
 
     return Defects(
-        listed("hot"), listed("bright"), listed("weak"), listed("dead"),
+        indices_of("hot"), indices_of("bright"), indices_of("weak"), indices_of("dead"),
         limit("dark_limit"), limit("current_limit"),
     )  # fmt: skip

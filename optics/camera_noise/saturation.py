@@ -34,7 +34,7 @@ def find_clip_level(groups: Sequence[GroupStatistics], top_number: int) -> ClipL
 
     Raises ValueError if numbers exceed the converter's end as it is said to be.
     """
-    full = [one for group in groups for one in _saturated(group.light)]
+    full = [one for group in groups for one in _saturated_exposures(group.light)]
     if any(one.brightest > top_number for group in groups for one in group.light):
         most = max(one.brightest for group in groups for one in group.light)
         raise ValueError(
@@ -54,7 +54,7 @@ def find_clip_level(groups: Sequence[GroupStatistics], top_number: int) -> ClipL
     return ClipLevel(number, "converter" if is_top else "well")
 
 
-def _saturated(light: Sequence[LightStatistics]) -> list[LightStatistics]:
+def _saturated_exposures(light: Sequence[LightStatistics]) -> list[LightStatistics]:
     """Return the exposures of a group of a camera's pixels at which all are saturated."""
     largest = max(range(len(light)), key=lambda number: light[number].variance)
     limit = _FULL_VARIANCE * light[largest].variance

@@ -124,7 +124,7 @@ class SpectrumModel:
         total = torch.zeros(grid.shape, dtype=torch.float64)
         for my in range(binning):
             for mx in range(binning):
-                oy, ox = (_wrapped((f + m) / binning) for f, m in ((fy, my), (fx, mx)))
+                oy, ox = (_fold_frequency((f + m) / binning) for f, m in ((fy, my), (fx, mx)))
                 box = averaging_transfer(oy, binning) * averaging_transfer(ox, binning)
                 total += box**2 * self.at(oy, ox) / binning**2
         total[0, 0] = 0.0
@@ -263,7 +263,7 @@ def _tiled_periodogram(centred: torch.Tensor, size: int) -> torch.Tensor:
     return total / (rows * columns)
 
 
-def _wrapped(frequency: torch.Tensor) -> torch.Tensor:
+def _fold_frequency(frequency: torch.Tensor) -> torch.Tensor:
     """Return a picture's frequencies folded into -1/2 to 1/2 cycles per pixel."""
     return frequency - torch.round(frequency)
 

@@ -80,7 +80,7 @@ def blind_error(
     mean, power = mean_transfer(transfer, weights)
     spectrum = spectrum.double()
     captured = spectrum * power + noise_variance(noise)
-    lost = spectrum * (1 - spectrum * _squared(mean) / captured)
+    lost = spectrum * (1 - spectrum * _squared_modulus(mean) / captured)
     return (shares * lost).sum()
 
 
@@ -105,7 +105,7 @@ def known_depth_error(
     variance, spectrum = noise_variance(noise), spectrum.double()
     error = spectrum.new_zeros(())
     for one, weight in zip(transfer, depth_weights(transfer, weights), strict=True):
-        lost = spectrum * variance / (spectrum * _squared(one) + variance)
+        lost = spectrum * variance / (spectrum * _squared_modulus(one) + variance)
         error = error + weight * (shares * lost).sum()
     return error
 
@@ -132,7 +132,7 @@ def blind_filter(
     spectrum = spectrum.double()
     built = spectrum * mean.conj() / (spectrum * power + noise_variance(noise))
     kept = torch.zeros_like(spectrum, dtype=torch.bool)
-    kept[0, 0] = bool(_squared(mean[0, 0]) > 0)
+    kept[0, 0] = bool(_squared_modulus(mean[0, 0]) > 0)
     inverse = 1 / torch.where(kept, mean, torch.ones_like(mean))
     return torch.where(kept, inverse, built)
 
@@ -163,9 +163,9 @@ def filter_error(
     _require_shapes(transfer, spectrum, shares)
     spectrum, error = spectrum.double(), shares.new_zeros((), dtype=torch.float64)
     for one, weight in zip(transfer, depth_weights(transfer, weights), strict=True):
-        missed = spectrum * _squared(1 - restoring * one)
+        missed = spectrum * _squared_modulus(1 - restoring * one)
         error = error + weight * (shares * missed).sum()
-    return error + noise_variance(noise) * (shares * _squared(restoring)).sum()
+    return error + noise_variance(noise) * (shares * _squared_modulus(restoring)).sum()
 
 
 def mean_transfer(
@@ -190,7 +190,7 @@ def mean_transfer(
     power = transfer.new_zeros(transfer.shape[1:], dtype=torch.float64)
     for one, weight in zip(transfer, depth_weights(transfer, weights), strict=True):
         mean = mean + weight * one
-        power = power + weight * _squared(one)
+        power = power + weight * _squared_modulus(one)
     return mean, power
 
 
@@ -260,7 +260,7 @@ def error_level(error: float | torch.Tensor) -> float:
     return -10 * math.log10(as_number(error))
 
 
-def _squared(values: torch.Tensor) -> torch.Tensor:
+def _squared_modulus(values: torch.Tensor) -> torch.Tensor:
     """Return |values|² of transfer functions in double precision."""
     if values.is_complex():
         return values.real.double() ** 2 + values.imag.double() ** 2

@@ -156,7 +156,7 @@ class FittedInterpolation:
         """
         grid = self._bases[:, None] + np.arange(self._weights.shape[1])
         turns = np.mod(grid * ((self._count - 1) / (2 * self._length)), 1)
-        entries = self._phased(self._weights * np.exp(2j * math.pi * turns), phases)
+        entries = self._multiply_phases(self._weights * np.exp(2j * math.pi * turns), phases)
         first = torch.from_numpy(self._bases - self.grid.start)
         return BandedMatrix(torch.from_numpy(entries).to(dtype), first, len(self.grid))
 
@@ -168,11 +168,11 @@ class FittedInterpolation:
         The spectrum is even, and known at the grid points from zero on. Its phases count from the
         middle of the input. For the parameters see `matrix`.
         """
-        entries = torch.from_numpy(self._phased(self._weights, phases)).to(dtype)
+        entries = torch.from_numpy(self._multiply_phases(self._weights, phases)).to(dtype)
         kept = max(-self.grid.start, self.grid.stop - 1, 0) + 1
         return BandedMatrix(entries, torch.from_numpy(self._bases), kept, mirrored=True)
 
-    def _phased(
+    def _multiply_phases(
         self, weights: NDArray[np.complex128], phases: NDArray[np.complex128] | None
     ) -> NDArray[np.complex128]:
         """Multiply the interpolation's weights by a phase for each sample."""

@@ -45,7 +45,7 @@ class SpectrumGrid(ABC):
 
     @property
     @abstractmethod
-    def kept(self) -> int:
+    def kept_count(self) -> int:
         """The number of grid points of the spectrum that are kept."""
 
     @property
@@ -58,7 +58,7 @@ class FullSpectrum(SpectrumGrid):
     """Computes the spectrum of a field by an FFT; phases count from the first sample."""
 
     @property
-    def kept(self) -> int:
+    def kept_count(self) -> int:
         return min(len(self.grid), self.length)
 
     @property
@@ -67,7 +67,7 @@ class FullSpectrum(SpectrumGrid):
 
     def _index(self, device: torch.device) -> torch.Tensor:
         first = self.grid.start
-        return torch.arange(first, first + self.kept, device=device) % self.length
+        return torch.arange(first, first + self.kept_count, device=device) % self.length
 
     def forward(self, field: torch.Tensor, dim: int) -> torch.Tensor:
         return fft(field, self.length, dim).index_select(dim, self._index(field.device))
@@ -80,15 +80,16 @@ class FullSpectrum(SpectrumGrid):
         return field.narrow(dim, 0, self.count)
 
     def unfold(self, lines: torch.Tensor) -> torch.Tensor:
-        if len(self.grid) == self.kept:
+        if len(self.grid) == self.kept_count:
             return lines
-        return lines.index_select(0, torch.arange(len(self.grid), device=lines.device) % self.kept)
+        index = torch.arange(len(self.grid), device=lines.device) % self.kept_count
+        return lines.index_select(0, index)
 
     def fold(self, lines: torch.Tensor) -> torch.Tensor:
-        if len(self.grid) == self.kept:
+        if len(self.grid) == self.kept_count:
             return lines
-        index = torch.arange(len(self.grid), device=lines.device) % self.kept
-        return lines.new_zeros(self.kept, lines.shape[1]).index_add_(0, index, lines)
+        index = torch.arange(len(self.grid), device=lines.device) % self.kept_count
+        return lines.new_zeros(self.kept_count, lines.shape[1]).index_add_(0, index, lines)
 
 
 class MirroredSpectrum(SpectrumGrid):
@@ -100,7 +101,7 @@ class MirroredSpectrum(SpectrumGrid):
     """
 
     @property
-    def kept(self) -> int:
+    def kept_count(self) -> int:
         return max(-self.grid.start, self.grid.stop - 1, 0) + 1
 
     @property
@@ -114,7 +115,7 @@ class MirroredSpectrum(SpectrumGrid):
         odd = self.count % 2
         lines: Any = field.numpy()
         found = scipy.fft.dct(lines, type=1 if odd else 2, n=half + odd, axis=dim)
-        return torch.from_numpy(found).narrow(dim, 0, self.kept).contiguous()
+        return torch.from_numpy(found).narrow(dim, 0, self.kept_count).contiguous()
 
     def adjoint(self, spectrum: torch.Tensor, dim: int) -> torch.Tensor:
         half, given = self.length // 2, (self.count + 1) // 2
@@ -134,7 +135,7 @@ class MirroredSpectrum(SpectrumGrid):
     def _forward_on_device(self, field: torch.Tensor, dim: int) -> torch.Tensor:
         """Compute the mirrored field's spectrum by a whole FFT, where scipy can't."""
         spectrum = torch.fft.fft(self._mirror(field, dim), n=self.length, dim=dim)
-        return self._turn(spectrum.narrow(dim, 0, self.kept), dim)
+        return self._turn(spectrum.narrow(dim, 0, self.kept_count), dim)
 
     def _adjoint_on_device(self, spectrum: torch.Tensor, dim: int) -> torch.Tensor:
         turned = self._turn(spectrum, dim, conjugate=True)
@@ -151,9 +152,9 @@ class MirroredSpectrum(SpectrumGrid):
 
     def _turn(self, spectrum: torch.Tensor, dim: int, *, conjugate: bool = False) -> torch.Tensor:
         """Turn phases of a spectrum that count from the first sample to the middle, or back."""
-        points = torch.arange(self.kept, dtype=torch.float64, device=spectrum.device)
+        points = torch.arange(self.kept_count, dtype=torch.float64, device=spectrum.device)
         angle = torch.pi * (self.count - 1) / self.length * points
         phases = torch.polar(torch.ones_like(angle), -angle if conjugate else angle)
         shape = [1] * spectrum.ndim
-        shape[dim] = self.kept
+        shape[dim] = self.kept_count
         return spectrum * phases.to(spectrum.dtype).reshape(shape)

@@ -40,7 +40,7 @@ def choose_ladder(
     for shift in range(_STARTS):
         for times in _ladder_times(search, wanted, limits, ratio, ratio ** (-shift / _STARTS)):
             quickest = math.inf if best is None else search.duration(best)
-            found = _repeated(search, times, limits.most_frames, quickest)
+            found = _fewest_repeats(search, times, limits.most_frames, quickest)
             best = found or best
     if best is None:
         raise UnreachableSNR(
@@ -73,7 +73,7 @@ def _ladder_times(
         time *= ratio
 
 
-def _repeated(
+def _fewest_repeats(
     search: BracketSearch, times: list[float], most_frames: int, quickest: float
 ) -> Groups | None:
     """Return an HDR ladder with as few frames at each time as suffice, if it is quicker."""

@@ -108,7 +108,7 @@ class BracketSearch:
         best = self._cut(first)
         fewest = sum(count for _, count in first)
         if self._darks:
-            for groups in self._repeated(most_frames):
+            for groups in self._repeated_brackets(most_frames):
                 best = min(best, groups, key=self._merit)
         self._terms = 0
         for frames in range(fewest, min(most_frames, fewest + _MORE_FRAMES) + 1):
@@ -116,11 +116,11 @@ class BracketSearch:
             for counts in self._chains(frames):
                 if self._terms > _MOST_TERMS or self.duration(best) <= bound:
                     return best
-                for groups in self._optimised(counts):
+                for groups in self._quickest_brackets(counts):
                     best = min(best, groups, key=self._merit)
         return best
 
-    def _repeated(self, most_frames: int) -> Iterator[Groups]:
+    def _repeated_brackets(self, most_frames: int) -> Iterator[Groups]:
         """Yield HDR brackets whose exposures are repeated alike, the last ones more or less.
 
         Repeated exposures share their dark frames, so that more frames may take less time.
@@ -132,7 +132,7 @@ class BracketSearch:
             if counts and chain:
                 found.append((self._merit(self._cut(chain)), counts))
         for _, counts in sorted(found)[:_OF_EACH]:
-            yield from self._optimised(counts)
+            yield from self._quickest_brackets(counts)
 
     def _counts_to_end(self, count: int, last: int, most_frames: int) -> tuple[int, ...] | None:
         """Return the frames at each time of an HDR chain of equal numbers but for the last."""
@@ -253,7 +253,7 @@ class BracketSearch:
             by_times.setdefault(len(one[0]), []).append(one)
         return [one for each in by_times.values() for one in each[:_OF_EACH]]
 
-    def _optimised(self, counts: tuple[int, ...]) -> Iterator[Groups]:
+    def _quickest_brackets(self, counts: tuple[int, ...]) -> Iterator[Groups]:
         """Yield the HDR brackets with so many frames at each time that may be the quickest."""
         longest = self._chain((), counts)
         if longest is None:
@@ -263,11 +263,11 @@ class BracketSearch:
             groups, index = longest, kept
             # Where exposures become alike, they are counted together.
             while index < len(groups) - 1:
-                groups = self._shortened(groups, index)
+                groups = self._shorten_exposure(groups, index)
                 index += 1
             yield self._cut(groups)
 
-    def _shortened(self, groups: Groups, index: int) -> Groups:
+    def _shorten_exposure(self, groups: Groups, index: int) -> Groups:
         """Shorten an exposure of an HDR chain while it still reaches the darkest rate.
 
         Those after it are as long as they then may be.

@@ -165,7 +165,7 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
     logs = expected.copy()
     for _ in range(_ROUNDS):
         step = _Step(light, clipped, bracket.times * np.exp(logs), floors, levels)
-        linked = step.linked()
+        linked = step.linked_frames()
         change, covariance = step.solve(linked)
         logs += change
         if np.abs(change).max() < 1e-5:
@@ -268,7 +268,7 @@ class _Step:
         below = (weight * self._times).sum(0)
         return np.asarray((weight * self._light).sum(0) / np.where(below > 0, below, 1))
 
-    def linked(self) -> NDArray[np.bool_]:
+    def linked_frames(self) -> NDArray[np.bool_]:
         """Return the largest group of an HDR bracket's frames that common pixels link together.
 
         Raises ValueError if no two are.

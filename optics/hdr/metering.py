@@ -155,7 +155,7 @@ class Meter:
         self._seen[time] = rate_distribution(numbers, time, self._sensor)
 
     @property
-    def found(self) -> MeteredRange:
+    def metered_range(self) -> MeteredRange:
         """The range of the HDR scene; complete when `next_time` is None."""
         self._require_seen()
         high = self._brightest(self._open_times()[-1])

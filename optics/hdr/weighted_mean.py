@@ -35,7 +35,7 @@ def mean_by_time(samples: Samples, method: Method = "Poisson") -> Array:
     method: "plain" weighs rates by the square of their time, "Poisson" by their time.
     """
     weight = samples.times if method == "Poisson" else samples.times * _own_times(samples)
-    return _quotient(_summed(weight, samples.rates), weight.sum(0), samples)
+    return _quotient(_weighted_sum(weight, samples.rates), weight.sum(0), samples)
 
 
 def information_by_time(samples: Samples, rate: Array, method: Method) -> Array:
@@ -44,7 +44,7 @@ def information_by_time(samples: Samples, rate: Array, method: Method) -> Array:
     weight = samples.times * factor
     below = weight.sum(0)
     weight *= factor
-    variance = _summed(weight, _noise(samples, rate))
+    variance = _weighted_sum(weight, _noise(samples, rate))
     below *= below
     return np.divide(below, variance, out=below, where=variance > 0)
 
@@ -62,7 +62,7 @@ def mean_by_variance(samples: Samples, predicted: Array) -> WeightedMean:
     weight = _noise(samples, predicted)
     np.divide(samples.times, weight, out=weight)
     information = weight.sum(0)
-    rate = _quotient(_summed(weight, samples.rates), information, samples)
+    rate = _quotient(_weighted_sum(weight, samples.rates), information, samples)
     return WeightedMean(rate, information)
 
 
@@ -77,7 +77,7 @@ def mean_and_contradiction(samples: Samples, predicted: Array) -> tuple[Weighted
     information = weight.sum(0)
     away = np.subtract(samples.rates, predicted, out=samples.scratch[1])
     weight *= away
-    above, squares = weight.sum(0), _summed(weight, away)
+    above, squares = weight.sum(0), _weighted_sum(weight, away)
     seen = information > 0
     rate = np.divide(above, information, out=np.zeros_like(above), where=seen)
     above *= rate
@@ -96,7 +96,7 @@ def _noise(samples: Samples, predicted: Array) -> Array:
     return np.add(light, samples.floors, out=samples.scratch[0])
 
 
-def _summed(weight: Array, value: Array) -> Array:
+def _weighted_sum(weight: Array, value: Array) -> Array:
     """Return the sum of a bracket's exposures with weights."""
     return np.einsum("kn,kn->n", weight, value)
 

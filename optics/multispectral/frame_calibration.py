@@ -84,7 +84,7 @@ def calibrate_from_frames(
     deviation, covariance = fit.solve()
     if stars is not None:
         covariance = covariance + torch.diag(_interpolation_variance(prior.model))
-    return prior.updated(deviation, covariance, "frames")
+    return prior.with_estimates(deviation, covariance, "frames")
 
 
 class _JointFit:

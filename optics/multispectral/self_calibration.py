@@ -86,6 +86,6 @@ def refine_from_photograph(
     deviation, covariance = solve_corrected_score(
         fit, prior, start, response_side, progress.part(0.25, 0.75)
     )
-    refined = prior.updated(deviation, covariance, f"{prior.source} and photograph")
+    refined = prior.with_estimates(deviation, covariance, f"{prior.source} and photograph")
     seen = observe_by_model(observation, model, refined.relative_deviation, gains)
     return refined, restore_spectra(seen, samples, progress=progress.part(0.75, 1))

@@ -153,7 +153,7 @@ class SnapshotCalibration:
         deviation = torch.zeros(model.layout.count, dtype=torch.float64)
         return cls(model, deviation, covariance, transmission)
 
-    def updated(
+    def with_estimates(
         self, deviation: torch.Tensor, covariance: torch.Tensor, source: str
     ) -> SnapshotCalibration:
         """Return the snapshot camera's calibration with other estimates from `source`."""

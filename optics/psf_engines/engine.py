@@ -407,7 +407,7 @@ class NeighbourInterpolation:
         amplitude: (..., points). The largest of a batch of a PSF's patterns counts.
         """
         flat = amplitude.cpu().reshape(-1, len(self._places)).resolve_conj().numpy()
-        found = [self._missed(values.astype(np.complex128)) for values in flat]
+        found = [self._missed_by_interpolation(values.astype(np.complex128)) for values in flat]
         least = np.finfo(np.float64).eps
         return self._slope * math.sqrt(max(found) / max(self._missed_by_waves, least))
 
@@ -430,7 +430,7 @@ class NeighbourInterpolation:
         size = float(np.sqrt((bent**2).mean())) / math.sqrt(2)
         return float(missed.max()) / size * math.sqrt(2) / slope if size > 0 else 0.0
 
-    def _missed(self, values: NDArray[np.complex128]) -> float:
+    def _missed_by_interpolation(self, values: NDArray[np.complex128]) -> float:
         """Return the share of an amplitude of a PSF's pattern that interpolation misses."""
         if not values.any():
             return 0.0

@@ -117,7 +117,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     def field_shape(self) -> tuple[int, int]:
         """The shape of the field that the Fourier transform takes, (rows, columns)."""
         y, x = self._axes
-        return y.given, x.given
+        return y.given_count, x.given_count
 
     def _require_samples(self, field: torch.Tensor) -> None:
         if field.shape[-2:] != self.field_shape:
@@ -229,19 +229,19 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     def bytes(self) -> int:
         """The memory in bytes of the interpolated Fourier transform's largest arrays."""
         y, x = self._axes
-        field = y.given * x.given
-        grids = y.kept * (x.given + x.length), x.kept * len(y.samples)
+        field = y.given_count * x.given_count
+        grids = y.kept_count * (x.given_count + x.length), x.kept_count * len(y.samples)
         image = len(y.samples) * len(x.samples)
-        return self.dtype.itemsize * int(field + max(y.length * x.given, *grids) + 2 * image)
+        return self.dtype.itemsize * int(field + max(y.length * x.given_count, *grids) + 2 * image)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of one interpolated Fourier transform."""
         y, x = self._axes
         width = self._width
-        operations = x.given * y.operations + y.kept * x.operations
+        operations = x.given_count * y.operations + y.kept_count * x.operations
         rows, columns = len(y.samples), len(x.samples)
-        products = 4 * columns * (y.kept * x.span(width) + rows * y.span(width))
-        passes = 6 * y.given * x.given + 8 * (y.kept * columns + rows * columns)
+        products = 4 * columns * (y.kept_count * x.span(width) + rows * y.span(width))
+        passes = 6 * y.given_count * x.given_count + 8 * (y.kept_count * columns + rows * columns)
         seconds = operations * speed.fft + products * speed.multiply_add + passes * speed.touch
         return (
             speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
@@ -359,7 +359,7 @@ class _Axis:
         return self._u - self._middle * self.curvature * self._scale / math.pi
 
     @property
-    def given(self) -> int:
+    def given_count(self) -> int:
         """The number of the panel's pixels along the axis that are given for a PSF."""
         return (self._count + 1) // 2 if self.mirrored else self._count
 
@@ -398,7 +398,7 @@ class _Axis:
         return in_grid and bend < _MOST_BEND
 
     @property
-    def kept(self) -> int:
+    def kept_count(self) -> int:
         """The number of grid points of the PSF's spectrum along the axis, about."""
         if self.mirrored:
             return min(math.ceil(self._farthest()) + 8, self.length // 2)
@@ -429,7 +429,7 @@ class _Axis:
         matrix = make(dtype, phases)
         t = (torch.arange(self._count, dtype=torch.float64) - (self._count - 1) / 2) * self._pitch
         bent = unit_phasor(self.curvature / (2 * math.pi) * t**2, torch.complex128)
-        wave = (bent * torch.from_numpy(fit.scaling)).to(dtype)[-self.given :]
+        wave = (bent * torch.from_numpy(fit.scaling)).to(dtype)[-self.given_count :]
         kind = MirroredSpectrum if self.mirrored else FullSpectrum
         spectrum = kind(self._count, self.length, fit.grid)
         return _AxisParts(wave, spectrum, matrix, fit.error, fit.rounding_growth)

@@ -117,7 +117,7 @@ def _change(
     Raises OSError if the file can't be written.
     """
     file = authority_file().resolve()
-    with _locked(file):
+    with _hold_lock(file):
         found, rest = read_entries(file.read_bytes() if file.exists() else b"")
         kept = [
             entry
@@ -140,7 +140,7 @@ def _address(entry: Entry) -> tuple[int, bytes, bytes]:
 
 
 @contextmanager
-def _locked(file: Path) -> Iterator[None]:
+def _hold_lock(file: Path) -> Iterator[None]:
     """Hold the lock of an authority file of X servers, as xauth does, or raise OSError."""
     made, lock = (file.with_name(f"{file.name}-{end}") for end in "cl")
     late = time.monotonic() + _LOCK_TIMEOUT

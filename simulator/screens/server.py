@@ -159,14 +159,14 @@ def running_server(command: list[str]) -> Iterator[XServer]:
             if not number:
                 program = os.path.basename(command[0])
                 raise NoXServer(f"{program} didn't start. Try it by hand: {program} -displayfd 1")
-            with _published(f":{number}", cookie):
+            with _publish_cookie(f":{number}", cookie):
                 yield XServer(f":{number}", server.pid)
         finally:
             terminate_or_kill(server, SETTINGS.start_timeout)
 
 
 @contextmanager
-def _published(display: str, cookie: bytes) -> Iterator[None]:
+def _publish_cookie(display: str, cookie: bytes) -> Iterator[None]:
     """Let this user's programs use an X server while the block lasts; NoXServer if that fails."""
     with ExitStack() as stack:
         try:

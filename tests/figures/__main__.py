@@ -14,7 +14,7 @@ from rich.text import Text
 from figures import Figure
 from figures.measurements import MEASUREMENTS, measurement
 from figures.results import PAGE, RESULTS, Section, Stamp, quote, update
-from labapp.common.console import out, print_json, print_message, print_table, styled
+from labapp.common.console import out, print_json, print_message, print_table, styled_line
 from labapp.common.threads import use_one_thread
 
 _COLOURS = {True: "green", False: "red", None: "dim"}
@@ -77,7 +77,7 @@ def _print(sections: list[Section]) -> None:
 
 def _verdict(figure: Figure) -> Text:
     colour = _COLOURS[figure.met]
-    return styled((figure.verdict, colour))
+    return styled_line((figure.verdict, colour))
 
 
 if __name__ == "__main__":

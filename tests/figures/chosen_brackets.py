@@ -116,7 +116,7 @@ def _meter(scene: Scene, rng: np.random.Generator) -> tuple[WantedSNR, Frames]:
     while meter.next_time is not None:
         frames.append((meter.next_time, scene.frame(meter.next_time, rng)))
         meter.add(*frames[-1])
-    found = meter.found
+    found = meter.metered_range
     return WantedSNR(scene.snr_db, found.low, found.high, _DARKS), frames
 
 

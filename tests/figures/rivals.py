@@ -10,20 +10,18 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from small_bench.setups import small_setup
 
-from figures.where import ENVIRONMENT, ROOT
+from figures.fork_server import ForkServer
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
@@ -62,31 +60,11 @@ class Deed:
     placed: float = 0.0
 
 
-class Rivals:
+class Rivals(ForkServer):
     """A context manager; takes schedules, two processes each."""
 
-    def __enter__(self) -> Self:
-        self._parent = subprocess.Popen(
-            [sys.executable, "-m", "figures.rivals"],
-            cwd=ROOT,
-            # Threads that compute would be missing after a fork, and waited for.
-            env=ENVIRONMENT | {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        with self._parent as parent:
-            assert parent.stdin is not None
-            parent.stdin.close()
+    def __init__(self) -> None:
+        super().__init__("figures.rivals")
 
     def take(self, *works: dict[str, Any]) -> list[Deed]:
         """Do works, each in a process of its own, at the same time; how they ended.
@@ -94,10 +72,7 @@ class Rivals:
         work: what, title, path, other (a record to export), seed, stop (frame after which a run is
         cancelled; -1 for none).
         """
-        assert self._parent.stdin is not None
-        assert self._parent.stdout is not None
-        self._parent.stdin.write(json.dumps(works) + "\n")
-        return [Deed(**data) for data in json.loads(self._parent.stdout.readline())]
+        return [Deed(**data) for data in json.loads(self.ask(json.dumps(works)))]
 
 
 def small_plan(title: str) -> PlanFile:

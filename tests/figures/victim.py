@@ -5,45 +5,28 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from small_bench.setups import small_setup
 
-from figures.where import ENVIRONMENT, ROOT
+from figures.fork_server import ForkServer
 from labapp.bench.opening import open_bench
 from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.runner import resume_run, run_plan
 
 
-class Victims:
+class Victims(ForkServer):
     """A context manager; every run is a process of its own, with its libraries loaded."""
 
-    def __enter__(self) -> Self:
-        self._parent = subprocess.Popen(
-            [sys.executable, "-m", "figures.victim"],
-            cwd=ROOT,
-            env=ENVIRONMENT,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
-        self._line()
-        return self
+    def __init__(self) -> None:
+        super().__init__("figures.victim")
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        with self._parent as parent:
-            assert parent.stdin is not None
-            parent.stdin.close()
+    def __enter__(self) -> Self:
+        super().__enter__()
+        self.ask("ready?")
+        return self
 
     def begin(self, path: Path, acknowledged: Path, plan: PlanFile | None) -> int:
         """Begin a run of a plan into a record, or to resume it (None); its process number.
@@ -55,9 +38,7 @@ class Victims:
             "acknowledged": str(acknowledged),
             "plan": plan.model_dump(mode="json") if plan else None,
         }
-        assert self._parent.stdin is not None
-        self._parent.stdin.write(json.dumps(order) + "\n")
-        return int(self._line())
+        return int(self.ask(json.dumps(order)))
 
     def kill(self, process: int) -> bool:
         """Kill it with SIGKILL; False if it had ended before."""
@@ -67,20 +48,16 @@ class Victims:
 
     def end(self) -> int:
         """Wait for the end of the run: its exit code, or minus the signal that ended it."""
-        assert self._parent.stdin is not None
-        self._parent.stdin.write("wait\n")
-        return int(self._line())
-
-    def _line(self) -> str:
-        assert self._parent.stdout is not None
-        return self._parent.stdout.readline()
+        return int(self.ask("wait"))
 
 
 def _obey() -> None:
     """Fork a run for every line; this process has no thread that a fork could lose."""
-    print("ready", flush=True)
     process = 0
     for line in sys.stdin:
+        if line.strip() == "ready?":
+            print("yes", flush=True)
+            continue
         if line.strip() == "wait":
             _, status = os.waitpid(process, 0)
             print(os.waitstatus_to_exitcode(status), flush=True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from labapp.common.console import err, out, print_error, print_table, styled, terminal_progress
+from labapp.common.console import err, out, print_error, print_table, styled_line, terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.figure_png import figure_to_png
 from labapp.common.plain_text import printable, printable_line, quote, shorten
@@ -51,7 +51,7 @@ def test_a_quoted_value_has_a_limit():
 @pytest.mark.parametrize("text", NAMES)
 def test_the_terminal_shows_names_as_they_are(capsys, text):
     out.print(text)
-    print_table(text, [text, "b "], [[text, styled((text, "green"))]])
+    print_table(text, [text, "b "], [[text, styled_line((text, "green"))]])
     print_error(text)
     printed = capsys.readouterr()
     assert printed.out.count(text) == 5
@@ -62,7 +62,7 @@ def test_the_terminal_shows_names_as_they_are(capsys, text):
 def test_no_control_reaches_the_terminal(capsys, text):
     out.print(text)
     err.print(text)
-    print_table(text, [text], [[text], [styled((text, "red"))]])
+    print_table(text, [text], [[text], [styled_line((text, "red"))]])
     print_error(text)
     printed = capsys.readouterr()
     for shown in (printed.out, printed.err):

@@ -190,9 +190,6 @@ def test_a_region_is_counted_on_all_of_its_pixels():
 
 
 def test_regions_stay_in_the_picture():
-    assert Region.centred((40, 50), (20.0, 30.0), 9) == Region(16, 26, 9, 9)
-    assert Region.centred((40, 50), (0.0, 49.0), 16) == Region(0, 34, 16, 16)
-    assert Region.centred((40, 50), (20.0, 20.0), 99) == Region(0, 0, 40, 50)
     with pytest.raises(ValueError, match="outside the picture of 40 x 50"):
         Region(40, 0, 3, 3).within((40, 50))
     with pytest.raises(ValueError, match="give 1 at least"):

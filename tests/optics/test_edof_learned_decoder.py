@@ -159,7 +159,7 @@ def test_a_filter_for_captures_is_the_evaluations_decoder_where_periods_agree():
     decoder = blind_wiener(spectrum).build(transfers, noise)
     front = WienerFront.of_transfers(transfers, spectrum(side))
     for size in (32, 33):
-        assert CaptureFilter(front, noise)._extended(size) == 64
+        assert CaptureFilter(front, noise)._extended_length(size) == 64
         capture = picture(size, size)
         torch.testing.assert_close(
             CaptureFilter(front, noise)(capture), decoder(capture), rtol=0, atol=1e-5

@@ -20,7 +20,7 @@ def metered(rate, first=0.003, snr_db=30.0, decades=None, rng=None, limits=LIMIT
     rng = rng or np.random.default_rng(0)
     while meter.next_time is not None:
         meter.add(meter.next_time, frame(rate, meter.next_time, rng))
-    return meter.found
+    return meter.metered_range
 
 
 @pytest.mark.parametrize("first", [20e-6, 0.003, 10.0])

@@ -98,7 +98,7 @@ def merge_files(
         told += [f"{colour}{words}. They are left out" for words in defects.explain()]
     progress.report(0.8, "simulating the merge")
     full = source.sensor.full_scale
-    rate, variance, state = (_joined(every) for every in zip(*found, strict=True))
+    rate, variance, state = (_join_bands(every) for every in zip(*found, strict=True))
     told += _useless_light(rate, variance, state) + _cut_noise(bands)
     return MergedFiles(
         source, method, rate, variance, state, factors, told,
@@ -166,7 +166,7 @@ def merge_coded_files(source: BracketFiles, progress: Progress) -> MergedFiles:
         part = progress.part(0.8 * number / count, 0.8 * (number + 1) / count)
         report = functools.partial(part.report, message="merging")
         found.append(hdr.merge_by_response(frames, source.exposures, curves[-1], report))
-    rate, variance, state = (_joined(every) for every in zip(*found, strict=True))
+    rate, variance, state = (_join_bands(every) for every in zip(*found, strict=True))
     told = [
         "the response curve of these 8-bit pictures was measured on them. If numbers are sRGB's, "
         "or proportional to light, say so by --srgb or --linear, with --gain and --read-noise"
@@ -192,7 +192,7 @@ def _require_order(source: BracketFiles) -> None:
         raise UserError(f"{names}: {hdr.explain_disorder(disordered)}.")
 
 
-def _joined(bands: Sequence[torch.Tensor]) -> NDArray[Any]:
+def _join_bands(bands: Sequence[torch.Tensor]) -> NDArray[Any]:
     """Return the bands of a merged bracket as one array; a single one isn't copied."""
     return bands[0].numpy()[None] if len(bands) == 1 else torch.stack(list(bands)).numpy()
 

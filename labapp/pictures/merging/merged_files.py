@@ -52,7 +52,7 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
         "files": source.names,
         "exposures_s": source.exposures,
         "factors": None if factors is None else factors.factors.tolist(),
-        "factor_deviations": None if factors is None else _known(factors.deviations),
+        "factor_deviations": None if factors is None else _known_deviations(factors.deviations),
         "noise_scatter": None if factors is None else factors.scatter,
         "warnings": merged.told,
         "clipped_share": merged.clipped,
@@ -60,7 +60,7 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
     } | _describe_trust(merged)
 
 
-def _known(deviations: NDArray[np.float64]) -> list[float | None]:
+def _known_deviations(deviations: NDArray[np.float64]) -> list[float | None]:
     """Return the deviations of a merged bracket's factors for JSON; None for what isn't known."""
     return [one if math.isfinite(one) else None for one in deviations.tolist()]
 

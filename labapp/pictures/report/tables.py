@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from labapp.common.console import out, print_table, styled
+from labapp.common.console import out, print_table, styled_line
 from labapp.pictures.report.record_analysis import RecordAnalysis
 from optics.deconvolution.method_names import RESTORATIONS
 
@@ -40,7 +40,7 @@ def print_tables(analysis: RecordAnalysis) -> None:
         Results of the record.
     """
     badge = f"SIMULATED: {', '.join(analysis.simulated)}" if analysis.simulated else "real devices"
-    out.print(styled((analysis.title, "bold"), "  ", (badge, "yellow")))
+    out.print(styled_line((analysis.title, "bold"), "  ", (badge, "yellow")))
     out.print()
     print_table("Exposures", EXPOSURE_COLUMNS, exposure_rows(analysis))
     out.print(EXPOSURE_NOTE + "\n", style="dim")

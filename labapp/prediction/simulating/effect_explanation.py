@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from rich.text import Text
 
-from labapp.common.console import out, print_json, print_table, styled, terminal_progress
+from labapp.common.console import out, print_json, print_table, styled_line, terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.prediction.simulating.all_effects import deviation_in_the_middle
@@ -161,7 +161,7 @@ def _level(one: dict[str, Any]) -> Text:
     if one["kind"] == "axis" and one["on"] and len(one["levels"]) > 1:
         level = f"{level} of {one['levels'][-1]}"
     colour = "yellow" if one["forced"] else "green" if one["on"] else "dim"
-    return styled((f"{level}{', forced' if one['forced'] else ''}", colour))
+    return styled_line((f"{level}{', forced' if one['forced'] else ''}", colour))
 
 
 def _share(value: float | None) -> str:
@@ -200,7 +200,7 @@ def _print_audit(found: Sequence[AuditResult]) -> None:
             " + ".join(one.effects),
             one.others,
             f"{one.measured_over_bound:.1%}",
-            styled(("broken", "red")) if one.is_broken else "held",
+            styled_line(("broken", "red")) if one.is_broken else "held",
         ]
         for one in found
     ]

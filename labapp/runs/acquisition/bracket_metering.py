@@ -114,7 +114,7 @@ class BracketMetering:
             while meter.next_time is not None:
                 frames.append(self._take(replace(shot, exposure=meter.next_time)))
                 meter.add(frames[-1].exposure, frames[-1].image)
-            found = meter.found
+            found = meter.metered_range
         except ValueError as error:
             name = f"{shot.target} with {shot.pattern} at {shot.wavelength * 1e9:g} nm"
             raise UserError(f"{where}: metering {name}: {error}.") from error
@@ -135,7 +135,7 @@ class BracketMetering:
         """Return what a run's record tells of a metering."""
         seen = ((frame.exposure, frame.image) for frame in frames)
         light = scene_light(seen, self._sensor)
-        rows = tuple(tuple(_rounded(one) for one in row) for row in light.blocks.tolist())
+        rows = tuple(tuple(_round_rate(one) for one in row) for row in light.blocks.tolist())
         return MeteredLight(
             target=shot.target,
             pattern=shot.pattern,
@@ -144,10 +144,10 @@ class BracketMetering:
             electrons_per_s=(found.low, found.high),
             noise_limited=found.is_noise_limited,
             blocks=rows,
-            quantiles=tuple(_rounded(one) for one in light.quantiles.tolist()),
+            quantiles=tuple(_round_rate(one) for one in light.quantiles.tolist()),
         )
 
 
-def _rounded(rate: float) -> float | None:
+def _round_rate(rate: float) -> float | None:
     """Return a metered rate with few digits for a run's record; None where there is none."""
     return float(f"{rate:.{_DIGITS}g}") if math.isfinite(rate) else None

@@ -42,7 +42,7 @@ def follow_frames(rows: NDArray[Any], structure: bytes) -> FrameChain:
     rows: of the type CHAIN_ROW. structure: digest of the record's structure. Rows of zeros before
     the last link are broken links.
     """
-    used, found = _used(rows), FrameChain(rows, 0, first_link(structure))
+    used, found = _count_used(rows), FrameChain(rows, 0, first_link(structure))
     for number, row in enumerate(rows[:used]):
         if not follows(row, found.last):
             found.broken = number
@@ -60,7 +60,7 @@ def follows(row: np.void, before: bytes) -> bool:
 
 def follow_log(rows: NDArray[Any], structure: bytes) -> LogChain:
     """Follow the lines of a record's log from the first on; rows are of the type LOG_ROW."""
-    before, used = first_line(structure), _used(rows)
+    before, used = first_line(structure), _count_used(rows)
     for number, row in enumerate(rows[:used]):
         line = line_digest(before, row["time"], bytes(row["text"]))
         if line != row["digest"].tobytes():
@@ -69,7 +69,7 @@ def follow_log(rows: NDArray[Any], structure: bytes) -> LogChain:
     return LogChain(used, before)
 
 
-def _used(rows: NDArray[Any]) -> int:
+def _count_used(rows: NDArray[Any]) -> int:
     """Return how many rows there are up to the last that isn't all zeros."""
     flat = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
     used = np.flatnonzero(flat.any(axis=1))

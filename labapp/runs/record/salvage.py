@@ -134,7 +134,7 @@ class DamagedRecord:
         except (TableError, KeyError):
             return None
 
-    def _known(self, name: str) -> NDArray[Any] | None:
+    def _read_known(self, name: str) -> NDArray[Any] | None:
         """Read a dataset that was known before the run began, if it is as it was."""
         found = self._read_or_none(name)
         if found is None or not self._table.places[name].digest:
@@ -187,7 +187,7 @@ class DamagedRecord:
 
     def _planned_columns(self) -> dict[str, NDArray[Any]]:
         """Return the planned columns of the run's record, or what its plan makes of them."""
-        found = {name: self._known(f"{layout.DATA}/{name}") for name in layout.PLANNED}
+        found = {name: self._read_known(f"{layout.DATA}/{name}") for name in layout.PLANNED}
         whole = {name: column for name, column in found.items() if column is not None}
         if len(whole) == len(found):
             return whole
@@ -205,7 +205,7 @@ class DamagedRecord:
         self._lacks.append(f"the proof of what was planned ({lost}): frames may be of others")
         counts = {"role": len(layout.ROLES)}
         for kind in ("target", "pattern"):
-            names = self._known(f"entry/{kind}s/names")
+            names = self._read_known(f"entry/{kind}s/names")
             counts[kind] = len(names) if names is not None else 1 + int(left[kind].max())
         return left | {name: np.minimum(left[name], count - 1) for name, count in counts.items()}
 
@@ -213,8 +213,10 @@ class DamagedRecord:
         """Return the planned columns that follow from the plan of the run's record."""
         if self._format == layout.FORMAT:
             return planned_from_texts(self._handle, self._table, self._path)
-        times = self._known(f"{layout.PATTERNS}/frame_time")
-        targets, patterns = (self._known(f"entry/{one}s/names") for one in ("target", "pattern"))
+        times = self._read_known(f"{layout.PATTERNS}/frame_time")
+        targets, patterns = (
+            self._read_known(f"entry/{one}s/names") for one in ("target", "pattern")
+        )
         if times is None or targets is None or patterns is None:
             return None
         return planned_by_older_plan(
@@ -240,9 +242,9 @@ class DamagedRecord:
             )
             for index in range(len(columns["frame"]))
         ]  # fmt: skip
-        x = self._known(f"{layout.DATA}/x")
-        times = self._known(f"{layout.PATTERNS}/frame_time")
-        seed = self._known("entry/seed")
+        x = self._read_known(f"{layout.DATA}/x")
+        times = self._read_known(f"{layout.PATTERNS}/frame_time")
+        seed = self._read_known("entry/seed")
         _, rows, pixels = self._table.places[f"{layout.DATA}/images"].shape
         return RecordContents(
             title=self._text("title") or self._path.stem,
@@ -266,7 +268,7 @@ class DamagedRecord:
 
     def _text(self, name: str) -> str | None:
         """Return a text of the run's record; None if it is lost."""
-        found = self._known(f"entry/{name}")
+        found = self._read_known(f"entry/{name}")
         try:
             return None if found is None else bytes(found[()]).decode()
         except UnicodeDecodeError:
@@ -290,7 +292,7 @@ class DamagedRecord:
 
     def _names(self, name: str, indices: NDArray[Any], kind: str) -> list[str]:
         """Return names in the run's record; if they are lost, numbers instead."""
-        found = self._known(name)
+        found = self._read_known(name)
         if found is not None:
             return [one.decode(errors="replace") for one in found.tolist()]
         self._lacks.append(f"the names of the {kind}s")
@@ -300,14 +302,15 @@ class DamagedRecord:
         """Return the patterns of the run's record by name; those that are lost are black."""
         names = self._names(f"{layout.PATTERNS}/names", indices, "pattern")
         first, count, times = (
-            self._known(f"{layout.PATTERNS}/{name}") for name in ("first", "frames", "frame_time")
+            self._read_known(f"{layout.PATTERNS}/{name}")
+            for name in ("first", "frames", "frame_time")
         )
         images = self._read_or_none(layout.SHOWN_IMAGES)
         shape = self._table.places[layout.SHOWN_IMAGES].shape[1:]
         if first is None or count is None or times is None or images is None:
             self._lacks.append("the patterns, black instead")
             return {name: np.zeros(shape, np.uint8) for name in names}
-        if self._known(layout.SHOWN_IMAGES) is None:
+        if self._read_known(layout.SHOWN_IMAGES) is None:
             self._lacks.append("the patterns as they were shown")
         shown = {}
         for name, begin, length, time in zip(names, first, count, times, strict=True):
@@ -325,7 +328,7 @@ class DamagedRecord:
         found = {}
         for name in sorted(names):
             model, serial = (self._text(f"instrument/{name}/{one}") for one in ("model", "serial"))
-            simulated = self._known(f"entry/instrument/{name}/simulated")
+            simulated = self._read_known(f"entry/instrument/{name}/simulated")
             if model is None or serial is None or simulated is None:
                 self._lacks.append(f"what the {name} was")
                 continue

@@ -67,7 +67,7 @@ class CubeRestoration:
     def result_message(self) -> SpectralResult:
         """Return the restored cube as a message to the window."""
         problem, restored, step = self.problem, self.restored, self._step
-        cube, truth = self._shown(restored.cube), self._shown_truth
+        cube, truth = self._shown_pixels(restored.cube), self._shown_truth
         image = restored.image
         return SpectralResult(
             path=self.path,
@@ -105,7 +105,7 @@ class CubeRestoration:
             mean, most = float(apart.mean()), float(np.percentile(apart, 95))
         return CubeColours(
             light=self.light.name,
-            restored=srgb_levels(self._shown(self.restored.cube), self.light),
+            restored=srgb_levels(self._shown_pixels(self.restored.cube), self.light),
             true=None if truth is None else srgb_levels(truth, self.light),
             difference=mean,
             largest_difference=most,
@@ -140,7 +140,7 @@ class CubeRestoration:
         by_size = math.sqrt(bands * rows * columns / _MOST_VALUES)
         return max(math.ceil(by_side), math.ceil(by_size), 1)
 
-    def _shown(self, cube: SpectralCube) -> SpectralCube:
+    def _shown_pixels(self, cube: SpectralCube) -> SpectralCube:
         """Return the pixels of a cube that the window is sent."""
         at = slice(None, None, self._step)
         error = None if cube.error is None else cube.error[:, at, at].copy()
@@ -150,7 +150,7 @@ class CubeRestoration:
     def _shown_truth(self) -> SpectralCube | None:
         """Return the pixels of the true cube that the window is sent; None if it isn't known."""
         truth = self.restored.truth
-        return None if truth is None else self._shown(truth)
+        return None if truth is None else self._shown_pixels(truth)
 
     @property
     def _quality(self) -> CubeQuality | None:

@@ -190,4 +190,4 @@ def _meter(
     while meter.next_time is not None:
         exposure, numbers = take(meter.next_time)
         meter.add(exposure, np.asarray(numbers))
-    return meter.found
+    return meter.metered_range

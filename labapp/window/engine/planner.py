@@ -87,7 +87,7 @@ class RunPlanner:
         # Held before the first one can be ready.
         self._queue.hold(command.reason)
         for kept in command.requests:
-            build = partial(self._restored, kept)
+            build = partial(self._restore_run, kept)
             self._thread.submit(self._build_and_enqueue, kept.request, build)
 
     def _build_and_enqueue(self, command: RunRequest, build: Callable[[], QueuedRun]) -> None:
@@ -104,7 +104,7 @@ class RunPlanner:
     def _build(self, command: RunRequest) -> QueuedRun:
         return self._make[type(command)](command)
 
-    def _restored(self, kept: KeptRequest) -> QueuedRun:
+    def _restore_run(self, kept: KeptRequest) -> QueuedRun:
         """Build the rest of a run whose record was begun in an earlier session, or all of it."""
         path = kept.path or self._own_path(kept.request)
         if not path.exists():

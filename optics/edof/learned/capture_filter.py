@@ -53,13 +53,13 @@ class CaptureFilter:
         """
         require_finite("capture", capture)
         shape = (int(capture.shape[0]), int(capture.shape[1]))
-        period = (self._extended(shape[0]), self._extended(shape[1]))
+        period = (self._extended_length(shape[0]), self._extended_length(shape[1]))
         whole = extend_antisymmetrically(capture, period, self._noise)
         if max(period) <= _LARGEST_PERIOD:
             return centred_crop(self._filter(whole), shape)
         return centred_crop(self._filter_in_parts(whole), shape)
 
-    def _extended(self, length: int) -> int:
+    def _extended_length(self, length: int) -> int:
         """Return the pixels of a side of the extension of a capture with `length` pixels."""
         least = min(2 * length - 2, length + self._reach)
         side = min(fast_fft_length(max(least, length)), 2 * length)
