@@ -9,9 +9,11 @@ the engines are those of optics.chain.
 from optics.chain import CHAIN_METHODS
 from optics.psf.behind_modulator import modulated_psf
 from optics.psf.engine_choice import METHODS
-from optics.psf.operator import PSFOperator, nyquist_samples_per_pixel, psf
+from optics.psf.nyquist import nyquist_samples_per_pixel
+from optics.psf.operator import PSFOperator
 from optics.psf.pattern_symmetry import SYMMETRIES, expand_phase, symmetric_shape
 from optics.psf.polychromatic import PolychromaticPSF
+from optics.psf.single_psf import psf
 from optics.psf.stack import PSFStack
 from optics.psf_engines.panel_engine import PANEL_METHODS
 

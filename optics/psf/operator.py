@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-import threading
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import torch
 
@@ -18,12 +15,10 @@ from optics.accuracy import (
     Budget,
     ErrorEstimate,
     MachineSpeed,
-    Result,
     ToleranceError,
     plan_budget,
     unreachable_tolerance_error,
 )
-from optics.caching import ByteCache
 from optics.camera import Camera, Lens
 from optics.chain import GridEngine, LightBudget, compute_light_budget
 from optics.plane import Plane
@@ -33,19 +28,23 @@ from optics.psf.engine_choice import (
     require_method,
     tolerance_error_with_advice,
 )
-from optics.psf.pattern_symmetry import expand_phase, symmetric_engine, symmetric_shape
+from optics.psf.operator_inputs import (
+    build_spherical_wave,
+    numeric_optics,
+    require_symmetry,
+    resolve_unmodulated_share,
+    validate_field_position,
+)
+from optics.psf.pattern_symmetry import expand_phase, symmetric_engine
 from optics.psf_engines.amplitude_scale import normalise_amplitude, scale_light
 from optics.psf_engines.engine import PSFEngine
 from optics.psf_engines.panel_engine import PanelEngine
 from optics.psf_engines.request import PSFRequest
-from optics.psf_engines.spherical_wave import SphericalWaveCorrection
 from optics.psf_engines.window_error import AddedLight, largest_ratio, window_norm
 from optics.pupil import (
     Scalar,
     cutoff_frequencies,
-    cutoff_frequency,
     model_error,
-    numeric_camera,
     open_pupil_radius,
     require_valid_source,
 )
@@ -56,7 +55,6 @@ from optics.validation import (
     as_number,
     require_tensor,
     require_tolerance,
-    to_plain_numbers,
 )
 
 
@@ -219,14 +217,14 @@ class PSFOperator:
             budget=budget,
         )
         self.camera = camera = optics if isinstance(optics, Camera) else None
-        self._symmetry = _require_symmetry(symmetry, camera)
+        self._symmetry = require_symmetry(symmetry, camera)
         lens = optics.lens if isinstance(optics, Camera) else optics
-        self.unmodulated = _resolve_unmodulated_share(camera, unmodulated)
+        self.unmodulated = resolve_unmodulated_share(camera, unmodulated)
         require_valid_source(distance, wavelength)
         require_tolerance(tol)
         require_method(method, camera)
         self.pixels = pixels
-        cutoff = cutoff_frequencies(_numeric_optics(optics), as_number(wavelength))
+        cutoff = cutoff_frequencies(numeric_optics(optics), as_number(wavelength))
         self._pixel_integration = None
         if integrate:
             pixel_tol = pixel_tol or _SETTINGS.pixel_tol_share * tol
@@ -246,8 +244,8 @@ class PSFOperator:
             margin,
             _SETTINGS.phase_slope if phase_slope is None else phase_slope,
             camera.separation if camera else 0.0,
-            _validate_field_position(field),
-            _build_spherical_wave(camera, distance, wavelength, field) if sphere else None,
+            validate_field_position(field),
+            build_spherical_wave(camera, distance, wavelength, field) if sphere else None,
             pixels.pitch if integrate else (0.0, 0.0),
         )
         if not max(floor, rest + 20 * FLOAT64_ARITHMETIC) <= tol:
@@ -753,167 +751,3 @@ def _plan_symmetric_engine(
     except ToleranceError:
         return None
     return request, engine
-
-
-def _require_symmetry(symmetry: str, camera: Camera | None) -> str:
-    """Return a PSF's symmetry of patterns, or raise ValueError if it isn't one, or has no panel."""
-    symmetric_shape(symmetry, (1, 1))
-    if camera is None and symmetry != "none":
-        raise ValueError(f"symmetry is {symmetry!r}; a lens without a panel has no pixels")
-    return symmetry
-
-
-def _resolve_unmodulated_share(camera: Camera | None, share: float | None) -> float:
-    if camera is None:
-        if share:
-            raise ValueError(f"unmodulated is {share:g}; a lens without a panel modulates nothing")
-        return 0.0
-    share = camera.panel.unmodulated if share is None else share
-    if not 0 <= share <= 1:
-        raise ValueError(f"unmodulated is {share:g}; it is a share and must lie between 0 and 1")
-    return share
-
-
-def _validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-    if len(field) != 2 or not all(math.isfinite(as_number(place)) for place in field):
-        raise ValueError(f"field is {field}; give two finite lengths (y, x) in metres")
-    return field[0], field[1]
-
-
-def _build_spherical_wave(
-    camera: Camera | None, distance: Scalar, wavelength: Scalar, field: tuple[Scalar, Scalar]
-) -> SphericalWaveCorrection:
-    """Build the spherical-wave correction over the panel for a PSF's point imaged at `field`.
-
-    `field` is (y, x) in metres on the sensor.
-    """
-    if camera is None:
-        raise ValueError("sphere is True; it is a wave over a panel, and a lens has none")
-    image, z1 = camera.lens.image_distance, camera.separation
-    sines = (field[0] / image, field[1] / image)
-    return SphericalWaveCorrection(distance, wavelength, sines, (-z1 * sines[0], -z1 * sines[1]))
-
-
-def _numeric_optics(optics: Camera | Lens) -> Camera | Lens:
-    """Return the PSF's camera or lens in plain numbers, without derivatives."""
-    return numeric_camera(optics) if isinstance(optics, Camera) else to_plain_numbers(optics)
-
-
-def psf(
-    optics: Camera | Lens,
-    phase: torch.Tensor | None = None,
-    *,
-    distance: Scalar,
-    wavelength: Scalar,
-    pixels: Plane,
-    field: tuple[Scalar, Scalar] = (0.0, 0.0),
-    sphere: bool = False,
-    tol: float = 1e-3,
-) -> Result[torch.Tensor]:
-    """Compute the PSF on sensor pixels, with its account.
-
-    It plans a PSFOperator and calls it once. See PSFOperator for the model. The plans of the last
-    calls are kept for the same question, as long as none of its lengths is a tensor.
-
-    Parameters
-    ----------
-    optics : Camera or Lens
-        What forms the image.
-    phase : torch.Tensor or numpy.ndarray, optional
-        Radians, (..., rows, columns) of the panel, or (..., points) for a lens. Zero by default.
-    distance : float or 0-d torch.Tensor
-        Metres from the object to the panel, or to a lens that stands alone; ``math.inf`` is
-        allowed.
-    wavelength : float or 0-d torch.Tensor
-        Metres.
-    pixels : Plane
-        The sensor pixels whose light is computed.
-    field : tuple of float or 0-d torch.Tensor, optional
-        Metres (y, x) on the sensor from the axis to the point's geometric image.
-    sphere : bool, optional
-        Whether the wave over the panel is the exact spherical wave instead of its parabola.
-    tol : float, optional
-        Largest relative L2 error from sampling and arithmetic; 1e-3 by default.
-
-    Returns
-    -------
-    Result of torch.Tensor
-        The PSF, ``(..., *pixels.shape)``, as shares of the light leaving the pupil, and its
-        account, with the processor time spent.
-
-    Raises
-    ------
-    ToleranceError
-        If `tol` can't be kept.
-    """
-    started = time.process_time()
-    plan = partial(
-        PSFOperator,
-        optics,
-        distance,
-        wavelength,
-        pixels,
-        field=field,
-        sphere=sphere,
-        tol=tol,
-        calls=1,
-    )
-    operator, is_kept = _kept_plan(plan, (optics, distance, wavelength, pixels, field, sphere, tol))
-    value = operator(phase)
-    account = operator.account
-    if is_kept:
-        account = replace(account, planning_predicted=0.0)
-    return Result(value, account.with_cpu_spent(time.process_time() - started))
-
-
-_PLANS = ByteCache(256 << 20)
-"""Plans of PSFs for psf(). Every thread has its own, since a call changes an operator's account."""
-
-
-def _kept_plan(plan: Callable[[], PSFOperator], asked: tuple[Any, ...]) -> tuple[PSFOperator, bool]:
-    """Return the plan of a PSF, made or kept from an earlier call, and whether it was kept.
-
-    plan: makes it. asked: optics, distance, wavelength, pixels and settings. A question that holds
-    tensors isn't kept, since they may change, nor one that is refused.
-    """
-    optics, *rest = asked
-    if isinstance(optics, Camera):
-        panel = optics.panel
-        optics = (optics.lens, optics.separation, panel.plane, panel.fill_factor, panel.unmodulated)
-    question = (threading.get_ident(), optics, *rest)
-    if not _is_fixed(question):
-        return plan(), False
-    made: list[PSFOperator] = []
-
-    def make() -> PSFOperator:
-        made.append(plan())
-        return made[0]
-
-    return _PLANS.get(question, make), not made
-
-
-def _is_fixed(value: Any) -> bool:
-    """Tell whether a question for a PSF holds only numbers, names and tuples, which are fixed."""
-    if isinstance(value, tuple):
-        return all(map(_is_fixed, value))
-    if is_dataclass(value):
-        return all(_is_fixed(getattr(value, one.name)) for one in fields(value))
-    return isinstance(value, (int, float, str))
-
-
-def nyquist_samples_per_pixel(camera: Camera, wavelength: float) -> float:
-    """Compute the samples per sensor pixel that just resolve a PSF's finest fringe along an axis.
-
-    Parameters
-    ----------
-    camera : Camera
-        Its stop and image distance set the cutoff frequency, its sensor the pixel pitch.
-    wavelength : float
-        Metres.
-
-    Returns
-    -------
-    float
-        Twice the cutoff frequency times the pixel pitch.
-    """
-    return 2 * camera.sensor.pitch * cutoff_frequency(camera, wavelength)
