@@ -2,5 +2,6 @@
 
 The window's process only shows things and takes input: it never computes, never waits for a
 device, and never imports torch, h5py or the bench. The engine's process (labapp.window.engine)
-does all of that. The two processes exchange the messages of labapp.window.messages.
+does all of that. It is sent commands (labapp.window.commands) and sends messages
+(labapp.window.messages).
 """

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
 
+from labapp.window.commands import CancelJob
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.exposure_bracket import ProposedBracket
 from labapp.window.measuring_messages import (
@@ -19,7 +20,7 @@ from labapp.window.measuring_messages import (
     ProposeBracket,
     StarFound,
 )
-from labapp.window.messages import BenchOpened, CancelJob, JobEnded, JobProgress
+from labapp.window.messages import BenchOpened, JobEnded, JobProgress
 from labapp.window.picture_marks import PictureMarks
 from labapp.window.setting_requests import SettingRequests
 

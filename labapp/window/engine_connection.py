@@ -17,8 +17,8 @@ from drivers.hosted.calls import CallResult
 from drivers.hosted.child_process import ChildProcess
 from labapp.common.plain_text import printable
 from labapp.window.bench_options import BenchOptions
+from labapp.window.commands import AcknowledgeFrame, Command
 from labapp.window.frame_memory import FrameMemoryReader, SlotHeader
-from labapp.window.messages import AcknowledgeFrame, Command
 from labapp.window.started_engine import StartedEngine, start_engine
 
 

@@ -15,15 +15,9 @@ from labapp.common.errors import UserError
 from labapp.files.guarded_reading import open_regular
 from labapp.files.plain_data import parse_json
 from labapp.files.writing import write_atomically
+from labapp.window.commands import AcquireBracket, KeptRequest, ResumeRun, RunPlan, RunRequest
 from labapp.window.exposure_bracket import ExposureBracket, RequestedBracket, SNRBracket
-from labapp.window.messages import (
-    AcquireBracket,
-    KeptRequest,
-    QueueState,
-    ResumeRun,
-    RunPlan,
-    RunRequest,
-)
+from labapp.window.messages import QueueState
 
 log = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.window.messages import Command
+from labapp.window.commands import Command
 
 PixelRegion = tuple[int, int, int, int]
 """First row, first column, rows and columns of a rectangle of pixels."""

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from labapp.window.messages import PatternTable
+from labapp.window.commands import PatternTable
 from labapp.window.pattern_kinds import (
     PATTERN_KINDS,
     FileField,

@@ -11,7 +11,7 @@ from labapp.files.grey_table import GREY_PATTERNS, ConstantPattern
 from labapp.files.phase_table import RingPattern, ZernikePattern
 from labapp.files.table import Key, Table, keys_of, tag_value, unit_of
 from labapp.files.target_table import TARGET_SHAPES, TargetShape
-from labapp.window.messages import PatternTable
+from labapp.window.commands import PatternTable
 
 Values = dict[str, Any]
 """Values of the fields of a form's page, by key."""

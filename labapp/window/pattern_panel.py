@@ -5,7 +5,8 @@ from __future__ import annotations
 from PySide6.QtCore import QSize, QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
-from labapp.window.messages import PatternPreview, PatternTable
+from labapp.window.commands import PatternTable
+from labapp.window.messages import PatternPreview
 from labapp.window.pattern_form import PatternForm
 from labapp.window.theme import DIFFERS_SIGN
 from labapp.window.thumbnail import PSF_DECADES, Thumbnail

@@ -17,7 +17,8 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.before_after_view import BeforeAfterView
-from labapp.window.messages import DECODER, ReconstructionResult, RecordOpened
+from labapp.window.commands import DECODER
+from labapp.window.messages import ReconstructionResult, RecordOpened
 from labapp.window.spectral_messages import RecordBands, SpectralResult
 from labapp.window.spectral_view import SpectralView
 from labapp.window.widgets import fill_layout, make_label, make_tool_button, plain_tip

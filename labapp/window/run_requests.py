@@ -9,21 +9,20 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFileDialog
 
 from labapp.window.actions import retitle
-from labapp.window.engine_connection import EngineConnection
-from labapp.window.messages import (
+from labapp.window.commands import (
     AcquireBracket,
     AnswerPrompt,
     ClearEndedRuns,
     PauseRun,
-    QueueState,
     ReleaseQueue,
     RemoveRuns,
-    RequestRefused,
     RestoreQueue,
     ResumeRun,
     RunPlan,
     RunRequest,
 )
+from labapp.window.engine_connection import EngineConnection
+from labapp.window.messages import QueueState, RequestRefused
 
 if TYPE_CHECKING:
     from labapp.window.main_window import MainWindow

@@ -11,10 +11,7 @@ from PySide6.QtWidgets import QFileDialog
 from labapp.files.guarded_reading import is_file
 from labapp.window.accuracy_view import MEASUREMENT
 from labapp.window.alignment_requests import AlignmentRequests
-from labapp.window.engine_connection import EngineConnection
-from labapp.window.frame_reduction import FrameView
-from labapp.window.messages import (
-    BenchOpened,
+from labapp.window.commands import (
     Cancel,
     CancelJob,
     Command,
@@ -22,16 +19,16 @@ from labapp.window.messages import (
     ForecastAccuracy,
     MeasureAccuracy,
     OpenRecord,
-    QueueState,
     ReconnectDevice,
     ReconstructRun,
-    RecordOpened,
-    RequestRefused,
     SaveRestored,
     SetLive,
     SetTolerance,
     SetView,
 )
+from labapp.window.engine_connection import EngineConnection
+from labapp.window.frame_reduction import FrameView
+from labapp.window.messages import BenchOpened, QueueState, RecordOpened, RequestRefused
 from labapp.window.question_bar import Question
 from labapp.window.report_display import ReportDisplay
 from labapp.window.run_requests import RunRequests

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject
 
-from labapp.window.engine_connection import EngineConnection
-from labapp.window.messages import (
+from labapp.window.commands import (
     AskForTarget,
-    BenchOpened,
-    BenchState,
     PlaceTarget,
     SetExposure,
     SetWavelength,
     ShowPattern,
     ShowPatternAgain,
 )
+from labapp.window.engine_connection import EngineConnection
+from labapp.window.messages import BenchOpened, BenchState
 from labapp.window.question_bar import Question
 from labapp.window.settings_history import SettingChange, SettingsHistory
 

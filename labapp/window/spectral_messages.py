@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.window.messages import Command
+from labapp.window.commands import Command
 
 Levels = NDArray[np.uint8]
 

@@ -22,12 +22,12 @@ from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.state import State
+from labapp.window.commands import AcquireBracket
 from labapp.window.engine.frame_costs import FrameCosts
 from labapp.window.engine.plan_building import build_bracket_plan
 from labapp.window.engine.queued_run import QueuedRun
 from labapp.window.engine.timing import RunTiming
 from labapp.window.exposure_bracket import ExposureBracket
-from labapp.window.messages import AcquireBracket
 from optics.progress import Progress
 
 _SHARE, _SECONDS = 0.2, 2.0

@@ -19,10 +19,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QStyle, QStyleOptionSpinBox, QWidget
 
 from labapp.window.app import open_window
-from labapp.window.commit_fields import CommitSpinBox
-from labapp.window.engine_connection import EngineConnection
-from labapp.window.main_window import MainWindow
-from labapp.window.messages import (
+from labapp.window.commands import (
     AcquireBracket,
     AnswerPrompt,
     Cancel,
@@ -39,6 +36,9 @@ from labapp.window.messages import (
     ShowPattern,
     ShowPatternAgain,
 )
+from labapp.window.commit_fields import CommitSpinBox
+from labapp.window.engine_connection import EngineConnection
+from labapp.window.main_window import MainWindow
 from labapp.window.theme import DIFFERS_SIGN
 
 MOVES = (

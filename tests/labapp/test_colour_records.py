@@ -22,8 +22,8 @@ from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.studies.command import _evaluate_and_write
 from labapp.studies.study_lookup import find_study
+from labapp.window.commands import ReconstructRun
 from labapp.window.engine.reconstruction import reconstruct_record
-from labapp.window.messages import ReconstructRun
 from optics.progress import Progress
 from optics.sensor import fixed_pattern
 

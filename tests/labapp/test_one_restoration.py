@@ -17,8 +17,8 @@ from labapp.pictures.analysis.brackets import merge_all
 from labapp.pictures.report.record_analysis import analyse_record
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
+from labapp.window.commands import ReconstructRun
 from labapp.window.engine.reconstruction import reconstruct_record
-from labapp.window.messages import ReconstructRun
 from optics.deconvolution import restoration_choice
 from optics.deconvolution.method_names import METHOD_CHOICES, RESTORATIONS, RestorationEntry
 from optics.progress import Progress

@@ -8,13 +8,14 @@ from types import SimpleNamespace
 import pytest
 
 from drivers.hosted.message_socket import MessageSocket
+from labapp.window.commands import SetExposure
 from labapp.window.engine import picture_forecast
 from labapp.window.engine.awaited_picture import AwaitedPicture
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.live_tolerance import LiveTolerance
 from labapp.window.engine.outdated_frame import OutdatedFrame
 from labapp.window.engine.picture_forecast import PictureForecast
-from labapp.window.messages import JobProgress, PictureAwaited, SetExposure
+from labapp.window.messages import JobProgress, PictureAwaited
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from drivers.manual import ManualTargets
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.runs.acquisition.waiting import wait_until
+from labapp.window.commands import SetExposure, SetLive
 from labapp.window.engine.alignment import EXPOSURE_JOB, Alignment
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.frame_pacer import FramePacer
@@ -28,7 +29,7 @@ from labapp.window.measuring_messages import (
     RegionReading,
     StarReading,
 )
-from labapp.window.messages import BenchState, JobEnded, LiveFrame, SetExposure, SetLive
+from labapp.window.messages import BenchState, JobEnded, LiveFrame
 from optics.progress import Cancelled, Progress
 from simulator.faults import Fault
 

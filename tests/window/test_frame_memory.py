@@ -10,10 +10,11 @@ import pytest
 
 from drivers.hosted.child_process import ChildProcess
 from drivers.hosted.message_socket import MessageSocket
+from labapp.window.commands import AcknowledgeFrame
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.frame_sender import FrameSender
 from labapp.window.frame_memory import SLOT_COUNT, FrameMemoryReader, FrameMemoryWriter
-from labapp.window.messages import AcknowledgeFrame, LiveFrame
+from labapp.window.messages import LiveFrame
 from labapp.window.tone_mapping import DigitalScale
 
 

@@ -6,16 +6,10 @@ from pathlib import Path
 import pytest
 
 from labapp.runs.state import State
+from labapp.window.commands import AcquireBracket, KeptRequest, ResumeRun, RunPlan
 from labapp.window.exposure_bracket import ExposureBracket, SNRBracket
 from labapp.window.kept_queue import KeptQueue
-from labapp.window.messages import (
-    AcquireBracket,
-    KeptRequest,
-    QueueState,
-    ResumeRun,
-    RunInfo,
-    RunPlan,
-)
+from labapp.window.messages import QueueState, RunInfo
 
 RING = {"kind": "ring", "radius_um": 80.0, "width_um": 8.0, "wavelength_nm": 550.0}
 

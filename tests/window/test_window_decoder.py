@@ -7,7 +7,8 @@ from PySide6.QtWidgets import QFileDialog
 from small_bench.trained import write_trained
 from test_window_run import acquire_small, set_bracket
 
-from labapp.window.messages import DECODER, PictureSaved, ReconstructionResult, RunEnded
+from labapp.window.commands import DECODER
+from labapp.window.messages import PictureSaved, ReconstructionResult, RunEnded
 from labapp.window.reconstruction_view import DECODER_TITLE
 from labapp.window.spectral_messages import RecordBands
 

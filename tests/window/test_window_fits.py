@@ -11,14 +11,7 @@ from labapp.runs.state import State
 from labapp.window.elided_label import ElidedLabel, shorten
 from labapp.window.engine_connection import EngineConnection
 from labapp.window.main_window import MainWindow
-from labapp.window.messages import (
-    BenchOpened,
-    BenchState,
-    DeviceInfo,
-    Prompt,
-    QueueState,
-    RunInfo,
-)
+from labapp.window.messages import BenchOpened, BenchState, DeviceInfo, Prompt, QueueState, RunInfo
 from labapp.window.remembered_settings import RememberedSettings
 
 ERROR = (

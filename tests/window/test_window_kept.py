@@ -10,7 +10,7 @@ from window_scene import write_bench
 
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
-from labapp.window.messages import RunPlan
+from labapp.window.commands import RunPlan
 
 
 @pytest.fixture

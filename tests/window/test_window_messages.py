@@ -6,15 +6,10 @@ from threading import Event
 import pytest
 
 from drivers.hosted.message_socket import MessageSocket
+from labapp.window.commands import Cancel, PlaceTarget, SetExposure, SetWavelength
 from labapp.window.engine.channel import Channel
 from labapp.window.exposure_bracket import ExposureBracket
-from labapp.window.messages import (
-    Cancel,
-    CancelAcknowledged,
-    PlaceTarget,
-    SetExposure,
-    SetWavelength,
-)
+from labapp.window.messages import CancelAcknowledged
 
 
 def test_a_bracket_grows_by_its_ratio():

@@ -9,7 +9,7 @@ from pathlib import Path
 from waits import wait_until
 from window_bench import alive, state_of
 
-from labapp.window.messages import SetExposure
+from labapp.window.commands import SetExposure
 
 
 def test_a_killed_engine_is_noticed_and_restarted(bench, person):

@@ -13,23 +13,23 @@ from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench
 from labapp.prediction.pattern_psf import USUAL_TOLERANCE
+from labapp.window.commands import (
+    DECODER,
+    ComputePreview,
+    ForecastAccuracy,
+    MeasureAccuracy,
+    OpenRecord,
+    ReconstructRun,
+    SaveRestored,
+    ShowPattern,
+)
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.failures import describe_failure
 from labapp.window.engine.jobs import Jobs
 from labapp.window.engine.pattern_designer import SETTINGS, PatternDesigner
 from labapp.window.engine.plan_building import validate_pattern
-from labapp.window.messages import (
-    DECODER,
-    ComputePreview,
-    ForecastAccuracy,
-    MeasureAccuracy,
-    OpenRecord,
-    PictureSaved,
-    ReconstructRun,
-    SaveRestored,
-    ShowPattern,
-)
+from labapp.window.messages import PictureSaved
 from labapp.window.spectral_messages import ListBands, RestoreCube, ShowCubeColours
 from optics.progress import Cancelled, Progress
 

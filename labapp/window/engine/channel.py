@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from drivers.hosted.message_socket import MessageSocket
-from labapp.window.messages import PlaceTarget, SetExposure, SetWavelength
+from labapp.window.commands import PlaceTarget, SetExposure, SetWavelength
 
 _NEWEST_ONLY = (PlaceTarget, SetWavelength, SetExposure)
 """Commands of which only the newest is kept: a turn of the mouse wheel sends dozens of them."""

@@ -22,7 +22,8 @@ from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
 from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 from labapp.runs.record.reader import Record
 from labapp.spectral.roles import choose_roles
-from labapp.window.messages import ReconstructionResult, ReconstructRun
+from labapp.window.commands import ReconstructRun
+from labapp.window.messages import ReconstructionResult
 from optics.progress import Progress
 
 

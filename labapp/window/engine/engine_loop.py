@@ -11,6 +11,37 @@ from drivers.errors import DeviceError
 from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.runs.state import State
+from labapp.window.commands import (
+    AcknowledgeFrame,
+    AcquireBracket,
+    AnswerPrompt,
+    AskForTarget,
+    Cancel,
+    CancelJob,
+    ClearEndedRuns,
+    ComputePreview,
+    ForecastAccuracy,
+    MeasureAccuracy,
+    OpenRecord,
+    PauseRun,
+    PlaceTarget,
+    ReconnectDevice,
+    ReconstructRun,
+    ReleaseQueue,
+    RemoveRuns,
+    RestoreQueue,
+    ResumeRun,
+    RunPlan,
+    RunRequest,
+    SaveRestored,
+    SetExposure,
+    SetLive,
+    SetTolerance,
+    SetView,
+    SetWavelength,
+    ShowPattern,
+    ShowPatternAgain,
+)
 from labapp.window.engine.acquisition import Acquisition
 from labapp.window.engine.alignment import Alignment
 from labapp.window.engine.awaited_picture import AwaitedPicture
@@ -33,40 +64,11 @@ from labapp.window.engine.run_queue import RunQueue
 from labapp.window.engine.waiting_view import WaitingView
 from labapp.window.measuring_messages import FindExposure
 from labapp.window.messages import (
-    AcknowledgeFrame,
-    AcquireBracket,
-    AnswerPrompt,
-    AskForTarget,
-    Cancel,
     CancelAcknowledged,
-    CancelJob,
-    ClearEndedRuns,
-    ComputePreview,
     DeviceReconnected,
-    ForecastAccuracy,
     LiveFrame,
-    MeasureAccuracy,
-    OpenRecord,
-    PauseRun,
-    PlaceTarget,
     QueueState,
-    ReconnectDevice,
-    ReconstructRun,
-    ReleaseQueue,
-    RemoveRuns,
     RequestRefused,
-    RestoreQueue,
-    ResumeRun,
-    RunPlan,
-    RunRequest,
-    SaveRestored,
-    SetExposure,
-    SetLive,
-    SetTolerance,
-    SetView,
-    SetWavelength,
-    ShowPattern,
-    ShowPatternAgain,
 )
 from labapp.window.spectral_messages import ListBands, RestoreCube, ShowCubeColours
 from labapp.window.tone_mapping import DigitalScale

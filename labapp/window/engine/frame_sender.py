@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from labapp.window.commands import AcknowledgeFrame
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.frame_tally import FrameTally
 from labapp.window.frame_memory import SLOT_COUNT, FrameMemoryWriter, SlotHeader
 from labapp.window.frame_reduction import FrameView, reduce_frame
-from labapp.window.messages import AcknowledgeFrame, LiveFrame, LivePicture
+from labapp.window.messages import LiveFrame, LivePicture
 from labapp.window.tone_mapping import DigitalScale
 
 _COUNTS_BYTES = 1 << 16

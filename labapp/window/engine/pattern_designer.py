@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from labapp.patterns.grey_levels import compute_pattern
 from labapp.prediction.pattern_psf import USUAL_TOLERANCE, predicted_psf
+from labapp.window.commands import PatternTable
 from labapp.window.engine.plan_building import validate_pattern
-from labapp.window.messages import PatternPreview, PatternTable
+from labapp.window.messages import PatternPreview
 from optics.camera import Camera
 from optics.progress import Progress
 

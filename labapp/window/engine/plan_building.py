@@ -12,6 +12,7 @@ from labapp.files.grey_table import ConstantPattern
 from labapp.files.pattern_table import StillPattern
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import format_validation_error, validate
+from labapp.window.commands import AcquireBracket, PatternTable
 from labapp.window.exposure_bracket import (
     DARK_FRAMES,
     STAR_FRAMES,
@@ -19,7 +20,6 @@ from labapp.window.exposure_bracket import (
     RequestedBracket,
     SNRBracket,
 )
-from labapp.window.messages import AcquireBracket, PatternTable
 
 _NEUTRAL: PatternTable = {"kind": "constant", "grey": 0}
 

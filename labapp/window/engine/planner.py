@@ -22,12 +22,7 @@ from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.runs.steps import Shot
-from labapp.window.engine.frame_costs import FrameCosts, cost_file
-from labapp.window.engine.plan_building import build_bracket_plan
-from labapp.window.engine.queued_run import QueuedRun
-from labapp.window.engine.run_queue import RunQueue
-from labapp.window.engine.timing import RunTiming
-from labapp.window.messages import (
+from labapp.window.commands import (
     AcquireBracket,
     KeptRequest,
     RestoreQueue,
@@ -35,6 +30,11 @@ from labapp.window.messages import (
     RunPlan,
     RunRequest,
 )
+from labapp.window.engine.frame_costs import FrameCosts, cost_file
+from labapp.window.engine.plan_building import build_bracket_plan
+from labapp.window.engine.queued_run import QueuedRun
+from labapp.window.engine.run_queue import RunQueue
+from labapp.window.engine.timing import RunTiming
 
 log = logging.getLogger(__name__)
 

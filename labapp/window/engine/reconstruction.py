@@ -15,7 +15,8 @@ from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
 from labapp.pictures.reconstructing.restoration import RestoredPicture, restore_picture
 from labapp.pictures.reconstructing.restoration_request import RestorationRequest
-from labapp.window.messages import ReconstructionResult, ReconstructRun
+from labapp.window.commands import ReconstructRun
+from labapp.window.messages import ReconstructionResult
 from optics.progress import Progress
 
 

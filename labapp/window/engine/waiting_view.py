@@ -10,11 +10,12 @@ from typing import Any
 
 from drivers.errors import DeviceError
 from labapp.bench.opening import Bench
+from labapp.window.commands import SetExposure, SetLive
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.frame_pacer import FramePacer
 from labapp.window.engine.frame_sender import FrameSender
-from labapp.window.messages import LiveFrame, SetExposure, SetLive
+from labapp.window.messages import LiveFrame
 
 _INTERVAL = 0.05
 """Most seconds until a wait looks again whether it is over. Chosen: no delay is felt."""
