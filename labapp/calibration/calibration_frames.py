@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labapp.calibration import request as names
 from labapp.calibration.request import CalibrationDesign
 from labapp.common.errors import UserError
+from labapp.common.exposure_times import exposure_from_ms
 from labapp.files.plain_data import parse_json
 from labapp.files.reading import validate
 from labapp.files.sensor_file import require_monochrome_sensor
@@ -79,7 +80,7 @@ class CalibrationFrames:
         If there are none, the frame is computed from the sensor's black level and dark current.
         """
         dark = self.design.request.dark
-        exposure = round(exposure_ms * 1e3) / 1e6
+        exposure = exposure_from_ms(exposure_ms)
         indices = self._select_frames(wavelength_nm, target=dark, exposure_asked=exposure)
         if not indices:
             sensor = self.camera.sensor

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labapp.calibration.request import CalibrationExposures, CalibrationRequest
 from labapp.calibration.trial_exposures import limit_exposures
 from labapp.common.errors import UserError
+from labapp.common.exposure_times import exposure_in_ms
 from optics.calibration.spots import frame_variance, without_hot_pixels
 from optics.camera import Camera, Sensor
 
@@ -171,8 +172,8 @@ def derive_exposures(
     sweep = _clamp_exposure(wanted, sensor)
     return CalibrationExposures(
         wavelength_nm=wavelength_nm,
-        full_ms=_milliseconds(found.exposure),
-        sweep_ms=_milliseconds(sweep),
+        full_ms=exposure_in_ms(found.exposure),
+        sweep_ms=exposure_in_ms(sweep),
         trials=trials,
     )
 
@@ -182,8 +183,3 @@ def nominal_star_width(camera: Camera, wavelength_nm: float) -> float:
     scale = wavelength_nm * 1e-9 * camera.ray_matrix_b / camera.sensor.pitch
     lines = [scale / (n * camera.panel.pitch) for n in camera.panel.shape]
     return math.sqrt(math.prod(math.hypot(line, 1.0) for line in lines))
-
-
-def _milliseconds(seconds: float) -> float:
-    """Convert a calibration exposure from s to ms, in whole microseconds as cameras count."""
-    return round(seconds * 1e6) / 1e3

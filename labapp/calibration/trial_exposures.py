@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from labapp.common.exposure_times import round_exposure
 from labapp.files.plan_file import PlanFile
 from optics.camera import Sensor
 
@@ -14,7 +15,7 @@ def limit_exposures(sensor: Sensor, wanted: Sequence[float]) -> tuple[float, ...
     Exposures are in seconds; the result is sorted, and each is there once.
     """
     low, high = sensor.exposure_range
-    return tuple(sorted({round(min(max(one, low), high) * 1e6) / 1e6 for one in wanted}))
+    return tuple(sorted({round_exposure(min(max(one, low), high)) for one in wanted}))
 
 
 def trial_plan(

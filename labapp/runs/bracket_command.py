@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench, BenchFiles, open_bench
 from labapp.common.console import out, print_json, print_table
+from labapp.common.exposure_times import exposure_from_ms
 from labapp.common.figure_png import figure_to_png
 from labapp.files.bracket_table import BracketTable, ChosenTable
 from labapp.files.plan_file import Acquisition, PlanFile
@@ -122,7 +123,7 @@ def _brackets(plan: PlanFile, settled: PlanFile, bench: Bench) -> dict[str, Chos
     sensor = bench.description.sensor
     limits = bracket_limits(block, plan, BenchCapabilities.of(bench), _SOURCE)
     wanted = wanted_snr(block, *chosen.chosen.electrons_per_s, 1)
-    times = [round(ms * 1e3) / 1e6 for ms in chosen.exposures_ms]
+    times = [exposure_from_ms(ms) for ms in chosen.exposures_ms]
     groups = tuple((time, times.count(time)) for time in dict.fromkeys(times))
     seconds = sum((n + wanted.counted_darks) * (time + limits.readout) for time, n in groups)
     found = ChosenBracket(groups, seconds, ExposureSNR(sensor, wanted.darks))

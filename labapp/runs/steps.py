@@ -9,6 +9,7 @@ from itertools import product
 from math import lcm
 from typing import Any
 
+from labapp.common.exposure_times import exposure_from_ms, round_exposure
 from labapp.files.plan_file import AXES, Acquisition, Axis, InterleavedFrames, PlanFile, Role
 from labapp.runs.capabilities import BenchCapabilities
 
@@ -99,10 +100,10 @@ def block_exposures(
     """
     assert block.bracket is None, "the exposures of a bracket are chosen before shots are planned"
     if block.exposures_ms is not None:
-        return [round(ms * 1e3) / 1e6 for ms in block.exposures_ms]
+        return [exposure_from_ms(ms) for ms in block.exposures_ms]
     # Periods are those common to all videos, so that frames of different patterns compare.
     frames = lcm(*(video.length for video in plan.videos(block).values()))
-    return [round(n * frames * capabilities.video_frame * 1e6) / 1e6 for n in block.periods or ()]
+    return [round_exposure(n * frames * capabilities.video_frame) for n in block.periods or ()]
 
 
 def _block_shots(

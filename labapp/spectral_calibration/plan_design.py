@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.common.exposure_times import round_exposure
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import PATTERN_FOLDER
 from labapp.spectral_calibration.exposure_search import Exposures
@@ -50,7 +51,7 @@ def build_spectra_plan(
     lights, taken = [], set[float]()
     for nm in request.bands_nm:
         flat, star = rounded[request.flat, nm], rounded[request.star, nm]
-        longer = min(round(star * _LONGER * 1e6) / 1e6, longest)
+        longer = min(round_exposure(star * _LONGER), longest)
         taken |= {flat, star, longer}
         lights.append(_block(request.flat, both, nm, (flat,), _FLAT_REPEATS))
         lights.append(_block(request.star, both, nm, (star, longer), _STAR_REPEATS))
@@ -90,7 +91,7 @@ def _round_exposures(exposures: Exposures, sensor: Sensor) -> Exposures:
     for key, exposure in exposures.items():
         steps = np.floor(np.log(exposure / low) / np.log(_STEP) + 1e-9)
         wanted = min(max(low * _STEP**steps, low), high)
-        rounded[key] = round(float(wanted) * 1e6) / 1e6
+        rounded[key] = round_exposure(float(wanted))
     return rounded
 
 

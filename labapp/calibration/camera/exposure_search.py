@@ -13,6 +13,7 @@ from labapp.bench.opening import Bench
 from labapp.calibration.camera.request import NEUTRAL_NAME, CameraRequest
 from labapp.calibration.trial_exposures import limit_exposures, trial_plan
 from labapp.common.errors import UserError
+from labapp.common.exposure_times import round_exposure
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
@@ -178,7 +179,7 @@ def _require_possible(exposure: float, sensor: Sensor) -> float:
         raise _end_of_range("dim", high)
     if exposure < low:
         raise _end_of_range("bright", low)
-    return round(exposure * 1e6) / 1e6
+    return round_exposure(exposure)
 
 
 def _end_of_range(trouble: str, end: float) -> UserError:

@@ -7,6 +7,7 @@ from typing import Any
 
 from labapp.calibration.camera.request import NEUTRAL_NAME, REQUEST_KEY, CameraRequest
 from labapp.common.errors import UserError
+from labapp.common.exposure_times import exposure_in_ms
 from labapp.files.plan_file import PlanFile
 from optics.camera import Sensor
 
@@ -53,7 +54,7 @@ def build_camera_plan(request: CameraRequest, sensor: Sensor) -> PlanFile:
     """
     light = light_exposures(request, sensor)
     high = sensor.exposure_range[1]
-    longer = {round(min(request.dark_s, high) * share * 1e6) / 1e3 for share in _DARK_SHARES}
+    longer = {exposure_in_ms(min(request.dark_s, high) * share) for share in _DARK_SHARES}
     dark = sorted({*light, *(one for one in longer if one > max(light))})
     return PlanFile.model_validate(
         {
