@@ -174,7 +174,7 @@ def test_parts_are_filtered_as_one_transform_would(monkeypatch, size):
     monkeypatch.setattr(capture_filter, "_LARGEST_PERIOD", 72)
     parts = CaptureFilter(front, 0.01)(capture)
     torch.testing.assert_close(parts, whole, rtol=0, atol=1e-5)
-    monkeypatch.setattr(capture_filter.CaptureFilter, "_extended", lambda self, n: n + n % 2)
+    monkeypatch.setattr(capture_filter.CaptureFilter, "_extended_length", lambda self, n: n + n % 2)
     assert (CaptureFilter(front, 0.01)(capture) - whole).abs().max() > 1e-3
 
 

@@ -23,9 +23,12 @@ from labapp.window.messages import PictureSaved, RunEnded
 
 
 def measured(bench, person):
-    """The next measurement."""
+    """The next measurement of a picture that isn't older than the one that came last."""
+    newest = bench.frame.number
     bench.reports.clear()
-    person.waits(lambda: bench.last(PictureMeasured) is not None)
+    person.waits(
+        lambda: (last := bench.last(PictureMeasured)) is not None and last.number >= newest
+    )
     return bench.last(PictureMeasured)
 
 
