@@ -40,7 +40,9 @@ class LightFilter(QObject):
         if dim or red:
             self._application.installEventFilter(self)
             for window in self._application.topLevelWidgets():
-                self._cover(window)
+                # Menus that wait to be opened are covered then.
+                if window.isVisible():
+                    self._cover(window)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if (
@@ -64,11 +66,14 @@ class LightFilter(QObject):
 
 
 class _Pane(QWidget):
-    """A pane of coloured glass before one window, which keyboard and mouse pass through."""
+    """A pane of coloured glass before one window, which keyboard and mouse pass through.
+
+    It keeps no reference to the window: Python would collect the two as a cycle, which crashes.
+    """
 
     def __init__(self, window: QWidget, colour: QColor) -> None:
         super().__init__(window)
-        self._window, self._colour = window, colour
+        self._colour = colour
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.setAttribute(Qt.WidgetAttribute.WA_NoSystemBackground)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -78,16 +83,18 @@ class _Pane(QWidget):
 
     def is_before(self, window: QWidget) -> bool:
         """Return whether this pane covers a window of the application."""
-        return self._window is window
+        return self.parentWidget() is window
 
     def remove(self) -> None:
-        self._window.removeEventFilter(self)
+        if (window := self.parentWidget()) is not None:
+            window.removeEventFilter(self)
         self.hide()
         self.deleteLater()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() in (QEvent.Type.Resize, QEvent.Type.ChildPolished, QEvent.Type.Show):
-            self.setGeometry(self._window.rect())
+        shown = event.type() in (QEvent.Type.Resize, QEvent.Type.ChildPolished, QEvent.Type.Show)
+        if shown and isinstance(watched, QWidget):
+            self.setGeometry(watched.rect())
             self.raise_()
         return False
 

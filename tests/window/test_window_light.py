@@ -1,10 +1,13 @@
 """Dim and red light, the list of keys, and panels by the keyboard alone."""
 
+import gc
+from functools import partial
+
 import numpy as np
 import pytest
 from eyes import pixels
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QDialog, QLabel, QVBoxLayout
+from PySide6.QtWidgets import QDialog, QLabel, QMenu, QVBoxLayout, QWidget
 from shiboken6 import isValid
 from waits import wait_until
 
@@ -62,6 +65,19 @@ def test_dialogues_come_and_go_in_red_light(window):
     wait_until(lambda: tuple(brightest(window)[1:]) == (0, 0))
     window.actions_["red"].trigger()
     wait_until(lambda: brightest(window).min() > 150)
+
+
+def test_a_window_that_python_ends_takes_its_pane_along(window):
+    """In a cycle with its pane, it would end at a later collection, which crashed."""
+    others, ended = {"shown": QWidget(), "hidden": QMenu()}, []
+    others["shown"].show()
+    for name in others:
+        others[name].destroyed.connect(partial(ended.append, name))
+    window.actions_["red"].trigger()
+    wait_until(lambda: tuple(brightest(others["shown"])[1:]) == (0, 0))
+    others.clear()
+    assert ended == ["shown", "hidden"]
+    gc.collect()
 
 
 def test_dim_light_keeps_colours_and_takes_light(window):
