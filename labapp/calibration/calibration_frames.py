@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from labapp.calibration import request as names
 from labapp.calibration.request import CalibrationDesign
 from labapp.common.errors import UserError
-from labapp.common.exposure_times import exposure_from_ms
 from labapp.files.plain_data import parse_json
+from labapp.files.quantities import exposure_from_ms
 from labapp.files.reading import validate
 from labapp.files.sensor_file import require_monochrome_sensor
 from labapp.runs.record.reader import Record

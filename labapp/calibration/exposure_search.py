@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from labapp.calibration.request import CalibrationExposures, CalibrationRequest
 from labapp.calibration.trial_exposures import limit_exposures
 from labapp.common.errors import UserError
-from labapp.common.exposure_times import exposure_in_ms
+from labapp.files.quantities import exposure_in_ms
 from optics.calibration.spots import frame_variance, without_hot_pixels
 from optics.camera import Camera, Sensor
 

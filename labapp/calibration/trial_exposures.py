@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from labapp.common.exposure_times import round_exposure
 from labapp.files.plan_file import PlanFile
+from labapp.files.quantities import round_exposure
 from optics.camera import Sensor
 
 

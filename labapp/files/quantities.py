@@ -1,4 +1,7 @@
-"""Types of numbers in files and requests, with their allowed ranges."""
+"""Numbers in files and requests: types with their allowed ranges, and exposures.
+
+Exposures are whole microseconds, as cameras count, so that equal ones are equal numbers.
+"""
 
 from __future__ import annotations
 
@@ -10,3 +13,18 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
+
+
+def round_exposure(seconds: float) -> float:
+    """Return an exposure in seconds, rounded to whole microseconds."""
+    return round(seconds * 1e6) / 1e6
+
+
+def exposure_from_ms(milliseconds: float) -> float:
+    """Return an exposure of a plan in seconds, rounded to whole microseconds."""
+    return round(milliseconds * 1e3) / 1e6
+
+
+def exposure_in_ms(seconds: float) -> float:
+    """Return an exposure in milliseconds for a plan, rounded to whole microseconds."""
+    return round(seconds * 1e6) / 1e3

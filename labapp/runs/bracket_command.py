@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from labapp.bench.opening import Bench, BenchFiles, open_bench
 from labapp.common.console import out, print_json, print_table
-from labapp.common.exposure_times import exposure_from_ms
 from labapp.common.figure_png import figure_to_png
 from labapp.files.bracket_table import BracketTable, ChosenTable
 from labapp.files.plan_file import Acquisition, PlanFile
+from labapp.files.quantities import exposure_from_ms
 from labapp.files.reading import validate
 from labapp.files.writing import require_all_writable, write_atomically
 from labapp.patterns.grey_levels import compute_patterns

@@ -9,8 +9,8 @@ from itertools import product
 from math import lcm
 from typing import Any
 
-from labapp.common.exposure_times import exposure_from_ms, round_exposure
 from labapp.files.plan_file import AXES, Acquisition, Axis, InterleavedFrames, PlanFile, Role
+from labapp.files.quantities import exposure_from_ms, round_exposure
 from labapp.runs.capabilities import BenchCapabilities
 
 AxisValues = Mapping[Axis, Any]

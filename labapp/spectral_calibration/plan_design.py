@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.common.exposure_times import round_exposure
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import PATTERN_FOLDER
+from labapp.files.quantities import round_exposure
 from labapp.spectral_calibration.exposure_search import Exposures
 from labapp.spectral_calibration.request import REQUEST_KEY, SpectraRequest
 from optics.camera import Sensor

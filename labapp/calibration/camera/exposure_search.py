@@ -13,7 +13,7 @@ from labapp.bench.opening import Bench
 from labapp.calibration.camera.request import NEUTRAL_NAME, CameraRequest
 from labapp.calibration.trial_exposures import limit_exposures, trial_plan
 from labapp.common.errors import UserError
-from labapp.common.exposure_times import round_exposure
+from labapp.files.quantities import round_exposure
 from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record

@@ -7,8 +7,8 @@ from typing import Any
 
 from labapp.calibration.camera.request import NEUTRAL_NAME, REQUEST_KEY, CameraRequest
 from labapp.common.errors import UserError
-from labapp.common.exposure_times import exposure_in_ms
 from labapp.files.plan_file import PlanFile
+from labapp.files.quantities import exposure_in_ms
 from optics.camera import Sensor
 
 _DARK_SHARES = (0.25, 0.5, 0.75, 1.0)
