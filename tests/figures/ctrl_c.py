@@ -12,6 +12,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import indent
 
 import numpy as np
 
@@ -44,16 +45,15 @@ COMMANDS = {
     "explain": "explain --json",
 }
 
-# Before the command's first import, Python itself starts and looks for it, and prints what it likes
-# if it is interrupted. As the finder of modules is asked within that import, what it tells can't
-# come too early.
-_START = """
+_SCRIPT = """
 import os, sys
+def act():
+{action}
 class FirstImport:
     def find_spec(name, path=None, target=None):
         if name == "labapp.common":
             sys.meta_path.remove(FirstImport)
-            os.write({told}, b"x")
+            act()
 sys.meta_path.insert(0, FirstImport)
 sys.argv[0] = "labapp"
 from labapp.__main__ import main
@@ -112,6 +112,15 @@ def interrupt_often(
     return found
 
 
+def command_with(action: str) -> list[str]:
+    """Python and a script that runs labapp, and some lines of code within its first import.
+
+    Before that, Python itself starts and looks for the command, and prints what it likes if it is
+    interrupted. As the finder of modules runs the lines, they can't come too early.
+    """
+    return [sys.executable, "-c", _SCRIPT.format(action=indent(action, "    "))]
+
+
 def _interrupt(words: list[str], moment: float, again: float | None) -> str | None:
     """Press Ctrl-C some seconds after a command's first import; what is wrong then.
 
@@ -120,7 +129,7 @@ def _interrupt(words: list[str], moment: float, again: float | None) -> str | No
     mark = secrets.token_hex(8)
     reading, told = os.pipe()
     process = subprocess.Popen(
-        [sys.executable, "-c", _START.format(told=told), *words],
+        [*command_with(f"os.write({told}, b'x')"), *words],
         cwd=ROOT,
         env=ENVIRONMENT | {"PYTHONPATH": str(ROOT), _MARK: mark},
         pass_fds=[told],

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 
 import pytest
-from figures.ctrl_c import interrupt_often
+from figures.ctrl_c import command_with, interrupt_often
 from figures.where import ENVIRONMENT, ROOT
 
 from drivers.errors import DeviceError
@@ -26,25 +25,19 @@ def test_ctrl_c_ends_every_command_at_any_moment(tmp_path, moments, latest):
     assert [one for one in found if one.wrong] == []
 
 
-_INTERRUPTED_IN_FIRST_IMPORT = """
-import os, signal, sys
-from contextlib import suppress
-class Swallower:
-    def find_spec(name, path=None, target=None):
-        if name == "labapp.common":
-            with suppress(BaseException):
-                os.kill(os.getpid(), signal.SIGINT)
-sys.meta_path.insert(0, Swallower)
-sys.argv[0] = "labapp"
-from labapp.__main__ import main
-main()
+_PRESS_AND_SWALLOW = """\
+try:
+    os.kill(os.getpid(), 2)
+except BaseException:
+    pass
 """
 
 
 def test_ctrl_c_is_not_lost_where_python_swallows_exceptions_of_an_import():
     """As Python does in callbacks of its own, a few microseconds long, that no wait can hit."""
+    command = command_with(_PRESS_AND_SWALLOW)
     ended = subprocess.run(
-        [sys.executable, "-c", _INTERRUPTED_IN_FIRST_IMPORT, "devices", "list", "--json"],
+        [*command, "devices", "list", "--json"],
         capture_output=True,
         text=True,
         env=ENVIRONMENT | {"PYTHONPATH": str(ROOT)},
