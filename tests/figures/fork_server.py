@@ -11,7 +11,10 @@ from figures.where import ENVIRONMENT, ROOT
 
 
 class ForkServer:
-    """A context manager; runs a module that answers lines with lines until its input ends."""
+    """A context manager; runs a module that prints a line when its libraries are loaded.
+
+    The module then answers lines with lines until its input ends.
+    """
 
     def __init__(self, module: str) -> None:
         self._module = module
@@ -27,6 +30,7 @@ class ForkServer:
             text=True,
             bufsize=1,
         )
+        self._read_line()
         return self
 
     def __exit__(
@@ -42,6 +46,9 @@ class ForkServer:
     def ask(self, line: str) -> str:
         """Return what the process answers to a line; empty if it has ended."""
         assert self._process.stdin is not None
-        assert self._process.stdout is not None
         self._process.stdin.write(line + "\n")
+        return self._read_line()
+
+    def _read_line(self) -> str:
+        assert self._process.stdout is not None
         return self._process.stdout.readline()

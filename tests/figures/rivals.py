@@ -98,6 +98,7 @@ def _serve() -> None:
     _keep_effect_plans()
     with tempfile.TemporaryDirectory() as folder, open_bench(small_setup(SHAPE)) as bench:
         run_plan(bench, small_plan("first"), Path(folder, "run.h5"))
+    print("ready", flush=True)
     for line in sys.stdin:
         print(json.dumps(_fork_all(json.loads(line))), flush=True)
 

@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from small_bench.setups import small_setup
 
@@ -22,11 +22,6 @@ class Victims(ForkServer):
 
     def __init__(self) -> None:
         super().__init__("figures.victim")
-
-    def __enter__(self) -> Self:
-        super().__enter__()
-        self.ask("ready?")
-        return self
 
     def begin(self, path: Path, acknowledged: Path, plan: PlanFile | None) -> int:
         """Begin a run of a plan into a record, or to resume it (None); its process number.
@@ -53,11 +48,9 @@ class Victims(ForkServer):
 
 def _obey() -> None:
     """Fork a run for every line; this process has no thread that a fork could lose."""
+    print("ready", flush=True)
     process = 0
     for line in sys.stdin:
-        if line.strip() == "ready?":
-            print("yes", flush=True)
-            continue
         if line.strip() == "wait":
             _, status = os.waitpid(process, 0)
             print(os.waitstatus_to_exitcode(status), flush=True)
