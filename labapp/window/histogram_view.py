@@ -54,8 +54,9 @@ class HistogramView(QWidget):
         self.plot.setRange(xRange=(0, edges[-1]), yRange=(0, top), padding=0.02)
 
     def show_levels(self, low: float, high: float) -> None:
-        # A line that is dragged alone moves, though the region between both lines doesn't.
-        if self._levels.moving or any(line.moving for line in self._levels.lines):
+        """Show a live picture's levels in the window, unless a person has a handle in the hand."""
+        # Once the mouse is pressed on a handle, it must not move away before the drag begins.
+        if self.plot.scene().clickEvents:
             return
         self._levels.blockSignals(True)
         self._levels.setRegion((low, high))

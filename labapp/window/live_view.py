@@ -76,7 +76,8 @@ class LiveView(QWidget):
         self.histogram.levels_dragged.connect(self.set_levels)
         self._scale = tone_mapping.DigitalScale()
         self.levels = (0.0, float(self._scale.full_scale))
-        self._auto = self._running = True
+        self._auto = self._is_live = True
+        self._is_stopped = False
         self._palette = tone_mapping.build_palette(mark_clipping=True)
         self._picture: LivePicture | None = None
         self._view = FrameView()
@@ -120,17 +121,21 @@ class LiveView(QWidget):
         if self._picture is not None:
             self._show(self._picture.shown)
 
-    def set_running(self, on: bool) -> None:
-        """Set whether the window's live view runs; if not, the last frame is marked "STOPPED"."""
+    def set_live(self, on: bool, *, in_run: bool = False) -> None:
+        """Set whether the window's live view is on, and whether a run is taking frames.
+
+        Without either, no picture comes, and the last one is marked "STOPPED". One that was on its
+        way changes nothing about that.
+        """
         if not on:
             self.awaited.hide()
-        self._running = on
+        self._is_live, self._is_stopped = on, not (on or in_run)
         if self._picture is not None:
             self._describe(self._picture)
 
     def show_picture(self, picture: LivePicture) -> None:
         """Show a live frame that the engine has reduced to the window's view."""
-        self._picture, self._running = picture, True
+        self._picture = picture
         if picture.request >= self._awaited_request and not picture.is_prediction:
             self.awaited.hide()
         self._show(picture.shown)
@@ -147,7 +152,7 @@ class LiveView(QWidget):
     def show_awaited(self, awaited: PictureAwaited) -> None:
         """Say over the window's picture that it isn't that of the settings any more."""
         shown = 0 if self._picture is None else self._picture.request
-        if not self._running or shown >= awaited.request:
+        if not self._is_live or shown >= awaited.request:
             return
         self._awaited_request = awaited.request
         left = awaited.seconds_left
@@ -228,7 +233,7 @@ class LiveView(QWidget):
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
             f"{frame.exposure * 1e3:.3f} ms"
             + ("  ·  COARSE PREDICTION" if picture.is_prediction else "")
-            + ("" if self._running else "  ·  STOPPED")
+            + ("  ·  STOPPED" if self._is_stopped else "")
         )
         self.caption.adjustSize()
         clipped = picture.shown.saturated
@@ -243,7 +248,7 @@ class LiveView(QWidget):
         The text stands over the picture, where it takes no room from the readings on small screens.
         """
         picture = self._picture
-        self.rate_caption.setVisible(self._running and picture is not None)
+        self.rate_caption.setVisible(not self._is_stopped and picture is not None)
         if picture is None:
             return
         rate = self._rate.describe(time.monotonic())

@@ -57,8 +57,9 @@ class BenchOpened:
 class BenchState:
     """Tell the window the devices' settings as read back; for a dead device, the last known one.
 
-    `wavelength` is in metres, `exposure` in seconds. `live` tells whether live view is running, and
-    `waiting` whether a run waits for a person, who may set exposure and live view meanwhile.
+    `wavelength` is in metres, `exposure` in seconds. `live` tells whether live view is running,
+    `in_run` whether a run is under way, and `waiting` whether it waits for a person, who may set
+    exposure and live view meanwhile.
     `target` is empty as long as a person has confirmed none, and `target_doubt` says how the first
     picture after that doesn't fit the target. `pattern_number` counts the patterns
     that the window has shown, from 0 for the one at the opening.
@@ -70,6 +71,7 @@ class BenchState:
     wavelength: float
     exposure: float
     live: bool
+    in_run: bool = False
     waiting: bool = False
     pattern_number: int = 0
     target_doubt: str = ""

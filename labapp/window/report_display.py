@@ -98,7 +98,7 @@ class ReportDisplay:
         window.settings.clear_read_back()
         window.pattern.show_displayed("unknown, the engine is gone")
         window.actions_["live"].setChecked(False)
-        window.live_view.set_running(False)
+        window.live_view.set_live(False)
         window.run.show_end("", done=False)
         window.devices.clear("the engine is not running")
         window.effects.clear("The engine is not running.")
@@ -141,7 +141,7 @@ class ReportDisplay:
             report.pattern + (" ?" if "slm" in report.failed_devices else "")
         )
         window.actions_["live"].setChecked(report.live)
-        window.live_view.set_running(report.live)
+        window.live_view.set_live(report.live, in_run=report.in_run and not report.waiting)
         self._session.note_waiting(report.waiting)
         self._session.settings.show_state(report)
 

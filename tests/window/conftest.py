@@ -20,7 +20,7 @@ import watchdog
 from person import Person
 from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtWidgets import QApplication, QFileDialog
-from shared_window import OPENING, SharedWindow
+from shared_window import SharedWindow
 from waits import wait_until
 from window_bench import Bench
 from window_scene import write_bench
@@ -194,7 +194,7 @@ def own_bench(new_bench: Callable[..., Bench], tmp_path: Path) -> Callable[..., 
         file = tmp_path / "faults.toml"
         file.write_text(f"version = 1\n{faults}")
         bench = new_bench(bench=files.bench, scene=files.scene, faults=file if faults else None)
-        wait_until(bench.window.actions_["acquire"].isEnabled, bench.describe, patience=OPENING)
+        wait_until(bench.window.actions_["acquire"].isEnabled, bench.describe)
         return bench
 
     return open_

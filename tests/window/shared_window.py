@@ -12,9 +12,6 @@ from window_scene import write_bench
 
 from labapp.window.messages import LiveFrame
 
-OPENING = 45.0
-"""Seconds in which an engine starts, however busy the machine is."""
-
 _SETTLING = 10.0
 """Seconds in which the window of a test before takes the settings that each test begins with."""
 
@@ -50,7 +47,7 @@ class SharedWindow:
         folder = self._folders.mktemp("window")
         files = write_bench(folder)
         self._bench = bench = Bench(folder, bench=files.bench, scene=files.scene)
-        wait_until(bench.window.actions_["live"].isEnabled, bench.describe, patience=OPENING)
+        wait_until(bench.window.actions_["live"].isEnabled, bench.describe)
         return bench
 
     def _settled(self, bench: Bench, qtbot: Any, patience: float) -> Bench:

@@ -11,6 +11,7 @@ from drivers.hosted.message_socket import MessageSocket
 from labapp.window.commands import SetExposure
 from labapp.window.engine import picture_forecast
 from labapp.window.engine.awaited_picture import AwaitedPicture
+from labapp.window.engine.change_notifier import REPORT_INTERVAL
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.live_tolerance import LiveTolerance
 from labapp.window.engine.outdated_frame import OutdatedFrame
@@ -35,13 +36,17 @@ def awaited(ends):
 
 
 def test_a_change_is_told_within_a_tenth_of_a_second(ends, awaited):
-    began = time.monotonic()
-    awaited.count_request()
-    report = ends[1].receive(5)
-    assert (report.request, report.activity) == (1, "setting the devices")
-    # The patience is half of that; the other half is for a busy machine.
-    assert report.elapsed < 0.1 + (time.monotonic() - began - report.elapsed)
-    assert report.seconds_left is None
+    # A busy machine may be late, but not every time.
+    delays = []
+    for request in range(1, 6):
+        time.sleep(REPORT_INTERVAL)
+        awaited.count_request()
+        report = newest(ends[1], request)
+        awaited.note_picture(request)
+        assert (report.request, report.activity) == (request, "setting the devices")
+        assert report.seconds_left is None
+        delays.append(report.elapsed)
+    assert min(delays) < 0.1
 
 
 def test_what_is_done_and_the_time_left_are_of_the_newest_change(ends, awaited):

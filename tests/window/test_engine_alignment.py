@@ -61,12 +61,15 @@ class FakeSender:
     has_room = True
 
     def __init__(self, channel):
-        self._channel, self.on_frame = channel, lambda: None
+        self._channel, self.on_frame, self.discards = channel, lambda: None, 0
 
     def offer(self, frame, request=0, on_sent=lambda _: None):
         self._channel.send(frame)
         on_sent(frame)
         self.on_frame()
+
+    def discard(self):
+        self.discards += 1
 
 
 class Desk:
@@ -160,9 +163,12 @@ def test_pictures_of_a_wait_end_and_begin_by_f5():
         at.channel.line.append(SetLive(False))
         looks = iter(range(8))
         wait_until(lambda: next(looks) == 7, Progress(), at.waiting)
-        assert at.channel.of(LiveFrame) == []
+        assert (at.channel.of(LiveFrame), at.errors) == ([], [])
+        # None that was on its way comes after F5.
+        assert at.sender.discards == 1
         at.channel.line += [SetLive(False), SetLive(True)]
         at.wait(1)
+        assert at.errors == []
 
 
 def test_a_camera_that_fails_in_a_wait_ends_the_pictures_and_not_the_run():

@@ -52,7 +52,6 @@ def test_a_picture_is_on_the_screen(bench, person):
     person.waits(lambda: len(np.unique(person.looks_at(view)[..., 0])) > 50)
 
 
-@pytest.mark.timeout(140)
 def test_the_window_process_loads_nothing_heavy(display, tmp_path):
     """The only window here on the bundled bench, which is a large one."""
     child = subprocess.run(

@@ -68,6 +68,17 @@ def test_the_share_of_saturated_pixels_counts_every_one(view, raw):
     assert f"({int((raw >= _FULL).sum())} px)" in view.frame_reading.text()
 
 
+def test_a_picture_that_comes_late_does_not_look_live(view, raw):
+    """As the last one of a run does, whose end was told while it was on its way."""
+    view.show_picture(picture_of(raw, view))
+    assert "STOPPED" not in view.caption.text()
+    view.set_live(False)
+    view.show_picture(picture_of(raw, view))
+    assert "STOPPED" in view.caption.text()
+    view.set_live(False, in_run=True)
+    assert "STOPPED" not in view.caption.text()
+
+
 def test_marks_can_be_taken_off(view, raw):
     view.show_picture(picture_of(raw, view))
     for marked in (True, False):

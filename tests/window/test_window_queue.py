@@ -87,7 +87,7 @@ def test_the_same_bracket_twice_goes_to_two_files(bench, person, queue):
     person.presses(Qt.Key.Key_F6)
     person.waits(lambda: bench.states == ["COMPLETE", "COMPLETE"])
     assert bench.runs[0].path != bench.runs[1].path
-    assert bench.window.actions_["reconstruct"].isEnabled()
+    person.waits(bench.window.actions_["reconstruct"].isEnabled)
 
 
 def test_after_a_cancelled_run_the_queue_holds(bench, person, queue, run_plan):
@@ -103,7 +103,7 @@ def test_after_a_cancelled_run_the_queue_holds(bench, person, queue, run_plan):
     person.waits(lambda: bench.states == ["CANCELLED", "WAITING"])
     person.waits(queue.hold_bar.isVisible)
     assert queue.held_text.text() == "Held: Too long was cancelled. 1 run waits."
-    assert "stopped" in bench.window.devices.text("camera")
+    person.waits(lambda: "stopped" in bench.window.devices.text("camera"))
     person.clicks(queue.release_button)
     person.waits(lambda: bench.states == ["CANCELLED", "COMPLETE"])
     assert not queue.hold_bar.isVisible()

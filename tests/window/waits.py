@@ -9,7 +9,7 @@ from calls import innermost_call
 from dialogues import require_none
 from PySide6.QtTest import QTest
 
-PATIENCE = 30.0
+PATIENCE = 60.0
 """Seconds after which what should have come long ago is given up."""
 
 _LOOK = 10

@@ -14,7 +14,7 @@ from types import FrameType
 import dialogues
 from PySide6.QtCore import QEventLoop, QTimer
 
-LONGEST, LONGEST_TEARDOWN = 80.0, 15.0
+LONGEST, LONGEST_TEARDOWN = 160.0, 30.0
 """Seconds of a test with its setup, and of its teardown: together less than pytest-timeout's."""
 
 _SIGNAL = signal.SIGUSR2

@@ -173,6 +173,7 @@ class BenchController:
             wavelength=said["filter"],
             exposure=self._exposure,
             live=live,
+            in_run=running,
             pattern_number=self._requested.pattern_number or 0,
             target_doubt=self._target_doubt,
         )

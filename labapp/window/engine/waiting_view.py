@@ -124,6 +124,9 @@ class WaitingView:
         self._tell()
 
     def _set_live(self, command: SetLive) -> None:
+        """Begin or end the window's pictures; none of before comes to the window after this."""
+        if command.on != self._on:
+            self._sender.discard()
         self._on = command.on
 
     def _take_frame(self, is_over: Callable[[], bool]) -> None:
