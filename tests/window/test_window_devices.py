@@ -73,7 +73,7 @@ def test_a_run_that_a_device_stopped_goes_on_when_it_is_mended(paused_by_the_fil
     assert not bench.window.devices.rows["filter"].reconnect.isEnabled()
     person.presses(Qt.Key.Key_F8)
     person.waits(lambda: bench.states == ["COMPLETE"])
-    assert "failed" not in bench.window.devices.text("filter")
+    person.waits(lambda: "failed" not in bench.window.devices.text("filter"))
     person.waits(lambda: bench.frame.target == "photograph")
 
 
