@@ -246,7 +246,7 @@ def kill_often(folder: Path, times: int) -> list[str]:
         len(seen) < 4 * times and not any(".joint-state" in one for one in seen)
     ):
         child = fork(lambda: write_result(folder, 40))
-        time.sleep(rng.uniform(0.05, 0.6) * max(1.0, len(seen) / (0.5 * times) - 1.0))
+        time.sleep(rng.uniform(0.05, 0.6) * max(1.0, len(seen) / times))
         os.kill(child, signal.SIGKILL)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         states = sorted(one.suffix for one in folder.glob("a.*-state"))

@@ -15,7 +15,7 @@ kind = "constant"
 targets = {targets}
 patterns = ["neutral"]
 wavelengths_nm = {wavelengths}
-exposures_ms = [1, 8]
+exposures_ms = {exposures}
 repeats = {repeats}
 """
 
@@ -40,13 +40,19 @@ def write_plan(
     top: str = "",
     targets: str = '["dark"]',
     wavelengths: str = "[550]",
+    exposures: str = "[1, 8]",
     repeats: int = 1,
 ) -> Path:
-    """A plan of 2 frames a target, wavelength and repeat. top: its first tables."""
+    """A plan of a frame each target, wavelength, exposure and repeat. top: its first tables."""
     path = folder / f"{title}.toml"
     path.write_text(
         _PLAN.format(
-            title=title, top=top, targets=targets, wavelengths=wavelengths, repeats=repeats
+            title=title,
+            top=top,
+            targets=targets,
+            wavelengths=wavelengths,
+            exposures=exposures,
+            repeats=repeats,
         )
     )
     return path
