@@ -29,12 +29,12 @@ _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
 """Exponents that a picture can be encoded by: displays have 1.8 to 2.8. Chosen."""
 
 _OTHER_NAMES = {"rec709": "bt709", "bt.709": "bt709", "rec.709": "bt709"}
-_TABLE_OF_BITS = 16
-"""Bits of the integers whose light is looked up in a table."""
+_TABLE_BYTES = 2
+"""Bytes of the integers, at most, whose light is looked up in a table."""
 
 _BLOCK = 1 << 20
-"""Numbers that are turned into light at once where there is no table, to bound the memory used in
-between to some 30 MB. Chosen."""
+"""Numbers that are turned into light at once, to bound the memory used in between to some 30 MB.
+Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +108,15 @@ def decode_levels(levels: Numbers, white: float | None, encoding: Encoding) -> N
     scale = 1.0 if white is None else float(white)
     if encoding.name == "linear":
         return np.divide(levels, scale, dtype=np.float32, casting="unsafe")
-    if levels.dtype.kind == "u" and 8 * levels.dtype.itemsize <= _TABLE_OF_BITS:
-        every = np.arange(np.iinfo(levels.dtype).max + 1) / scale
-        table = encoding.to_light(every if encoding.curves is None else _per_curve(encoding, every))
-        return _look_up(table.astype(np.float32).reshape(-1, every.size), levels)
     light = np.empty(levels.shape, np.float32)
-    rows = max(1, _BLOCK // max(1, light.size // max(1, light.shape[-2])))
-    for start in range(0, levels.shape[-2], rows):
-        part = (..., slice(start, start + rows), slice(None))
-        light[part] = encoding.to_light(levels[part].astype(np.float64) / scale)
+    tables = _tables(levels.dtype, scale, encoding)
+    rows = max(1, _BLOCK // max(1, levels[:, 0].size))
+    for start in range(0, levels.shape[1], rows):
+        part = slice(start, start + rows)
+        if tables is None:
+            light[:, part] = encoding.to_light(levels[:, part].astype(np.float64) / scale)
+        else:
+            light[:, part] = _look_up(tables, levels[:, part])
     return light
 
 
@@ -133,16 +133,24 @@ def encode_srgb(light: Numbers) -> Numbers:
     return np.where(light <= 0.0031308, 12.92 * light, power)
 
 
+_ALPHA, _BETA = 1.099296826809442, 0.018053968510807
+"""Constants with which BT.709's line and power meet, unrounded (ITU-T H.273, table 3)."""
+
+
 def _decode_bt709(levels: Numbers) -> Numbers:
     """Return a scene's light by the inverse of BT.709's camera curve (ITU-R BT.709-6, item 1.2)."""
-    power = ((np.maximum(levels, 0.081) + 0.099) / 1.099) ** (1 / 0.45)
-    return np.where(levels < 0.081, levels / 4.5, power)
+    power = ((np.maximum(levels, 4.5 * _BETA) + _ALPHA - 1) / _ALPHA) ** (1 / 0.45)
+    return np.where(levels < 4.5 * _BETA, levels / 4.5, power)
 
 
 def _encode_bt709(light: Numbers) -> Numbers:
-    power = 1.099 * np.maximum(light, 0.018) ** 0.45 - 0.099
-    return np.where(light < 0.018, 4.5 * light, power)
+    power = _ALPHA * np.maximum(light, _BETA) ** 0.45 - (_ALPHA - 1)
+    return np.where(light < _BETA, 4.5 * light, power)
 
+
+_MOST_LEVEL = 1.5
+"""Level above which light stays the same by the two steepest curves: one of them ends at 1.92.
+Chosen."""
 
 _M1, _M2 = 2610 / 16384, 2523 / 4096 * 128
 _C1, _C2, _C3 = 3424 / 4096, 2413 / 4096 * 32, 2392 / 4096 * 32
@@ -151,7 +159,7 @@ _C1, _C2, _C3 = 3424 / 4096, 2413 / 4096 * 32, 2392 / 4096 * 32
 
 def _decode_pq(levels: Numbers) -> Numbers:
     """Return the light of a display, 1 at 10000 cd/m² (ITU-R BT.2100-2, table 4)."""
-    root = np.maximum(levels, 0) ** (1 / _M2)
+    root = np.clip(levels, 0, _MOST_LEVEL) ** (1 / _M2)
     return (np.maximum(root - _C1, 0) / (_C2 - _C3 * root)) ** (1 / _M1)
 
 
@@ -167,7 +175,7 @@ _B, _C = 1 - 4 * _A, 0.5 - _A * math.log(4 * _A)
 
 def _decode_hlg(levels: Numbers) -> Numbers:
     """Return a scene's light by the inverse of the camera curve (ITU-R BT.2100-2, table 5)."""
-    above = (np.exp((np.maximum(levels, 0.5) - _C) / _A) + _B) / 12
+    above = (np.exp((np.clip(levels, 0.5, _MOST_LEVEL) - _C) / _A) + _B) / 12
     return np.where(levels <= 0.5, np.maximum(levels, 0) ** 2 / 3, above)
 
 
@@ -226,10 +234,13 @@ def _each_band(values: Numbers, numbers: Numbers, nodes: Numbers) -> Numbers:
     return found.astype(np.float32 if numbers.dtype == np.float32 else np.float64, copy=False)
 
 
-def _per_curve(encoding: Encoding, levels: Numbers) -> Numbers:
-    """Return levels once for each curve of a profile."""
-    assert encoding.curves is not None
-    return np.broadcast_to(levels, (len(encoding.curves), levels.size))
+def _tables(kind: np.dtype[Any], scale: float, encoding: Encoding) -> NDArray[np.float32] | None:
+    """Return the light of every integer of up to 16 bits, (curves, integers); else None."""
+    if kind.kind != "u" or kind.itemsize > _TABLE_BYTES:
+        return None
+    every = np.arange(np.iinfo(kind).max + 1) / scale
+    count = 1 if encoding.curves is None else len(encoding.curves)
+    return encoding.to_light(np.broadcast_to(every, (count, every.size))).astype(np.float32)
 
 
 def _look_up(tables: NDArray[np.float32], levels: Numbers) -> NDArray[np.float32]:

@@ -179,7 +179,7 @@ def _interpret(tags: Tags) -> Exif:
         _positive(tags, _F_NUMBER) or _power_of_two(tags, _APERTURE, 0.5),
         _sensitivity(tags),
         _number(tags, _BIAS),
-        int(orientation) if orientation in range(1, 9) else None,
+        int(orientation) if orientation is not None and orientation in range(1, 9) else None,
         None if space is None else int(space),
         _text(tags, _MAKER),
         _text(tags, _MODEL),

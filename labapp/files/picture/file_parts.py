@@ -63,7 +63,7 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, memoryview]]:
     """Yield markers and bytes of the segments before a JPEG's first scan (ITU-T T.81, B.1)."""
     view, at = memoryview(data), 2
     for _ in range(_MOST_PARTS if data[:2] == b"\xff\xd8" else 0):
-        while view[at : at + 2] == b"\xff\xff":
+        while data[at : at + 2] == b"\xff\xff":
             at += 1
         if at + 4 > len(data) or view[at] != 0xFF or view[at + 1] in (_SCAN, _END):
             return

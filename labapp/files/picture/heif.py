@@ -74,10 +74,10 @@ def heif_encoding(data: bytes) -> Statement:
     """
     colours = [content for name, content in _properties(data) if name == b"colr"]
     for content in colours:
-        if content[:4] in (b"prof", b"rICC"):
+        if bytes(content[:4]) in (b"prof", b"rICC"):
             return icc_encoding(bytes(content[4:]))
     for content in colours:
-        if content[:4] == b"nclx" and len(content) >= 11:
+        if bytes(content[:4]) == b"nclx" and len(content) >= 11:
             primaries, transfer = struct.unpack_from(">HH", content, 4)
             if transfer != UNSPECIFIED:
                 return code_point_encoding(primaries, transfer, "its colour box")
@@ -111,7 +111,7 @@ def _exif_item(box: memoryview | None) -> int | None:
     for name, entry in boxes(box[6 if box[0] == 0 else 8 :]):
         if name == b"infe" and len(entry) > 12 and entry[0] in (2, 3):
             wide = 2 if entry[0] == 2 else 4
-            if entry[6 + wide : 10 + wide] == b"Exif":
+            if bytes(entry[6 + wide : 10 + wide]) == b"Exif":
                 return int.from_bytes(entry[4 : 4 + wide], "big")
     return None
 

@@ -137,7 +137,8 @@ def _parse_curve(tag: bytes) -> Encoding | NDArray[np.float64] | None:
             values = np.array(struct.unpack_from(f">{count}H", tag, 12))
             if count == 1:
                 return gamma_encoding(values[0] / 256) if values[0] else None
-            return np.interp(_levels(), np.linspace(0, 1, count), values / 65535)
+            light = np.interp(_levels(), np.linspace(0, 1, count), values / 65535)
+            return light if light[-1] > light[0] else None
         if tag[:4] == b"para":
             (kind,) = struct.unpack_from(">H", tag, 8)
             numbers = struct.unpack_from(f">{(1, 3, 4, 5, 7)[kind]}i", tag, 12)
@@ -161,18 +162,18 @@ def _parametric(
 
     With X for the level, it is (aX + b)^g + e from X = d on, and cX + f below.
     """
+    if g <= 0 or (a == 0 and kind in (1, 2)):
+        return None
     if kind == 0:
-        return gamma_encoding(float(f"{g:.5g}")) if g > 0 else None
+        return gamma_encoding(float(f"{g:.5g}"))
     if kind in (1, 2):
-        if a == 0:
-            return None
         # Below, kind 1 is 0, and kind 2 the constant that kind 1 adds nothing of.
         d, e, f, c = -b / a, c if kind == 2 else 0.0, c if kind == 2 else 0.0, 0.0
     levels = _levels()
     with np.errstate(all="ignore"):
         power = np.maximum(a * levels + b, 0) ** g + e
         light = np.clip(np.where(levels >= d, power, c * levels + f), 0, 1)
-    return light if np.isfinite(light).all() else None
+    return light if light[-1] > light[0] else None
 
 
 def _levels() -> NDArray[np.float64]:
@@ -181,9 +182,11 @@ def _levels() -> NDArray[np.float64]:
 
 def _name_curves(curves: list[Encoding | NDArray[np.float64]]) -> Encoding:
     """Return the encoding of a profile's one or three curves, by its name if it is a known one."""
-    plain = {one.name for one in curves if isinstance(one, Encoding)}
-    if len(plain) == 1 and all(isinstance(one, Encoding) for one in curves):
-        return Encoding(plain.pop())
+    first = curves[0]
+    if isinstance(first, Encoding) and all(
+        isinstance(one, Encoding) and one.name == first.name for one in curves
+    ):
+        return first
     tables = np.stack(
         [one.to_light(_levels()) if isinstance(one, Encoding) else one for one in curves]
     )

@@ -62,7 +62,8 @@ def png_encoding(data: bytes) -> Statement:
     Damaged chunks are passed over, which a note tells. Raises UserError, without the file's name,
     if the file's encoding is one that labapp can't turn into light.
     """
-    found, notes = {}, []
+    found: dict[bytes, bytes] = {}
+    notes: list[str] = []
     for name, content, is_intact in png_chunks(data):
         if name in _READERS:
             if is_intact:
