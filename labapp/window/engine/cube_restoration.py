@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.cubes import SpectralCube, write_cube
-from labapp.files.photograph_file import encode_srgb
+from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.files.writing import write_atomically
 from labapp.runs.record.reader import Record
 from labapp.spectral.band_list import parse_bands
