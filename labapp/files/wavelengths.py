@@ -44,7 +44,10 @@ _UNITS = (
     "nanometres", "micrometres", "ångström", "metres", "millimetres", "centimetres",
     "wavenumbers (1/cm)", "gigahertz", "megahertz",
 )  # fmt: skip
-"""Units that files may have, the usual ones first. Nobody writes picometres on purpose."""
+"""Units that files may have, the usual ones first."""
+
+_LENGTHS = ("nanometres", "micrometres", "ångström", "picometres", "metres")
+"""Units that people may mean who type a wavelength; picometres by a slip."""
 
 _SPELLINGS = {
     "nanometres": "nm nanometers nanometer nanometre nanometres",
@@ -118,7 +121,7 @@ def require_metres(values: Sequence[float]) -> None:
 
 def guess_unit(values: Sequence[float]) -> str:
     """Guess the unit of a file's wavelengths, in words; "" if none makes them visible."""
-    return next(iter(_units_within(values, *_VISIBLE, (*_UNITS, "picometres"))), "")
+    return next(iter(_units_within(values, *_VISIBLE, _LENGTHS)), "")
 
 
 def format_nanometres(wavelength: float) -> str:
