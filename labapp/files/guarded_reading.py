@@ -214,10 +214,3 @@ def _size(count: int) -> str:
         if count >= scale:
             return f"{count / scale:.3g} {unit}"
     return f"{count} bytes"
-
-
-def require_memory(
-    path: Path, stored: int, whole: int, what: str = "its contents", *, pixels: int | None = None
-) -> None:
-    """Raise UserError if data in a file from outside would take too much memory."""
-    require_expansion(path, stored, whole, what)
