@@ -90,13 +90,13 @@ def _decode(path: Path, data: bytes, page: Directory) -> tuple[NDArray[np.uint16
             raise _damaged(path, f"LibRaw: {other}")
         return own, []
     if other.mosaic.shape != own.shape:
-        raise _damaged(path, "two decoders find other sizes in it")
+        raise _damaged(path, "LibRaw and its tags find other sizes in it")
     differ = own != other.mosaic
     if not differ.any():
         return own, []
     # LibRaw leaves strips and some tiles undecoded, as 0.
     if is_jpeg and other.mosaic[differ].any():
-        raise _damaged(path, "two decoders read other numbers in it")
+        raise _damaged(path, "LibRaw and tifffile read different numbers in it")
     return own, [
         f"LibRaw reads {differ.sum()} of the {own.size} pixels otherwise; they are taken as the "
         "file's tags say"
@@ -129,9 +129,7 @@ def _decode_by_tags(data: bytes, page: Directory) -> NDArray[np.uint16] | None:
     return numbers if table is None else table[np.minimum(numbers, len(table) - 1)]
 
 
-def _require_shape(
-    path: Path, mosaic: NDArray[np.uint16], page: Directory
-) -> NDArray[np.uint16]:
+def _require_shape(path: Path, mosaic: NDArray[np.uint16], page: Directory) -> NDArray[np.uint16]:
     """Return LibRaw's mosaic of a DNG; raise UserError if the tags say another size."""
     if mosaic.shape != page_shape(page):
         raise UserError(

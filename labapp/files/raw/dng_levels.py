@@ -102,7 +102,9 @@ def black_changes(
     Raises UserError unless there is one for each row and column.
     """
     found: list[NDArray[np.float64] | None] = []
-    for code, count, name in zip((_BLACK_ROWS, _BLACK_COLUMNS), shape, ("rows", "columns")):
+    for code, count, name in zip(
+        (_BLACK_ROWS, _BLACK_COLUMNS), shape, ("rows", "columns"), strict=True
+    ):
         values = np.array(page.numbers(code), dtype=np.float64)
         if values.size not in (0, count) or not np.isfinite(values).all():
             raise UserError(

@@ -39,7 +39,7 @@ class CameraColour:
     ----------
     matrix : NDArray or None, (channels, 3)
         From CIE XYZ to the camera's channels, in the order of `RawPhotograph.channels`; None where
-        the file doesn't say. The scale of a row has no meaning.
+        the file doesn't say.
     illuminant : str
         Light that the matrix is for, in words.
     white : NDArray or None, (channels,)

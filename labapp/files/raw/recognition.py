@@ -27,7 +27,7 @@ _PHASE_ONE = (b"IIII", b"MMMM")
 """Bytes 8 to 12 of Phase One's IIQ, which begins as TIFF does."""
 
 _MAKERS_COMPRESSIONS = {32767, 32769, 34713, 65000, 65535}
-"""Compressions of RAW numbers that makers have for themselves: Sony, Epson, Nikon, Kodak, Pentax."""
+"""Compressions that makers have for themselves: Sony, Epson, Nikon, Kodak and Pentax."""
 
 _ENDINGS = {
     ".3fr", ".arw", ".cr2", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".kdc", ".mef", ".mos", ".nef",
