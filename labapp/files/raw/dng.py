@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.guarded_reading import require_expansion
+from labapp.files.guarded_reading import require_memory
 from labapp.files.raw import dng_levels as levels
 from labapp.files.raw.directories import Directory
 from labapp.files.raw.dng_page import BITS, LOSSLESS, find_raw_page, page_shape
@@ -41,7 +41,7 @@ def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotogra
     """
     page, first = find_raw_page(path, pages), pages[0]
     rows, columns = page_shape(page)
-    require_expansion(path, len(data), 2 * rows * columns, "its mosaic")
+    require_memory(path, len(data), 2 * rows * columns, "its mosaic")
     pattern = levels.filter_pattern(path, page)
     stored, notes = _decode(path, data, page)
     area = levels.active_area(path, page)

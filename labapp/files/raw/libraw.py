@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.guarded_reading import require_expansion
+from labapp.files.guarded_reading import require_memory
 
 if TYPE_CHECKING:
     import rawpy
@@ -100,7 +100,7 @@ def decode_by_libraw(path: Path, data: bytes) -> LibRawPicture | str:
                 raw.open_buffer(io.BytesIO(data))
                 sizes = raw.sizes
                 whole = 2 * sizes.raw_height * sizes.raw_width
-                require_expansion(path, len(data), whole, "its mosaic")
+                require_memory(path, len(data), whole, "its mosaic")
                 raw.unpack()
                 found = _gather(raw)
         except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError, RuntimeError) as error:
