@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.photograph_file import Light
+from labapp.files.picture.photograph import Light
 from labapp.pictures.analysis.brackets import Bracket
 from labapp.pictures.colour_matrix import linear_srgb, linear_srgb_matrix, white_balance
 from labapp.runs.record.reader import Record

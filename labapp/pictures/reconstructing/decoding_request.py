@@ -11,7 +11,7 @@ from labapp.edof.decoder_facts import find_trained_pattern
 from labapp.edof.decoding import PhotographDecoder, build_decoder
 from labapp.edof.shown_pattern import ShownPattern, match_shown_pattern
 from labapp.edof.trained_pattern import TrainedPattern
-from labapp.files.photograph_file import Light
+from labapp.files.picture.photograph import Light
 from labapp.pictures.analysis.score import ReferencePicture
 from labapp.pictures.reconstructing.decoding_levels import estimate_white, noise_level
 from labapp.pictures.reconstructing.pixel_preparation import (

@@ -1,0 +1,100 @@
+"""The parts that picture files are made of: chunks of PNG and RIFF, segments of JPEG, boxes.
+
+Each function yields the names and bytes of parts until the end, or until the file isn't what it
+should be. Nothing is copied: the bytes are views.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from typing import NamedTuple
+
+PNG = b"\x89PNG\r\n\x1a\n"
+"""First bytes of PNG (W3C, PNG third edition, section 5.2)."""
+
+_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})
+"""JPEG's markers without a length after them (ITU-T T.81, table B.1)."""
+
+_SCAN, _END = 0xDA, 0xD9
+
+_MOST_PARTS = 100_000
+"""Parts of a file that are looked at: a PNG of 4 GB in chunks of 40 kB. Chosen."""
+
+_MOST_EXPANDED = 1 << 24
+"""Bytes that a text or profile in a picture may be expanded to, 16 MiB. Chosen: ICC profiles with
+large tables have some megabytes."""
+
+
+class PngChunk(NamedTuple):
+    """A chunk of a PNG file; `is_intact` says whether its check sum is right."""
+
+    name: bytes
+    content: memoryview
+    is_intact: bool
+
+
+def png_chunks(data: bytes) -> Iterator[PngChunk]:
+    """Yield the chunks of a PNG file but those of its pixels (IDAT), which are only skipped."""
+    view, at = memoryview(data), len(PNG)
+    for _ in range(_MOST_PARTS if data.startswith(PNG) else 0):
+        size, name = int.from_bytes(view[at : at + 4], "big"), bytes(view[at + 4 : at + 8])
+        end = at + 8 + size
+        if len(name) < 4 or end + 4 > len(data) or name == b"IEND":
+            return
+        if name != b"IDAT":
+            told = int.from_bytes(view[end : end + 4], "big")
+            yield PngChunk(name, view[at + 8 : end], zlib.crc32(view[at + 4 : end]) == told)
+        at = end + 4
+
+
+def riff_chunks(data: bytes) -> Iterator[tuple[bytes, memoryview]]:
+    """Yield names and bytes of the chunks of a RIFF file, as WebP is (RFC 9649, section 2.3)."""
+    view, at = memoryview(data), 12
+    for _ in range(_MOST_PARTS if data[:4] == b"RIFF" else 0):
+        size = int.from_bytes(view[at + 4 : at + 8], "little")
+        if at + 8 + size > len(data):
+            return
+        yield bytes(view[at : at + 4]), view[at + 8 : at + 8 + size]
+        at += 8 + size + size % 2
+
+
+def jpeg_segments(data: bytes) -> Iterator[tuple[int, memoryview]]:
+    """Yield markers and bytes of the segments before a JPEG's first scan (ITU-T T.81, B.1)."""
+    view, at = memoryview(data), 2
+    for _ in range(_MOST_PARTS if data[:2] == b"\xff\xd8" else 0):
+        while data[at : at + 2] == b"\xff\xff":
+            at += 1
+        if at + 4 > len(data) or view[at] != 0xFF or view[at + 1] in (_SCAN, _END):
+            return
+        marker = view[at + 1]
+        size = 0 if marker in _ALONE else int.from_bytes(view[at + 2 : at + 4], "big")
+        if at + 2 + size > len(data):
+            return
+        yield marker, view[at + 4 : at + 2 + size]
+        at += 2 + size
+
+
+def boxes(content: memoryview) -> Iterator[tuple[bytes, memoryview]]:
+    """Yield names and bytes of the boxes in a file or box (ISO/IEC 14496-12, section 4.2)."""
+    at = 0
+    for _ in range(_MOST_PARTS):
+        size, name = int.from_bytes(content[at : at + 4], "big"), bytes(content[at + 4 : at + 8])
+        start = at + 8
+        if size == 1:
+            size, start = int.from_bytes(content[at + 8 : at + 16], "big"), at + 16
+        end = len(content) if size == 0 else at + size
+        if len(name) < 4 or end < start or end > len(content):
+            return
+        yield name, content[start:end]
+        at = end
+
+
+def expand(compressed: memoryview | bytes) -> bytes | None:
+    """Return data that deflate compressed in a file; None if they are damaged or too large."""
+    machine = zlib.decompressobj()
+    try:
+        found = machine.decompress(compressed, _MOST_EXPANDED)
+    except zlib.error:
+        return None
+    return found if machine.eof else None
