@@ -53,6 +53,8 @@ def is_jpeg(data: bytes) -> bool:
 
 def _png(data: bytes) -> Header:
     width, height, bits = struct.unpack_from(">IIB", data, 16)
+    if data[12:16] == b"CgBI":
+        return Header("PNG of Apple's kind (CgBI)", width=0, height=0)
     return Header("PNG", width, height, bits)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.picture.headers import find_header
+from labapp.files.picture.netpbm import is_netpbm
 from labapp.files.picture.other_formats import name_format
 from labapp.files.picture.stored import StoredPicture
 from labapp.files.raw.recognition import is_raw
@@ -22,7 +23,6 @@ _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 _FITS, _OPEN_EXR = b"SIMPLE  =", b"\x76\x2f\x31\x01"
 _RADIANCE = (b"#?RADIANCE", b"#?RGBE", b"#?AUTOPANO")
-_PORTABLE = tuple(b"P%c" % one for one in b"1234567Ff")
 
 
 def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
@@ -32,10 +32,7 @@ def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     can't be read rightly.
     """
     if is_raw(data, path):
-        raise UserError(
-            f"{path}: is a camera's RAW file. labapp reconstruct and labapp merge take it; here, "
-            "give a picture that was developed from it, such as a 16-bit TIFF."
-        )
+        raise _mosaic_refused(path, data)
     if is_tiff(data):
         from labapp.files.picture.tiff_file import read_tiff
 
@@ -52,6 +49,18 @@ def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
             f"Give a {FORMATS}."
         )
     return read(path, data, page)
+
+
+def _mosaic_refused(path: Path, data: bytes) -> UserError:
+    """Return the error that says what a RAW file is, where a developed picture is meant."""
+    from labapp.files.raw import read_raw
+
+    # What is wrong with the file comes first.
+    kind = read_raw(path, data).kind
+    return UserError(
+        f"{path}: is a RAW file ({kind}). labapp reconstruct and labapp merge take it; here, give "
+        "a picture that was developed from it, such as a 16-bit TIFF."
+    )
 
 
 def count_pages(data: bytes) -> int:
@@ -82,8 +91,8 @@ def _other_reader(data: bytes) -> Callable[[Path, bytes, int], StoredPicture] | 
         from labapp.files.picture.fits import read_fits
 
         return read_fits
-    if data.startswith(_PORTABLE):
-        from labapp.files.picture.portable_map import read_portable_map
+    if is_netpbm(data):
+        from labapp.files.picture.netpbm import read_netpbm
 
-        return read_portable_map
+        return read_netpbm
     return None

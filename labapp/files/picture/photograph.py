@@ -129,15 +129,18 @@ def read_photograph(
         If the file can't be read rightly, or holds several pictures and none is named.
     """
     data = read_bytes(path)
+    if not data:
+        raise UserError(f"{path}: is empty. Give a picture.")
     if path.suffix.lower() == ".npy" or data.startswith(b"\x93NUMPY"):
         stored = _read_array(path)
     else:
         stored = read_stored(path, data, _page(path, data, page, page_option))
-    _require_values(path, stored.values)
+    missing = _count_missing(path, stored.values)
     found, source = _choose_encoding(path, stored, encoding)
     return Photograph(
         path, np.ascontiguousarray(stored.values), found, source, stored.white, stored.kind,
-        stored.orientation, stored.is_lossy, stored.exif, stored.notes,
+        stored.orientation, stored.is_lossy, stored.exif,
+        (*stored.notes, *_tell_missing(missing)),
     )  # fmt: skip
 
 
@@ -189,20 +192,30 @@ def _read_array(path: Path) -> StoredPicture:
         bands = np.moveaxis(values, -1, 0)
     else:
         raise UserError(
-            f"{path}: is {' x '.join(map(str, values.shape))}; give rows x columns, or rows x "
-            "columns x 3."
+            f"{path}: has {values.ndim} dimensions, {' x '.join(map(str, values.shape))}; give "
+            "rows x columns, or rows x columns x 3."
         )
     white = None if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
     told = "arrays are proportional to light"
     return StoredPicture(bands, "array", white, LINEAR, told)
 
 
-def _require_values(path: Path, values: NDArray[Any]) -> None:
-    """Raise UserError for a picture without a single number."""
+def _tell_missing(count: int) -> tuple[str, ...]:
+    """Say in words that a picture has missing pixels."""
+    told = f"{count} of its numbers are infinite or NaN, and count as missing pixels"
+    return (told,) if count else ()
+
+
+def _count_missing(path: Path, values: NDArray[Any]) -> int:
+    """Return how many numbers aren't finite; raise UserError for a picture of no others."""
     if not values.size:
-        raise UserError(f"{path}: has no pixels.")
-    if values.dtype.kind == "f" and not np.isfinite(values).any():
+        raise UserError(f"{path}: has no pixels. Give a picture.")
+    if values.dtype.kind != "f":
+        return 0
+    finite = int(np.count_nonzero(np.isfinite(values)))
+    if not finite:
         raise UserError(f"{path}: has no finite value. Give a picture.")
+    return values.size - finite
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:
