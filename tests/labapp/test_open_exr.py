@@ -229,3 +229,8 @@ def test_a_picture_that_is_much_larger_than_its_file_is_not_read():
     data[at : at + 16] = struct.pack("<4i", 0, 0, 59_999, 59_999)
     with pytest.raises(UserError, match=r"would take 43\.2 GB"):
         read_open_exr(PATH, bytes(data))
+    tiles = OpenEXR.TileDescription()
+    tiles.ySize = 1 << 22
+    data = exr(colours(), type=OpenEXR.tiledimage, tiles=tiles)
+    with pytest.raises(UserError, match=r"would take 1\.61 GB"):
+        read_open_exr(PATH, data)

@@ -150,8 +150,11 @@ def _require_size(path: Path, data: bytes, headers: list[dict[str, Any]]) -> Non
         rows, columns = _size(header, "dataWindow")
         if rows < 1 or columns < 1:
             raise damaged_exr(path)
+        tile = header.get("tiles")
+        # A tile is decoded whole, and can be much larger than the picture.
+        pixels = max(rows * columns, tile.xSize * tile.ySize if tile else 0)
         # Four bytes hold any of the format's numbers.
-        whole += 4 * rows * columns * len(header["channels"])
+        whole += 4 * pixels * len(header["channels"])
     require_expansion(path, len(data), whole, "its picture")
 
 
