@@ -123,6 +123,26 @@ def structural_similarity(
     torch.Tensor, (images,)
         SSIM in the precision of the images; see `ssim` for its window.
     """
+    return similarity_map(images, references, data_range).mean((-2, -1))
+
+
+def similarity_map(
+    images: torch.Tensor, references: torch.Tensor, data_range: float = 1.0
+) -> torch.Tensor:
+    """Compute the SSIM metric of many images wherever its window lies inside the picture.
+
+    Parameters
+    ----------
+    images, references : torch.Tensor, (images, rows, columns)
+        Pictures, rows and columns 11 or more.
+    data_range : float, default 1
+        The range of the values.
+
+    Returns
+    -------
+    torch.Tensor, (images, rows - 10, columns - 10)
+        SSIM of each window; NaN where the window has a pixel that is NaN.
+    """
     radius, sigma = 5, 1.5
     x = torch.arange(-radius, radius + 1, dtype=images.dtype, device=images.device)
     window = torch.exp(-(x**2) / (2 * sigma**2))
@@ -139,7 +159,7 @@ def structural_similarity(
     c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
     luminance = (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
     structure = (2 * covariance + c2) / (var_a + var_b + c2)
-    return (luminance * structure).mean((-2, -1))
+    return luminance * structure
 
 
 @accepts_numpy

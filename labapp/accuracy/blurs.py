@@ -17,7 +17,8 @@ from scipy.signal import fftconvolve
 
 from labapp.accuracy.blur_names import BLUR_NAMES, require_blur
 from labapp.common.errors import UserError
-from labapp.files.photograph_file import read_photograph
+from labapp.files.picture.encoding import LINEAR
+from labapp.files.picture.photograph import read_photograph
 from labapp.files.reading import bundled_path
 from labapp.pictures.reconstructing.psf_files import read_psf_file
 from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
@@ -121,7 +122,7 @@ def photograph_from_options(
     kernel = (
         BLURS[blur]() if psf is None else _first_band(read_psf_file(psf, 1, RecordSelection())[0])
     )
-    levels = read_photograph(picture or bundled_path("photograph.jpg"), linear=True).light
+    levels = read_photograph(picture or bundled_path("photograph.jpg"), encoding=LINEAR).light
     grey = levels.mean(0, dtype=np.float64)
     if not (np.isfinite(grey).all() and grey.max() > 0):
         raise UserError(f"{picture}: is dark, or not finite. Give a picture with light in it.")

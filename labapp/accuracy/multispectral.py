@@ -23,7 +23,7 @@ from labapp.accuracy.work_precision import (
     Row,
     mark_front,
 )
-from labapp.common.console import terminal_progress
+from labapp.common.console import print_message, terminal_progress
 from optics.multispectral import restore_by_published_objective, restore_spectra
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -88,6 +88,8 @@ def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | No
     """
     with terminal_progress() as progress:
         rows = measure_multispectral(case, progress)
+    for note in () if as_json else case.notes:
+        print_message(f"note: {note}")
     print_rows(f"Spectral bands: {case.name}", _COLUMNS, _REMARK, rows, as_json=as_json)
     write_plot(plot, lambda: draw(case.name, rows, ERROR_NAME))
 

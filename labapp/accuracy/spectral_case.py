@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from labapp.accuracy.spectral_names import require_psf_name
 from labapp.common.errors import UserError
-from labapp.files.cubes import read_cube
+from labapp.files.cubes import SpectralCube, read_cube
 from labapp.spectral.computed_snapshot import (
     ComputedSnapshot,
     bundled_mosaic,
@@ -49,11 +49,14 @@ class SpectralCase:
         The snapshot with the true cube.
     spectra : torch.Tensor, (samples, bands)
         Typical spectra.
+    notes : tuple of str
+        Remarks for the user on how the cube's file was read.
     """
 
     name: str
     snapshot: ComputedSnapshot
     spectra: torch.Tensor
+    notes: tuple[str, ...] = ()
 
 
 def spectral_case_from_options(
@@ -80,10 +83,13 @@ def spectral_case_from_options(
         If the shape is unknown, or the cube can't be restored.
     """
     require_psf_name(psf)
-    wavelengths, truth = _BANDS, chart_cube(_BANDS, size)
-    if cube is not None:
+    wavelengths, notes = _BANDS, tuple[str, ...]()
+    if cube is None:
+        truth = chart_cube(_BANDS, size)
+    else:
         read = read_cube(cube)
-        wavelengths, truth = read.wavelengths, _middle(read.values.astype(np.float64), size)
+        wavelengths, notes = read.wavelengths, read.notes
+        truth = np.asarray(read.values[_middle(read, size)], dtype=np.float64)
         _require_light(cube, truth)
     radius = min(_LARGEST_RADIUS, _RADIUS_SHARE * min(truth.shape[1:]))
     psfs = _MAKERS[psf](_plane(radius), wavelengths, radius).numpy()
@@ -95,7 +101,8 @@ def spectral_case_from_options(
         raise UserError(f"{cube or 'the chart'}: {error}.") from error
     scene = "ColorChecker" if cube is None else cube.name
     words = f"{scene}, {psf}, noise {noise:g}, {truth.shape}"
-    return SpectralCase(words, snapshot, torch.from_numpy(typical_reflectances(wavelengths)))
+    spectra = torch.from_numpy(typical_reflectances(wavelengths))
+    return SpectralCase(words, snapshot, spectra, notes)
 
 
 def _ring(plane: Plane, wavelengths: tuple[float, ...], radius: float) -> torch.Tensor:
@@ -128,16 +135,22 @@ def _plane(radius: float) -> Plane:
     return Plane((side, side), (1.0, 1.0))
 
 
-def _middle(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Cut a spectral cube, (bands, rows, columns), to its middle of at most `size` pixels."""
+def _middle(cube: SpectralCube, size: int) -> tuple[slice, slice, slice]:
+    """Return where the middle of a spectral cube lies, of at most `size` pixels along a side."""
     rows, columns = (
-        slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in values.shape[1:]
+        slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in cube.shape[1:]
     )
-    return np.ascontiguousarray(values[:, rows, columns])
+    return slice(None), rows, columns
 
 
 def _require_light(cube: Path, truth: NDArray[np.float64]) -> None:
     """Raise UserError for a spectral cube that isn't finite, is dark, or has few pixels."""
+    missing = int(np.isnan(truth).any(0).sum())
+    if missing:
+        raise UserError(
+            f"{cube}: lacks a value at {missing} pixels of its middle, {truth.shape[1:]}. Cut the "
+            "cube to where all bands have values, or give a smaller --size."
+        )
     if not (np.isfinite(truth).all() and truth.max() > 0):
         raise UserError(f"{cube}: is dark, or not finite. Give a cube with light in it.")
     if min(truth.shape[1:]) < 32:

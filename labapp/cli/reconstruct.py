@@ -14,7 +14,7 @@ from labapp.cli.restoration_kinds import (
     refuse_options,
     require_options_of_one_kind,
 )
-from labapp.cli.shared_options import ForceOption, JsonOption, readable_path
+from labapp.cli.shared_options import EncodingOption, ForceOption, JsonOption, readable_path
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 from optics.deconvolution.method_names import AUTO, METHOD_CHOICES
@@ -87,14 +87,7 @@ def reconstruct(
         float | None,
         typer.Option(metavar="LEVEL", help="Level of darkness to subtract.", show_default="0"),
     ] = None,
-    linear: Annotated[
-        bool | None,
-        typer.Option(
-            "--linear/--srgb",
-            help="Take levels as proportional to light, or as sRGB.",
-            show_default="sRGB in 8-bit pictures",
-        ),
-    ] = None,
+    encoding: EncodingOption = None,
     target: Annotated[
         str | None,
         typer.Option(help="Target of a record.", show_default="the plan's, or the last photograph"),
@@ -109,7 +102,9 @@ def reconstruct(
     ] = None,
     frame: Annotated[
         int | None,
-        typer.Option(help="Frame of a record or TIFF.", show_default="all exposures, merged"),
+        typer.Option(
+            help="Frame of a record, or page of a TIFF.", show_default="all exposures, merged"
+        ),
     ] = None,
     star: Annotated[
         str | None,
@@ -180,8 +175,8 @@ def reconstruct(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Restored picture to write: .tiff or .npy (light, float) or .png. With --bands: "
-            ".h5, or .hdr for ENVI, with a .raw beside it.",
+            help="Restored picture to write: .tiff, .exr, .hdr (Radiance) or .npy (light, float) "
+            "or .png. With --bands: .h5, or .hdr for ENVI, with a .raw beside it.",
             show_default="*_restored.tiff, *_decoded.tiff or *_cube.h5 beside the input",
         ),
     ] = None,
@@ -252,7 +247,7 @@ def reconstruct(
     """
     photograph_only = {
         "--blind": blind, "--budget": budget, "--refine-psf": refine_psf or None, "--clip": clip,
-        "--method": None if method == AUTO else method, "--dark": dark, "--linear, --srgb": linear,
+        "--method": None if method == AUTO else method, "--dark": dark, "--encoding": encoding,
         "--wavelength-nm": wavelength_nm, "--frame": frame, "--grey": grey or None,
     }  # fmt: skip
     spectral_only = {
@@ -283,10 +278,10 @@ def reconstruct(
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
     selected = (target, pattern, wavelength, frame, star, grey)
     told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
-    told |= {"blind": blind, "truth": truth}
+    told |= {"blind": blind, "truth": truth, "encoding": encoding}
     if decoder is not None:
         decode_photograph_file(
-            source, decoder, selected, linear, told, (out, picture), force=force, as_json=json
+            source, decoder, selected, told, (out, picture), force=force, as_json=json
         )
         return
     places = restoration_output_paths(
@@ -299,7 +294,7 @@ def reconstruct(
     from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
     from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 
-    asked = RestorationRequest(source, psf, RecordSelection(*selected), linear, **told)
+    asked = RestorationRequest(source, psf, RecordSelection(*selected), **told)
     restore(
         asked, MethodChoice(method, budget, weight, refine_psf), OutputFiles(*places), as_json=json
     )

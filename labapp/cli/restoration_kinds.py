@@ -13,7 +13,6 @@ def decode_photograph_file(
     source: Path,
     decoder: str,
     selected: tuple[Any, ...],
-    linear: bool | None,
     told: dict[str, Any],
     outputs: tuple[Path | None, Path | None],
     *,
@@ -33,7 +32,7 @@ def decode_photograph_file(
     from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
     from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 
-    photograph = RestorationRequest(source, None, RecordSelection(*selected), linear, **told)
+    photograph = RestorationRequest(source, None, RecordSelection(*selected), **told)
     decode_for_command(DecodingRequest(photograph, decoder), OutputFiles(*places), as_json=as_json)
 
 

@@ -47,6 +47,23 @@ def find_scene_file(name: Path | None) -> Path | None:
     return None if name is None else find_scene(name)
 
 
+def find_encoding(word: str | None) -> str | None:
+    """Return the name of an encoding in a command's option, or None; UserError lists them."""
+    from labapp.files.picture.encoding import parse_encoding
+
+    return None if word is None else parse_encoding(word).name
+
+
+EncodingOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        callback=find_encoding,
+        help="How the picture's numbers stand for light: linear, srgb, bt709, or gamma 2.2 (or "
+        "another number).",
+        show_default="what the file says; else srgb in 8-bit pictures, and linear",
+    ),
+]
 BenchOption = Annotated[
     Path | None,
     typer.Option(

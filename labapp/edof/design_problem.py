@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import cv2
-import numpy as np
 import torch
 
 from labapp.common.errors import UserError
 from labapp.edof.design_request import PIXEL_PARAMETRISATIONS, STARTS, EdofRequest
 from labapp.files.design_file import read_design
-from labapp.files.guarded_reading import read_bytes
-from labapp.files.picture_decoding import decode_picture
+from labapp.files.picture.colour_picture import read_screen_colours
 from optics.camera import Camera, Panel
 from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.edof.depth_bound import rms_transfer_limit
@@ -271,8 +268,5 @@ def _read_pictures(folder: Path) -> Iterator[torch.Tensor]:
     if not files:
         raise UserError(f"--pictures {folder}: there is no picture in it. Name another folder.")
     for file in files:
-        stored = decode_picture(file, read_bytes(file), cv2.IMREAD_COLOR)
-        if stored is None:
-            raise UserError(f"{file}: not a picture that can be read.")
-        colours = torch.from_numpy(np.ascontiguousarray(stored[..., ::-1]))
-        yield convert_to_luminance(decode_srgb(colours / 255.0).movedim(2, 0))
+        colours = torch.from_numpy(read_screen_colours(file))
+        yield convert_to_luminance(decode_srgb(colours / 255.0))

@@ -13,7 +13,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.guarded_reading import open_regular, read_bytes, require_expansion
+from labapp.files.guarded_reading import open_regular, read_bytes, require_memory
 
 _MOST_MEMBERS = 10_000
 """Arrays in an .npz file, about a hundred times more than any of labapp's has. Chosen."""
@@ -72,7 +72,7 @@ def _require_members(path: Path, archive: zipfile.ZipFile, file: BinaryIO) -> No
     if any(one.compress_type not in _METHODS for one in members):
         raise UserError(f"{path}: is compressed in another way than NumPy's. Write it anew.")
     stored = file.seek(0, io.SEEK_END)
-    require_expansion(path, stored, sum(one.file_size for one in members))
+    require_memory(path, stored, sum(one.file_size for one in members))
 
 
 def _parse_npy(path: Path, data: bytes, where: str) -> NDArray[Any]:

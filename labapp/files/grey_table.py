@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 Grey = Annotated[int, Ge(0), Le(255)]
 
+_LOSSY_ENDINGS = (".jpg", ".jpeg", ".webp", ".avif", ".heic")
+"""Endings of pictures whose compression changes grey levels."""
+
 
 class GreyPattern(Table):
     """A pattern of a plan file that is given as grey levels, whatever phases they make."""
@@ -83,7 +86,10 @@ class GratingPattern(GreyPattern):
 
 
 class ImagePattern(GreyPattern):
-    """Grey levels from an 8-bit picture of the panel's size, or from a design file (.h5)."""
+    """Grey levels from an 8-bit picture of the panel's size, or from a design file (.h5).
+
+    channel is the one to take of a picture in colour.
+    """
 
     title: ClassVar = "Image file"
     kind: Literal["image"]
@@ -95,11 +101,13 @@ class ImagePattern(GreyPattern):
         ),
     ]
     frame: Annotated[int, Ge(0), Key("of a design file, from 0")] = 0
+    channel: Annotated[Literal["red", "green", "blue"] | None, Key("of a picture in colour")] = None
 
     @property
     def label(self) -> str:
         which = f" frame {self.frame}" if self.frame else ""
-        return f"image {self.file.rpartition('/')[2]}{which}"
+        lossy = ", lossy" if self.file.lower().endswith(_LOSSY_ENDINGS) else ""
+        return f"image {self.file.rpartition('/')[2]}{which}{lossy}"
 
     def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
         from labapp.files.design_file import read_design_frame
@@ -107,20 +115,26 @@ class ImagePattern(GreyPattern):
 
         path = folder / self.file
         if is_design(path):
+            if self.channel is not None:
+                raise UserError(f"{path}: is a design, in grey. Leave 'channel' out.")
             return _require_panel_fit(camera.panel, read_design_frame(path, self.frame), path)
         if self.frame:
             raise UserError(f"{path}: is one picture. Leave 'frame' out, or name a design file.")
-        return read_grey_pattern(path, camera.panel)
+        return read_grey_pattern(path, camera.panel, self.channel)
 
 
-def read_grey_pattern(path: Path, panel: Panel) -> NDArray[np.uint8]:
+def read_grey_pattern(path: Path, panel: Panel, channel: str | None = None) -> NDArray[np.uint8]:
     """Read a picture file as a pattern's grey levels, (rows, columns).
 
-    Raises UserError if the panel can't show them.
+    channel: the one to take of a picture in colour. Raises UserError if the panel can't show them.
     """
-    from labapp.files.reading import read_grey
+    from labapp.files.picture.grey_picture import read_grey_picture
 
-    return _require_panel_fit(panel, read_grey(path), path)
+    remedy = ', or name one in the plan: channel = "red"'
+    grey = read_grey_picture(path, "a pattern", channel=channel, remedy=remedy)
+    if grey.dtype != "uint8":
+        raise UserError(f"{path}: has {grey.dtype} values; the panel shows 8-bit grey levels.")
+    return _require_panel_fit(panel, grey, path)
 
 
 def _require_panel_fit(panel: Panel, grey: NDArray[np.uint8], path: Path) -> NDArray[np.uint8]:

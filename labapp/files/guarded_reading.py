@@ -16,6 +16,7 @@ from io import BufferedReader
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.common.free_memory import available_memory
 from labapp.common.plain_text import shorten
 
 MOST_BYTES = 1 << 32
@@ -26,12 +27,27 @@ MOST_TEXT_BYTES = 16 << 20
 """Bytes of a table as text, 16 MiB: a million wavelengths of a spectrum. Chosen."""
 
 FREE_EXPANSION = 1 << 26
-"""Bytes that compressed data may stand for whatever their size, 64 MiB: a dark frame of 32 million
-pixels of 16 bits, all of them 0, is stored in some kilobytes. Chosen."""
+"""Bytes that holes in a file, and texts and MATLAB's arrays, may stand for whatever is stored of
+them, 64 MiB. Chosen."""
+
+_FREE_ARRAYS = 200_000_000
+"""Bytes that compressed arrays may stand for whatever their size: a star on black in 48 million
+pixels of single precision, which is stored in some kilobytes, takes 192 MB. Chosen."""
+
+MOST_PIXELS = 300_000_000
+"""Pixels that a picture may have however small its file is: twice those of the largest sensors of
+cameras, 151 million. Chosen."""
 
 MOST_EXPANSION = 100
 """Bytes that a byte of compressed data may stand for beyond that. Photographs have up to 30, masks
 about 100; deflate ends at 1030 (RFC 1951), which only data without content reaches. Chosen."""
+
+_ALWAYS_FREE = 1 << 20
+"""Bytes of data for which the free memory isn't looked up. Chosen."""
+
+_FREE_SHARE = 0.8
+"""Share of the free memory that the data of a file may take; the rest is for what is made of them.
+Chosen."""
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -89,23 +105,66 @@ def require_regular(path: Path, most: int = MOST_BYTES) -> None:
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the bytes of a regular file; raise UserError if it can't be read or is too large."""
     with open_regular(path, most) as file:
-        _require_expansion_of_holes(path, os.fstat(file.fileno()))
-        # Files of /proc and others that are made when they are read tell a size of 0.
-        data = file.read(most + 1)
+        found = os.fstat(file.fileno())
+        require_no_holes(path, found)
+        require_free_memory(path, found.st_size)
+        data = file.read(found.st_size + 1)
+        if len(data) > found.st_size:
+            # Files of /proc and others that are made when they are read tell a size of 0.
+            data += file.read(max(most - found.st_size, 0))
         _require_size(path, len(data), most)
         return data
 
 
-def require_expansion(path: Path, stored: int, whole: int, what: str = "its contents") -> None:
-    """Raise UserError if data in a file from outside stand for much more than is stored.
+def require_memory(
+    path: Path, stored: int, whole: int, what: str = "its contents", *, pixels: int | None = None
+) -> None:
+    """Raise UserError if data in a file from outside would take too much memory.
 
-    stored: bytes in the file. whole: bytes of the data when they are expanded.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    stored : int
+        Bytes of the data in the file.
+    whole : int
+        Bytes that the data take in memory when they are expanded.
+    what : str
+        The data in words, for the message.
+    pixels : int, optional
+        Number of pixels, of a picture. A dark one may be stored in next to nothing, and is refused
+        only if no sensor has so many; other data, where they grow without measure.
+
+    Raises
+    ------
+    UserError
+        If the data stand for much more than is stored, or for more than there is memory.
     """
-    if whole > max(FREE_EXPANSION, MOST_EXPANSION * stored):
+    is_large = whole > _FREE_ARRAYS if pixels is None else pixels > MOST_PIXELS
+    if is_large and whole > MOST_EXPANSION * stored:
+        raise _hollow(path, whole, stored, what)
+    require_free_memory(path, whole, what)
+
+
+def require_free_memory(path: Path, whole: int, what: str = "its contents") -> None:
+    """Raise UserError if data in a file from outside would take more memory than there is.
+
+    whole: bytes of the data in memory. what: the data in words.
+    """
+    # Nobody asks about a few megabytes: finding out costs more than it saves.
+    if whole > _ALWAYS_FREE and whole > _FREE_SHARE * (free := available_memory()):
         raise UserError(
-            f"{path}: {what} would take {_size(whole)}, and {_size(stored)} are stored. No "
-            "measurement is so empty; get the original, or save it without compression."
+            f"{path}: {what} would take {_size(whole)} of memory, and {_size(free)} are free. "
+            "Close other programs, give a part of it, or use a computer with more memory."
         )
+
+
+def require_no_holes(path: Path, found: os.stat_result) -> None:
+    """Raise UserError if a file from outside is nearly all holes, which read as zeros."""
+    # Some file systems don't tell the blocks.
+    stored = 512 * found.st_blocks
+    if stored and found.st_size > max(FREE_EXPANSION, MOST_EXPANSION * stored):
+        raise _hollow(path, found.st_size, stored, "its contents")
 
 
 def is_file(path: Path) -> bool:
@@ -141,11 +200,12 @@ def _require_size(path: Path, size: int, most: int) -> None:
         )
 
 
-def _require_expansion_of_holes(path: Path, found: os.stat_result) -> None:
-    """Raise UserError if a file from outside is nearly all holes, which read as zeros."""
-    # Some file systems don't tell the blocks.
-    if found.st_blocks:
-        require_expansion(path, 512 * found.st_blocks, found.st_size)
+def _hollow(path: Path, whole: int, stored: int, what: str) -> UserError:
+    """Return the error of a file's data that stand for much more bytes than are stored."""
+    return UserError(
+        f"{path}: {what} would take {_size(whole)}, and {_size(stored)} are stored. No "
+        "measurement is so empty; get the original, or save it without compression."
+    )
 
 
 def _size(count: int) -> str:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from labapp.common.errors import UserError
-from labapp.files.array_file import read_npy
+from labapp.files.picture.grey_picture import read_grey_picture
 from labapp.files.quantities import Finite
-from labapp.files.reading import FileModel, decode_image
+from labapp.files.reading import FileModel
 from optics.slm import PanelMap
 
 
@@ -66,8 +66,4 @@ class FlatnessTable(MapTable):
 
 def _values(path: Path) -> NDArray[np.float64]:
     """Read the numbers in a map's picture file, without decoding them from sRGB."""
-    is_array = path.suffix.lower() == ".npy"
-    values = read_npy(path) if is_array else decode_image(path, colour=False)
-    if values is None or values.dtype.kind not in "iuf":
-        raise UserError(f"{path}: is no map. Give a grey PNG or TIFF, or numbers as .npy.")
-    return values.astype(np.float64)
+    return read_grey_picture(path, "a map of the panel").astype(np.float64)

@@ -15,7 +15,13 @@ from labapp.files.number_file import read_numbers
 from labapp.files.picture_cache import cached_picture
 from labapp.files.quantities import Finite, Positive
 from labapp.files.reflectance_table import reflectance_basis
-from labapp.files.scene_targets import Distance, IlluminatedTargetTable, Lamps, PictureTargetTable
+from labapp.files.scene_targets import (
+    Distance,
+    EncodingName,
+    IlluminatedTargetTable,
+    Lamps,
+    PictureTargetTable,
+)
 from simulator.scene import Cube, Display, Relief, Target, display_primaries, distances_of
 
 
@@ -77,6 +83,7 @@ class ReliefTable(PictureTargetTable):
     offset_px: Finite = 0.0
     levels: Annotated[int, Field(ge=1, le=64)] = 8
     spectra: Literal["mallett", "primaries"] = "mallett"
+    encoding: EncodingName | None = None
 
     @model_validator(mode="after")
     def _has_distances(self) -> ReliefTable:
@@ -88,7 +95,7 @@ class ReliefTable(PictureTargetTable):
 
     def build(self, lamps: Lamps) -> Target:
         source = self.depth or self.disparity or ""
-        image = cached_picture(self.file)
+        image = cached_picture(self.file, self.encoding)
         try:
             return Relief(
                 image=torch.from_numpy(image),
@@ -128,12 +135,13 @@ class DisplayTable(IlluminatedTargetTable):
     ] = ((610.0, 35.0), (540.0, 40.0), (455.0, 22.0))
     polarised_deg: Finite | None = 90.0
     light: None = None
+    encoding: EncodingName | None = None
     credit: str = ""
 
     def build(self, lamps: Lamps) -> Target:
         bands = [(centre * 1e-9, width * 1e-9) for centre, width in self.primaries_nm]
         return Display(
-            image=torch.from_numpy(cached_picture(self.file)),
+            image=torch.from_numpy(cached_picture(self.file, self.encoding)),
             pitch=self.pixel_um * 1e-6,
             distance=self.distance_m,
             primaries=display_primaries(bands),

@@ -12,8 +12,8 @@ from labapp.common.errors import UserError
 from labapp.files.array_file import read_npy, read_npz
 from labapp.files.file_lookup import require_readable
 from labapp.files.matlab_file import read_matlab
+from labapp.files.picture.grey_picture import read_grey_picture
 from labapp.files.plain_hdf5 import read_hdf5_arrays
-from labapp.files.reading import decode_image
 
 
 def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]:
@@ -43,10 +43,7 @@ def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
         return read_hdf5_arrays(path)
     if kind == ".mat":
         return read_matlab(path)
-    image = decode_image(path, colour=False)
-    if image is None:
-        raise ValueError("give numbers as .npy, .npz, .mat or .h5, or a grey PNG or TIFF")
-    return {path.stem: image}
+    return {path.stem: read_grey_picture(path, "an array of numbers")}
 
 
 def _select_variable(

@@ -32,8 +32,10 @@ def is_design(path: Path) -> bool:
 
 def require_photograph_ending(path: Path) -> None:
     """Raise UserError if a photograph can't be written to a file with this ending."""
-    if path.suffix.lower() not in (".npy", ".png", *_TIFF):
-        raise UserError(f"{path}: the ending says the kind; choose .tiff, .npy or .png.")
+    if path.suffix.lower() not in (".npy", ".png", ".exr", ".hdr", *_TIFF):
+        raise UserError(
+            f"{path}: the ending says the kind; choose .tiff, .npy, .exr, .hdr or .png."
+        )
 
 
 def weights_output_path(path: Path, *, force: bool) -> Path:

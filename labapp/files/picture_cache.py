@@ -8,21 +8,25 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.files.reading import read_picture
+from labapp.files.picture.colour_picture import read_scene_picture
+from labapp.files.picture.encoding import parse_encoding
 
-_pictures: WeakValueDictionary[tuple[str, int], NDArray[np.float32]] = WeakValueDictionary()
-"""Pictures by file and time of its last change; each is kept while a target refers to it."""
+_pictures: WeakValueDictionary[tuple[str, int, str], NDArray[np.float32]] = WeakValueDictionary()
+"""Pictures by file, time of its last change and encoding, kept while a target refers to them."""
 
 
-def cached_picture(file: str) -> NDArray[np.float32]:
+def cached_picture(file: str, encoding: str | None = None) -> NDArray[np.float32]:
     """Return a picture file as linear red, green and blue; read it again only if it has changed.
 
-    Targets of the same picture share one array.
+    encoding: how its numbers stand for light; None for what the file says. Targets of the same
+    picture share one array.
     """
-    which = (file, _modification_time(file))
+    which = (file, _modification_time(file), encoding or "")
     found = _pictures.get(which)
     if found is None:
-        found = _pictures[which] = read_picture(Path(file))
+        found = _pictures[which] = read_scene_picture(
+            Path(file), parse_encoding(encoding) if encoding else None
+        )
     return found
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.guarded_reading import require_expansion, require_regular
+from labapp.files.guarded_reading import require_memory, require_regular
 
 MOST_OBJECTS = 1000
 """Groups and datasets of a file, about ten times more than any that labapp writes has. Chosen."""
@@ -119,7 +119,7 @@ def _require_plain(path: Path, name: str, dataset: h5py.Dataset) -> None:
         counts = (-(-n // m) for n, m in zip(dataset.shape, dataset.chunks, strict=True))
         if math.prod(counts) > _MOST_CHUNKS:
             raise UserError(f"{path}: {name} lies in too many pieces. Write it anew.")
-    require_expansion(path, dataset.id.get_storage_size(), memory_size(dataset), name)
+    require_memory(path, dataset.id.get_storage_size(), memory_size(dataset), name)
 
 
 def has_variable_length(dataset: h5py.Dataset) -> bool:

@@ -1,10 +1,10 @@
-"""Read TOML, JSON and picture files, with errors that name file, key, value and remedy."""
+"""Read TOML and JSON files, with errors that name file, key, value and remedy."""
 
 from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
@@ -12,10 +12,6 @@ from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
 from labapp.files.guarded_reading import MOST_TEXT_BYTES, read_bytes
 from labapp.files.plain_data import MOST_JSON_BYTES, MOST_TOML_BYTES, parse_json, parse_toml
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 M = TypeVar("M")
 
@@ -102,54 +98,3 @@ def _format_problem(problem: dict[str, Any]) -> str:
         # The message leaves out the value of a whole table, which is long and tells little.
         return f"key {quote(key)}: {message}." if key else f"{message}."
     return f"key {quote(key)} is {quote(problem['input'])}: {message}."
-
-
-def read_picture(path: Path) -> NDArray[np.float32]:
-    """Read a picture file as linear red, green and blue, (rows, columns, 3), 1 = white.
-
-    8- and 16-bit files hold sRGB values (IEC 61966-2-1), which are made linear.
-    Raises UserError if the file can't be read as a picture.
-    """
-    import numpy as np
-
-    values = _require_image(path, colour=True)
-    encoded = np.linspace(0, 1, np.iinfo(values.dtype).max + 1)
-    # A look-up table of all levels keeps the memory for a photograph of 24 megapixels small.
-    return srgb_to_linear(encoded).astype(np.float32)[values[..., ::-1]]
-
-
-def read_grey(path: Path) -> NDArray[np.uint8]:
-    """Read a picture file as grey levels for the panel, (rows, columns) uint8, unchanged.
-
-    Raises UserError if the file is no picture, or isn't 8-bit.
-    """
-    values = _require_image(path, colour=False)
-    if values.dtype != "uint8":
-        raise UserError(f"{path}: has {values.dtype} values; the panel shows 8-bit grey levels.")
-    return values
-
-
-def _require_image(path: Path, *, colour: bool) -> NDArray[Any]:
-    image = decode_image(path, colour=colour)
-    if image is None:
-        raise UserError(f"{path}: is not a picture that can be read. Give a JPEG, PNG or TIFF.")
-    if image.dtype not in ("uint8", "uint16"):
-        raise UserError(f"{path}: has {image.dtype} values. Give an 8- or 16-bit picture.")
-    return image
-
-
-def decode_image(path: Path, *, colour: bool) -> NDArray[Any] | None:
-    """Return a picture file's values in OpenCV's channel order; None if it is no picture."""
-    import cv2
-
-    from labapp.files.picture_decoding import decode_picture
-
-    flags = cv2.IMREAD_ANYDEPTH | (cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE)
-    return decode_picture(path, read_bytes(path), flags)
-
-
-def srgb_to_linear(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert a picture file's sRGB values to linear light (IEC 61966-2-1), both from 0 to 1."""
-    import numpy as np
-
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

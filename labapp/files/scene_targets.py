@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import torch
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from labapp.common.errors import UserError
 from labapp.files.chart_table import Chart, ColorChecker, SiemensStar, SlantedEdge, UsafChart
 from labapp.files.light_table import Lamp
+from labapp.files.picture.encoding import parse_encoding
 from labapp.files.picture_cache import cached_picture
 from labapp.files.quantities import Finite, Positive
 from labapp.files.reading import FileModel
@@ -21,6 +22,18 @@ from simulator.scene import Dark, Flat, PhotographPrint, Pinhole, Sheet, Sheets,
 Distance = Annotated[float, Field(gt=0)]
 
 Lamps = Mapping[str, Lamp]
+
+
+def _known_encoding(word: str) -> str:
+    """Return the name of an encoding in a scene file; ValueError for other words."""
+    try:
+        return parse_encoding(word).name
+    except UserError as error:
+        raise ValueError(str(error).rstrip(".")) from error
+
+
+EncodingName = Annotated[str, AfterValidator(_known_encoding)]
+"""How a picture's numbers stand for light: "linear", "srgb", "gamma 2.2" and others."""
 
 
 class MotionTable(FileModel):
@@ -139,15 +152,17 @@ class PhotographTable(PictureTargetTable):
 
     spectra is "mallett" for smooth reflectances of the picture's colours. With "primaries", red,
     green and blue are the reflectances at 610, 540 and 450 nm, with straight lines between.
+    encoding says how the file's numbers stand for light, where the file doesn't say it rightly.
     """
 
     kind: Literal["photograph"]
     distance_m: Distance
     spectra: Literal["mallett", "primaries"] = "primaries"
+    encoding: EncodingName | None = None
 
     def build(self, lamps: Lamps) -> Target:
         return PhotographPrint(
-            image=torch.from_numpy(cached_picture(self.file)),
+            image=torch.from_numpy(cached_picture(self.file, self.encoding)),
             distance=self.distance_m,
             basis=reflectance_basis(self.spectra),
             **self.picture_arguments(lamps),

@@ -215,10 +215,10 @@ class LogoTarget(TargetShape):
     def draw(self, folder: Path) -> Drawing:
         import torch
 
-        from labapp.files.reading import read_grey
+        from labapp.files.picture.colour_picture import read_drawing
         from optics import targets
 
-        picture = torch.from_numpy(read_grey(folder / self.file))
+        picture = torch.from_numpy(read_drawing(folder / self.file))
         return targets.logo.draw(picture, self.size_um * 1e-6, self.invert)
 
 

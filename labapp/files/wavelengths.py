@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 from labapp.common.errors import UserError
@@ -15,38 +16,56 @@ _VISIBLE = (380e-9, 1100e-9)
 """Range in metres by which the unit of numbers is guessed: what silicon detects of visible and near
 infrared light."""
 
+_REFLECTED = (350e-9, 2600e-9)
+"""Range in metres in which a unit that isn't stated is taken for granted, if it is the only one:
+the sunlight that spectral cameras record, 400 to 2500 nm, with a margin. Chosen."""
+
+_LIGHT_SPEED = 299_792_458.0
+
 _PER_METRE = {
     "nanometres": 1e9,
     "micrometres": 1e6,
     "ångström": 1e10,
     "picometres": 1e12,
+    "millimetres": 1e3,
+    "centimetres": 1e2,
     "metres": 1.0,
 }
-"""How many of each unit make a metre; the units that are suggested for numbers in a wrong one."""
+"""How many of each unit make a metre."""
 
-_NAMES = {
-    "nm": "nanometres",
-    "nanometers": "nanometres",
-    "nanometer": "nanometres",
-    "nanometre": "nanometres",
-    "nanometres": "nanometres",
-    "um": "micrometres",
-    "µm": "micrometres",
-    "μm": "micrometres",
-    "micron": "micrometres",
-    "microns": "micrometres",
-    "micrometers": "micrometres",
-    "micrometer": "micrometres",
-    "micrometre": "micrometres",
-    "micrometres": "micrometres",
-    "angstrom": "ångström",
-    "angstroms": "ångström",
-    "m": "metres",
-    "meter": "metres",
-    "meters": "metres",
-    "metre": "metres",
-    "metres": "metres",
+_WAVELENGTH_TIMES = {
+    "wavenumbers (1/cm)": 1e-2,
+    "gigahertz": 1e-9 * _LIGHT_SPEED,
+    "megahertz": 1e-6 * _LIGHT_SPEED,
 }
+"""Units of which a greater number is a shorter wavelength: their product with metres."""
+
+_UNITS = (
+    "nanometres", "micrometres", "ångström", "metres", "millimetres", "centimetres",
+    "wavenumbers (1/cm)", "gigahertz", "megahertz",
+)  # fmt: skip
+"""Units that files may have, the usual ones first."""
+
+_LENGTHS = ("nanometres", "micrometres", "ångström", "picometres", "metres")
+"""Units that people may mean who type a wavelength; picometres by a slip."""
+
+_SPELLINGS = {
+    "nanometres": "nm nanometers nanometer nanometre nanometres",
+    "micrometres": "um µm μm micron microns micrometers micrometer micrometre micrometres",
+    "ångström": "angstrom angstroms ångström ångstrom å",
+    "millimetres": "mm millimeters millimeter millimetre millimetres",
+    "centimetres": "cm centimeters centimeter centimetre centimetres",
+    "metres": "m meter meters metre metres",
+    "wavenumbers (1/cm)": "wavenumber wavenumbers cm-1 1/cm cm^-1",
+    "gigahertz": "ghz gigahertz",
+    "megahertz": "mhz megahertz",
+}
+"""Spellings of each unit in files, in lower case; ENVI has a name for all but a few."""
+
+_NAMES = {word: name for name, words in _SPELLINGS.items() for word in words.split()}
+
+_UNSTATED = ("", "unknown")
+"""What files write that don't state a unit."""
 
 
 def convert_wavelengths(values: Sequence[float], unit: str) -> tuple[float, ...]:
@@ -55,10 +74,10 @@ def convert_wavelengths(values: Sequence[float], unit: str) -> tuple[float, ...]
     Parameters
     ----------
     values : sequence of float
-        Numbers as the file states them.
+        Numbers as the file states them: wavelengths, wavenumbers or frequencies.
     unit : str
-        Their unit, in any usual spelling. If it is empty or "unknown", nanometres are assumed, as
-        most programs that leave it out mean them.
+        Their unit, in any usual spelling. If it is empty or "unknown", it is found from the
+        numbers, if only one is plausible.
 
     Returns
     -------
@@ -68,27 +87,28 @@ def convert_wavelengths(values: Sequence[float], unit: str) -> tuple[float, ...]
     Raises
     ------
     UserError
-        For a unit that isn't one of length, or numbers that can't be wavelengths in it.
+        For a unit that isn't known, numbers that can't be wavelengths in it, or numbers without a
+        unit that several could be meant in.
     """
     written = unit.strip().lower()
-    stated = written not in ("", "unknown")
-    if stated and written not in _NAMES:
+    if written in _UNSTATED:
+        return _in_metres(values, _only_plausible_unit(values))
+    if written not in _NAMES:
         raise UserError(
             f"wavelength units {unit!r} aren't known. Write Nanometers, Micrometers or Meters"
         )
-    name = _NAMES[written] if stated else "nanometres"
-    found = tuple(float(value) / _PER_METRE[name] for value in values)
+    found = _in_metres(values, _NAMES[written])
     if all(SHORTEST <= one <= LONGEST for one in found):
         return found
-    numbers = f"wavelengths {_span(values)}"
-    if not stated:
-        guess = guess_unit(values)
-        raise UserError(
-            f"{numbers}: in {guess}? Say so with units"
-            if guess
-            else f"{numbers} can't be nanometres"
-        )
-    raise UserError(f"{numbers} can't be {name}.{_suggest(values)}")
+    raise UserError(f"wavelengths {_span(values)} can't be {_NAMES[written]}.{_suggest(values)}")
+
+
+def remark_on_unit(values: Sequence[float], unit: str) -> str:
+    """Say in which unit a file's wavelengths were taken, if it states none; else nothing."""
+    if unit.strip().lower() not in _UNSTATED:
+        return ""
+    name = _only_plausible_unit(values)
+    return f"the unit of its wavelengths isn't stated: {_span(values)} are taken to be {name}"
 
 
 def require_metres(values: Sequence[float]) -> None:
@@ -101,10 +121,7 @@ def require_metres(values: Sequence[float]) -> None:
 
 def guess_unit(values: Sequence[float]) -> str:
     """Guess the unit of a file's wavelengths, in words; "" if none makes them visible."""
-    for name, size in _PER_METRE.items():
-        if values and all(_VISIBLE[0] <= one / size <= _VISIBLE[1] for one in values):
-            return name
-    return ""
+    return next(iter(_units_within(values, *_VISIBLE, _LENGTHS)), "")
 
 
 def format_nanometres(wavelength: float) -> str:
@@ -115,6 +132,47 @@ def format_nanometres(wavelength: float) -> str:
 def list_nanometres(wavelengths: Sequence[float]) -> str:
     """Return the wavelengths of a cube's bands in nanometres, such as "450, 500 nm"."""
     return f"{', '.join(f'{one * 1e9:.6g}' for one in wavelengths)} nm"
+
+
+def _in_metres(values: Sequence[float], name: str) -> tuple[float, ...]:
+    """Return the numbers of a file in metres, by the name of their unit; NaN for 0 and less."""
+    convert: Callable[[float], float]
+    if name in _PER_METRE:
+        convert = _PER_METRE[name].__rtruediv__
+    else:
+        convert = _WAVELENGTH_TIMES[name].__truediv__
+    return tuple(convert(float(one)) if one > 0 else math.nan for one in values)
+
+
+def _units_within(
+    values: Sequence[float], shortest: float, longest: float, units: Sequence[str] = _UNITS
+) -> list[str]:
+    """Return the units in which all numbers of a file are wavelengths in a range in metres."""
+    fitting = (
+        name
+        for name in units
+        if all(shortest <= one <= longest for one in _in_metres(values, name))
+    )
+    return list(fitting) if values else []
+
+
+def _only_plausible_unit(values: Sequence[float]) -> str:
+    """Return the one unit that a file's numbers can be meant in; raise UserError if it isn't one.
+
+    One unit must make them reflected sunlight, or nanometres be the only unit of any light, which
+    most programs mean that leave the unit out.
+    """
+    plausible, possible = (
+        _units_within(values, *span) for span in (_REFLECTED, (SHORTEST, LONGEST))
+    )
+    found = plausible or possible
+    if len(plausible) == 1 or possible == ["nanometres"]:
+        return found[0]
+    numbers = f"wavelengths {_span(values)}"
+    if "nanometres" not in found:
+        numbers += " can't be nanometres"
+    asked = f": in {' or '.join(found)}? Say so with units" if found else ". Add it"
+    raise UserError(f"{numbers}, and their unit isn't stated{asked}")
 
 
 def _suggest(values: Sequence[float]) -> str:

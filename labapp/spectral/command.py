@@ -104,7 +104,7 @@ def _rows(problem: SpectralProblem, restored: RestoredCube) -> list[list[str]]:
     if (scores := restored.scores) is not None:
         source = problem.truth_source or "the cube of --truth"
         rows += [
-            ["PSNR", f"{scores.psnr:.2f} dB, mean of the bands (full frame, peak 1)"],
+            ["PSNR", f"{scores.psnr:.2f} dB, mean of the bands ({scores.crop}, peak 1)"],
             ["SSIM", f"{scores.ssim:.3f}, mean of the bands (range 1)"],
             ["spectral angle", _angle_in_words(scores)],
             ["CIEDE2000", _difference_in_words(scores)],

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from labapp.common.figure_png import figure_to_png
 from labapp.files.cubes import SpectralCube
-from labapp.files.photograph_file import encode_srgb
+from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.files.wavelengths import format_nanometres
 from labapp.files.writing import encode_image
 from labapp.spectral.colour import cube_to_linear_srgb

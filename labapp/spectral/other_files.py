@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from labapp.common.errors import UserError
@@ -81,12 +82,15 @@ def neutral_stack_of_record(
 
 
 def read_true_cube(path: Path, wavelengths: tuple[float, ...]) -> SpectralCube:
-    """Read the true cube of a snapshot from a file, and select its bands.
+    """Read the true cube of a snapshot from a file: its bands only.
 
     Raises UserError if the file lacks a band.
     """
     cube = read_cube(path)
     try:
-        return cube.select_bands(wavelengths)
+        found = cube.select_bands(wavelengths)
     except UserError as error:
-        raise UserError(f"--truth {path}: {error}.") from error
+        raise UserError(f"--truth {path}: {str(error).removesuffix('.')}.") from error
+    missing = int(found.missing.sum())
+    left_out = f"{path.name}: {missing} pixels lack a value in a band, and are left out"
+    return replace(found, notes=(*found.notes, left_out)) if missing else found

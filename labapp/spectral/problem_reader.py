@@ -126,7 +126,8 @@ class ProblemReader:
         """
         self.progress.report(0.5 * (1 + _MERGING_SHARE), "true bands")
         if path is not None and is_cube(path):
-            return replace(problem, given_truth=read_true_cube(path, problem.wavelengths))
+            truth = read_true_cube(path, problem.wavelengths)
+            return replace(problem, given_truth=truth, notes=(*problem.notes, *truth.notes))
         if path is not None:
             shape = problem.rate.shape
             with Record(path) as other:
@@ -197,7 +198,8 @@ class ProblemReader:
             return found.with_light_share(self._light_share)
         if self._psf_stack is not None:
             values = self._psf_stack.values.astype(np.float64)
-            return BandPSFs(values, None).with_light_share(self._light_share)
+            found = BandPSFs(values, None, notes=self._psf_stack.notes)
+            return found.with_light_share(self._light_share)
         found = measure_psfs_of_record(path, self.roles, bands, self.record)
         return replace(found, light=None).with_unit_sums().with_light_share(self._light_share)
 

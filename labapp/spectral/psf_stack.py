@@ -62,15 +62,30 @@ def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float
         _require_pitch(path, stack, pitch)
         if wavelengths is not None:
             stack = _select_bands(path, stack, wavelengths)
-        values, bands = stack.values.astype(np.float64), stack.wavelengths
+        values, bands, notes = np.asarray(stack.values, float), stack.wavelengths, stack.notes
+        _require_all_values(path, values)
     else:
-        values, bands = _read_array(path, wavelengths)
+        values, bands, notes = *_read_array(path, wavelengths), ()
     sums = values.sum((1, 2), keepdims=True, dtype=np.float64)
     if not (sums > 0).all():
         raise UserError(f"{path}: a PSF sums to {sums.min():g}. It must send light somewhere.")
     return SpectralCube(
-        (values / sums).astype(np.float32), bands, "share of light per pixel", pitch=pitch
+        (values / sums).astype(np.float32),
+        bands,
+        "share of light per pixel",
+        pitch=pitch,
+        notes=notes,
     )
+
+
+def _require_all_values(path: Path, values: Picture) -> None:
+    """Raise UserError if a file's PSFs lack values."""
+    missing = int(np.isnan(values).sum())
+    if missing:
+        raise UserError(
+            f"--psf {path}: {missing} values are missing. Write 0 where there is no light, and "
+            "leave out 'data ignore value'."
+        )
 
 
 def _require_pitch(path: Path, stack: SpectralCube, pitch: float) -> None:

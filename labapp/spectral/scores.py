@@ -11,7 +11,7 @@ import numpy as np
 from labapp.common.errors import UserError
 from labapp.files.cubes import SpectralCube
 from labapp.files.wavelengths import list_nanometres
-from labapp.pictures.analysis.score import Score, score
+from labapp.pictures.analysis.score import Score, score_present
 from labapp.spectral.colour import colour_difference, describe_interpolation
 from labapp.spectral.lights import ViewingLight
 from optics.metrics import spectral_angle
@@ -45,6 +45,8 @@ class CubeScores:
         Name of the light in which colours are compared.
     interpolation : str
         How the spectra were interpolated for that, in words.
+    missing : int
+        Pixels that the true cube lacks, which are left out.
     """
 
     bands: tuple[Score, ...]
@@ -53,6 +55,13 @@ class CubeScores:
     largest_difference: float
     light: str
     interpolation: str
+    missing: int = 0
+
+    @property
+    def crop(self) -> str:
+        """Say in words over which pixels a cube is scored."""
+        left_out = f" but for {self.missing} missing pixels" if self.missing else ""
+        return f"full frame{left_out}"
 
     @property
     def psnr(self) -> float:
@@ -77,7 +86,8 @@ class CubeScores:
         return {name: value if math.isfinite(value) else None for name, value in named.items()} | {
             "bands": [one.as_data for one in self.bands],
             "peak": PEAK,
-            "crop": "full frame",
+            "crop": self.crop,
+            "missing_pixels": self.missing,
             "least_norm": LEAST_NORM,
             "light": self.light,
             "interpolation": self.interpolation,
@@ -106,12 +116,17 @@ def score_cube(cube: SpectralCube, truth: SpectralCube, light: ViewingLight) -> 
         If the cubes have other bands, pixels or units.
     """
     require_same_kind(cube, truth)
+    missing = cube.missing | truth.missing
+    if missing.all():
+        raise UserError("the true cube lacks a value at every pixel. Give one with light in it")
     bands = tuple(
-        score(one, other, PEAK, 1.0) for one, other in zip(cube.values, truth.values, strict=True)
+        score_present(one, other, missing, PEAK)
+        for one, other in zip(cube.values, truth.values, strict=True)
     )
-    bright = np.linalg.norm(truth.values, axis=0).max() > LEAST_NORM
-    angle = spectral_angle(cube.values, truth.values, LEAST_NORM) if bright else math.nan
-    apart = colour_difference(cube, truth, light)
+    seen, wanted = (np.asarray(one.values)[:, ~missing][:, None] for one in (cube, truth))
+    bright = np.linalg.norm(wanted, axis=0).max() > LEAST_NORM
+    angle = spectral_angle(seen, wanted, LEAST_NORM) if bright else math.nan
+    apart = colour_difference(cube, truth, light)[~missing]
     return CubeScores(
         bands,
         angle,
@@ -119,6 +134,7 @@ def score_cube(cube: SpectralCube, truth: SpectralCube, light: ViewingLight) -> 
         float(np.percentile(apart, 95)),
         light.name,
         describe_interpolation(cube.wavelengths),
+        int(missing.sum()),
     )
 
 

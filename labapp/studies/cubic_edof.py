@@ -10,8 +10,9 @@ import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from labapp.files.picture.grey_picture import read_grey_picture
 from labapp.files.plan_file import PlanFile, Reconstruction
-from labapp.files.reading import bundled_path, read_grey
+from labapp.files.reading import bundled_path
 from labapp.pictures.analysis.brackets import Bracket, Picture, find_bracket, merge_all
 from labapp.pictures.analysis.score import Score, score
 from labapp.pictures.analysis.star_psf import measure_psf
@@ -158,7 +159,7 @@ def _to_numpy(image: torch.Tensor) -> Picture:
 
 def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return which depth layer of the study's scene each pixel of a frame sees: 0 near, 1 far."""
-    depth = read_grey(bundled_path("studies/cubic-edof-depth.png"))
+    depth = read_grey_picture(bundled_path("studies/cubic-edof-depth.png"), "a map of depth")
     rows, columns = shape[-2:]
     # A pixel of the photograph has this side on the sensor, in sensor pixels. The photograph is
     # 1.05 times as large as it must be to cover the frame.

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.files.reading import bundled_path, read_grey
+from labapp.files.picture.grey_picture import read_grey_picture
+from labapp.files.reading import bundled_path
 from optics.camera import Camera
 
 RING_RADIUS_SAMPLES, _RING_WIDTH_SAMPLES = 30, 1.15
@@ -47,4 +48,4 @@ def read_published_ring() -> NDArray[np.uint8]:
 
     This is the thesis' ring after 569 iterations.
     """
-    return read_grey(bundled_path("studies/published-ring.png"))
+    return read_grey_picture(bundled_path("studies/published-ring.png"), "a pattern")

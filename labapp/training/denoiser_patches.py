@@ -11,8 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.guarded_reading import read_bytes
-from labapp.files.picture_decoding import decode_picture
+from labapp.files.picture.colour_picture import read_screen_colours
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 
@@ -40,13 +39,11 @@ def read_training_pictures(folders: Sequence[Path]) -> list[Colours]:
 
 
 def _read(file: Path) -> Colours:
-    stored = decode_picture(file, read_bytes(file), cv2.IMREAD_COLOR)
-    if stored is None:
-        raise UserError(f"{file}: not a picture that can be read.")
-    picture = np.asarray(stored / np.float32(255), dtype=np.float32)
+    # Blue comes first, as it did when the bundled weights were trained: draws stay the same.
+    picture = np.asarray(read_screen_colours(file)[::-1] / np.float32(255), dtype=np.float32)
     # A longer side of more than 1100 pixels is averaged down, which sharpens the picture and
     # removes traces of JPEG and demosaicing.
-    return _resize(np.moveaxis(picture, -1, 0), min(1100 / max(picture.shape[:2]), 1.0))
+    return _resize(picture, min(1100 / max(picture.shape[1:]), 1.0))
 
 
 def _resize(picture: Colours, scale: float) -> Colours:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.array_file import read_npz
+from labapp.files.picture.colour_picture import Colours, read_screen_colours
 from labapp.files.writing import write_atomically
-from labapp.training.picture_files import Colours, decode_picture, list_pictures
+from labapp.training.picture_files import list_pictures
 
 Thumbnail = NDArray[np.float32]
 
@@ -107,7 +108,7 @@ def read_test_fingerprints(paths: Sequence[Path]) -> list[Fingerprint]:
             found += _read_fingerprint_file(path)
         else:
             files = list_pictures(path) if path.is_dir() else [path]
-            found += [fingerprint(decode_picture(file), file.name) for file in files]
+            found += [fingerprint(read_screen_colours(file), file.name) for file in files]
     return found
 
 

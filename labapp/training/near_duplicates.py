@@ -25,6 +25,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.picture.colour_picture import Colours
 from labapp.training.fingerprints import (
     COARSE_SIDE,
     FINE_SIDE,
@@ -36,7 +37,6 @@ from labapp.training.fingerprints import (
     resize_grey,
     whiten,
 )
-from labapp.training.picture_files import Colours
 
 THRESHOLD = 0.7
 """Least score of a near-duplicate; 1 is a perfect copy cropped to `_CROP_AREA`.

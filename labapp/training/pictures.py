@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.picture.colour_picture import Colours, read_screen_colours
 from labapp.training.fingerprints import read_test_fingerprints
 from labapp.training.manifest import DataManifest, ListedFile, Split, list_training_files
 from labapp.training.near_duplicates import NearDuplicateFinder, refuse_near_duplicates
-from labapp.training.picture_files import Colours, decode_picture
 from optics.progress import Progress
 
 Patch = NDArray[np.float32]
@@ -277,7 +277,7 @@ class _HeldPictures:
 
 def _decode_checked(listed: ListedFile, smallest_side: int) -> Colours:
     """Decode a training picture's file; raise UserError if it is smaller than a patch."""
-    picture = decode_picture(listed.file)
+    picture = read_screen_colours(listed.file)
     rows, columns = picture.shape[1:]
     if min(rows, columns) < smallest_side:
         raise UserError(

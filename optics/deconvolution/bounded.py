@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,12 +15,14 @@ from scipy.optimize import Bounds, OptimizeResult, minimize
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness, SmoothPrior
 from optics.deconvolution.observation import Observation, require_weights
+from optics.deconvolution.own_terms import in_own_unit, with_centred_psf
 from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.total_variation import total_variation
 from optics.deconvolution.wiener import wiener
 from optics.operators.base import Operator
 from optics.operators.blur import blur_operator
+from optics.plane import centred_pad
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import (
@@ -172,6 +176,13 @@ def minimise_within_bounds(
     return Minimum(x, value * unit * light, left, int(found.nit), left <= tol)
 
 
+def _light_in_weight(given: Mapping[str, Any]) -> float:
+    """Return the power of the light's unit in the weight of a deconvolution within bounds."""
+    return 1.0 if given["prior"] == "total variation" else 0.0
+
+
+@in_own_unit(bounds=("lower", "upper"), weight=_light_in_weight, smoothing=1)
+@with_centred_psf
 def restore_within_bounds(
     observation: Observation,
     weight: float | None = None,
@@ -252,9 +263,9 @@ def restore_within_bounds(
         progress=progress,
     )
     spread = operator(found.value)
-    image = found.value if inside else observation.crop_to_frame(found.value)
+    whole = centred_pad(found.value, observation.period_shape) if inside else found.value
     return RestoredImage(
-        image.to(observation.image.dtype),
+        observation.crop_to_picture(whole).to(observation.image.dtype),
         f"L-BFGS-B, {prior}",
         observation.noise,
         _residual(observation, spread),
@@ -262,7 +273,7 @@ def restore_within_bounds(
         found.iterations,
         [],
         found.converged,
-        found.value.to(observation.image.dtype),
+        whole.to(observation.image.dtype),
     )
 
 

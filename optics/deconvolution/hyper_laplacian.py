@@ -14,6 +14,7 @@ from optics.deconvolution.normal_equations import (
     least_weight,
 )
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.own_terms import in_own_unit, with_centred_psf
 from optics.deconvolution.priors import (
     LEAST_WEIGHT_SHARE,
     Prior,
@@ -24,7 +25,7 @@ from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage
 from optics.deconvolution.shrinkage import require_power, shrinkage_factor
 from optics.deconvolution.splitting import SplittingSettings, restored_image, solve_by_splitting
-from optics.deconvolution.total_variation import initial_weight
+from optics.deconvolution.total_variation import initial_weight, light_in_weight
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
@@ -35,6 +36,8 @@ _STEPS = 3
 
 @single_threaded
 @torch.no_grad()
+@in_own_unit(weight=light_in_weight)
+@with_centred_psf
 def hyper_laplacian(
     observation: Observation,
     power: float = 2 / 3,

@@ -38,6 +38,11 @@ class LayeredObservation(Observation):
         """The share of the photograph that each deconvolved depth layer covers, (layers,)."""
         return self.shares.mean((-2, -1))
 
+    @property
+    def psf_offset(self) -> tuple[int, int]:
+        """0: the map of depth layers to deconvolve holds where the PSFs put the picture."""
+        return 0, 0
+
     @cached_property
     def period_shares(self) -> torch.Tensor:
         """The depth layers' shares on the whole period of the deconvolution.
@@ -55,11 +60,10 @@ class LayeredObservation(Observation):
         """The depth layers' mean squared MTF on the deconvolution's period, weighted by area."""
         return self._squared_mtf_on(self.period_shape)
 
-    @cached_property
-    def power_law(self) -> PowerLaw:
-        """The power law and noise of a photograph whose depth layers are to be deconvolved.
+    def _fitted_power_law(self) -> PowerLaw:
+        """Fit the power law and noise of a photograph whose depth layers are to be deconvolved.
 
-        The spectra of the layers add in power. The result is on the photograph's scale.
+        The spectra of the layers add in power.
         """
         shape = (int(self.image.shape[0]), int(self.image.shape[1]))
         image = self.inpainted_image * self.psf_sum

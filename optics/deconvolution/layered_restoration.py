@@ -10,11 +10,12 @@ from optics.deconvolution.band_coupling import BandCoupling
 from optics.deconvolution.layered_observation import LayeredObservation
 from optics.deconvolution.normal_equations import ConjugateGradientStep, LinearEquations
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.own_terms import in_own_unit
 from optics.deconvolution.priors import Box, DerivativePenalty, Prior
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.shrinkage import require_power
 from optics.deconvolution.splitting import restored_image, solve_by_splitting
-from optics.deconvolution.total_variation import GRADIENT_THRESHOLD, weight_settings
+from optics.deconvolution.total_variation import GRADIENT_THRESHOLD, light_in_weight, weight_settings
 from optics.fourier import irfft2, rfft2
 from optics.operators.base import Operator
 from optics.operators.blur import transfer_function
@@ -29,6 +30,7 @@ from optics.validation import require_count, require_positive
 
 @single_threaded
 @torch.no_grad()
+@in_own_unit(weight=light_in_weight)
 def restore_layers(
     observation: LayeredObservation,
     weight: float | None = None,

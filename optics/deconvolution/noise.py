@@ -102,6 +102,16 @@ class PowerLaw:
         """The variance against which a deconvolution weighs its prior: noise and model error."""
         return self.noise_variance + self.model_error_variance
 
+    def in_unit(self, unit: float) -> PowerLaw:
+        """Return the power law for light in another unit, in which this one's unit is `unit`."""
+        square = unit * unit
+        return PowerLaw(
+            self.strength * square,
+            self.slope,
+            self.noise_variance * square,
+            self.model_error_variance * square,
+        )
+
     def wiener_prediction(
         self, squared_mtf: torch.Tensor, shape: tuple[int, int]
     ) -> WienerPrediction:

@@ -264,6 +264,9 @@ class ConjugateGradientStep(PictureStep):
     def mean_squared_residual(self) -> float:
         return self._equations.mean_squared_residual(self._spectrum)
 
+    def residual_of(self, picture: torch.Tensor) -> float:
+        return self._equations.mean_squared_residual(rfft2(picture))
+
 
 def solve_on_frequencies(
     normal: Callable[[torch.Tensor], torch.Tensor],

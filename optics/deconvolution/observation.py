@@ -29,6 +29,10 @@ _MOST_LIGHT = 1.25
 """Largest sum of a PSF. That of a star which is measured relative to another exceeds 1 by noise and
 by errors of the exposures."""
 
+_LEAST_OFFSET = 4
+"""Offset of a PSF's light from its origin, in pixels, from which it isn't the PSF's own. Chosen: in
+measured ones it is up to 3.3, and where such a PSF puts the picture hardly matters."""
+
 LEAST_NOISE = 1e-6
 """Standard deviation of the rounding in single precision, relative to that of the photograph."""
 
@@ -68,6 +72,9 @@ class Observation:
     variance : torch.Tensor, (rows, columns), optional
         Variance of each pixel from which `weights` were made: see `with_variance`. None where all
         pixels have the same noise.
+    offset : tuple of int, default (0, 0)
+        Place of the restored picture's frame in that of the photograph, (rows, columns): see
+        `with_centred_psf`.
 
     Raises
     ------
@@ -86,6 +93,7 @@ class Observation:
     is_numpy: bool = False
     least_noise: float = 0.0
     variance: torch.Tensor | None = None
+    offset: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         shapes = f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}"
@@ -158,6 +166,22 @@ class Observation:
         return self.border != "periodic" and self.psf_radius > _WIDE
 
     @cached_property
+    def psf_offset(self) -> tuple[int, int]:
+        """The (rows, columns) by which all light of the PSF to deconvolve lies off its origin.
+
+        It is that of the centroid in whole pixels, and 0 where it may be the PSF's own.
+        """
+        down, along = (round(one) for one in centroid_offset(self.psf))
+        return (down, along) if max(abs(down), abs(along)) >= _LEAST_OFFSET else (0, 0)
+
+    def moved_psf(self, offset: tuple[int, int]) -> Observation:
+        """Return the problem of deconvolution by a PSF whose origin is moved along `offset`.
+
+        The restored picture, in the frame `offset`, is the same.
+        """
+        return replace(self, psf=moved(self.psf, offset), offset=offset)
+
+    @cached_property
     def psf_radius(self) -> float:
         """The root mean square radius of the PSF about its centroid, in pixels."""
         psf = self.psf.detach().to(torch.float64).clamp(min=0)
@@ -167,6 +191,35 @@ class Observation:
             place = torch.arange(line.numel(), dtype=torch.float64, device=line.device)
             radius += float((line * (place - (line * place).sum()) ** 2).sum())
         return math.sqrt(radius)
+
+    @cached_property
+    def unit(self) -> float:
+        """The power of two below the photograph's brightest pixel, the unit of in_own_unit().
+
+        The told noise takes the place of a dark photograph's light.
+        """
+        light = float(self.image.detach().abs().max()) or self.given_noise or self.least_noise
+        return math.ldexp(1.0, math.frexp(light)[1] - 1) if light else 1.0
+
+    @cached_property
+    def in_own_unit(self) -> Observation:
+        """The same problem of deconvolution with the photograph's brightest pixel from 1 to 2.
+
+        Whatever the unit of the light, its squares are within single precision there, and what is
+        small is small relative to the picture. A power of two changes no digit.
+        """
+        if self.unit == 1:
+            return self
+        variance = self.variance
+        if variance is not None:
+            variance = (variance.to(torch.float64) / self.unit / self.unit).to(self.image)
+        return replace(
+            self,
+            image=self.image / self.unit,
+            given_noise=None if self.given_noise is None else self.given_noise / self.unit,
+            least_noise=self.least_noise / self.unit,
+            variance=variance,
+        )
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
@@ -207,8 +260,13 @@ class Observation:
     def power_law(self) -> PowerLaw:
         """The power law and noise of the spectrum of the photograph to be deconvolved.
 
-        Only the middle of the photograph is used. The power law is on the photograph's own scale.
+        The power law is in the photograph's unit squared.
         """
+        own = self.in_own_unit
+        return self._fitted_power_law() if own is self else own.power_law.in_unit(self.unit)
+
+    def _fitted_power_law(self) -> PowerLaw:
+        """Fit the power law of the photograph to deconvolve, of which only the middle is used."""
         trust = self.effective_weights
         return fit_power_law(
             self._centre,
@@ -334,6 +392,13 @@ class Observation:
         """Crop a deconvolved picture on the whole period to the photograph's frame, as a view."""
         return centred_crop(period_image, self.image.shape)
 
+    def crop_to_picture(self, period_image: torch.Tensor) -> torch.Tensor:
+        """Crop a deconvolved picture on the whole period to its own frame: see `offset`."""
+        if self.offset != (0, 0):
+            down, along = self.offset
+            period_image = period_image.roll((-down, -along), (-2, -1))
+        return self.crop_to_frame(period_image)
+
     @property
     def bands(self) -> int:
         """The number of the scene's bands that a deconvolution restores."""
@@ -419,6 +484,30 @@ def require_psf(psf: torch.Tensor) -> None:
     light = float(psf.detach().sum())
     if not light > 0:
         raise ValueError(f"psf sums to {light:g}; it must send light somewhere")
+
+
+def centroid_offset(psf: torch.Tensor) -> tuple[float, float]:
+    """Return how far a deconvolution's PSF has its centroid off index n // 2, (rows, columns).
+
+    Negative values of the PSF don't count.
+    """
+    light = psf.detach().to(torch.float64).clamp(min=0)
+    light = light / light.sum()
+    down, along = (
+        float((light.sum(1 - axis) * torch.arange(n)).sum()) - n // 2
+        for axis, n in enumerate(light.shape)
+    )
+    return down, along
+
+
+def moved(psf: torch.Tensor, offset: tuple[int, int]) -> torch.Tensor:
+    """Move a deconvolution's PSFs, (..., rows, columns), so that their light at `offset` is central.
+
+    Zeros make room for what would fall over the edge.
+    """
+    down, along = offset
+    size = psf.shape[-2] + 2 * abs(down), psf.shape[-1] + 2 * abs(along)
+    return centred_pad(psf, size).roll((-down, -along), (-2, -1))
 
 
 def _require_share(psf: torch.Tensor) -> None:

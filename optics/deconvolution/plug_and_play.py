@@ -11,6 +11,7 @@ from optics.deconvolution.band_coupling import helmert_matrix
 from optics.deconvolution.method import SETUP_COST, Denoise, RestorationCost, RestorationMethod
 from optics.deconvolution.normal_equations import ConjugateGradientStep, NormalEquations
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.own_terms import in_own_unit, with_centred_psf
 from optics.deconvolution.priors import Prior
 from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import CONVERGED_CHANGE, RestoredImage
@@ -68,6 +69,8 @@ _SETTINGS = PlugAndPlaySettings()
 
 @single_threaded
 @torch.no_grad()
+@in_own_unit()
+@with_centred_psf
 def plug_and_play(
     observation: Observation,
     denoise: Denoise,

@@ -9,6 +9,7 @@ import torch
 from optics.deconvolution.light_split import DataProx
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.own_terms import in_own_unit, with_centred_psf
 from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.total_variation import total_variation
@@ -18,6 +19,8 @@ from optics.threads import single_threaded
 
 @single_threaded
 @torch.no_grad()
+@in_own_unit(weight=1)
+@with_centred_psf
 def poisson_total_variation(
     observation: Observation,
     weight: float | None = None,

@@ -78,7 +78,7 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
     PSFScale
         The scale and its evidence; 1 without evidence for a point or an even photograph.
     """
-    progress = progress or Progress()
+    progress, observation = progress or Progress(), observation.in_own_unit
     spectrum = observation.centre_spectrum
     if spectrum is None or observation.psf_radius == 0:
         return PSFScale(1.0, 0.0, 0)

@@ -26,19 +26,23 @@ def residual_map(observation: Observation, restored: RestoredImage) -> torch.Ten
     torch.Tensor, (rows, columns)
         The residual; NaN where it isn't known, and where a pixel has no weight.
     """
+    unit, observation = observation.unit, observation.in_own_unit
     known = restored.period_image
     if known is None:
-        whole = torch.zeros(observation.period_shape, dtype=observation.image.dtype)
-        observation.crop_to_frame(whole).copy_(torch.as_tensor(restored.image))
+        image = torch.as_tensor(restored.image)
+        whole = torch.zeros(*image.shape[:-2], *observation.period_shape, dtype=image.dtype)
     else:
-        whole = torch.as_tensor(known)
+        whole = torch.as_tensor(known).clone()
+    # Beyond the frame, the picture is as the restoration left it: what is negative wasn't cut.
+    observation.crop_to_frame(whole).copy_(torch.as_tensor(restored.image))
+    whole /= unit
     light = irfft2(rfft2(whole) * observation.otf, observation.period_shape)
     light = observation.sum_bands(observation.crop_to_frame(light))
     left = observation.normalised_image - light.reshape(observation.image.shape)
     if observation.variance is None:
         left = left / observation.scene_noise
     else:
-        left = left * observation.psf_sum / observation.variance.sqrt()
+        left = left * observation.psf_sum / observation.variance.sqrt().to(left)
     if observation.effective_weights is not None:
         left[observation.effective_weights <= 0] = torch.nan
     if known is None and not observation.is_fully_measured:

@@ -35,6 +35,7 @@ class RestorationCase:
     @classmethod
     def of(cls, observation: Observation) -> RestorationCase:
         """Compute the features of a photograph, on which its deconvolution's gain depends."""
+        observation = observation.in_own_unit
         explained = max(observation.wiener_prediction.explained_share, 1e-3)
         ratio = max(observation.disturbance / observation.scale, 1e-6)
         mean = max(float(observation.squared_mtf.detach().mean()), 1e-6)

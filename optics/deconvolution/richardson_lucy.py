@@ -8,6 +8,7 @@ import torch
 
 from optics.deconvolution.method import SETUP_COST, RestorationCost, RestorationMethod
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.own_terms import in_own_unit, with_centred_psf
 from optics.deconvolution.priors import divergence_of_direction, laplacian_of
 from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage, relative_change
@@ -20,6 +21,8 @@ from optics.validation import require_count
 
 
 @single_threaded
+@in_own_unit()
+@with_centred_psf
 def richardson_lucy(
     observation: Observation,
     iterations: int = 30,
@@ -87,7 +90,7 @@ def richardson_lucy(
     picture = path.current
     name = "Richardson-Lucy" + (" with total variation" if total_variation else "")
     return RestoredImage(
-        observation.crop_to_frame(picture).contiguous(),
+        observation.crop_to_picture(picture).contiguous(),
         name,
         observation.noise,
         observation.mean_squared_residual(likelihood.blur(picture)) ** 0.5,
@@ -95,6 +98,7 @@ def richardson_lucy(
         len(change),
         change,
         ended,
+        picture,
     )
 
 

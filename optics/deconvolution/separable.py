@@ -29,6 +29,7 @@ import torch
 from scipy.optimize import minimize_scalar
 
 from optics.deconvolution.observation import Observation, require_psf
+from optics.deconvolution.own_terms import in_own_unit
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.wiener import Frequencies, least_error_weight
 from optics.operators.blur import Border, require_border
@@ -272,6 +273,7 @@ class SeparableFilter:
 
 
 @single_threaded
+@in_own_unit()
 def restore_separable(
     observation: Observation,
     weight: float | None = None,

@@ -9,6 +9,7 @@ that grow, it is half-quadratic splitting.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ import torch
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import Prior
 from optics.deconvolution.restored_image import RestoredImage, has_converged, relative_change
+from optics.fourier import irfft2, rfft2
 from optics.progress import Progress
 
 
@@ -38,6 +40,12 @@ class PictureStep(ABC):
     @abstractmethod
     def mean_squared_residual(self) -> float:
         """The last deconvolved picture's mean squared residual, relative to the noise variance."""
+
+    def residual_of(self, picture: torch.Tensor) -> float:
+        """Return the mean squared residual of any picture, deconvolved here or changed after."""
+        seen = self.observation
+        light = irfft2(rfft2(picture) * seen.otf, seen.period_shape)
+        return seen.mean_squared_residual(light)
 
     def start(self) -> torch.Tensor:
         """Return the picture before the first step: the photograph, extended to the period."""
@@ -133,29 +141,52 @@ def solve_by_splitting(
 
 
 def restored_image(
-    step: PictureStep, solution: SplitSolution, method: str, converged: bool | None = None
+    step: PictureStep,
+    solution: SplitSolution,
+    method: str,
+    converged: bool | None = None,
+    upper: float = math.inf,
 ) -> RestoredImage:
-    """Gather the result of a restoration by splitting; its light is nowhere negative.
+    """Gather the result of a restoration by splitting; its light is from 0 to `upper`.
 
     `method` is its name. Whether it has converged follows from the changes if `converged` is None.
     A picture of one band is (rows, columns).
     """
     with torch.no_grad():
-        residual = step.mean_squared_residual**0.5
+        uncut = step.mean_squared_residual**0.5
+        cut = _residual_within_bounds(step, solution.picture.detach(), upper)
     whole = step.visible_picture(solution.picture)
     whole = whole[0] if len(whole) == 1 else whole
     changes = solution.relative_changes
     return RestoredImage(
-        step.observation.crop_to_frame(whole).clamp(min=0),
+        step.observation.crop_to_picture(whole).clamp(min=0, max=upper),
         method,
         step.observation.noise,
-        residual,
+        uncut if cut is None else cut,
         solution.weight,
         len(changes),
         changes,
         solution.converged if converged is None else converged,
         whole,
+        None if cut is None else uncut,
     )
+
+
+def _residual_within_bounds(
+    step: PictureStep, picture: torch.Tensor, upper: float
+) -> float | None:
+    """Return the rms residual of a deconvolved picture after its frame is cut to its bounds.
+
+    The scene around the frame stays as it explains the photograph. None if there is nothing to cut.
+    """
+    frame = step.observation.crop_to_picture(picture)
+    cut = frame.clamp(min=0, max=upper)
+    if torch.equal(cut, frame):
+        return None
+    offset = step.observation.offset
+    shown = picture.roll([-one for one in offset], (-2, -1))
+    step.observation.crop_to_frame(shown).copy_(cut)
+    return step.residual_of(shown.roll(offset, (-2, -1))) ** 0.5
 
 
 def damped_weight(

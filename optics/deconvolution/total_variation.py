@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import torch
 
@@ -15,6 +16,7 @@ from optics.deconvolution.linearised_priors import LinearisedBox, LinearisedPena
 from optics.deconvolution.method import SETUP_COST, RestorationMethod, splitting_cost
 from optics.deconvolution.normal_equations import NormalEquations
 from optics.deconvolution.observation import MIN_EXPLAINED_SHARE, Observation
+from optics.deconvolution.own_terms import in_own_unit, with_centred_psf
 from optics.deconvolution.priors import (
     LEAST_WEIGHT_SHARE,
     Box,
@@ -63,7 +65,14 @@ scenes with three PSFs, of 1, 1.5 and 2.2: the gain in light is 0.6 dB, 0.7 dB a
 in its logarithm -1.2 dB, -0.2 dB and 0.4 dB."""
 
 
+def light_in_weight(given: Mapping[str, Any]) -> float:
+    """Return the power of the light's unit in the weight of a deconvolution's gradient penalty."""
+    return 2 - float(given["power"])
+
+
 @single_threaded
+@in_own_unit(weight=light_in_weight, upper=1, data_prox=1)
+@with_centred_psf
 def total_variation(
     observation: Observation,
     weight: float | torch.Tensor | None = None,
@@ -158,8 +167,7 @@ def total_variation(
         settings = SplittingSettings(iterations, solution.weight, tol=tol, starts_from_picture=True)
         picture = _picture_with_gradients(observation, penalty, bounds, solution, weight, settings)
         solution = replace(solution, picture=picture)
-    restored = restored_image(step, solution, name)
-    return replace(restored, image=restored.image.clamp(max=upper)) if bounded else restored
+    return restored_image(step, solution, name, upper=upper)
 
 
 def _picture_with_gradients(

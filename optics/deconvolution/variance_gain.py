@@ -82,6 +82,7 @@ def estimate_variance_gain(
     ValueError
         If nothing was measured in the middle, or if it is darker than its noise.
     """
+    observation = observation.in_own_unit
     if observation.variance is None:
         return VarianceGain(0.0, 0.0)
     middle = _middle(observation, observation.variance)
@@ -91,7 +92,7 @@ def estimate_variance_gain(
     scene = torch.as_tensor(solve(middle, _SHARPER * usual).period_image).clamp(min=0)
     light = irfft2(rfft2(scene) * middle.otf, middle.period_shape)
     light = middle.crop_to_frame(light) * middle.psf_sum
-    finite = torch.where(torch.isfinite(middle.variance), middle.variance, 0)
+    finite = torch.where(torch.isfinite(middle.variance), middle.variance, 0).to(light)
     noise = torch.randn(light.shape, generator=generator, dtype=light.dtype) * finite.sqrt()
     trial = replace(middle, image=light + noise)
     even, mapped = (

@@ -85,7 +85,7 @@ def with_variance(observation: Observation, variance: torch.Tensor) -> Observati
         observation,
         given_noise=mean**0.5,
         weights=weights,
-        variance=variance.to(observation.image),
+        variance=variance.to(torch.float64),
     )
 
 

@@ -13,6 +13,7 @@ from optics.deconvolution.method import SETUP_COST, RestorationCost, Restoration
 from optics.deconvolution.noise import squared_frequencies
 from optics.deconvolution.normal_equations import NormalEquations, least_weight
 from optics.deconvolution.observation import Observation
+from optics.deconvolution.own_terms import in_own_unit, with_centred_psf
 from optics.deconvolution.restoration_case import Gain
 from optics.deconvolution.restored_image import RestoredImage
 from optics.progress import Progress
@@ -35,6 +36,8 @@ _TRIAL_WEIGHTS = torch.logspace(-8, 2, 61, dtype=torch.float64)
 
 
 @single_threaded
+@in_own_unit()
+@with_centred_psf
 def wiener(
     observation: Observation,
     weight: float | None = None,
@@ -105,7 +108,7 @@ def wiener(
         )
     found = spectrum.detach()
     return RestoredImage(
-        observation.crop_to_frame(picture),
+        observation.crop_to_picture(picture),
         f"Wiener, {penalty_kind}",
         observation.noise,
         # The residual takes a third of the other time. Therefore it is computed only if needed.
@@ -113,6 +116,7 @@ def wiener(
         used,
         1 + taken,
         converged=converged,
+        period_image=picture,
     )
 
 

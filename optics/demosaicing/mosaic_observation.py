@@ -10,7 +10,7 @@ import torch
 
 from optics.deconvolution.border import extend_periodically
 from optics.deconvolution.noise import PowerLaw, flat_block_noise
-from optics.deconvolution.observation import Observation, require_psf
+from optics.deconvolution.observation import Observation, moved, require_psf
 from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_pad
 from optics.validation import needs_gradient, require_finite
@@ -74,6 +74,10 @@ class MosaicObservation(Observation):
     @property
     def bands(self) -> int:
         return len(self.filters)
+
+    def moved_psf(self, offset: tuple[int, int]) -> MosaicObservation:
+        both = {"psf": moved(self.psf, offset), "psfs": moved(self.psfs, offset)}
+        return replace(self, offset=offset, **both)
 
     @property
     def needs_filters(self) -> bool:
@@ -150,9 +154,8 @@ class MosaicObservation(Observation):
     def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
         return self._relative_filters * frame
 
-    @cached_property
-    def power_law(self) -> PowerLaw:
-        """The noise of the mosaic; its spectrum isn't modelled."""
+    def _fitted_power_law(self) -> PowerLaw:
+        """Estimate the noise of the mosaic, whose spectrum isn't modelled in demosaicing."""
         down, along = self.filter_period
         planes = [self.image[y::down, x::along] for y in range(down) for x in range(along)]
         return PowerLaw(0.0, 2.0, flat_block_noise(planes, _FLAT_SHARE) ** 2)

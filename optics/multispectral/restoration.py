@@ -8,6 +8,7 @@ from typing import Any
 import torch
 
 from optics.deconvolution.band_coupling import BandCoupling
+from optics.deconvolution.own_terms import in_own_unit
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.total_variation import total_variation
 from optics.demosaicing.mosaic_observation import MosaicObservation
@@ -31,6 +32,7 @@ _SECOND_ITERATIONS = 1.5
 
 @single_threaded
 @torch.no_grad()
+@in_own_unit(weight=2 - _POWER)
 def restore_spectra(
     observation: MosaicObservation,
     spectra: Any,

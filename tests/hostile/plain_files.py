@@ -270,7 +270,7 @@ def tiff_circle(folder: Path) -> Path:
 
 
 def gif(folder: Path) -> Path:
-    """A format of pictures that labapp doesn't read, of 4 gigapixels."""
+    """4 gigapixels by its header."""
     return _write(folder, "picture.gif", b"GIF89a" + struct.pack("<HH", 65_535, 65_535) + bytes(20))
 
 

@@ -11,7 +11,7 @@ import pytest
 from labapp.common.errors import UserError
 from labapp.files.cube_paths import cube_paths
 from labapp.files.cubes import SpectralCube, read_cube, write_cube
-from labapp.files.wavelengths import convert_wavelengths
+from labapp.files.wavelengths import convert_wavelengths, remark_on_unit
 
 SHARED = Path(__file__).parents[3] / "shared/data/ms_cubes"
 
@@ -138,8 +138,9 @@ def test_bands_are_sorted_and_scaled(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"unit": "Unknown", "first": 0.45, "second": 0.7},
-         r"leaf\.hdr: wavelengths 0\.45 to 0\.7: in micrometres\? Say so with units"),
+        ({"unit": "Unknown", "first": 4500, "second": 7000},
+         r"leaf\.hdr: wavelengths 4500 to 7000 can't be nanometres, and their unit isn't stated: "
+         r"in ångström or wavenumbers \(1/cm\)\? Say so with units"),
         ({"first": 0.45, "second": 0.7}, r"can't be nanometres\. In micrometres\?"),
         ({"unit": "Furlongs"}, "'Furlongs' aren't known"),
         ({"code": 6}, "data type is '6'.*complex"),
@@ -147,7 +148,14 @@ def test_bands_are_sorted_and_scaled(tmp_path):
         ({"interleave": "tile"}, "'tile'. Write bsq, bil or bip"),
         ({"offset": 5, "ending": ".xyz"}, r"aren't beside it\. Put leaf\.raw there"),
         ({"first": 500, "second": "many"}, "Write finite numbers with commas"),
-        ({"more": "data ignore value = 3"}, "1 missing values"),
+        ({"more": "data ignore value = none"}, "'none'. Write a number"),
+        ({"more": "bbl = {1, 2}"}, "bbl has 2. Write 1 for a good band"),
+        ({"more": "bbl = {0, 0}"}, "marks all bands as bad"),
+        ({"more": "bbl = {1}"}, "has 1 numbers. Write 2"),
+        ({"more": "file type = ENVI Classification"}, "twice|classes, and no light"),
+        ({"more": "major frame offsets = {8, 0}"}, "without such gaps"),
+        ({"more": "samples = 5"}, "samples stands there twice, as '4' and '5'"),
+        ({"more": "reflectance scale factor = -1"}, "-1. Write a number above 0"),
         ({"more": "file compression = 1"}, "without compression"),
         ({"more": "data gain values = {1}"}, "has 1 numbers. Write 2"),
         ({"first": 500, "second": 500}, "don't rise"),
@@ -215,11 +223,46 @@ def test_bands_are_selected_by_wavelength():
         cube().select_bands((600e-9,))
 
 
-def test_a_unit_that_no_program_writes_is_refused():
-    with pytest.raises(UserError, match="in metres\\? Say so"):
-        convert_wavelengths((4.5e-7, 7e-7), "")
-    with pytest.raises(UserError, match="3 to 5 can't be nanometres"):
-        convert_wavelengths((3.0, 5.0), "")
+@pytest.mark.parametrize(
+    ("values", "first", "taken"),
+    [
+        ((400, 2500), 400e-9, "nanometres"),
+        ((0.4, 2.5), 400e-9, "micrometres"),
+        ((4.5e-7, 7e-7), 450e-9, "metres"),
+        ((4.5e-4, 7e-4), 450e-9, "millimetres"),
+        ((700_000, 430_000), 299_792_458 / 700e12, "gigahertz"),
+        ((200, 350), 200e-9, "nanometres"),
+    ],
+)
+def test_a_unit_that_isnt_stated_is_told_by_the_numbers(values, first, taken):
+    assert convert_wavelengths(values, "Unknown")[0] == pytest.approx(first)
+    assert f"taken to be {taken}" in remark_on_unit(values, "Unknown")
+    assert not remark_on_unit(values, "nm")
+
+
+@pytest.mark.parametrize(
+    ("values", "asked"),
+    [
+        ((4500.0, 7000.0), "in ångström or wavenumbers"),
+        ((8000.0, 14000.0), "in ångström or wavenumbers"),
+        ((3.0, 5.0), "3 to 5 can't be nanometres, .* in micrometres\\? Say so"),
+        ((0.0, 500.0), "isn't stated. Add it"),
+        ((1.0, 2.0, 500.0), "isn't stated"),
+    ],
+)
+def test_a_unit_that_could_be_another_is_asked_for(values, asked):
+    with pytest.raises(UserError, match=asked):
+        convert_wavelengths(values, "")
+
+
+@pytest.mark.parametrize(
+    ("unit", "values"),
+    [("Wavenumber", (20_000, 12_500)), ("GHz", (599_584.916, 374_740.5725)),
+     ("MHz", (599_584_916, 374_740_572.5)), ("Angstroms", (5000, 8000)), ("cm", (5e-5, 8e-5))],
+)  # fmt: skip
+def test_wavenumbers_and_frequencies_are_wavelengths(unit, values):
+    """By hand: c / 599,584.916 GHz = 500 nm."""
+    assert convert_wavelengths(values, unit) == pytest.approx((500e-9, 800e-9))
 
 
 @pytest.mark.shared

@@ -21,10 +21,12 @@ from labapp.files.file_lookup import require_file, require_readable
 from labapp.files.guarded_reading import FREE_EXPANSION, open_regular, read_bytes
 from labapp.files.matlab_file import read_matlab
 from labapp.files.number_file import read_numbers
-from labapp.files.picture_size import count_pages, picture_size
+from labapp.files.picture.headers import find_header
+from labapp.files.picture.opening import count_pages
+from labapp.files.picture.photograph import read_photograph
 from labapp.files.plain_data import parse_json, parse_toml, require_plain
 from labapp.files.plain_hdf5 import open_plain_hdf5, read_hdf5_arrays
-from labapp.files.reading import decode_image, read_text
+from labapp.files.reading import read_text
 
 
 def test_the_bytes_of_a_file_are_read_up_to_a_limit(tmp_path):
@@ -195,38 +197,45 @@ def test_matlab_files_are_read_by_their_numbers(tmp_path):
         read_matlab(plain_files.empty(tmp_path))
 
 
-@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".webp", ".tiff"])
+def picture_size(path):
+    header = find_header(path.read_bytes())
+    return None if header is None else (header.width, header.height)
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".webp"])
 @pytest.mark.parametrize("colour", [False, True])
 def test_the_size_of_a_picture_is_that_of_its_header(tmp_path, ending, colour):
     picture = np.random.default_rng(0).integers(0, 255, (37, 61, 3), dtype=np.uint8)
     path = tmp_path / f"picture{ending}"
     cv2.imwrite(str(path), picture if colour else picture[..., 0])
-    assert picture_size(path.read_bytes()) == (61, 37)
-    decoded = decode_image(path, colour=colour)
-    assert decoded is not None
-    assert decoded.shape[:2] == (37, 61)
+    assert picture_size(path) == (61, 37)
+    # WebP has no grey pictures.
+    bands = 3 if colour or ending == ".webp" else 1
+    assert read_photograph(path).levels.shape == (bands, 37, 61)
 
 
 @pytest.mark.parametrize("kind", [cv2.IMWRITE_JPEG_PROGRESSIVE, cv2.IMWRITE_JPEG_RST_INTERVAL])
 def test_other_kinds_of_jpeg_and_webp_have_their_size(tmp_path, kind):
     picture = np.random.default_rng(0).integers(0, 255, (100, 130, 3), dtype=np.uint8)
     cv2.imwrite(str(tmp_path / "a.jpg"), picture, [kind, 1])
-    assert picture_size((tmp_path / "a.jpg").read_bytes()) == (130, 100)
+    assert picture_size(tmp_path / "a.jpg") == (130, 100)
     cv2.imwrite(str(tmp_path / "a.webp"), picture, [cv2.IMWRITE_WEBP_QUALITY, 101])
-    assert picture_size((tmp_path / "a.webp").read_bytes()) == (130, 100), "without loss"
+    assert picture_size(tmp_path / "a.webp") == (130, 100), "without loss"
     alpha = np.dstack([picture, picture[..., 0]])
     cv2.imwrite(str(tmp_path / "b.webp"), alpha, [cv2.IMWRITE_WEBP_QUALITY, 80])
-    assert picture_size((tmp_path / "b.webp").read_bytes()) == (130, 100), "with transparency"
+    assert picture_size(tmp_path / "b.webp") == (130, 100), "with transparency"
 
 
 def test_pages_have_their_own_sizes(tmp_path):
     with tifffile.TiffWriter(tmp_path / "pages.tiff") as file:
         file.write(np.zeros((8, 9), np.uint16))
         file.write(np.zeros((20, 30), np.uint16))
-    data = (tmp_path / "pages.tiff").read_bytes()
-    assert count_pages(data) == 2
-    assert [picture_size(data, page) for page in (0, 1)] == [(9, 8), (30, 20)]
-    assert picture_size(data, 2) is None
+    path = tmp_path / "pages.tiff"
+    assert count_pages(path.read_bytes()) == 2
+    shapes = [read_photograph(path, page=page).levels.shape for page in (0, 1)]
+    assert shapes == [(1, 8, 9), (1, 20, 30)]
+    with pytest.raises(UserError, match=r"page 2: .* holds 2 pictures"):
+        read_photograph(path, page=2)
     assert count_pages(plain_files.tiff_circle(tmp_path).read_bytes()) <= 2
 
 
@@ -243,23 +252,28 @@ def test_pages_have_their_own_sizes(tmp_path):
 )
 def test_a_picture_larger_than_its_file_is_refused(tmp_path, make, size):
     path = make(tmp_path)
-    assert picture_size(path.read_bytes()) == size
     with pytest.raises(UserError, match=f"{size[0]} x {size[1]} pixels by its header"):
-        decode_image(path, colour=False)
+        read_photograph(path)
 
 
 def test_a_large_black_picture_is_read(tmp_path):
     path = tmp_path / "black.png"
     cv2.imwrite(str(path), np.zeros((4000, 6000), np.uint8))
     assert path.stat().st_size < 1e5
-    decoded = decode_image(path, colour=False)
-    assert decoded is not None
-    assert decoded.shape == (4000, 6000)
+    assert read_photograph(path).levels.shape == (1, 4000, 6000)
 
 
-@pytest.mark.parametrize("make", [plain_files.png_cut, plain_files.gif, plain_files.empty])
-def test_what_is_no_picture_is_none(tmp_path, make):
-    assert decode_image(make(tmp_path), colour=True) is None
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (plain_files.png_cut, "a PNG that is damaged, cut short"),
+        (plain_files.gif, "65535 x 65535 pixels by its header"),
+        (plain_files.empty, "is empty"),
+    ],
+)
+def test_what_is_no_picture_is_refused_by_its_name(tmp_path, make, words):
+    with pytest.raises(UserError, match=words):
+        read_photograph(make(tmp_path))
 
 
 def test_hdf5_files_of_others_are_read(tmp_path):

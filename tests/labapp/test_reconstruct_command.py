@@ -16,7 +16,7 @@ from skimage import data
 from small_bench.files import write_small
 
 from labapp.bench.opening import open_bench
-from labapp.files.photograph_file import read_photograph
+from labapp.files.picture.photograph import read_photograph
 from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.runner import run_plan
 
@@ -279,7 +279,10 @@ BAD = {
         ["frame.npy", "--psf", "psf.npy", "--budget", "1e-9", "--method", "hyper-laplacian"],
         "budget is 1e-09 s; the quickest, hyper-laplacian, takes about",
     ),
-    "ending": (["frame.npy", "--psf", "psf.npy", "--out", "a.gif"], "choose .tiff, .npy or .png"),
+    "ending": (
+        ["frame.npy", "--psf", "psf.npy", "--out", "a.gif"],
+        "choose .tiff, .npy, .exr, .hdr or .png",
+    ),
     "picture": (["frame.npy", "--psf", "psf.npy", "--picture", "a.gif"], "must end in .png"),
     "over itself": (
         ["frame.npy", "--psf", "psf.npy", "--out", "frame.npy", "--force"],

@@ -11,8 +11,9 @@ import torch
 from labapp.common.errors import UserError
 from labapp.files.file_lookup import bundled_scenes, find_scene
 from labapp.files.number_file import read_numbers
+from labapp.files.picture.colour_picture import read_scene_picture
 from labapp.files.picture_cache import cached_picture
-from labapp.files.reading import bundled_path, read_file, read_picture, validate
+from labapp.files.reading import bundled_path, read_file, validate
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera, Sensor
 from optics.plane import Plane
@@ -112,7 +113,7 @@ def test_a_photograph_by_cover_or_by_height(tmp_path):
     drawn = photo.layers[0].parts[0].picture
     assert drawn.side == pytest.approx(30e-3 / 6)
     assert drawn.offset == pytest.approx((1e-3, 2e-3))
-    assert np.allclose(photo.image, read_picture(tmp_path / "p.png"))
+    assert np.allclose(photo.image, read_scene_picture(tmp_path / "p.png"))
     smooth = built({**table, "spectra": "mallett"}, tmp_path)
     assert smooth.basis != photo.basis
 
@@ -268,7 +269,7 @@ def test_new_kinds_need_the_second_version():
         ({"kind": "cube", "file": "two.npz", "variable": "c", "white": 1.0}, "has no 'c'"),
         ({"kind": "cube", "file": "text.npy", "white": 1.0}, "cannot be read as a NumPy array"),
         ({"kind": "cube", "file": "words.npz", "white": 1.0}, "holds <U1 values"),
-        ({"kind": "cube", "file": "text.xyz", "white": 1.0}, "give numbers as"),
+        ({"kind": "cube", "file": "text.xyz", "white": 1.0}, "is not a picture"),
         ({"kind": "cube", "file": "text.mat", "white": 1.0}, "cannot be read as .mat"),
         ({"kind": "cube", "file": "text.h5", "white": 1.0}, "cannot be read as HDF5"),
         ({"kind": "cube", "file": "minus.npy", "white": 1.0}, "reflectances down to -1"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from labapp.common.errors import UserError
+from labapp.files.picture.colour_picture import read_screen_colours
 from labapp.training import pictures as pictures_module
 from labapp.training.manifest import NOT_STATED, read_manifest, split_by_checksum
 from labapp.training.pictures import TrainingPictures, read_training_data
@@ -138,11 +139,12 @@ def test_colours_and_depths_of_files(tmp_path):
     grey = np.arange(40 * 40, dtype=np.uint16).reshape(40, 40) * 40
     cv2.imwrite(str(tmp_path / "deep.tif"), grey)
     cv2.imwrite(str(tmp_path / "flat.png"), np.full((40, 40, 3), (0, 0, 255), np.uint8))
-    decoded = {
-        name: pictures_module.decode_picture(tmp_path / name) for name in ("deep.tif", "flat.png")
-    }
+    decoded = {name: read_screen_colours(tmp_path / name) for name in ("deep.tif", "flat.png")}
     assert (decoded["flat.png"] == np.array([255, 0, 0])[:, None, None]).all()
-    np.testing.assert_array_equal(decoded["deep.tif"][1], np.rint(grey / 257))
+    # 16 bits are proportional to light, which the screen's colours encode (IEC 61966-2-1).
+    light = grey / 65535
+    screen = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(decoded["deep.tif"][1], 255 * screen, rtol=0, atol=0.501)
 
 
 @pytest.mark.parametrize(
@@ -151,12 +153,12 @@ def test_colours_and_depths_of_files(tmp_path):
         ("broken.png", b"not a picture", "broken.png: is not a picture"),
         ("empty.png", b"", "empty.png: is empty"),
         ("small.png", cv2.imencode(".png", noise(1, 31, 90))[1].tobytes(), "90 x 31 pixels"),
-        ("float.tif", None, "float32 values"),
+        ("float.tif", None, "light up to 1.5 times white"),
     ],
 )
 def test_files_that_are_no_use_are_refused(folder, name, content, words):
     if content is None:
-        cv2.imwrite(str(folder / name), np.ones((40, 40, 3), np.float32))
+        cv2.imwrite(str(folder / name), np.full((40, 40, 3), 1.5, np.float32))
     else:
         (folder / name).write_bytes(content)
     with pytest.raises(UserError, match=words):

@@ -81,7 +81,8 @@ def test_a_wrong_kernel_is_noticed_and_restored_better_than_without(method):
         assert seen.power_law.model_error_variance > 0
         assert seen.disturbance > 1.2 * NOISE
         believed = build_observation(frame, measured, None)
-        believed.__dict__["power_law"] = replace(seen.power_law, model_error_variance=0.0)
+        own = believed.in_own_unit
+        own.__dict__["power_law"] = replace(own.power_law, model_error_variance=0.0)
         gains.append(
             psnr(restore(seen, method=method).image, truth)
             - psnr(restore(believed, method=method).image, truth)

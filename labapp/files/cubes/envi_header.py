@@ -1,13 +1,12 @@
 """The header of an ENVI file: text of keys and values that says how a cube's numbers lie.
 
-Lines are "key = value", or "key = {values}" over several lines; keys are written in any case, and a
-line that begins with a semicolon is a comment (NV5 Geospatial, "ENVI Header Files").
+The keys are those of NV5 Geospatial, "ENVI Header Files".
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +14,18 @@ import numpy as np
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
-from labapp.files.text_table import parse_numbers
-from labapp.files.wavelengths import convert_wavelengths
+from labapp.files.cubes.envi_keys import (
+    Keys,
+    first_number,
+    read_band_list,
+    read_count,
+    read_keys,
+    read_list,
+    read_number,
+    read_whole,
+    require_key,
+)
+from labapp.files.wavelengths import convert_wavelengths, remark_on_unit
 
 DATA_TYPES: dict[int, np.dtype[Any]] = {
     1: np.dtype("u1"),
@@ -34,6 +43,18 @@ DATA_TYPES: dict[int, np.dtype[Any]] = {
 INTERLEAVES = {"bsq": "blr", "bil": "lbr", "bip": "lrb"}
 """Order of the axes in a file by its interleave, the slowest first: bands b, lines l, samples r."""
 
+_FILE_TYPES = ("", "envi", "envi standard")
+"""Values of the key "file type" for bare numbers of light; older headers lack it."""
+
+_NO_CUBES = {
+    "envi classification": "numbers of classes, and no light",
+    "envi spectral library": "spectra without a picture",
+}
+"""What other files of ENVI's own hold."""
+
+_LISTED = 12
+"""Bad bands that a remark lists. Chosen: a line."""
+
 
 @dataclass(frozen=True)
 class EnviHeader:
@@ -42,29 +63,34 @@ class EnviHeader:
     Attributes
     ----------
     shape : tuple of int
-        Bands, lines (rows) and samples (columns).
+        Bands, lines (rows) and samples (columns) of the file.
     interleave : str
         Order of the numbers: bsq, bil or bip.
     number_type : numpy.dtype
         Type and byte order of a number.
     offset : int
         Bytes of the file before the first number.
+    order : tuple of int
+        Places in the file of the cube's bands, by rising wavelength; bad bands are left out.
     wavelengths : tuple of float
-        Metres, in the file's order of bands.
+        Metres, in that order.
     gains, offsets : tuple of float
-        Numbers that each band is multiplied by, and that are added then.
+        Numbers that each of the file's bands is multiplied by, and that are added then.
     ignored : float or None
         Number that stands for a missing value.
     pitch : float or None
         Distance in metres between neighbouring pixels.
     unit, light, description : str
         In words; empty where the header doesn't say.
+    notes : tuple of str
+        Remarks for the user on what was taken for what.
     """
 
     shape: tuple[int, int, int]
     interleave: str
     number_type: np.dtype[Any]
     offset: int
+    order: tuple[int, ...]
     wavelengths: tuple[float, ...]
     gains: tuple[float, ...]
     offsets: tuple[float, ...]
@@ -73,36 +99,54 @@ class EnviHeader:
     unit: str
     light: str
     description: str
+    notes: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Return how many bytes an ENVI file has by its header."""
+        return self.offset + math.prod(self.shape) * self.number_type.itemsize
 
 
 def parse_header(text: str) -> EnviHeader:
     """Parse the text of an ENVI header; raise UserError that names key, value and remedy."""
-    keys = _read_keys(text)
-    bands, rows, columns = (_count(keys, key) for key in ("bands", "lines", "samples"))
-    interleave = _require(keys, "interleave").lower()
+    keys = read_keys(text)
+    _require_bare_numbers(keys)
+    bands, rows, columns = (read_count(keys, key) for key in ("bands", "lines", "samples"))
+    interleave = require_key(keys, "interleave").lower()
     if interleave not in INTERLEAVES:
         raise UserError(f"interleave is {quote(interleave)}. Write bsq, bil or bip")
-    if _whole(keys, "file compression", 0):
-        raise UserError("file compression is 1. Write the file without compression")
-    scale = _number(keys, "reflectance scale factor")
-    # A factor of 0, which some programs write, states nothing.
-    divisor = scale if scale else 1.0
     # The wavelengths show that the number of bands isn't made up.
-    wavelengths = _wavelengths(keys, bands)
-    gains = _band_numbers(keys, "data gain values", bands, 1.0)
+    listed = _list_wavelengths(keys, bands)
+    good = _good_bands(keys, bands)
+    unit = keys.get("wavelength units", "")
+    wavelengths = convert_wavelengths([listed[band] for band in good], unit)
+    rising = sorted(range(len(good)), key=wavelengths.__getitem__)
+    number_type, ignored = _number_type(keys), _ignored_number(keys)
+    divisor = _scale_factor(keys)
+    gains = read_band_list(keys, "data gain values", bands, 1.0)
+    offsets = read_band_list(keys, "data offset values", bands, 0.0)
+    remarks = (
+        _remark_on_bad_bands(listed, good, unit),
+        remark_on_unit([listed[band] for band in good], unit),
+        _remark_on_order(keys, number_type),
+        _remark_on_ignored(ignored),
+        _remark_on_scale(keys),
+    )
     return EnviHeader(
         (bands, rows, columns),
         interleave,
-        _number_type(keys),
-        _whole(keys, "header offset", 0),
-        wavelengths,
-        tuple(gain / divisor for gain in gains),
-        tuple(one / divisor for one in _band_numbers(keys, "data offset values", bands, 0.0)),
-        _number(keys, "data ignore value"),
+        number_type,
+        read_whole(keys, "header offset", 0),
+        tuple(good[at] for at in rising),
+        tuple(wavelengths[at] for at in rising),
+        tuple(gain / (divisor or 1.0) for gain in gains),
+        tuple(one / (divisor or 1.0) for one in offsets),
+        ignored,
         _pixel_pitch(keys),
-        keys.get("data units", "share of white" if scale else ""),
+        keys.get("data units", "share of white" if divisor else ""),
         keys.get("light", ""),
         keys.get("description", ""),
+        tuple(filter(None, remarks)),
     )
 
 
@@ -111,123 +155,112 @@ def format_header(keys: Mapping[str, str]) -> str:
     return "ENVI\n" + "".join(f"{key} = {value}\n" for key, value in keys.items())
 
 
-def _read_keys(text: str) -> dict[str, str]:
-    """Return the values of an ENVI header by key, in lower case, without braces."""
-    lines = text.lstrip("\ufeff").splitlines()
-    if not lines or lines[0].strip() != "ENVI":
-        raise UserError("is not an ENVI header: its first line must be ENVI")
-    body = iter([line for line in lines[1:] if not line.lstrip().startswith(";")])
-    found = {}
-    for line in body:
-        name, equals, value = line.partition("=")
-        if not equals:
-            continue
-        key = " ".join(name.lower().split())
-        found[key] = _read_value(key, value.strip(), body)
-    return found
+def _require_bare_numbers(keys: Keys) -> None:
+    """Raise UserError if the file beside an ENVI header isn't the bare numbers of pictures."""
+    kind = " ".join(keys.get("file type", "").replace("_", " ").split())
+    if kind.lower() not in _FILE_TYPES:
+        what = _NO_CUBES.get(kind.lower(), "another format than bare numbers")
+        raise UserError(f"file type is {quote(kind)}: {what}. Save the picture as ENVI Standard")
+    if read_whole(keys, "file compression", 0):
+        raise UserError("file compression is 1. Write the file without compression")
+    for key in ("major frame offsets", "minor frame offsets"):
+        if any(read_list(keys.get(key, ""), key)):
+            raise UserError(f"{key} are {quote(keys[key])}. Write the file without such gaps")
 
 
-def _read_value(key: str, value: str, following: Iterator[str]) -> str:
-    """Return a value of an ENVI header without its braces, which may close on a following line."""
-    if not value.startswith("{"):
-        return value
-    parts = [value]
-    while "}" not in parts[-1]:
-        line = next(following, None)
-        if line is None:
-            raise UserError(f"{quote(key)} has a brace that isn't closed. Add }}")
-        parts.append(line)
-    return "\n".join(parts).strip("{ \t").partition("}")[0].strip()
-
-
-def _require(keys: Mapping[str, str], key: str) -> str:
-    if key not in keys:
-        raise UserError(f"the header has no {key!r}. Add it")
-    return keys[key]
-
-
-def _whole(keys: Mapping[str, str], key: str, default: int) -> int:
-    """Return a whole number, 0 or more, from the keys of an ENVI header."""
-    value = keys.get(key, str(default))
-    if not re.fullmatch(r"[0-9]{1,18}", value):
-        raise UserError(f"{key} is {quote(value)}. Write a whole number, 0 or more")
-    return int(value)
-
-
-def _count(keys: Mapping[str, str], key: str) -> int:
-    """Return a count, 1 or more, that an ENVI header must have."""
-    _require(keys, key)
-    count = _whole(keys, key, 0)
-    if count < 1:
-        raise UserError(f"{key} is {count}. Write 1 or more")
-    return count
-
-
-def _number(keys: Mapping[str, str], key: str) -> float | None:
-    """Return a number of an ENVI header; None if it has none."""
-    if key not in keys:
-        return None
-    return _first_number(keys[key], key)
-
-
-def _first_number(text: str, key: str) -> float:
-    """Return the first number of a list in an ENVI header."""
-    numbers = _numbers(text, key)
-    if not numbers:
-        raise UserError(f"{key} is empty. Write a number")
-    return numbers[0]
-
-
-def _numbers(text: str, key: str) -> tuple[float, ...]:
-    """Return the numbers of a list in an ENVI header."""
-    numbers = parse_numbers(text.replace(",", " ").split())
-    if numbers is None:
-        raise UserError(f"{key} is {quote(text)}. Write finite numbers with commas between")
-    return tuple(numbers)
-
-
-def _band_numbers(
-    keys: Mapping[str, str], key: str, bands: int, default: float
-) -> tuple[float, ...]:
-    """Return a number for each band from an ENVI header, or the default for all."""
-    if key not in keys:
-        return (default,) * bands
-    found = _numbers(keys[key], key)
-    if len(found) != bands:
-        raise UserError(f"{key} has {len(found)} numbers. Write {bands}, one for each band")
-    return found
-
-
-def _number_type(keys: Mapping[str, str]) -> np.dtype[Any]:
-    """Return the type and byte order of the numbers behind an ENVI header."""
-    code = _whole(keys, "data type", 0)
-    if code not in DATA_TYPES:
-        raise UserError(
-            f"data type is {quote(keys.get('data type', 'missing'))}. Write one of "
-            f"{', '.join(map(str, DATA_TYPES))}; complex numbers, 6 and 9, are no light"
-        )
-    order = _whole(keys, "byte order", 0)
-    if order not in (0, 1):
-        raise UserError(f"byte order is {order}. Write 0 (least significant first) or 1")
-    return DATA_TYPES[code].newbyteorder("big" if order else "little")
-
-
-def _wavelengths(keys: Mapping[str, str], bands: int) -> tuple[float, ...]:
-    """Return the wavelengths of an ENVI header in metres."""
+def _list_wavelengths(keys: Keys, bands: int) -> tuple[float, ...]:
+    """Return the numbers of an ENVI header's wavelengths, in its own unit."""
     if "wavelength" not in keys:
         raise UserError(
             "the header has no 'wavelength'. Add wavelength = {450, 500, …} and wavelength units "
             "= Nanometers"
         )
-    listed = _band_numbers(keys, "wavelength", bands, 0.0)
-    return convert_wavelengths(listed, keys.get("wavelength units", ""))
+    return read_band_list(keys, "wavelength", bands, 0.0)
 
 
-def _pixel_pitch(keys: Mapping[str, str]) -> float | None:
+def _good_bands(keys: Keys, bands: int) -> list[int]:
+    """Return which bands of an ENVI file are good by its list of bad bands, bbl."""
+    listed = read_band_list(keys, "bbl", bands, 1.0)
+    wrong = [one for one in listed if one not in (0.0, 1.0)]
+    if wrong:
+        raise UserError(f"bbl has {wrong[0]:g}. Write 1 for a good band and 0 for a bad one")
+    good = [band for band, one in enumerate(listed) if one]
+    if not good:
+        raise UserError("bbl marks all bands as bad. Write 1 for those that are good")
+    return good
+
+
+def _scale_factor(keys: Keys) -> float | None:
+    """Return the number that stands for a reflectance of 1 in an ENVI file; None if none does."""
+    factor = read_number(keys, "reflectance scale factor")
+    if factor is not None and factor < 0:
+        raise UserError(f"reflectance scale factor is {factor:g}. Write a number above 0")
+    # A factor of 0, which some programs write, states nothing.
+    return factor or None
+
+
+def _ignored_number(keys: Keys) -> float | None:
+    """Return the number that stands for a missing value in an ENVI file; it may be NaN."""
+    text = keys.get("data ignore value", "").replace(",", " ").split()
+    try:
+        return float(text[0]) if text else None
+    except ValueError as error:
+        raise UserError(f"data ignore value is {quote(text[0])}. Write a number") from error
+
+
+def _number_type(keys: Keys) -> np.dtype[Any]:
+    """Return the type and byte order of the numbers behind an ENVI header."""
+    code = read_whole(keys, "data type", 0)
+    if code not in DATA_TYPES:
+        raise UserError(
+            f"data type is {quote(keys.get('data type', 'missing'))}. Write one of "
+            f"{', '.join(map(str, DATA_TYPES))}; complex numbers, 6 and 9, are no light"
+        )
+    order = read_whole(keys, "byte order", 0)
+    if order not in (0, 1):
+        raise UserError(f"byte order is {order}. Write 0 (least significant first) or 1")
+    return DATA_TYPES[code].newbyteorder("big" if order else "little")
+
+
+def _pixel_pitch(keys: Keys) -> float | None:
     """Return the pitch of the pixels in metres from an ENVI header; None if it isn't in metres."""
     value = keys.get("pixel size", "")
     if "meter" not in value.lower():
         return None
     first = value.split(",")[0].strip()
     # Pixels of a metre and more are those of a landscape, and not of a sensor.
-    return found if 0 < (found := _first_number(first, "pixel size")) < 1e-3 else None
+    return found if 0 < (found := first_number(first, "pixel size")) < 1e-3 else None
+
+
+def _remark_on_bad_bands(listed: Sequence[float], good: Sequence[int], unit: str) -> str:
+    """Say which bands an ENVI header marks as bad."""
+    bad = sorted(set(range(len(listed))) - set(good))
+    if not bad:
+        return ""
+    named = ", ".join(f"{listed[band]:g}" for band in bad[:_LISTED])
+    more = ", …" if len(bad) > _LISTED else ""
+    return (
+        f"{len(bad)} of {len(listed)} bands are marked as bad (bbl) and left out: {named}{more} "
+        f"{unit}"
+    ).rstrip()
+
+
+def _remark_on_order(keys: Keys, number_type: np.dtype[Any]) -> str:
+    """Say that an ENVI header doesn't tell the order of bytes."""
+    if "byte order" in keys or number_type.itemsize == 1:
+        return ""
+    return "the byte order isn't stated: the least significant byte is taken to be the first"
+
+
+def _remark_on_ignored(ignored: float | None) -> str:
+    """Say which number of an ENVI file stands for missing values."""
+    if ignored is None:
+        return ""
+    return f"{ignored:g} stands for a missing value (data ignore value)"
+
+
+def _remark_on_scale(keys: Keys) -> str:
+    """Say by which keys of an ENVI header its numbers are scaled."""
+    scales = ("data gain values", "data offset values", "reflectance scale factor")
+    used = [key for key in scales if key in keys]
+    return f"its numbers are scaled by {', '.join(used)}" if used else ""

@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 import io
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ import numpy as np
 import labapp
 from labapp.common.errors import UserError
 from labapp.files.cubes.cube import SpectralCube
+from labapp.files.cubes.stored_values import StoredValues, Values, Window
 from labapp.files.nexus import create_group
 from labapp.files.plain_hdf5 import open_plain_hdf5
 
@@ -41,9 +43,12 @@ def encode_hdf5(cube: SpectralCube) -> bytes:
 
 
 def read_hdf5(path: Path) -> SpectralCube:
-    """Read a spectral cube from its HDF5 file; raise UserError if it is another file or damaged."""
+    """Read what a cube's HDF5 file says of it; its numbers are read when they are used.
+
+    Raises UserError if it is another file or damaged.
+    """
     with open_plain_hdf5(path) as file:
-        return _read_cube(file)
+        return _read_cube(path, file)
 
 
 def _write_cube(file: h5py.File, cube: SpectralCube) -> None:
@@ -88,7 +93,7 @@ def _write_picture(data: h5py.Group, name: str, values: Any, unit: str, words: s
         made.dims[axis].attach_scale(data[scale])
 
 
-def _read_cube(file: h5py.File) -> SpectralCube:
+def _read_cube(path: Path, file: h5py.File) -> SpectralCube:
     """Read an open HDF5 file as a cube; raise UserError if it is another kind of file."""
     kind = file["entry/definition"][()].decode() if "entry/definition" in file else "unknown"
     if kind != DEFINITION:
@@ -102,11 +107,32 @@ def _read_cube(file: h5py.File) -> SpectralCube:
         raise UserError(f"wavelengths are in {unit!r}; a cube has metres, 'm'")
     pitch = data.attrs.get("pixel_pitch")
     return SpectralCube(
-        data["values"][()],
+        _stored_values(path, data, "values"),
         tuple(data["wavelength"][()].tolist()),
         str(data["values"].attrs["units"]),
-        data["error"][()] if "error" in data else None,
+        _stored_values(path, data, "error") if "error" in data else None,
         file["entry/light"][()].decode(),
         None if pitch is None else float(pitch),
         file["entry/description"][()].decode(),
     )
+
+
+def _stored_values(path: Path, data: h5py.Group, name: str) -> StoredValues:
+    """Return the numbers of a dataset, which stay in the file of a cube until they are indexed."""
+    found = data[name]
+    if found.ndim != 3 or found.dtype.kind not in "iuf":
+        raise UserError(
+            f"{name} are {found.dtype} numbers of shape {found.shape}. Give real ones, (bands, "
+            "rows, columns)"
+        )
+    return StoredValues(path, found.shape, partial(_read_window, path, found.name))
+
+
+def _read_window(path: Path, name: str, window: Window) -> Values:
+    """Read a window of a cube's dataset by its name, a band at a time."""
+    bands, rows, columns = window
+    made = np.empty((len(bands), len(rows), len(columns)), np.float32)
+    with open_plain_hdf5(path) as file:
+        for place, band in enumerate(bands):
+            made[place] = file[name][band, rows.start : rows.stop, columns.start : columns.stop]
+    return made

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
-from labapp.files.guarded_reading import require_expansion
+from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import LINEAR, Encoding, gamma_encoding
 from labapp.files.picture.stored import StoredPicture
 
@@ -46,6 +46,9 @@ _BIAS = 136
 _LEAST, _MOST = 1e-32, 255 * 2.0**119
 """Light below which Radiance's programs write black, and the highest that fits, 1.7e38."""
 
+_MOST_IN_RUN = 64
+"""Bytes that a byte can stand for: 2 bytes are a run of up to 127."""
+
 _BLOCK = 1 << 18
 """Pixels that are rounded at once, to bound the memory used in between to some 10 MB. Chosen."""
 
@@ -68,8 +71,8 @@ def read_radiance(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     rows, columns = int(found[3]), int(found[6])
     if not rows * columns:
         raise _damaged(path, "it has no pixels")
-    # Runs of pixels stand for 64 times their bytes at most.
-    require_expansion(path, len(data), 4 * rows * columns, "its picture")
+    pixels = rows * columns
+    require_memory(path, len(data), 12 * pixels, "its picture", pixels=pixels)
     light = np.moveaxis(_decode_pixels(path, body, rows, columns), -1, 0)
     scale, encoding, notes = _read_variables(path, lines[:-1])
     if (scale != 1).any():
@@ -192,6 +195,8 @@ def _decode_runs(path: Path, body: bytes, rows: int, columns: int) -> NDArray[np
     """Return the light of pixels that are stored colour by colour, in runs."""
     import imagecodecs
 
+    if 4 * rows * columns > _MOST_IN_RUN * len(body):
+        raise _damaged(path, "its pixels end early")
     try:
         found = imagecodecs.rgbe_decode(_HEADER + b"-Y %d +X %d\n" % (rows, columns) + body)
     except (imagecodecs.RgbeError, ValueError, RuntimeError) as error:

@@ -92,6 +92,39 @@ def score(
     return Score(psnr, float(np.mean(ssim)))
 
 
+@single_threaded
+def score_present(
+    image: Light, reference: Light, missing: NDArray[np.bool_], white: float
+) -> Score:
+    """Score a picture over the whole frame, but for pixels that its reference lacks.
+
+    Parameters
+    ----------
+    image, reference : Light, (rows, columns)
+        The picture and its reference.
+    missing : NDArray of bool, (rows, columns)
+        Pixels that are left out, and with them each window of SSIM that touches one.
+    white : float
+        Peak of PSNR and range of SSIM.
+
+    Returns
+    -------
+    Score
+        PSNR of the other pixels, and mean SSIM of the other windows; NaN where there are none.
+    """
+    if not missing.any():
+        return score(image, reference, white, 1.0)
+    if missing.all():
+        return Score(math.nan, math.nan)
+    a, b = (torch.from_numpy(one.astype(np.float64)) for one in (image, reference))
+    absent = torch.from_numpy(missing)
+    psnr = metrics.psnr(a[~absent], b[~absent], white)
+    if min(a.shape) < 11:
+        return Score(psnr, math.nan)
+    marked, wanted = (one.masked_fill(absent, math.nan)[None] for one in (a, b))
+    return Score(psnr, float(metrics.similarity_map(marked, wanted, white).nanmean()))
+
+
 def _central_part(picture: Light, share: float) -> torch.Tensor:
     """Cut out the centre of a picture to be scored, (bands, rows, columns) in float64."""
     bands = np.nan_to_num(picture).astype(np.float64).reshape(-1, *picture.shape[-2:])

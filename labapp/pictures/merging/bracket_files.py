@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.photograph_file import InputPhotograph, read_photograph
+from labapp.files.picture.encoding import LINEAR, SRGB, Encoding
+from labapp.files.picture.photograph import Photograph, read_photograph
 from labapp.files.sensor_file import read_sensor
 from optics.camera import Sensor
 
@@ -84,10 +85,11 @@ def read_bracket_files(
     wrong = [one for one in exposures if not 0 < one < math.inf]
     if wrong:
         raise UserError(f"--exposures: {wrong[0]:g} s can't be; all must be positive.")
-    photographs = [read_photograph(path, linear=linear) for path in paths]
+    encoding = _encoding(linear)
+    photographs = [read_photograph(path, encoding=encoding) for path in paths]
     _require_one_kind(photographs)
     told = sensor_file is not None or numbers != SensorNumbers() or darks or linear is not None
-    is_coded = not told and all(one.is_srgb for one in photographs)
+    is_coded = not told and all(one.is_coded for one in photographs)
     frames = [one.levels if is_coded else _numbers(one) for one in photographs]
     for path, frame in zip(paths, frames, strict=True):
         if frame.shape != frames[0].shape:
@@ -108,6 +110,10 @@ def read_bracket_files(
         sensor_source=_sensor_source(sensor_file, numbers),
         doubts=(*_equal_times(times), *_other_full_scale(frames, times, sensor)),
     )  # fmt: skip
+
+
+def _encoding(linear: bool | None) -> Encoding | None:
+    return {None: None, True: LINEAR, False: SRGB}[linear]
 
 
 def _equal_times(times: Sequence[float]) -> list[str]:
@@ -147,7 +153,7 @@ def _sensor_source(path: Path | None, numbers: SensorNumbers) -> str:
     return ", ".join([*named, *options])
 
 
-def _require_one_kind(photographs: Sequence[InputPhotograph]) -> None:
+def _require_one_kind(photographs: Sequence[Photograph]) -> None:
     """Raise UserError if a bracket's files hold numbers of different kinds."""
     first = photographs[0]
     for one in photographs:
@@ -158,9 +164,9 @@ def _require_one_kind(photographs: Sequence[InputPhotograph]) -> None:
             )
 
 
-def _numbers(photograph: InputPhotograph) -> Frame:
+def _numbers(photograph: Photograph) -> Frame:
     """Return a bracket file's numbers, proportional to light; sRGB levels become 16-bit ones."""
-    if photograph.is_srgb:
+    if photograph.is_coded:
         return np.asarray(np.rint(photograph.light * 65535).astype(np.uint16))
     levels = photograph.levels
     if levels.dtype.kind == "f" and not np.isfinite(levels).all():
@@ -184,7 +190,7 @@ def _size(frame: Frame) -> str:
 def _sensor(
     path: Path | None,
     numbers: SensorNumbers,
-    photographs: Sequence[InputPhotograph],
+    photographs: Sequence[Photograph],
     shape: tuple[int, ...],
 ) -> Sensor:
     """Return the sensor of a bracket's files: of its own file, or of the numbers that are given."""
@@ -212,7 +218,7 @@ def _sensor(
     return known
 
 
-def _described_sensor(numbers: SensorNumbers, photographs: Sequence[InputPhotograph]) -> Sensor:
+def _described_sensor(numbers: SensorNumbers, photographs: Sequence[Photograph]) -> Sensor:
     """Return the sensor that --gain and --read-noise describe; its well never fills first."""
     first = photographs[0]
     if numbers.gain is None or numbers.read_noise is None:
@@ -221,7 +227,7 @@ def _described_sensor(numbers: SensorNumbers, photographs: Sequence[InputPhotogr
             "digital number) and --read-noise (electrons). labapp calibrate --camera "
             "measures them."
         )
-    bits = 16 if first.is_srgb or first.levels.dtype != np.uint8 else 8
+    bits = 16 if first.is_coded or first.levels.dtype != np.uint8 else 8
     return Sensor(bits=bits, full_well=1e9, dark_current=0.0, black_level=0.0)
 
 
@@ -231,7 +237,7 @@ def _mean_darks(
     """Return the mean dark of each of a bracket's files, and how many darks are in it."""
     if not paths:
         return [sensor.black_level] * count, [float("inf")] * count
-    darks = [_numbers(read_photograph(path, linear=linear)) for path in paths]
+    darks = [_numbers(read_photograph(path, encoding=_encoding(linear))) for path in paths]
     for path, dark in zip(paths, darks, strict=True):
         if dark.shape != frame.shape:
             raise UserError(f"{path}: is {_size(dark)} and the frames {_size(frame)}.")

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.files.photograph_file import encode_srgb, write_float_tiff
+from labapp.files.picture.photograph_writing import encode_srgb, write_float_tiff
 from labapp.files.writing import draft_of, encode_image, write_atomically
 from labapp.pictures.merging.merged_bracket import MergedFiles
 from optics import hdr

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from labapp.common.figure_png import figure_to_png
 from labapp.edof.decoder_facts import describe_decoder
-from labapp.files.photograph_file import Light, encode_srgb
+from labapp.files.picture.photograph import Light
+from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.pictures.reconstructing.decoding import DecodedPhotograph
 from labapp.pictures.reconstructing.decoding_request import DecodingProblem
 from labapp.pictures.reconstructing.problem import RestorationProblem

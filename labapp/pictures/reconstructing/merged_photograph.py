@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.photograph_file import Light
+from labapp.files.picture.photograph import Light
 from labapp.files.plain_hdf5 import open_plain_hdf5
 from optics.hdr import CLIPPED
 

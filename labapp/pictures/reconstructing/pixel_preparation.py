@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from labapp.common.errors import UserError
-from labapp.files.photograph_file import Light
+from labapp.files.picture.photograph import Light
 
 _SIGMA = 1.0
 """Standard deviation in pixels of the Gaussian by which neighbours count where a pixel is filled.

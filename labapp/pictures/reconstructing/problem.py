@@ -11,7 +11,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.files.photograph_file import Light, encode_photograph
+from labapp.files.picture.photograph import Light
+from labapp.files.picture.photograph_writing import encode_photograph
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.analysis.score import ReferencePicture
 from optics.deconvolution.observation import Observation

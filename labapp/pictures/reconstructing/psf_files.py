@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from labapp.common.errors import UserError
-from labapp.files.photograph_file import Light, read_photograph
+from labapp.files.picture.encoding import LINEAR
+from labapp.files.picture.photograph import Light, read_photograph
 from labapp.pictures.reconstructing.recorded_photograph import (
     RecordSelection,
     is_record,
@@ -39,7 +40,7 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
             psf = psf.mean(0, keepdims=True)
         return psf / psf.sum((1, 2), keepdims=True), []
     # Files of PSFs hold light whatever their depth, and not levels for a screen.
-    psf = read_photograph(path, linear=True).light
+    psf = read_photograph(path, encoding=LINEAR).light
     if not np.isfinite(psf).all():
         raise UserError(f"{path}: has NaN or infinite values. Measure or compute the PSF again.")
     if len(psf) > 1 and bands == 1:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labapp.common.errors import UserError
-from labapp.files.photograph_file import Light
+from labapp.files.picture.photograph import Light
 from labapp.pictures.analysis.score import Score
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem

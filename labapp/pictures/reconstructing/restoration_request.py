@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.photograph_file import InputPhotograph, Light, read_photograph
+from labapp.files.picture.encoding import Encoding, parse_encoding
+from labapp.files.picture.photograph import Light, Photograph, read_photograph
 from labapp.pictures.analysis.score import ReferencePicture
 from labapp.pictures.reconstructing.merged_photograph import is_merged, read_merged
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.psf_files import read_psf_file
+from labapp.pictures.reconstructing.raw_to_restore import RawToRestore, find_raw, prepare_raw
 from labapp.pictures.reconstructing.recorded_photograph import (
     RecordedPhotograph,
     RecordSelection,
@@ -34,7 +36,7 @@ class PictureToRestore:
     `read` is the picture as the file has it.
     """
 
-    read: InputPhotograph
+    read: Photograph
     light: Light
     clipped: NDArray[np.bool_]
 
@@ -46,13 +48,13 @@ class RestorationRequest:
     Attributes
     ----------
     source : Path
-        Record, merged bracket or picture to restore.
+        Record, merged bracket, RAW file or picture to restore.
     psf : Path or None
         File of the PSF; None for the star of the record `source`.
     choice : RecordSelection
         Photograph of a record.
-    linear : bool or None
-        Whether levels are proportional to light; None for all but 8-bit pictures.
+    encoding : str or None
+        Name of how levels stand for light; None for what the file says.
     noise : float or None
         Standard deviation of a pixel's light; None to estimate it.
     border : Border
@@ -70,7 +72,7 @@ class RestorationRequest:
     source: Path
     psf: Path | None = None
     choice: RecordSelection = field(default_factory=RecordSelection)
-    linear: bool | None = None
+    encoding: str | None = None
     noise: float | None = None
     border: Border = "unknown"
     clip: float | None = None
@@ -99,6 +101,8 @@ class RestorationRequest:
             return self._problem_from_merged(progress)
         if is_record(self.source):
             return self._problem_from_record(progress)
+        if (raw := self.read_raw(progress)) is not None:
+            return self._problem_from_raw(raw, progress)
         return self._problem_from_picture(progress)
 
     @cached_property
@@ -114,7 +118,11 @@ class RestorationRequest:
             raise UserError(
                 f"--truth {path}: is a record. Give a picture or .npy of the same light."
             )
-        light = read_photograph(path, linear=self.linear).light
+        if find_raw(path) is not None:
+            raise UserError(
+                f"--truth {path}: is a RAW file. Give a picture or .npy of linear sRGB."
+            )
+        light = read_photograph(path, encoding=self._told_encoding).light
         brightest = float(np.nanmax(light))
         if not brightest > 0:
             raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
@@ -132,6 +140,11 @@ class RestorationRequest:
             f"--truth {self.truth}: is {is_} (bands, rows, columns); it must be {wanted}."
         )
 
+    @property
+    def _told_encoding(self) -> Encoding | None:
+        """The encoding that the picture's request names, or None."""
+        return None if self.encoding is None else parse_encoding(self.encoding)
+
     def read_picture(self, progress: Progress) -> PictureToRestore:
         """Read the picture to restore from its file; UserError if that is wrong."""
         if self.choice.target is not None:
@@ -139,7 +152,9 @@ class RestorationRequest:
                 f"--target {self.choice.target}: {self.source} is no record. Leave it out."
             )
         progress.report(0, f"reading {self.source.name}")
-        read = read_photograph(self.source, linear=self.linear, frame=self.choice.frame)
+        read = read_photograph(
+            self.source, encoding=self._told_encoding, page=self.choice.frame, page_option="--frame"
+        )
         light, clipped = read.light - self._dark_level(read), self._clipped_pixels(read)
         self._require_reference_shape(light.shape)
         return PictureToRestore(read, light, clipped)
@@ -155,12 +170,12 @@ class RestorationRequest:
             picture.clipped,
             str(self.source),
             psf_source,
-            "of white" if read.is_srgb else "levels",
-            _full_scale(read),
-            read.is_srgb or read.levels.dtype.kind == "f",
+            "of white" if read.is_coded else "levels",
+            1.0 if read.is_coded else read.white,
+            read.white is None or (read.is_coded and read.white <= 255),
             self.noise,
             self.border,
-            tuple(notes),
+            (*read.remarks, *notes),
             reference=self.reference,
         )
 
@@ -176,11 +191,44 @@ class RestorationRequest:
 
     def _refuse_levels(self, kind: str) -> None:
         """Raise UserError for options on levels of a picture, where none are to be restored."""
-        for name in ("clip", "dark", "linear"):
+        for name in ("clip", "dark", "encoding"):
             if getattr(self, name) is not None:
                 raise UserError(
                     f"--{name}: {self.source} is {kind}, which knows its own. Leave it out."
                 )
+
+    def read_raw(self, progress: Progress) -> RawToRestore | None:
+        """Read the photograph to restore if its file is RAW; None if it isn't.
+
+        Raises UserError for options that a RAW file doesn't have.
+        """
+        data = find_raw(self.source)
+        if data is None:
+            return None
+        for name in ("target", "frame"):
+            if (value := getattr(self.choice, name)) is not None:
+                raise UserError(
+                    f"--{name} {value}: {self.source} is one RAW photograph. Leave it out."
+                )
+        if self.linear is False:
+            raise UserError(f"--srgb: {self.source} is RAW, which is proportional to light.")
+        progress.report(0, f"reading {self.source.name}")
+        found = prepare_raw(
+            self.source, data, is_grey=self.choice.grey, clip=self.clip, dark=self.dark
+        )
+        self._require_reference_shape((found.band_count, *found.light.shape[1:]))
+        return found
+
+    def _problem_from_raw(self, raw: RawToRestore, progress: Progress) -> RestorationProblem:
+        """Build the problem of restoring a RAW photograph."""
+        if self.psf is not None:
+            psf, notes = read_psf_file(self.psf, raw.band_count, self.choice)
+            told = str(self.psf)
+        else:
+            clipped = np.broadcast_to(raw.clipped, (raw.band_count, *raw.clipped.shape[1:]))
+            bands = raw.bands(self.noise) if self.blind is not None else raw.light
+            psf, told, notes = self._given_psf(bands, clipped, progress)
+        return raw.build_problem(psf, told, self.noise, self.border, tuple(notes), self.reference)
 
     def _problem_from_merged(self, progress: Progress) -> RestorationProblem:
         """Build the problem of restoring a merged bracket's light."""
@@ -268,15 +316,16 @@ class RestorationRequest:
         psf = np.asarray(kernel.psf, dtype=np.float32)[None]
         return psf, "looked for in the picture itself", [f"the blur that was found: {surely}"]
 
-    def _dark_level(self, photograph: InputPhotograph) -> float:
-        if self.dark is not None and photograph.is_srgb:
+    def _dark_level(self, photograph: Photograph) -> float:
+        if self.dark is not None and photograph.is_coded:
             raise UserError(
-                f"--dark {self.dark:g}: {photograph.path} holds sRGB's 8 bits, whose levels aren't "
-                "proportional to light. Add --linear if they are."
+                f"--dark {self.dark:g}: the levels of {photograph.path} aren't proportional to "
+                f"light ({photograph.encoding.name}: {photograph.encoding_source}). Add --encoding "
+                "linear if they are."
             )
         return self.dark or 0.0
 
-    def _clipped_pixels(self, photograph: InputPhotograph) -> NDArray[np.bool_]:
+    def _clipped_pixels(self, photograph: Photograph) -> NDArray[np.bool_]:
         level = photograph.saturation_level() if self.clip is None else self.clip
         if level is None:
             return np.zeros(photograph.levels.shape, dtype=bool)
@@ -287,11 +336,3 @@ class RestorationRequest:
                 f"level of a full well; the picture's highest is {photograph.levels.max():g}."
             )
         return clipped
-
-
-def _full_scale(photograph: InputPhotograph) -> float | None:
-    """Return the light of a picture file's highest level; None for floating-point files."""
-    if photograph.is_srgb:
-        return 1.0
-    kind = photograph.levels.dtype
-    return float(np.iinfo(kind).max) if kind.kind in "iu" else None

@@ -8,7 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure, FigureBase
 from numpy.typing import NDArray
 
-from labapp.files.photograph_file import encode_srgb
+from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.pictures.analysis.brackets import Bracket, Picture
 from labapp.pictures.report.record_analysis import RecordAnalysis
 from labapp.pictures.report.tables import PICTURE_NAMES

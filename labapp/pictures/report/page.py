@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from labapp.common.figure_png import figure_to_png
-from labapp.files.photograph_file import encode_photograph
+from labapp.files.picture.photograph_writing import encode_photograph
 from labapp.pictures.analysis.brackets import Picture
 from labapp.pictures.report import figures, tables
 from labapp.pictures.report.html import document, footer, heading, html_figure, html_table

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from labapp.common.console import out, print_message, terminal_progress
 from labapp.common.errors import UserError
-from labapp.files.writing import encode_image, write_atomically
+from labapp.files.picture.photograph_writing import encode_png
+from labapp.files.writing import write_atomically
 from labapp.prediction.simulating.effect_explanation import describe_plan
 from labapp.prediction.simulating.picture_request import PictureRequest, prepare_scene
 from optics.progress import Progress
@@ -74,7 +75,7 @@ def _sample_frames(
 def _write_png(
     path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
 ) -> None:
-    write_atomically(path, encode_image(path, frames[0]))
+    write_atomically(path, encode_png(path, frames[0], in_srgb=False))
 
 
 def _write_tiff(

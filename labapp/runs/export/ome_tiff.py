@@ -24,4 +24,10 @@ def write_ome_tiff(work: ExportJob, draft: Path) -> None:
     description = ome_xml(work)
     is_big = 2 * math.prod(shape) + len(description) > _TIFF_LIMIT
     with tifffile.TiffWriter(draft / work.names[0], bigtiff=is_big, ome=False) as file:
-        file.write(work.images(), shape=shape, dtype=np.uint16, **tiff_tags(work, description))
+        file.write(
+            work.images(),
+            shape=shape,
+            dtype=np.uint16,
+            photometric="minisblack",
+            **tiff_tags(work, description),
+        )

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import labapp
-from labapp.files.writing import encode_image
+from labapp.files.picture.photograph_writing import encode_png, linear_tiff
 from labapp.runs.export.export_job import ExportJob
 from labapp.runs.record import layout
 
@@ -19,19 +19,18 @@ def write_tiffs(work: ExportJob, draft: Path) -> None:
     simulated = work.record.simulated_devices
     for name, row, image in zip(work.names, work.rows, work.images(), strict=False):
         description = json.dumps(row | {"units": layout.UNITS, "simulated": simulated})
-        tifffile.imwrite(draft / name, image, **tiff_tags(work, description))
+        tifffile.imwrite(draft / name, image, **linear_tiff(image), **tiff_tags(work, description))
 
 
 def write_pngs(work: ExportJob, draft: Path) -> None:
     """Write each exported frame of a run as a PNG file."""
     for name, image in zip(work.names, work.images(), strict=False):
-        (draft / name).write_bytes(encode_image(Path(name), image))
+        (draft / name).write_bytes(encode_png(Path(name), image, in_srgb=False))
 
 
 def tiff_tags(work: ExportJob, description: str) -> dict[str, Any]:
     """Return the TIFF tags of a run's exported frame, as arguments of tifffile."""
     told = {
-        "photometric": "minisblack",
         "description": description,
         "software": f"labapp {labapp.__version__}",
         "metadata": None,

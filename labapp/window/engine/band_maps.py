@@ -43,7 +43,7 @@ def list_maps(
     """
     maps = []
     if cube.error is not None:
-        maps.append(_error_map(cube.error))
+        maps.append(_error_map(np.asarray(cube.error)))
     if truth is not None:
         maps.append(_difference_map(cube.values - truth.values))
     return (*maps, _residual_map(residual))

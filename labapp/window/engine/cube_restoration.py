@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.cubes import SpectralCube, write_cube
-from labapp.files.photograph_file import encode_srgb
+from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.files.writing import write_atomically
 from labapp.runs.record.reader import Record
 from labapp.spectral.band_list import parse_bands
@@ -73,11 +73,11 @@ class CubeRestoration:
             path=self.path,
             source=problem.source.removeprefix(f"{self.path}, "),
             wavelengths=cube.wavelengths,
-            values=cube.values,
-            truth=None if truth is None else truth.values,
-            error=cube.error,
-            grey=encode_srgb(cube.values),
-            true_grey=None if truth is None else encode_srgb(truth.values),
+            values=np.asarray(cube.values),
+            truth=None if truth is None else np.asarray(truth.values),
+            error=None if cube.error is None else np.asarray(cube.error),
+            grey=encode_srgb(np.asarray(cube.values)),
+            true_grey=None if truth is None else encode_srgb(np.asarray(truth.values)),
             snapshot=_snapshot_levels(problem.rate)[::step, ::step].copy(),
             maps=list_maps(cube, truth, restored.residual_map[::step, ::step]),
             pixel_step=step,
@@ -102,7 +102,8 @@ class CubeRestoration:
         truth, mean, most = self._shown_truth, None, None
         if self.restored.truth is not None:
             apart = colour_difference(self.restored.cube, self.restored.truth, self.light)
-            mean, most = float(apart.mean()), float(np.percentile(apart, 95))
+            # Where the true cube lacks a value, there is none.
+            mean, most = float(np.nanmean(apart)), float(np.nanpercentile(apart, 95))
         return CubeColours(
             light=self.light.name,
             restored=srgb_levels(self._shown_pixels(self.restored.cube), self.light),

@@ -12,7 +12,7 @@ from labapp.edof.shown_pattern import match_shown_pattern
 from labapp.edof.trained_pattern import BUNDLED_PATTERN
 from labapp.files.grey_table import ImagePattern
 from labapp.files.output_paths import is_design, require_photograph_ending
-from labapp.files.photograph_file import encode_srgb
+from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.files.plan_file import Reconstruction
 from labapp.files.writing import write_atomically
 from labapp.pictures.reconstructing.before_after import middle_of_psf

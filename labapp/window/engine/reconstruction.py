@@ -8,7 +8,7 @@ from pathlib import Path
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.files.output_paths import require_photograph_ending
-from labapp.files.photograph_file import encode_srgb
+from labapp.files.picture.photograph_writing import encode_srgb
 from labapp.files.writing import write_atomically
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem

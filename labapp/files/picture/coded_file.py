@@ -1,0 +1,191 @@
+"""Read PNG, JPEG and other coded pictures by imagecodecs, whose answer is held against the header.
+
+imagecodecs keeps bits and transparency, costs no more than OpenCV, and says nothing to the
+terminal. What it doesn't decode of Windows bitmaps, OpenCV does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import imagecodecs
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.guarded_reading import require_memory
+from labapp.files.picture.encoding import Statement
+from labapp.files.picture.exif import Exif
+from labapp.files.picture.exif_in_files import (
+    exif_of_jpeg,
+    exif_of_png,
+    exif_of_webp,
+)
+from labapp.files.picture.file_parts import jpeg_segments
+from labapp.files.picture.headers import Header
+from labapp.files.picture.heif import exif_of_heif, heif_encoding, orientation_of_heif
+from labapp.files.picture.icc import icc_encoding
+from labapp.files.picture.jpeg_xl import exif_of_jpeg_xl, read_jpeg_xl_header
+from labapp.files.picture.refusal import refuse_picture
+from labapp.files.picture.stated_encoding import icc_of_jpeg, icc_of_webp, png_encoding
+from labapp.files.picture.stored import StoredPicture
+
+_MOST_SCANS = 100
+"""Scans of a progressive JPEG, each of which goes over the whole picture. Encoders write about 10
+(ITU-T T.81, section G); a file can hold thousands. Chosen."""
+
+_SCAN, _END = b"\xff\xda", b"\xff\xd9"
+"""JPEG's markers before each scan, and at the end of a picture."""
+
+Samples = NDArray[Any]
+
+
+def _decode_bmp(data: bytes) -> Samples:
+    """Decode a Windows bitmap by OpenCV, which knows its compressed kinds, too."""
+    import cv2
+
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
+    if found is None:
+        raise ValueError("OpenCV can't decode it")
+    return np.asarray(found[..., ::-1] if found.ndim == 3 else found)
+
+
+_DECODERS: dict[str, Callable[[bytes], Samples]] = {
+    "PNG": imagecodecs.png_decode,
+    "JPEG": imagecodecs.jpeg8_decode,
+    "BMP": _decode_bmp,
+    "WebP": imagecodecs.webp_decode,
+    "GIF": lambda data: imagecodecs.gif_decode(data, index=0),
+    "JPEG 2000": imagecodecs.jpeg2k_decode,
+    "JPEG XL": lambda data: imagecodecs.jpegxl_decode(data, index=0, keeporientation=True),
+    "AVIF": lambda data: imagecodecs.avif_decode(data, index=0),
+    "JPEG XR": imagecodecs.jpegxr_decode,
+    "JPEG-LS": imagecodecs.jpegls_decode,
+    "QOI": imagecodecs.qoi_decode,
+}
+"""What decodes each format to (rows, columns[, samples]), red first."""
+
+
+def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
+    """Read the bytes of a coded picture file, of which `header` was found.
+
+    Raises UserError, which says what the file is, if it is damaged, asks for too much memory, or
+    what is decoded isn't what the header says.
+    """
+    size = header.width * header.height * 4 * (2 if (header.bits or 16) > 8 else 1)
+    what = f"a picture of {header.width} x {header.height} pixels by its header"
+    require_memory(path, len(data), size, what, pixels=header.width * header.height)
+    if header.kind == "JPEG":
+        _require_whole_jpeg(path, data)
+    samples = _decode(path, data, header)
+    values, notes = _colours(path, data, header, samples)
+    encoding, source, told = _encoding(path, data, header)
+    exif = _EXIF[header.kind](data) if header.kind in _EXIF else None
+    bits = values.dtype.itemsize * 8 if header.bits is None else max(header.bits, 8)
+    white = None if values.dtype.kind == "f" else float(2**bits - 1)
+    return StoredPicture(
+        values=values,
+        white=white,
+        encoding=encoding,
+        encoding_source=source,
+        pages=1,
+        orientation=_orientation(data, header, exif),
+        exif=exif,
+        is_lossy=header.is_lossy is not False,
+        kind=header.kind if header.bits in (None, 8) else f"{header.bits}-bit {header.kind}",
+        notes=(*notes, *told),
+    )
+
+
+def _require_whole_jpeg(path: Path, data: bytes) -> None:
+    """Raise UserError for a JPEG that ends early, which decoders fill with grey, or takes long."""
+    # Thumbnails in segments have ends of their own.
+    scan = 2 + sum(4 + len(content) for _, content in jpeg_segments(data))
+    if data.find(_END, scan) < 0:
+        raise refuse_picture(path, "a JPEG that is cut short", "Get the original.")
+    if data.count(_SCAN) > _MOST_SCANS:
+        raise refuse_picture(
+            path, f"a JPEG of more than {_MOST_SCANS} scans, as no program writes", "Save it anew."
+        )
+
+
+def _decode(path: Path, data: bytes, header: Header) -> Samples:
+    """Decode a picture; raise UserError if that fails, or it hasn't the size of its header."""
+    try:
+        found = _DECODERS[header.kind](data)
+    except MemoryError as error:
+        raise refuse_picture(
+            path, f"a {header.kind} for which there is too little memory"
+        ) from error
+    # Each decoder has an exception of its own.
+    except Exception as error:
+        reason = " ".join(str(error).split())[:120]
+        raise refuse_picture(
+            path, f"a {header.kind} that is damaged, cut short or of a rare kind ({reason})"
+        ) from error
+    if found.ndim not in (2, 3) or found.shape[:2] != (header.height, header.width):
+        raise refuse_picture(
+            path, f"a {header.kind} that was decoded to {' x '.join(map(str, found.shape))}, and "
+            f"is {header.height} x {header.width} by its header"
+        )  # fmt: skip
+    return found
+
+
+def _colours(
+    path: Path, data: bytes, header: Header, samples: Samples
+) -> tuple[Samples, tuple[str, ...]]:
+    """Return a picture's samples as (1 or 3, rows, columns), and what was done with others."""
+    bands = samples[None] if samples.ndim == 2 else np.moveaxis(samples, -1, 0)
+    if header.kind == "JPEG" and len(bands) == 4:
+        told = "its inks were turned into red, green and blue without their profile"
+        return _from_inks(bands, is_inverse=b"Adobe" in data[:4096]), (told,)
+    if len(bands) in (2, 4):
+        return bands[:-1], ("its alpha was left out: colours are as they're stored",)
+    if len(bands) not in (1, 3):
+        raise refuse_picture(path, f"a {header.kind} of {len(bands)} bands a pixel")
+    return bands, ()
+
+
+def _from_inks(inks: Samples, *, is_inverse: bool) -> Samples:
+    """Return red, green and blue of CMYK; Adobe's files store 255 for no ink."""
+    left = (inks if is_inverse else 255 - inks).astype(np.float64)
+    return np.rint(left[:3] * left[3] / 255).astype(np.uint8)
+
+
+def _encoding(path: Path, data: bytes, header: Header) -> Statement:
+    """Return the encoding that a picture's file says, with remarks."""
+    try:
+        if header.kind == "PNG":
+            return png_encoding(data)
+        if header.kind == "AVIF":
+            return heif_encoding(data)
+        profile = {"JPEG": icc_of_jpeg, "WebP": icc_of_webp}.get(header.kind, _no_profile)(data)
+        return Statement(None) if profile is None else icc_encoding(profile)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+
+
+def _no_profile(data: bytes) -> None:
+    """Return the colour profile of formats that have none here."""
+
+
+_EXIF = {
+    "JPEG": exif_of_jpeg,
+    "PNG": exif_of_png,
+    "WebP": exif_of_webp,
+    "AVIF": exif_of_heif,
+    "JPEG XL": exif_of_jpeg_xl,
+}
+"""What finds the Exif block in a file of each format."""
+
+
+def _orientation(data: bytes, header: Header, exif: Exif | None) -> int:
+    """Return the orientation that a picture's file says, 1 to 8."""
+    if header.kind == "AVIF":
+        return orientation_of_heif(data)
+    if header.kind == "JPEG XL":
+        found = read_jpeg_xl_header(data)
+        return found.orientation if found is not None else 1
+    return (exif.orientation if exif is not None else None) or 1

@@ -1,0 +1,89 @@
+"""Open a picture file of any format by what its bytes are, whatever its name ends in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from labapp.common.errors import UserError
+from labapp.files.picture.headers import find_header
+from labapp.files.picture.other_formats import name_format
+from labapp.files.picture.stored import StoredPicture
+from labapp.files.raw.recognition import is_raw
+
+FORMATS = (
+    "JPEG, PNG, TIFF, DNG and other RAW, OpenEXR, Radiance HDR, FITS, JPEG 2000, JPEG XL, AVIF, "
+    "WebP, GIF, BMP, PGM, PPM, PFM, QOI, JPEG XR, JPEG-LS and .npy"
+)
+"""Formats of pictures that are read, in words."""
+
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""First bytes of TIFF (Adobe, TIFF 6.0, section 2) and of BigTIFF, in both orders of bytes."""
+
+_FITS, _OPEN_EXR = b"SIMPLE  =", b"\x76\x2f\x31\x01"
+_RADIANCE = (b"#?RADIANCE", b"#?RGBE", b"#?AUTOPANO")
+_PORTABLE = tuple(b"P%c" % one for one in b"1234567Ff")
+
+
+def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
+    """Read the bytes of a picture file as numbers, with all that the file says of them.
+
+    `page` counts the file's pictures from 0. Raises UserError, which says what the file is, if it
+    can't be read rightly.
+    """
+    if is_raw(data, path):
+        raise UserError(
+            f"{path}: is a camera's RAW file. labapp reconstruct and labapp merge take it; here, "
+            "give a picture that was developed from it, such as a 16-bit TIFF."
+        )
+    if is_tiff(data):
+        from labapp.files.picture.tiff_file import read_tiff
+
+        return read_tiff(path, data, page)
+    header = find_header(data)
+    if header is not None:
+        from labapp.files.picture.coded_file import read_coded
+
+        return read_coded(path, data, header)
+    read = _other_reader(data)
+    if read is None:
+        raise UserError(
+            f"{path}: is not a picture that can be read: it is {name_format(data, path.suffix)}. "
+            f"Give a {FORMATS}."
+        )
+    return read(path, data, page)
+
+
+def count_pages(data: bytes) -> int:
+    """Return how many pictures the bytes of a TIFF file hold; 1 for any other."""
+    if not is_tiff(data):
+        return 1
+    from labapp.files.picture.tiff_file import count_tiff_pages
+
+    return count_tiff_pages(data)
+
+
+def is_tiff(data: bytes) -> bool:
+    """Return whether the bytes of a picture file begin as TIFF does."""
+    return data.startswith(_TIFF)
+
+
+def _other_reader(data: bytes) -> Callable[[Path, bytes, int], StoredPicture] | None:
+    """Return the reader of a format that has light or plain numbers; None if it is none of them."""
+    if data.startswith(_OPEN_EXR):
+        from labapp.files.picture.open_exr import read_open_exr
+
+        return read_open_exr
+    if data.startswith(_RADIANCE):
+        from labapp.files.picture.radiance import read_radiance
+
+        return read_radiance
+    if data.startswith(_FITS):
+        from labapp.files.picture.fits import read_fits
+
+        return read_fits
+    if data.startswith(_PORTABLE):
+        from labapp.files.picture.portable_map import read_portable_map
+
+        return read_portable_map
+    return None

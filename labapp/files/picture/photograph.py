@@ -1,0 +1,216 @@
+"""Photographs as they were read: levels, the light they stand for, and what their file says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.array_file import read_npy
+from labapp.files.guarded_reading import read_bytes
+from labapp.files.picture.encoding import LINEAR, SRGB, Encoding, decode_levels
+from labapp.files.picture.exif import SRGB as SRGB_BY_EXIF
+from labapp.files.picture.exif import Exif
+from labapp.files.picture.opening import count_pages, read_stored
+from labapp.files.picture.stored import StoredPicture
+
+Light = NDArray[np.float32]
+
+_TURNS = {
+    2: "mirrored left to right", 3: "turned by 180°", 4: "mirrored top to bottom",
+    5: "mirrored and turned by 90°", 6: "turned by 90° clockwise",
+    7: "mirrored and turned by 270°", 8: "turned by 90° counterclockwise",
+}  # fmt: skip
+"""How a picture is to be shown upright, by its orientation (Exif 2.32, section 4.6.4)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """A photograph that was read from a file, in the sensor's order.
+
+    path: the file. kind: format in words. levels: (bands, rows, columns), the file's numbers; one
+    band, or red, green and blue. encoding: how they stand for light; encoding_source: who says so,
+    in words. white: number of white; None for floating-point numbers. orientation: 1 to 8, as Exif
+    counts them, which is told and never applied, because the PSF that belongs to the photograph
+    isn't turned either. is_lossy: whether the file's compression has lost something. exposure: what
+    the camera noted, or None. notes: what was done or left out.
+    """
+
+    path: Path
+    levels: NDArray[Any]
+    encoding: Encoding = LINEAR
+    encoding_source: str = ""
+    white: float | None = None
+    kind: str = "array"
+    orientation: int = 1
+    is_lossy: bool = False
+    exposure: Exif | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_coded(self) -> bool:
+        """Whether the photograph's levels aren't proportional to light."""
+        return self.encoding.name != "linear"
+
+    @property
+    def light(self) -> Light:
+        """The photograph file's numbers as linear light.
+
+        White is 1 for coded levels. Linear ones keep the file's unit.
+        """
+        if not self.is_coded:
+            return self.levels.astype(np.float32)
+        return self.relative_light
+
+    @property
+    def relative_light(self) -> Light:
+        """The photograph file's numbers as linear light, white at 1; floating point as it is."""
+        return decode_levels(self.levels, self.white, self.encoding)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Say in words how the photograph's file was read, where that isn't plain."""
+        if self.orientation == 1:
+            return self.notes
+        turned = _TURNS[self.orientation]
+        return (
+            *self.notes,
+            f"by its orientation it is to be shown {turned}; the sensor's order was kept, which "
+            "is that of its PSF",
+        )
+
+    def saturation_level(self) -> float | None:
+        """Find in a photograph's file the level at which the sensor's wells were full, or None.
+
+        None means that the file shows no sign of full wells. The sign is 3 neighbouring pixels at
+        the picture's highest level, if it also has at least twice as many pixels as the level
+        below.
+        """
+        levels = np.where(np.isfinite(self.levels), self.levels, -np.inf)
+        top = levels.max()
+        at = levels == top
+        if at.all() or not (_has_run(at) or _has_run(at.swapaxes(-1, -2))):
+            return None
+        if np.array_equal(levels, np.rint(levels)):
+            below = int((levels == top - 1).sum())
+            if int(at.sum()) < 2.0 * below:
+                return None
+        return float(top)
+
+
+def read_photograph(
+    path: Path,
+    *,
+    encoding: Encoding | None = None,
+    page: int | None = None,
+    page_option: str = "",
+) -> Photograph:
+    """Read a photograph from a picture file or .npy, grey or colour.
+
+    Parameters
+    ----------
+    path : Path
+        The file, of any format in `labapp.files.picture.opening.FORMATS`.
+    encoding : Encoding, optional
+        How its numbers stand for light; by default what the file says, or else sRGB's curve for
+        8-bit pictures, and proportional for all other numbers.
+    page : int, optional
+        Which of several pictures is meant, from 0.
+    page_option : str
+        The command's option that names the page, for messages.
+
+    Raises
+    ------
+    UserError
+        If the file can't be read rightly, or holds several pictures and none is named.
+    """
+    data = read_bytes(path)
+    if path.suffix.lower() == ".npy" or data.startswith(b"\x93NUMPY"):
+        stored = _read_array(path)
+    else:
+        stored = read_stored(path, data, _page(path, data, page, page_option))
+    _require_values(path, stored.values)
+    found, source = _choose_encoding(path, stored, encoding)
+    return Photograph(
+        path, np.ascontiguousarray(stored.values), found, source, stored.white, stored.kind,
+        stored.orientation, stored.is_lossy, stored.exif, stored.notes,
+    )  # fmt: skip
+
+
+def _choose_encoding(
+    path: Path, stored: StoredPicture, given: Encoding | None
+) -> tuple[Encoding, str]:
+    """Return the encoding that is given, or the file's, or that of its numbers; and who says so."""
+    if given is not None:
+        return given, "as told"
+    found = stored.encoding
+    if found is not None:
+        if found.curves is not None and len(found.curves) not in (1, len(stored.values)):
+            raise UserError(
+                f"{path}: is grey, and its ICC profile is one of colours. Name its encoding."
+            )
+        return found, stored.encoding_source
+    if stored.values.dtype.kind == "f":
+        return LINEAR, "floating-point numbers are proportional to light"
+    if stored.exif is not None and stored.exif.colour_space == SRGB_BY_EXIF:
+        return SRGB, "its Exif block"
+    if stored.white == 255 and stored.values.dtype == np.uint8:
+        return SRGB, "8-bit pictures without a word on it are sRGB"
+    return LINEAR, "numbers of more than 8 bits without a word on it are proportional to light"
+
+
+def _page(path: Path, data: bytes, page: int | None, option: str) -> int:
+    """Return the picture of a file to read, counted from 0."""
+    count = count_pages(data)
+    if count > 1 and page is None:
+        remedy = "Save the one that is meant as a file of its own."
+        if option:
+            remedy = f"Name one: {option} 0 to {count - 1}."
+        raise UserError(f"{path}: holds {count} pictures. {remedy}")
+    if page is not None and not 0 <= page < count:
+        raise UserError(
+            f"{option or 'page'} {page}: {path} holds {count} pictures, counted from 0."
+        )
+    return page or 0
+
+
+def _read_array(path: Path) -> StoredPicture:
+    """Read a photograph from an array of NumPy, whose numbers are proportional to light."""
+    values = read_npy(path)
+    if values.dtype.kind not in "iuf":
+        raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
+    if values.ndim == 2:
+        bands = values[None]
+    elif values.ndim == 3 and values.shape[-1] in (1, 3):
+        bands = np.moveaxis(values, -1, 0)
+    else:
+        raise UserError(
+            f"{path}: is {' x '.join(map(str, values.shape))}; give rows x columns, or rows x "
+            "columns x 3."
+        )
+    white = None if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+    told = "arrays are proportional to light"
+    return StoredPicture(bands, "array", white, LINEAR, told)
+
+
+def _require_values(path: Path, values: NDArray[Any]) -> None:
+    """Raise UserError for a picture without a single number."""
+    if not values.size:
+        raise UserError(f"{path}: has no pixels.")
+    if values.dtype.kind == "f" and not np.isfinite(values).any():
+        raise UserError(f"{path}: has no finite value. Give a picture.")
+
+
+def _has_run(at: NDArray[np.bool_]) -> bool:
+    """Return whether 3 neighbouring pixels of a row are set, the file's sign of full wells."""
+    side = at.shape[-1] - 2
+    if side < 1:
+        return False
+    run = at[..., :side].copy()
+    for step in (1, 2):
+        run &= at[..., step : step + side]
+    return bool(run.any())

@@ -1,0 +1,223 @@
+"""Read TIFF files by tifffile, whose answer is held against the file's own tags.
+
+The numbers come as they are stored: those of 10, 12 and 14 bits aren't stretched to 16, planes are
+read one by one, and orientation is told and not applied.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.guarded_reading import require_memory
+from labapp.files.picture.encoding import Statement
+from labapp.files.picture.exif_in_files import exif_of_tiff
+from labapp.files.picture.icc import icc_encoding
+from labapp.files.picture.refusal import refuse_picture
+from labapp.files.picture.stored import StoredPicture
+from labapp.files.picture.tiff_samples import TiffSamples, to_light
+
+_REDUCED, _MASK = 1, 4
+"""Bits of NewSubfileType that say that a page is a smaller copy or a mask of another (Adobe, TIFF
+6.0, section 8)."""
+
+_LOSSY = frozenset({6, 7, 33003, 33004, 33005, 33007, 34712, 34887, 34892, 50001, 50002, 52546})
+"""Compressions that lose something or may: JPEG in its kinds, JPEG 2000, LERC, WebP, JPEG XL."""
+
+_DEPTH, _ICC, _TRANSFER = 32997, 34675, 301
+
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
+
+
+def count_tiff_pages(data: bytes) -> int:
+    """Return how many pictures the bytes of a TIFF file hold, without smaller copies and masks."""
+    try:
+        with tifffile.TiffFile(io.BytesIO(data)) as file:
+            return _count(file)
+    # A damaged file makes tifffile raise whatever its numbers lead to.
+    except Exception:
+        return 1
+
+
+def read_tiff(path: Path, data: bytes, page: int = 0) -> StoredPicture:
+    """Read a picture of a TIFF file as the light and numbers that it stores.
+
+    `page` counts from 0, without smaller copies and masks. Raises UserError, which says what the
+    file is, if it is damaged, or of a kind that can't be read rightly.
+    """
+    with _damage_told(path), tifffile.TiffFile(io.BytesIO(data)) as file:
+        found = _pages(file)
+        count = _count(file)
+        if not found:
+            raise refuse_picture(path, "a TIFF without a picture")
+        part = found[page] if len(found) == count else found[0]
+        header = _header(path, part)
+        _require_readable(path, part, len(data), header)
+        values = part.asarray(squeeze=False, maxworkers=1)
+        if len(found) != count:
+            values = _hidden_frame(file, page, values.shape)
+        _require_shape(path, part, values)
+        samples = to_light(path, header, _as_bands(values))
+        encoding, source, notes = _encoding(part)
+        return StoredPicture(
+            values=samples.values,
+            white=samples.white,
+            encoding=samples.encoding or encoding,
+            encoding_source=samples.encoding_source or source,
+            pages=count,
+            orientation=_orientation(part),
+            exif=exif_of_tiff(data, part.offset),
+            is_lossy=int(part.compression) in _LOSSY,
+            kind=_kind(part),
+            notes=(*samples.notes, *notes),
+        )
+
+
+@contextmanager
+def _damage_told(path: Path) -> Iterator[None]:
+    """Raise UserError for whatever tifffile and its decoders raise on a file."""
+    try:
+        yield
+    except (UserError, KeyboardInterrupt):
+        raise
+    except MemoryError as error:
+        raise refuse_picture(path, "a TIFF for which there is too little memory") from error
+    except Exception as error:
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise refuse_picture(path, f"a TIFF that is damaged, or cut short ({reason})") from error
+
+
+def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
+    """Return the pages of a TIFF file that are pictures in their own right."""
+    # A page that is followed by itself is counted once by its length, and for ever by iteration.
+    pages = [_whole_page(file.pages[number]) for number in range(len(file.pages))]
+    whole = [page for page in pages if not int(page.subfiletype) & (_REDUCED | _MASK)]
+    return whole or pages[:1]
+
+
+def _whole_page(page: Any) -> tifffile.TiffPage:
+    """Return a page with all its tags; tifffile keeps only some of those that look alike."""
+    return page.aspage() if isinstance(page, tifffile.TiffFrame) else page
+
+
+def _count(file: tifffile.TiffFile) -> int:
+    """Return the number of pictures of an open TIFF file."""
+    return max(len(_pages(file)), _hidden_frames(file))
+
+
+def _hidden_frames(file: tifffile.TiffFile) -> int:
+    """Return the frames that lie one after the other behind a single page; 0 if there are none.
+
+    ImageJ writes stacks so, and tifffile where it is told to leave out the other pages.
+    """
+    if len(file.pages) != 1 or not (file.is_imagej or file.is_shaped):
+        return 0
+    page = file.pages.first
+    frames = math.prod(file.series[0].get_shape(False)) // max(math.prod(page.shape), 1)
+    return frames if frames > 1 else 0
+
+
+def _hidden_frame(file: tifffile.TiffFile, page: int, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return one of the frames behind a single page."""
+    every = file.series[0].asarray(squeeze=False)
+    return np.asarray(every.reshape(-1, *shape)[page])
+
+
+def _header(path: Path, part: tifffile.TiffPage) -> TiffSamples:
+    """Return what the tags of a page say about its samples."""
+    if int(part.imagedepth) > 1 or (_DEPTH in part.tags and part.tags[_DEPTH].value > 1):
+        raise refuse_picture(path, "a TIFF of a volume, with several planes of depth")
+    bits = part.bitspersample
+    if not isinstance(bits, int):
+        bits = bits[0] if len(set(bits)) == 1 else 0
+    if part.dtype is None or bits == 0:
+        told = "x".join(map(str, np.atleast_1d(part.bitspersample)))
+        raise refuse_picture(path, f"a TIFF with samples of {told} bits, {_number_kind(part)}")
+    return TiffSamples(
+        photometric=int(part.photometric),
+        bits=bits,
+        dtype=part.dtype,
+        samples=part.samplesperpixel,
+        extra=tuple(int(one) for one in part.extrasamples),
+        compression=int(part.compression),
+        colour_map=part.colormap,
+        is_planar=int(part.planarconfig) == 2,
+        tags={tag.code: tag.value for tag in part.tags if tag.code in TiffSamples.NEEDED},
+    )
+
+
+def _number_kind(part: tifffile.TiffPage) -> str:
+    """Say what kind of numbers a page holds by its tag SampleFormat (TIFF 6.0, section 19)."""
+    names = {1: "whole numbers", 2: "signed numbers", 3: "floating point", 6: "complex numbers"}
+    return names.get(int(part.sampleformat), "of an unknown kind")
+
+
+def _require_readable(
+    path: Path, part: tifffile.TiffPage, stored: int, header: TiffSamples
+) -> None:
+    """Raise UserError for a page without all its data, or that would take too much memory."""
+    tile = max(int(part.tilewidth), 1) * max(int(part.tilelength), 1)
+    size = max(math.prod(part.shaped), tile * header.samples) * part.dtype.itemsize
+    what = f"a picture of {part.imagewidth} x {part.imagelength} pixels by its header"
+    require_memory(path, stored, size, what, pixels=size // part.dtype.itemsize)
+    needed = math.prod(part.chunked)
+    ends = [at + count for at, count in zip(part.dataoffsets, part.databytecounts, strict=False)]
+    if len(ends) < needed or not all(part.databytecounts[:needed]):
+        raise refuse_picture(path, "a TIFF some of whose strips or tiles are missing")
+    if max(ends[:needed]) > stored:
+        raise refuse_picture(
+            path, f"a TIFF that is cut short: {stored} of {max(ends)} bytes are there"
+        )
+
+
+def _require_shape(path: Path, part: tifffile.TiffPage, values: NDArray[Any]) -> None:
+    """Raise UserError if what was decoded isn't of the size and kind that the page's tags say."""
+    planes, _, rows, columns, samples = values.shape
+    wanted = (part.imagelength, part.imagewidth, part.samplesperpixel, part.dtype)
+    if (rows, columns, planes * samples, values.dtype.newbyteorder("=")) != wanted:
+        raise refuse_picture(
+            path, f"a TIFF whose data are {columns} x {rows} pixels of {planes * samples} "
+            f"{values.dtype} samples, and by its header {part.imagewidth} x {part.imagelength}"
+        )  # fmt: skip
+
+
+def _as_bands(values: NDArray[Any]) -> NDArray[Any]:
+    """Return decoded (planes, depth, rows, columns, samples) as (samples, rows, columns)."""
+    planes, _, rows, columns, samples = values.shape
+    moved = np.moveaxis(values[:, 0], -1, 1).reshape(planes * samples, rows, columns)
+    return moved.astype(values.dtype.newbyteorder("="), copy=False)
+
+
+def _encoding(part: tifffile.TiffPage) -> Statement:
+    """Return the encoding that a page's colour profile says, in words too, with remarks."""
+    if _ICC in part.tags:
+        return icc_encoding(bytes(part.tags[_ICC].value))
+    if _TRANSFER in part.tags:
+        return Statement(None, "", ("its tag TransferFunction was passed over: name its encoding",))
+    return Statement(None)
+
+
+def _orientation(part: tifffile.TiffPage) -> int:
+    """Return the orientation that a page's tag says, 1 to 8; 1 where it says none."""
+    told = part.tags.valueof(274, 1)
+    return int(told) if told in range(1, 9) else 1
+
+
+def _kind(part: tifffile.TiffPage) -> str:
+    """Return a page's kind in words: bits, and compression if there is any."""
+    bits = "x".join(map(str, dict.fromkeys(np.atleast_1d(part.bitspersample).tolist())))
+    number = " floating-point" if int(part.sampleformat) == 3 else ""
+    if int(part.compression) == 1:
+        return f"{bits}-bit{number} TIFF"
+    name = getattr(part.compression, "name", str(part.compression)).replace("_", " ")
+    return f"{bits}-bit{number} TIFF, {name}"

@@ -1,0 +1,268 @@
+"""Turn the samples of a TIFF file into light: photometric interpretation, palette, inks and alpha.
+
+Sections are those of Adobe's TIFF 6.0 (1992).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.files.picture.encoding import LINEAR, SRGB, Encoding
+from labapp.files.picture.refusal import refuse_picture
+
+Samples = NDArray[Any]
+
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE, _INKS, _YCBCR, _LAB = 0, 1, 2, 3, 5, 6, 8
+"""Values of the tag PhotometricInterpretation."""
+
+_UNREADABLE = {
+    4: "a mask of transparency",
+    9: "in ICC L*a*b*",
+    10: "in ITU L*a*b*",
+    32803: "a RAW mosaic that isn't a DNG's",
+    32844: "in LogL",
+    32845: "in LogLuv",
+    34892: "a linear RAW picture that isn't a DNG's",
+    51177: "a map of depth",
+}
+"""Values of PhotometricInterpretation that aren't turned into light, in words."""
+
+_JPEG, _WEBP = 7, 50001
+"""Compressions whose decoders turn YCbCr into red, green and blue themselves."""
+
+_UNSPECIFIED, _ASSOCIATED = 0, 1
+"""Values of the tag ExtraSamples; 2 is alpha that isn't multiplied into the colours."""
+
+_COEFFICIENTS, _REFERENCE, _INK_SET = 529, 532, 332
+
+
+@dataclass(frozen=True, eq=False)
+class TiffSamples:
+    """What the tags of a TIFF page say about its samples.
+
+    bits: of each sample. extra: what samples beyond those of the colours are. colour_map: (3,
+    colours) of 16 bits, or None. tags: values of the tags in NEEDED.
+    """
+
+    NEEDED: ClassVar = frozenset({_COEFFICIENTS, _REFERENCE, _INK_SET})
+
+    photometric: int
+    bits: int
+    dtype: np.dtype[Any]
+    samples: int
+    extra: tuple[int, ...]
+    compression: int
+    colour_map: Samples | None
+    is_planar: bool
+    tags: dict[int, Any]
+
+    @property
+    def white(self) -> float | None:
+        """The highest number that the samples' bits hold; None for floating point."""
+        if self.dtype.kind == "f":
+            return None
+        return float(2 ** (self.bits - (self.dtype.kind == "i")) - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class TiffLight:
+    """The numbers of a TIFF page as grey or red, green and blue, (1 or 3, rows, columns).
+
+    white: number of white; None for floating point. encoding: what the page's kind says of its
+    numbers, or None. notes: what was done, in words.
+    """
+
+    values: Samples
+    white: float | None
+    encoding: Encoding | None = None
+    encoding_source: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def to_light(path: Path, header: TiffSamples, samples: Samples) -> TiffLight:
+    """Turn the decoded samples of a TIFF page, (samples, rows, columns), into light.
+
+    Raises UserError, which names the kind, for what can't be turned rightly.
+    """
+    if header.photometric in _UNREADABLE:
+        raise refuse_picture(path, f"a TIFF that is {_UNREADABLE[header.photometric]}")
+    colours, alpha, notes = _without_extra(path, header, samples)
+    white = header.white
+    if header.photometric == _PALETTE:
+        return _from_palette(path, header, colours[0], notes)
+    if header.photometric == _LAB:
+        return _from_lab(path, header, colours, notes)
+    if header.photometric == _INKS:
+        colours = _from_inks(path, header, colours)
+        notes += ("its inks were turned into red, green and blue without their profile",)
+    elif header.photometric == _WHITE_IS_ZERO:
+        colours = _inverse(path, header, colours)
+    elif header.photometric == _YCBCR and _is_ycbcr(header):
+        colours = _from_ycbcr(path, header, colours)
+    if alpha is not None:
+        colours = _without_alpha(colours, alpha, white)
+        notes += ("colours were divided by the alpha that was multiplied into them",)
+    return TiffLight(*_at_eight_bits(colours, white), notes=notes)
+
+
+def _colour_count(header: TiffSamples) -> int:
+    """Return how many samples of a TIFF page are colours by its photometric interpretation."""
+    if header.photometric == _INKS:
+        return 4
+    if header.photometric in (_RGB, _YCBCR, _LAB):
+        return 3
+    # Three planes without a word on their colours are red, green and blue for most programs.
+    grey = header.photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO)
+    return 3 if grey and header.samples == 3 and not any(header.extra) else 1
+
+
+def _without_extra(
+    path: Path, header: TiffSamples, samples: Samples
+) -> tuple[Samples, Samples | None, tuple[str, ...]]:
+    """Return the colours of a TIFF page, the alpha that is multiplied into them, and remarks."""
+    count = _colour_count(header)
+    if len(samples) < count:
+        raise refuse_picture(path, f"a TIFF of {len(samples)} samples a pixel, and needs {count}")
+    extra = header.extra[-(len(samples) - count) :] if len(samples) > count else ()
+    if len(samples) > count + 1 or (extra and extra[0] == _UNSPECIFIED and len(samples) > 4):
+        raise refuse_picture(
+            path, f"a TIFF of {len(samples)} bands a pixel",
+            "Save the band that is meant, or red, green and blue, as a picture of its own.",
+        )  # fmt: skip
+    notes: tuple[str, ...] = ()
+    if count == 3 and header.photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO):
+        notes = ("its three samples a pixel were taken as red, green and blue",)
+    if len(samples) == count:
+        return samples, None, notes
+    if extra and extra[0] == _ASSOCIATED:
+        return samples[:count], samples[count], notes
+    return samples[:count], None, (*notes, "its alpha was left out: colours are as they're stored")
+
+
+def _without_alpha(colours: Samples, alpha: Samples, white: float | None) -> Samples:
+    """Divide colours by the alpha that was multiplied into them; 0 where nothing is seen."""
+    share = np.maximum(alpha.astype(np.float64), 0) / (white or 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        whole = np.where(share > 0, colours / share, 0)
+    if white is None:
+        return whole.astype(colours.dtype)
+    return np.rint(np.clip(whole, 0, white)).astype(colours.dtype)
+
+
+def _inverse(path: Path, header: TiffSamples, grey: Samples) -> Samples:
+    """Return numbers that grow with light from those of WhiteIsZero."""
+    if header.dtype.kind == "b":
+        return ~grey
+    if header.white is not None:
+        # Bits that are the other way round, for signed numbers too.
+        lowest = -header.white - 1 if header.dtype.kind == "i" else 0.0
+        return (grey.dtype.type(header.white + lowest) - grey).astype(grey.dtype)
+    if not (np.nanmin(grey) >= 0 and np.nanmax(grey) <= 1):
+        raise refuse_picture(
+            path, f"a TIFF of floating-point WhiteIsZero with numbers from {np.nanmin(grey):g} to "
+            f"{np.nanmax(grey):g}, in which black isn't known",
+            "Save it as BlackIsZero.",
+        )  # fmt: skip
+    return 1 - grey
+
+
+def _from_palette(
+    path: Path, header: TiffSamples, numbers: Samples, notes: tuple[str, ...]
+) -> TiffLight:
+    """Return the colours that a palette's numbers stand for (section 5)."""
+    table = header.colour_map
+    if table is None or int(numbers.max()) >= table.shape[1]:
+        raise refuse_picture(path, "a TIFF with a palette that isn't there, or is too short")
+    # Most programs fill the 16 bits from 8, by 257 or by 256.
+    for step in (257, 256):
+        if not (table % step).any() and table.max() <= 255 * step:
+            table = (table // step).astype(np.uint8)
+            break
+    colours = np.ascontiguousarray(table[:, numbers])
+    white = float(np.iinfo(colours.dtype).max)
+    told = "a palette's colours are sRGB's"
+    return TiffLight(colours, white, SRGB, told, (*notes, "its palette was applied"))
+
+
+def _from_inks(path: Path, header: TiffSamples, inks: Samples) -> Samples:
+    """Return red, green and blue of cyan, magenta, yellow and black by plain subtraction."""
+    if header.tags.get(_INK_SET, 1) != 1 or header.white is None:
+        raise refuse_picture(path, "a TIFF of inks that aren't CMYK of whole numbers")
+    left = header.white - inks.astype(np.float64)
+    return np.rint(left[:3] * left[3] / header.white).astype(inks.dtype)
+
+
+def _is_ycbcr(header: TiffSamples) -> bool:
+    """Return whether decoded samples of a TIFF page are still luma and chroma."""
+    return header.compression != _WEBP and (header.compression != _JPEG or header.is_planar)
+
+
+def _from_ycbcr(path: Path, header: TiffSamples, samples: Samples) -> Samples:
+    """Return red, green and blue of luma and chroma (section 21)."""
+    if header.bits != 8:
+        raise refuse_picture(path, f"a TIFF of YCbCr with {header.bits} bits")
+    red, green, blue = _ratios(header.tags.get(_COEFFICIENTS), (0.299, 0.587, 0.114))
+    limits = _ratios(header.tags.get(_REFERENCE), (0.0, 255.0, 128.0, 255.0, 128.0, 255.0))
+    luma, first, second = (
+        (plane.astype(np.float64) - low) * full / (high - low)
+        for plane, low, high, full in zip(
+            samples, limits[::2], limits[1::2], (255.0, 127.0, 127.0), strict=True
+        )
+    )
+    reds = luma + second * (2 - 2 * red)
+    blues = luma + first * (2 - 2 * blue)
+    greens = (luma - blue * blues - red * reds) / green
+    return np.rint(np.clip([reds, greens, blues], 0, 255)).astype(np.uint8)
+
+
+def _ratios(told: Any, default: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the numbers of a tag of ratios, each two whole numbers; the default where it isn't."""
+    if told is None or len(told) != 2 * len(default):
+        return default
+    pairs = zip(told[::2], told[1::2], strict=True)
+    return tuple(over / max(under, 1) for over, under in pairs)
+
+
+_D50 = np.array([0.9642, 1.0, 0.8249])
+"""White of CIELab in TIFF (section 23 names D65, and programs write the profile connection space's
+D50 of ICC.1)."""
+
+_D50_TO_SRGB = np.array(
+    [
+        [3.1338561, -1.6168667, -0.4906146],
+        [-0.9787684, 1.9161415, 0.0334540],
+        [0.0719453, -0.2289914, 1.4052427],
+    ]
+)
+"""Linear sRGB of XYZ under D50, adapted to D65 by Bradford's method (IEC 61966-2-1, ICC.1)."""
+
+
+def _from_lab(path: Path, header: TiffSamples, lab: Samples, notes: tuple[str, ...]) -> TiffLight:
+    """Return linear sRGB of CIE L*a*b* (section 23)."""
+    if header.bits not in (8, 16) or header.dtype.kind not in "ui":
+        raise refuse_picture(
+            path, f"a TIFF of CIELab with {header.bits}-bit {header.dtype} numbers"
+        )
+    full, unit = header.dtype.itemsize == 1, 1 if header.dtype.itemsize == 1 else 256
+    unsigned = lab.astype(np.uint8 if full else np.uint16)
+    lightness = unsigned[0] * (100 / (255 * (1 if full else 257)))
+    chroma = unsigned[1:].view(np.int8 if full else np.int16) / unit
+    middle = (lightness + 16) / 116
+    roots = np.stack([middle + chroma[0] / 500, middle, middle - chroma[1] / 200])
+    xyz = np.where(roots > 6 / 29, roots**3, 3 * (6 / 29) ** 2 * (roots - 4 / 29))
+    light = np.einsum("ij,jyx->iyx", _D50_TO_SRGB, xyz * _D50[:, None, None])
+    clipped = np.clip(light, 0, 1).astype(np.float32)
+    told = "CIELab was turned into linear sRGB"
+    return TiffLight(clipped, None, LINEAR, told, (*notes, f"its {told}"))
+
+
+def _at_eight_bits(colours: Samples, white: float | None) -> tuple[Samples, float | None]:
+    """Return numbers of fewer than 8 bits over the range of 8, as in other kinds of pictures."""
+    if white is None or white >= 255 or colours.dtype.kind == "i":
+        return colours, white
+    return (colours * np.uint8(255 // white)).astype(np.uint8), 255.0
