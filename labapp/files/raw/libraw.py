@@ -28,9 +28,6 @@ _MESSAGE = re.compile(rb"^[^\n]*: (Unexpected end of file|data corrupted at -?\d
 _ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 """Orientation in EXIF by LibRaw's flips: 1 mirrors columns, 2 rows, and 4 exchanges both."""
 
-UNSUPPORTED = "Unsupported file format"
-"""What LibRaw says of files that may be sound, but which it doesn't know."""
-
 
 @dataclass(frozen=True, eq=False)
 class LibRawPicture:
