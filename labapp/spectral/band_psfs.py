@@ -198,7 +198,7 @@ def _sensitivity(record: Record, star: Bracket) -> Picture:
     filters = narrow_filters(record, star)
     if filters is None:
         return np.ones(star.rate.shape)
-    return filters.gains[filters.mosaic.channel_map(star.rate.shape).numpy()]
+    return filters.gains[filters.channel_map(star.rate.shape)]
 
 
 def _brightest_pixel(pictures: Sequence[Bracket], gains: Sequence[Picture]) -> tuple[int, int]:

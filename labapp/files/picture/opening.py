@@ -9,6 +9,7 @@ from labapp.common.errors import UserError
 from labapp.files.picture.headers import find_header
 from labapp.files.picture.other_formats import name_format
 from labapp.files.picture.stored import StoredPicture
+from labapp.files.raw.recognition import is_raw
 
 FORMATS = (
     "JPEG, PNG, TIFF, DNG and other RAW, OpenEXR, Radiance HDR, FITS, JPEG 2000, JPEG XL, AVIF, "
@@ -30,6 +31,11 @@ def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     `page` counts the file's pictures from 0. Raises UserError, which says what the file is, if it
     can't be read rightly.
     """
+    if is_raw(data, path):
+        raise UserError(
+            f"{path}: is a camera's RAW file. labapp reconstruct and labapp merge take it; here, "
+            "give a picture that was developed from it, such as a 16-bit TIFF."
+        )
     if is_tiff(data):
         from labapp.files.picture.tiff_file import read_tiff
 

@@ -1,9 +1,8 @@
-"""The colour filters of a recorded picture: how its bands are told apart, and shown."""
+"""The colour filters of a picture: how its bands are told apart, and shown."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +31,18 @@ _GREY_REMEDY = (
 
 @dataclass(frozen=True, eq=False)
 class ColourFilters:
-    """The mosaic of colour filters through which a recorded picture was taken.
+    """The mosaic of colour filters through which a picture was taken.
 
     Attributes
     ----------
-    mosaic : Mosaic
-        The sensor's filters.
+    pattern : tuple of str
+        Rows of a letter for each pixel, which repeat from the first pixel on.
+    channels : str
+        The letters, each once, in the order of the picture's bands.
     gains : NDArray, (channels,)
         Light of a white surface in each channel, over that of the brightest channel.
+    matrix : NDArray or None, (3, channels)
+        From the bands, in which white is equal, to linear sRGB; None for a grey picture.
     passband : tuple of float or None
         Wavelengths in metres between which light was let through; None for all visible light.
     is_grey : bool
@@ -47,20 +50,17 @@ class ColourFilters:
         Otherwise each channel is a band.
     """
 
-    mosaic: Mosaic
+    pattern: tuple[str, ...]
+    channels: str
     gains: NDArray[np.float64]
+    matrix: NDArray[np.float64] | None = None
     passband: tuple[float, float] | None = None
     is_grey: bool = False
 
     def __post_init__(self) -> None:
-        self._require_light_in_all_channels()
-        # Light in which colours can't be told apart is refused before anything is restored.
-        _ = self.matrix
-
-    def _require_light_in_all_channels(self) -> None:
         faint = [
             f"{name} {gain:.1%}".replace("%", " %")
-            for name, gain in zip(self.mosaic.channels, self.gains, strict=True)
+            for name, gain in zip(self.channels, self.gains, strict=True)
             if gain < _LEAST_GAIN
         ]
         if faint and not self.is_grey:
@@ -70,41 +70,29 @@ class ColourFilters:
             )
 
     @property
-    def channels(self) -> str:
-        """Return the letters of the recorded picture's channels, in the order of its bands."""
-        return "".join(self.mosaic.channels)
-
-    @property
     def period(self) -> tuple[int, int]:
-        """Return the (rows, columns) after which the filters of the recorded picture repeat."""
-        return len(self.mosaic.pattern), len(self.mosaic.pattern[0])
+        """Return the (rows, columns) after which the filters of the picture repeat."""
+        return len(self.pattern), len(self.pattern[0])
 
     @property
     def response(self) -> NDArray[np.float64]:
         """Return the share of each band that each channel sees, (channels, bands)."""
         return self.gains[:, None] if self.is_grey else np.diag(self.gains)
 
-    @cached_property
-    def matrix(self) -> NDArray[np.float64] | None:
-        """Compute the matrix from the picture's bands to linear sRGB; None for a grey picture.
-
-        Raises UserError for light in which colours can't be told apart.
-        """
-        if self.is_grey:
-            return None
-        try:
-            return linear_srgb_matrix(self.mosaic, None, self.passband)
-        except ValueError as error:
-            raise UserError(f"{str(error).rstrip('.')}. {_GREY_REMEDY}") from error
+    def channel_map(self, shape: tuple[int, int]) -> NDArray[np.intp]:
+        """Return the index in `channels` of each pixel's filter, (rows, columns)."""
+        cell = np.array([[self.channels.index(letter) for letter in row] for row in self.pattern])
+        down, along = (-(-n // m) for n, m in zip(shape, cell.shape, strict=True))
+        return np.tile(cell, (down, along))[: shape[0], : shape[1]]
 
     def to_screen(self, light: Light) -> Light:
         """Convert the bands of a picture to linear sRGB, (3, rows, columns); grey stays grey."""
         return light if self.matrix is None else linear_srgb(light, self.matrix)
 
     def separate(
-        self, rate: NDArray[np.floating], noise: float, clipped: NDArray[np.bool_]
+        self, rate: NDArray[np.floating], noise: float | None, clipped: NDArray[np.bool_]
     ) -> Light:
-        """Estimate the bands of each pixel of a merged picture, without undoing its blur.
+        """Estimate the bands of each pixel of a picture, without undoing its blur.
 
         `rate` is (rows, columns), NaN where a pixel is dead.
         """
@@ -127,7 +115,7 @@ class ColourFilters:
         sound = np.isfinite(rate)
         return build_mosaic_observation(
             np.where(sound, rate, 0).astype(np.float32),
-            self.mosaic.pattern,
+            self.pattern,
             psf,
             channels=self.channels,
             response=self.response,
@@ -136,6 +124,26 @@ class ColourFilters:
             weights=None if sound.all() else sound.astype(np.float32),
             clipped=clipped if clipped.any() else None,
         )
+
+
+def build_filters(
+    mosaic: Mosaic,
+    gains: NDArray[np.float64],
+    passband: tuple[float, float] | None = None,
+    is_grey: bool = False,
+) -> ColourFilters:
+    """Build the colour filters of a picture from the curves of the sensor that took it.
+
+    Raises UserError for light in which colours can't be told apart.
+    """
+    channels, matrix = "".join(mosaic.channels), None
+    filters = ColourFilters(mosaic.pattern, channels, gains, matrix, passband, is_grey)
+    if is_grey:
+        return filters
+    try:
+        return replace(filters, matrix=linear_srgb_matrix(mosaic, None, passband))
+    except ValueError as error:
+        raise UserError(f"{str(error).rstrip('.')}. {_GREY_REMEDY}") from error
 
 
 def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters | None:
@@ -151,7 +159,7 @@ def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters 
     if not means.max() > 0:
         raise UserError(f"{record.path}: the star's frames are dark. Expose them longer.")
     gains = np.clip(means / means.max(), 1e-6, None)
-    return ColourFilters(mosaic, gains, passband(record, star), is_grey)
+    return build_filters(mosaic, gains, passband(record, star), is_grey)
 
 
 def described_filters(record: Record, picture: Bracket, is_grey: bool) -> ColourFilters | None:
@@ -163,7 +171,7 @@ def described_filters(record: Record, picture: Bracket, is_grey: bool) -> Colour
     if mosaic is None:
         return None
     band = passband(record, picture)
-    return ColourFilters(mosaic, white_balance(mosaic, None, band), band, is_grey)
+    return build_filters(mosaic, white_balance(mosaic, None, band), band, is_grey)
 
 
 def passband(record: Record, picture: Bracket) -> tuple[float, float] | None:

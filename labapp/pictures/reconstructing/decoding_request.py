@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from labapp.pictures.reconstructing.pixel_preparation import (
     merge_bands,
 )
 from labapp.pictures.reconstructing.problem import RestorationProblem
+from labapp.pictures.reconstructing.raw_to_restore import RawToRestore
 from labapp.pictures.reconstructing.recorded_photograph import is_record
 from labapp.pictures.reconstructing.restoration_request import RestorationRequest
 from labapp.runs.record.reader import Record
@@ -93,7 +95,23 @@ class DecodingRequest:
         pattern = find_trained_pattern(self.decoder)
         if is_record(self.photograph.source):
             return self._read_record(pattern, progress)
+        if (raw := self.photograph.read_raw(progress)) is not None:
+            return self._prepare_raw(raw, pattern, progress)
         return self._read_picture(pattern, progress)
+
+    def _prepare_raw(
+        self, raw: RawToRestore, pattern: TrainedPattern, progress: Progress
+    ) -> DecodingProblem:
+        """Prepare a RAW photograph for its decoder, which takes one band."""
+        request = self.photograph
+        if raw.band_count > 1:
+            raise _colours_refused(request.source)
+        progress.report(0.1, "the decoder's filter")
+        decoder = build_decoder(pattern, None, progress.part(0.1, 0.8))
+        whole = raw.build_problem(
+            _mean_psf(decoder), _PSF_SOURCE, request.noise, reference=request.reference
+        )
+        return _prepare(whole, decoder, grey=False)
 
     def _read_picture(self, pattern: TrainedPattern, progress: Progress) -> DecodingProblem:
         request = self.photograph
@@ -107,10 +125,7 @@ class DecodingRequest:
         request = self.photograph
         found = request.read_record(progress.part(0, 0.3), star=False)
         if found.filters is not None and not found.filters.is_grey:
-            raise UserError(
-                f"{request.source}: its sensor has colour filters, and a decoder is for light of "
-                "one wavelength, at which its PSFs are known. Add --grey."
-            )
+            raise _colours_refused(request.source)
         with Record(request.source) as record:
             grey = record.pattern(found.photograph.pattern)
             camera = record.bench.build_camera()
@@ -127,6 +142,14 @@ class DecodingRequest:
         whole = replace(whole, light=bound.astype(np.float32), notes=tuple(notes))
         posed = _prepare(whole, decoder, grey=False)
         return replace(posed, strehl=shown.strehl, truth_is_blurred=is_blurred)
+
+
+def _colours_refused(source: Path) -> UserError:
+    """Return the error for a photograph in colours, which a decoder doesn't take."""
+    return UserError(
+        f"{source}: its sensor has colour filters, and a decoder is for light of one wavelength, "
+        "at which its PSFs are known. Add --grey."
+    )
 
 
 def _note_on_levels(shown: ShownPattern) -> str:

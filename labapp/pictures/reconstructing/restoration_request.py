@@ -18,6 +18,7 @@ from labapp.pictures.analysis.score import ReferencePicture
 from labapp.pictures.reconstructing.merged_photograph import is_merged, read_merged
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from labapp.pictures.reconstructing.psf_files import read_psf_file
+from labapp.pictures.reconstructing.raw_to_restore import RawToRestore, find_raw, prepare_raw
 from labapp.pictures.reconstructing.recorded_photograph import (
     RecordedPhotograph,
     RecordSelection,
@@ -47,7 +48,7 @@ class RestorationRequest:
     Attributes
     ----------
     source : Path
-        Record, merged bracket or picture to restore.
+        Record, merged bracket, RAW file or picture to restore.
     psf : Path or None
         File of the PSF; None for the star of the record `source`.
     choice : RecordSelection
@@ -100,6 +101,8 @@ class RestorationRequest:
             return self._problem_from_merged(progress)
         if is_record(self.source):
             return self._problem_from_record(progress)
+        if (raw := self.read_raw(progress)) is not None:
+            return self._problem_from_raw(raw, progress)
         return self._problem_from_picture(progress)
 
     @cached_property
@@ -114,6 +117,10 @@ class RestorationRequest:
         if is_record(path):
             raise UserError(
                 f"--truth {path}: is a record. Give a picture or .npy of the same light."
+            )
+        if find_raw(path) is not None:
+            raise UserError(
+                f"--truth {path}: is a RAW file. Give a picture or .npy of linear sRGB."
             )
         light = read_photograph(path, encoding=self._told_encoding).light
         brightest = float(np.nanmax(light))
@@ -189,6 +196,39 @@ class RestorationRequest:
                 raise UserError(
                     f"--{name}: {self.source} is {kind}, which knows its own. Leave it out."
                 )
+
+    def read_raw(self, progress: Progress) -> RawToRestore | None:
+        """Read the photograph to restore if its file is RAW; None if it isn't.
+
+        Raises UserError for options that a RAW file doesn't have.
+        """
+        data = find_raw(self.source)
+        if data is None:
+            return None
+        for name in ("target", "frame"):
+            if (value := getattr(self.choice, name)) is not None:
+                raise UserError(
+                    f"--{name} {value}: {self.source} is one RAW photograph. Leave it out."
+                )
+        if self.linear is False:
+            raise UserError(f"--srgb: {self.source} is RAW, which is proportional to light.")
+        progress.report(0, f"reading {self.source.name}")
+        found = prepare_raw(
+            self.source, data, is_grey=self.choice.grey, clip=self.clip, dark=self.dark
+        )
+        self._require_reference_shape((found.band_count, *found.light.shape[1:]))
+        return found
+
+    def _problem_from_raw(self, raw: RawToRestore, progress: Progress) -> RestorationProblem:
+        """Build the problem of restoring a RAW photograph."""
+        if self.psf is not None:
+            psf, notes = read_psf_file(self.psf, raw.band_count, self.choice)
+            told = str(self.psf)
+        else:
+            clipped = np.broadcast_to(raw.clipped, (raw.band_count, *raw.clipped.shape[1:]))
+            bands = raw.bands(self.noise) if self.blind is not None else raw.light
+            psf, told, notes = self._given_psf(bands, clipped, progress)
+        return raw.build_problem(psf, told, self.noise, self.border, tuple(notes), self.reference)
 
     def _problem_from_merged(self, progress: Progress) -> RestorationProblem:
         """Build the problem of restoring a merged bracket's light."""

@@ -1,0 +1,198 @@
+"""Read the directories of tags of TIFF files, and of RAW files that are built like them."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+Number = int | float
+
+_CLASSIC = {b"II*\0", b"MM\0*", b"IIU\0", b"IIRO", b"IIRS", b"MMOR"}
+"""First bytes of TIFF (Adobe, TIFF 6.0, section 2), and of Panasonic's and Olympus' RAW, which
+differ from it in these bytes only."""
+
+_BIG = {b"II+\0", b"MM\0+"}
+"""First bytes of BigTIFF, whose offsets have 64 bits."""
+
+_MOST_DIRECTORIES = 100
+"""Directories that are looked at. Chosen: cameras write up to ten; a chain in a circle ends."""
+
+_FORMS = {
+    1: "B", 2: "B", 3: "H", 4: "L", 6: "b", 7: "B", 8: "h", 9: "l", 11: "f", 12: "d", 13: "L",
+    16: "Q", 17: "q", 18: "Q",
+}  # fmt: skip
+"""Codes of the module `struct` by the type of a tag's values, but for rational numbers."""
+
+_RATIONAL = {5: "L", 10: "l"}
+"""Codes of a rational number's two parts by the type of a tag's values."""
+
+SUB_DIRECTORIES, _STRIPS, _TILES = 330, (273, 279), (324, 325)
+"""Tags with offsets of further directories, and with offsets and sizes of a picture's parts."""
+
+PANASONIC_OFFSET = 280
+"""Tag with the offset of Panasonic's RAW numbers, where that of its strips is all ones."""
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How the numbers of a TIFF file are laid out: their order, and the size of its offsets."""
+
+    order: str
+    is_big: bool
+
+    @property
+    def entry(self) -> struct.Struct:
+        return struct.Struct(self.order + ("HHQ8s" if self.is_big else "HHL4s"))
+
+    @property
+    def count(self) -> struct.Struct:
+        return struct.Struct(self.order + ("Q" if self.is_big else "H"))
+
+    @property
+    def offset(self) -> struct.Struct:
+        return struct.Struct(self.order + ("Q" if self.is_big else "L"))
+
+
+@dataclass(frozen=True, eq=False)
+class Directory:
+    """A directory of tags, which describes one picture of a file.
+
+    Attributes
+    ----------
+    data : bytes
+        The whole file.
+    offset : int
+        Where the directory begins in it.
+    is_sub : bool
+        Whether another directory leads to it, and not the chain of pages.
+    """
+
+    data: bytes
+    offset: int
+    layout: _Layout
+    is_sub: bool = False
+
+    @cached_property
+    def _entries(self) -> dict[int, tuple[int, int, bytes]]:
+        """Type, count and bytes of the value, or of its offset, of each tag."""
+        entry = self.layout.entry
+        (count,) = self.layout.count.unpack_from(self.data, self.offset)
+        start = self.offset + self.layout.count.size
+        room = (len(self.data) - start) // entry.size
+        rows = (
+            entry.unpack_from(self.data, start + number * entry.size)
+            for number in range(min(count, room))
+        )
+        return {code: (kind, n, value) for code, kind, n, value in rows}
+
+    @property
+    def next_offset(self) -> int:
+        """Offset of the next page's directory; 0 for the last one."""
+        entries = self.layout.count.unpack_from(self.data, self.offset)[0]
+        end = self.offset + self.layout.count.size + entries * self.layout.entry.size
+        if end + self.layout.offset.size > len(self.data):
+            return 0
+        return int(self.layout.offset.unpack_from(self.data, end)[0])
+
+    def has(self, code: int) -> bool:
+        """Return whether the directory has a tag."""
+        return code in self._entries
+
+    def numbers(self, code: int) -> tuple[Number, ...]:
+        """Return the values of a tag; none if it is missing, or isn't wholly in the file."""
+        kind, count, held = self._entries.get(code, (0, 0, b""))
+        form = _FORMS.get(kind) or _RATIONAL.get(kind)
+        if form is None or count > len(self.data):
+            return ()
+        parts = count * (2 if kind in _RATIONAL else 1)
+        layout = struct.Struct(f"{self.layout.order}{parts}{form}")
+        if layout.size <= len(held):
+            source, at = held, 0
+        else:
+            source, at = self.data, int(self.layout.offset.unpack(held)[0])
+        if at + layout.size > len(source):
+            return ()
+        found: tuple[Number, ...] = layout.unpack_from(source, at)
+        if kind not in _RATIONAL:
+            return found
+        return tuple(a / b if b else math.nan for a, b in zip(found[::2], found[1::2], strict=True))
+
+    def number(self, code: int, default: int) -> int:
+        """Return the first value of a tag as a whole number; `default` if it is missing."""
+        found = self.numbers(code)
+        return int(found[0]) if found and math.isfinite(found[0]) else default
+
+    def text(self, code: int) -> str:
+        """Return the text of a tag, without what ends it; empty if it is missing."""
+        held = bytes(one for one in self.numbers(code) if isinstance(one, int) and 0 <= one < 256)
+        return held.split(b"\0")[0].decode("ascii", "replace").strip()
+
+    def sub_directory(self, code: int) -> Directory | None:
+        """Return the directory that a tag leads to; None if there is none."""
+        at = self.number(code, 0)
+        if not 0 < at < len(self.data) - self.layout.count.size:
+            return None
+        return Directory(self.data, at, self.layout, True)
+
+    @property
+    def parts(self) -> list[tuple[int, int]]:
+        """Offset and size of each strip or tile of the picture."""
+        if self.numbers(_STRIPS[0]) == (0xFFFFFFFF,):
+            return [(self.number(PANASONIC_OFFSET, 0), self.number(_STRIPS[1], 0))]
+        for offsets, sizes in (_TILES, _STRIPS):
+            if self.has(offsets):
+                pairs = zip(self.numbers(offsets), self.numbers(sizes), strict=False)
+                return [(int(at), int(size)) for at, size in pairs]
+        return []
+
+
+def is_tiff_like(data: bytes) -> bool:
+    """Return whether a file begins as TIFF does, or as RAW files that are built like it."""
+    return data[:4] in _CLASSIC | _BIG
+
+
+def read_directories(data: bytes) -> list[Directory]:
+    """Return the directories of a file's pages, each followed by those that it leads to.
+
+    What is damaged is left out; the list is empty for files of another kind.
+    """
+    if not is_tiff_like(data):
+        return []
+    layout = _Layout("<" if data[:2] == b"II" else ">", data[:4] in _BIG)
+    try:
+        (first,) = layout.offset.unpack_from(data, 8 if layout.is_big else 4)
+    except struct.error:
+        return []
+    found: dict[int, Directory] = {}
+    for page in _chain(data, int(first), layout, found):
+        for at in page.numbers(SUB_DIRECTORIES):
+            _collect(data, int(at), layout, found)
+    return list(found.values())
+
+
+def _chain(
+    data: bytes, offset: int, layout: _Layout, found: dict[int, Directory]
+) -> Iterator[Directory]:
+    """Yield the directories of the pages of a file, and add them to `found`."""
+    while (page := _collect(data, offset, layout, found, is_sub=False)) is not None:
+        yield page
+        offset = page.next_offset
+
+
+def _collect(
+    data: bytes,
+    offset: int,
+    layout: _Layout,
+    found: dict[int, Directory],
+    *,
+    is_sub: bool = True,
+) -> Directory | None:
+    """Add a directory of a file to `found`; None if there is none, or it's there already."""
+    inside = 0 < offset <= len(data) - layout.count.size
+    if not inside or offset in found or len(found) >= _MOST_DIRECTORIES:
+        return None
+    found[offset] = Directory(data, offset, layout, is_sub)
+    return found[offset]

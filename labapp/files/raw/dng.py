@@ -1,0 +1,166 @@
+"""Read the mosaic of a DNG file as its tags say, and hold LibRaw's answer against it.
+
+LibRaw and tifffile decode the same parts of the file. The tags decide on levels, pattern and area:
+LibRaw exchanges black levels where the active area begins at an odd row or column.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.guarded_reading import require_memory
+from labapp.files.raw import dng_levels as levels
+from labapp.files.raw.directories import Directory
+from labapp.files.raw.dng_page import BITS, LOSSLESS, find_raw_page, page_shape
+from labapp.files.raw.libraw import UNSUPPORTED, decode_by_libraw, require_undamaged
+from labapp.files.raw.photograph import RawPhotograph, order_channels
+from labapp.files.raw.recognition import COMPRESSION, MAKE
+
+_MODEL, _ORIENTATION, _CROP_ORIGIN, _CROP_SIZE, _SCALE = 272, 274, 50719, 50720, 50718
+_OPCODES = (51008, 51009, 51022)
+"""Tags of lists of corrections that a converter is to apply."""
+
+_JPEG = 7
+"""Value of Compression for JPEG, here the lossless one."""
+
+# What tifffile has to say of a damaged file comes back as an error or a note, not on the terminal.
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
+
+
+def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotograph:
+    """Read a DNG file's photograph.
+
+    Raises UserError, which names what the file is, unless it holds a mosaic of a sensor's numbers.
+    """
+    page, first = find_raw_page(path, pages), pages[0]
+    rows, columns = page_shape(page)
+    require_memory(path, len(data), 2 * rows * columns, "its mosaic")
+    pattern = levels.filter_pattern(path, page)
+    stored, notes = _decode(path, data, page)
+    area = levels.active_area(path, page)
+    mosaic = np.ascontiguousarray(stored[area])
+    by_rows, by_columns = levels.black_changes(path, page, mosaic.shape)
+    orientation = first.number(_ORIENTATION, 1)
+    filters = "grey" if pattern is None else "/".join(pattern)
+    found = RawPhotograph(
+        path,
+        f"DNG of {page.number(BITS, 16)} bits, {filters}, {LOSSLESS[page.number(COMPRESSION, 1)]}",
+        mosaic,
+        pattern,
+        levels.black_cell(path, page),
+        levels.white_level(page),
+        by_rows,
+        by_columns,
+        None,
+        levels.camera_colour(page, first, order_channels(pattern or ())),
+        levels.read_exposure(first),
+        orientation if 1 <= orientation <= 8 else 1,
+        first.text(MAKE),
+        first.text(_MODEL),
+        (*notes, *_remarks(page, mosaic.shape)),
+    )
+    _require_range(found)
+    return found
+
+
+def _decode(path: Path, data: bytes, page: Directory) -> tuple[NDArray[np.uint16], list[str]]:
+    """Decode all numbers of a DNG by tifffile and by LibRaw, made linear, with remarks.
+
+    Raises UserError if neither can, or if they differ where numbers are compressed.
+    """
+    own = _decode_by_tags(data, page)
+    other = decode_by_libraw(path, data)
+    if own is None:
+        if isinstance(other, str) or other.mosaic is None:
+            raise _damaged(path, other if isinstance(other, str) else "it has no mosaic")
+        require_undamaged(path, other)
+        return _require_shape(path, other.mosaic, page), []
+    is_jpeg = page.number(COMPRESSION, 1) == _JPEG
+    if isinstance(other, str) or other.mosaic is None:
+        # LibRaw knows neither deflate nor BigTIFF nor small pictures. Only JPEG has no sum of its
+        # own by which its decoder finds damage.
+        if is_jpeg and isinstance(other, str) and UNSUPPORTED not in other:
+            raise _damaged(path, f"LibRaw: {other}")
+        return own, []
+    if other.mosaic.shape != own.shape:
+        raise _damaged(path, "LibRaw and its tags find other sizes in it")
+    differ = own != other.mosaic
+    if not differ.any():
+        return own, []
+    # LibRaw leaves strips and some tiles undecoded, as 0.
+    if is_jpeg and other.mosaic[differ].any():
+        raise _damaged(path, "LibRaw and tifffile read different numbers in it")
+    return own, [
+        f"LibRaw reads {differ.sum()} of the {own.size} pixels otherwise; they are taken as the "
+        "file's tags say"
+    ]
+
+
+def _damaged(path: Path, reason: str) -> UserError:
+    """Return the error for a DNG whose numbers can't be trusted."""
+    return UserError(
+        f"{path}: is a DNG whose picture is damaged ({reason}). Copy it from the camera again, or "
+        "convert the camera's file again."
+    )
+
+
+def _decode_by_tags(data: bytes, page: Directory) -> NDArray[np.uint16] | None:
+    """Decode a page of a DNG by tifffile, and make it linear; None if that isn't possible."""
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(io.BytesIO(data)) as file:
+            file.filehandle.seek(page.offset)
+            found = np.asarray(tifffile.TiffPage(file, index=0).asarray())
+    # A damaged file makes tifffile and its decoders raise whatever its numbers lead to.
+    except Exception:
+        return None
+    if found.dtype.kind != "u" or found.squeeze().shape != page_shape(page):
+        return None
+    numbers = found.reshape(page_shape(page)).astype(np.uint16)
+    table = levels.linear_table(page)
+    return numbers if table is None else table[np.minimum(numbers, len(table) - 1)]
+
+
+def _require_shape(path: Path, mosaic: NDArray[np.uint16], page: Directory) -> NDArray[np.uint16]:
+    """Return LibRaw's mosaic of a DNG; raise UserError if the tags say another size."""
+    if mosaic.shape != page_shape(page):
+        raise UserError(
+            f"{path}: is a DNG of {' x '.join(map(str, page_shape(page)))} pixels by its tags, and "
+            f"{' x '.join(map(str, mosaic.shape))} come out of it. Copy it from the camera again."
+        )
+    return mosaic
+
+
+def _require_range(found: RawPhotograph) -> None:
+    """Raise UserError unless the white level of a RAW file is above all its black levels."""
+    if found.dark_levels.max() < found.white:
+        return
+    raise UserError(
+        f"{found.path}: has a black level of {found.dark_levels.max():g} and a white level of "
+        f"{found.white:g}; white must be above black. Convert the camera's file again."
+    )
+
+
+def _remarks(page: Directory, shape: tuple[int, ...]) -> list[str]:
+    """Say what the tags of a DNG ask of a converter, and isn't done to its mosaic."""
+    said = []
+    origin, size = page.numbers(_CROP_ORIGIN), page.numbers(_CROP_SIZE)
+    if len(origin) == len(size) == 2 and (size[1], size[0]) != shape:
+        said.append(
+            f"the whole active area of {shape[0]} x {shape[1]} pixels is kept; the file suggests "
+            f"{size[1]:g} x {size[0]:g} of them from row {origin[1]:g}, column {origin[0]:g} on"
+        )
+    scale = page.numbers(_SCALE)
+    if len(scale) == 2 and scale[0] != scale[1]:
+        said.append(f"pixels aren't square: {scale[1]:g} to {scale[0]:g}; they stay as they are")
+    if any(page.has(code) for code in _OPCODES):
+        said.append("the file's list of corrections, such as of the lens, is not applied")
+    return said

@@ -1,0 +1,178 @@
+"""Describe a RAW photograph: the numbers of the sensor's pixels, and what the file says of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Light = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How a photograph was exposed; None where its file doesn't say.
+
+    Attributes
+    ----------
+    time : float or None
+        Exposure time in seconds.
+    f_number : float or None
+        Focal length over the diameter of the aperture.
+    iso : float or None
+        Sensitivity that was set.
+    """
+
+    time: float | None = None
+    f_number: float | None = None
+    iso: float | None = None
+
+
+@dataclass(frozen=True)
+class CameraColour:
+    """What a RAW file says of its camera's colours.
+
+    Attributes
+    ----------
+    matrix : NDArray or None, (channels, 3)
+        From CIE XYZ to the camera's channels, in the order of `RawPhotograph.channels`; None where
+        the file doesn't say.
+    illuminant : str
+        Light that the matrix is for, in words.
+    white : NDArray or None, (channels,)
+        What white gives in each channel, on any scale, as the camera found it; None where the file
+        doesn't say.
+    noise : NDArray or None, (channels, 2)
+        Variance of a pixel as S x + O of its light x, white at 1: S and O of each channel.
+    """
+
+    matrix: NDArray[np.float64] | None = None
+    illuminant: str = ""
+    white: NDArray[np.float64] | None = None
+    noise: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RawPhotograph:
+    """A RAW photograph: a number for each pixel of the sensor, in the sensor's order.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    kind : str
+        What it is, in words, as "DNG, 126 x 146, RG/GB".
+    mosaic : NDArray of uint16, (rows, columns)
+        The sensor's numbers in the area that sees the scene, never turned. A table that the file
+        has for making them linear is applied.
+    pattern : tuple of str or None
+        Rows of a letter for each pixel, which repeat from the first pixel of `mosaic` on, as
+        ("RG", "GB"). None for a sensor without colour filters.
+    black : NDArray, (cell rows, cell columns)
+        Level of darkness of the pixels of a cell, which repeats likewise.
+    white : float
+        Level of a full well, or of the highest number.
+    black_rows, black_columns : NDArray or None
+        What each row's and each column's level of darkness has beyond `black`.
+    linear_limit : float or None
+        Level up to which numbers are proportional to light, where the maker says that it is below
+        `white`.
+    colour : CameraColour
+        The camera's colours.
+    exposure : Exposure
+        Exposure time, aperture and sensitivity.
+    orientation : int
+        How to turn the picture for people to see, 1 to 8 as in EXIF. It isn't applied.
+    maker, model : str
+        The camera; empty where the file doesn't say.
+    notes : tuple of str
+        What was done or left out, for the user.
+    """
+
+    path: Path
+    kind: str
+    mosaic: NDArray[np.uint16]
+    pattern: tuple[str, ...] | None
+    black: NDArray[np.float64]
+    white: float
+    black_rows: NDArray[np.float64] | None = None
+    black_columns: NDArray[np.float64] | None = None
+    linear_limit: float | None = None
+    colour: CameraColour = field(default_factory=CameraColour)
+    exposure: Exposure = field(default_factory=Exposure)
+    orientation: int = 1
+    maker: str = ""
+    model: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> str:
+        """Letters of the colour filters, each once: red, green and blue first."""
+        return order_channels(self.pattern or ())
+
+    @cached_property
+    def dark_levels(self) -> Light:
+        """Level of darkness of each pixel of the mosaic, (rows, columns)."""
+        rows, columns = self.mosaic.shape
+        down, along = (-(-n // m) for n, m in zip(self.mosaic.shape, self.black.shape, strict=True))
+        levels = np.tile(self.black, (down, along))[:rows, :columns]
+        if self.black_rows is not None:
+            levels = levels + self.black_rows[:, None]
+        if self.black_columns is not None:
+            levels = levels + self.black_columns
+        return levels.astype(np.float32)
+
+    def light(self, dark: float | None = None) -> Light:
+        """Return the light of each pixel, (rows, columns), of which 1 fills its well.
+
+        `dark` takes the place of the file's level of darkness. Noise makes dark pixels negative.
+        """
+        black = self.dark_levels if dark is None else np.float32(dark)
+        light: Light = (self.mosaic - black) / (np.float32(self.white) - black)
+        return light
+
+    @cached_property
+    def clip_level(self) -> float:
+        """Level from which pixels count as clipped.
+
+        It is the highest that the file states, or where the mosaic itself shows that wells were
+        full below it.
+        """
+        seen = _saturated_level(self._planes)
+        stated = [self.white, self.linear_limit, seen]
+        return min(level for level in stated if level is not None)
+
+    @property
+    def _planes(self) -> list[NDArray[np.uint16]]:
+        """The pixels of each place in the cell of the mosaic's pattern."""
+        down, along = (1, 1) if not self.pattern else (len(self.pattern), len(self.pattern[0]))
+        return [self.mosaic[y::down, x::along] for y in range(down) for x in range(along)]
+
+
+def order_channels(pattern: tuple[str, ...]) -> str:
+    """Return the letters of a mosaic's pattern, each once: red, green and blue first."""
+    found = set("".join(pattern))
+    return "".join(sorted(found, key=lambda letter: ("RGBCMYW".find(letter) % 99, letter)))
+
+
+def _saturated_level(planes: list[NDArray[np.uint16]]) -> float | None:
+    """Find the level at which the wells of a mosaic were full; None if it shows no sign of that.
+
+    The sign is 3 neighbouring pixels of one colour at the highest level of all, if there are at
+    least twice as many pixels at it as at the level below.
+    """
+    top = max(int(plane.max()) for plane in planes if plane.size)
+    at = [plane == top for plane in planes]
+    if all(one.all() for one in at) or not any(_has_run(one) or _has_run(one.T) for one in at):
+        return None
+    count = sum(int(one.sum()) for one in at)
+    below = sum(int((plane == top - 1).sum()) for plane in planes)
+    return float(top) if count >= 2 * below else None
+
+
+def _has_run(at: NDArray[np.bool_]) -> bool:
+    """Return whether 3 neighbouring pixels of a row are set, a mosaic's sign of full wells."""
+    return bool((at[:, :-2] & at[:, 1:-1] & at[:, 2:]).any())

@@ -1,0 +1,119 @@
+"""Read RAW files of any camera: DNG by its tags, and makers' own files by LibRaw."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from labapp.common.errors import UserError
+from labapp.files.guarded_reading import read_bytes
+from labapp.files.raw.directories import PANASONIC_OFFSET, Directory, read_directories
+from labapp.files.raw.dng import read_dng
+from labapp.files.raw.dng_levels import read_exposure
+from labapp.files.raw.dng_page import require_whole
+from labapp.files.raw.libraw import LibRawPicture, decode_by_libraw, require_undamaged
+from labapp.files.raw.photograph import CameraColour, Exposure, RawPhotograph, order_channels
+from labapp.files.raw.recognition import CFA, DNG_VERSION, MAKE, PHOTOMETRIC
+
+_MODEL = 272
+_NOT_MOSAIC = (
+    "Take a RAW file of the camera's full resolution, or save it as a 16-bit TIFF and give that."
+)
+
+
+def read_raw(path: Path, data: bytes | None = None) -> RawPhotograph:
+    """Read a RAW photograph: the numbers of the sensor's mosaic, and what the file says of them.
+
+    Parameters
+    ----------
+    path : Path
+        A file that `is_raw`.
+    data : bytes, optional
+        Its contents, if they were read already.
+
+    Returns
+    -------
+    RawPhotograph
+        The photograph in the sensor's order.
+
+    Raises
+    ------
+    UserError
+        For a file that is cut, damaged or empty, or that doesn't hold what the sensor gave:
+        interpolated colours (linear), floating-point numbers, or numbers compressed with loss. The
+        message names which, and what to do.
+
+    References
+    ----------
+    Adobe, Digital Negative Specification 1.7.1; ISO 12234-2 (TIFF/EP).
+    """
+    data = read_bytes(path) if data is None else data
+    if not data:
+        raise UserError(f"{path}: is empty: it has no bytes. Copy it from the camera again.")
+    pages = read_directories(data)
+    if pages and (pages[0].has(DNG_VERSION) or _is_plain_mosaic(pages)):
+        return read_dng(path, data, pages)
+    for page in pages:
+        if page.number(PHOTOMETRIC, 0) == CFA or page.has(PANASONIC_OFFSET):
+            require_whole(path, page)
+    found = decode_by_libraw(path, data)
+    if isinstance(found, str):
+        raise UserError(
+            f"{path}: is a RAW file that can't be decoded ({found}). It is cut, damaged, or of a "
+            "camera that LibRaw doesn't know. Copy it again, or convert it to DNG."
+        )
+    require_undamaged(path, found)
+    return _photograph(path, found, pages)
+
+
+def _is_plain_mosaic(pages: list[Directory]) -> bool:
+    """Return whether a TIFF file that names no camera has a mosaic of colour filters."""
+    mosaics = [page for page in pages if page.number(PHOTOMETRIC, 0) == CFA]
+    return bool(mosaics) and not pages[0].has(MAKE)
+
+
+def _photograph(path: Path, found: LibRawPicture, pages: list[Directory]) -> RawPhotograph:
+    """Return the photograph of a maker's RAW file, for which LibRaw's word is taken.
+
+    Raises UserError for pictures that aren't a mosaic.
+    """
+    if found.mosaic is None:
+        raise UserError(
+            f"{path}: is a RAW file of several colours a pixel: they were interpolated already, or "
+            f"the sensor has layers instead of filters. {_NOT_MOSAIC}"
+        )
+    mosaic = found.mosaic[found.visible].copy()
+    if not mosaic.size or not found.black.max() < found.white:
+        raise UserError(
+            f"{path}: is a RAW file of {mosaic.shape[0]} x {mosaic.shape[1]} pixels between levels "
+            f"{found.black.max():g} and {found.white:g}. It is damaged; copy it again."
+        )
+    filters = "grey" if found.pattern is None else "/".join(found.pattern)
+    time, f_number, iso = (value if value > 0 else None for value in found.exposure)
+    exposure = read_exposure(pages[0]) if pages else Exposure()
+    return RawPhotograph(
+        path,
+        f"RAW of {mosaic.shape[0]} x {mosaic.shape[1]} pixels, {filters}",
+        mosaic,
+        found.pattern,
+        found.black,
+        found.white,
+        linear_limit=found.linear_limit,
+        colour=_camera_colour(found),
+        exposure=Exposure(
+            exposure.time or time, exposure.f_number or f_number, exposure.iso or iso
+        ),
+        orientation=found.orientation,
+        maker=pages[0].text(MAKE) if pages else "",
+        model=pages[0].text(_MODEL) if pages else "",
+    )
+
+
+def _camera_colour(found: LibRawPicture) -> CameraColour:
+    """Return what LibRaw knows of a camera's colours, in the order of the photograph's channels."""
+    order = [found.letters.index(letter) for letter in order_channels(found.pattern or ())]
+    matrix, balance = found.matrix[order], found.balance[order]
+    return CameraColour(
+        matrix if order and matrix.any(1).all() else None,
+        "D65" if order and matrix.any(1).all() else "",
+        1 / balance if order and (balance > 0).all() else None,
+    )

@@ -1,0 +1,72 @@
+"""Tell RAW files, which hold what a camera's sensor gave, from other pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from labapp.files.raw.directories import Directory, is_tiff_like, read_directories
+
+DNG_VERSION, PHOTOMETRIC, MAKE, COMPRESSION = 50706, 262, 271, 259
+"""Tags of TIFF and DNG, by their names in the specifications."""
+
+CFA, LINEAR_RAW = 32803, 34892
+"""Values of PhotometricInterpretation: a mosaic of colour filters (TIFF/EP), and RAW numbers that
+are no mosaic (DNG)."""
+
+_MAGICS = (
+    b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb", b"\0MRM",
+    b"II\x1a\0\0\0HEAPCCDR", b"II*\0\x10\0\0\0CR",
+)  # fmt: skip
+"""First bytes of makers' RAW files: Fujifilm, Olympus (three), Panasonic and Leica, Sigma, Minolta,
+and Canon's CRW and CR2."""
+
+_CANON_3 = b"ftypcrx "
+"""Bytes 4 to 12 of Canon's CR3."""
+
+_PHASE_ONE = (b"IIII", b"MMMM")
+"""Bytes 8 to 12 of Phase One's IIQ, which begins as TIFF does."""
+
+_MAKERS_COMPRESSIONS = {32767, 32769, 34713, 65000, 65535}
+"""Compressions that makers have for themselves: Sony, Epson, Nikon, Kodak and Pentax."""
+
+_ENDINGS = {
+    ".3fr", ".arw", ".cr2", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".kdc", ".mef", ".mos", ".nef",
+    ".nrw", ".orf", ".pef", ".ptx", ".rw2", ".rwl", ".sr2", ".srf", ".srw",
+}  # fmt: skip
+"""Endings by which a TIFF file, or an empty one, is a camera's RAW. The first page of most is a
+preview."""
+
+
+def is_raw(data: bytes, path: Path) -> bool:
+    """Return whether a file is a camera's RAW file, by its content.
+
+    The ending counts only for files that begin as TIFF does, and for empty ones.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    path : Path
+        Its path.
+
+    Returns
+    -------
+    bool
+        True for DNG, the RAW files of camera makers, and TIFF files with a mosaic of colour
+        filters.
+    """
+    if data.startswith(_MAGICS) or data[4:12] == _CANON_3:
+        return True
+    if path.suffix.lower() in _ENDINGS and (is_tiff_like(data) or not data):
+        return True
+    pages = read_directories(data)
+    return bool(pages) and (data[8:12] in _PHASE_ONE or any(map(_holds_raw, pages)))
+
+
+def _holds_raw(page: Directory) -> bool:
+    """Return whether a page of a file says that it is of a RAW file."""
+    return (
+        page.has(DNG_VERSION)
+        or page.number(PHOTOMETRIC, 0) in (CFA, LINEAR_RAW)
+        or page.number(COMPRESSION, 0) in _MAKERS_COMPRESSIONS
+    )

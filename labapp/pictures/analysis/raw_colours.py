@@ -1,0 +1,114 @@
+"""The colours of a RAW photograph: its filters, with gains and matrix by what its file says."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.raw import RawPhotograph
+from labapp.pictures.analysis.colour_filters import ColourFilters
+from labapp.pictures.camera_colours import camera_to_linear_srgb, daylight_white
+
+Light = NDArray[np.float32]
+
+
+def raw_filters(raw: RawPhotograph, *, is_grey: bool = False) -> tuple[ColourFilters, list[str]]:
+    """Return the colour filters of a RAW photograph, and remarks on its white and its matrix.
+
+    Parameters
+    ----------
+    raw : RawPhotograph
+        A photograph of a sensor with colour filters.
+    is_grey : bool
+        Whether the scene is taken for one band.
+
+    Returns
+    -------
+    filters : ColourFilters
+        The filters. White is as the camera found it; where the file doesn't say, as daylight (D65)
+        gives it by the camera's matrix, or else equal in all channels.
+    notes : list of str
+        Remarks for the user.
+
+    Raises
+    ------
+    UserError
+        For filters other than red, green and blue without a matrix to colours.
+    """
+    assert raw.pattern is not None
+    gains, notes = _gains(raw)
+    matrix = None
+    if not is_grey:
+        matrix, said = _matrix_to_srgb(raw)
+        notes += said
+    return ColourFilters(raw.pattern, raw.channels, gains, matrix, None, is_grey), notes
+
+
+def raw_to_colours(
+    light: Light,
+    raw: RawPhotograph,
+    noise: float | None = None,
+    clipped: NDArray[np.bool_] | None = None,
+) -> Light:
+    """Demosaic light that is behind the filters of a RAW photograph, and turn it into linear sRGB.
+
+    Parameters
+    ----------
+    light : NDArray, (rows, columns)
+        Light of each pixel, dark level subtracted, in any unit; for example that of a bracket of
+        such photographs, merged. NaN where it isn't known.
+    raw : RawPhotograph
+        The photograph, or one of the bracket.
+    noise : float, optional
+        Standard deviation of a pixel. Estimated if None.
+    clipped : NDArray of bool, (rows, columns), optional
+        Pixels whose light is at least what is given.
+
+    Returns
+    -------
+    NDArray, (3, rows, columns) or (1, rows, columns), float32
+        Linear sRGB in the unit of `light`, in which white has the light of the brightest channel;
+        one band for a sensor without filters.
+
+    Raises
+    ------
+    UserError
+        If the colours of its filters aren't known.
+    """
+    if raw.pattern is None:
+        return light[None].astype(np.float32)
+    filters, _ = raw_filters(raw)
+    at = np.zeros(light.shape, dtype=bool) if clipped is None else clipped
+    return filters.to_screen(filters.separate(light, noise, at)).astype(np.float32)
+
+
+def _gains(raw: RawPhotograph) -> tuple[NDArray[np.float64], list[str]]:
+    """Return the light of white in each channel of a RAW file, largest 1, with a remark."""
+    colour = raw.colour
+    if colour.white is not None:
+        return colour.white / colour.white.max(), []
+    if colour.matrix is not None and (white := daylight_white(colour.matrix)).min() > 0:
+        return white / white.max(), [
+            "the file has no white balance: white is taken as daylight (D65) gives it"
+        ]
+    return np.ones(len(raw.channels)), [
+        f"the file has no white balance: white is taken to be equal in {', '.join(raw.channels)}"
+    ]
+
+
+def _matrix_to_srgb(raw: RawPhotograph) -> tuple[NDArray[np.float64], list[str]]:
+    """Return the matrix from a RAW file's white-balanced channels to linear sRGB, with a remark."""
+    matrix = raw.colour.matrix
+    try:
+        if matrix is not None:
+            return camera_to_linear_srgb(matrix), []
+        reason = "the file has no colour matrix of its camera"
+    except ValueError as error:
+        reason = f"the file's colour matrix can't be used ({error})"
+    if raw.channels != "RGB":
+        raise UserError(
+            f"{raw.path}: has filters {', '.join(raw.channels)}, and {reason}, so that its colours "
+            "aren't known. Restore it as one grey band: --grey."
+        )
+    return np.eye(3), [f"{reason}: its red, green and blue are shown as sRGB's"]
