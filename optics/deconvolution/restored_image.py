@@ -43,7 +43,9 @@ class RestoredImage:
         little: see has_converged().
     period_image : torch.Tensor or numpy.ndarray, optional
         The restored scene on the whole period, which includes the surroundings whose light reaches
-        the frame. A later restoration can start from it.
+        the frame. A later restoration can start from it. Negative light isn't cut in it.
+    uncut_residual : float, optional
+        The residual before light outside the bounds was cut; None where nothing was cut.
     """
 
     image: Any
@@ -55,12 +57,13 @@ class RestoredImage:
     relative_changes: list[float] = field(default_factory=list)
     converged: bool = True
     period_image: Any = None
+    uncut_residual: float | None = None
 
     @property
     def residual(self) -> float:
         """The deconvolution's rms residual, relative to the noise.
 
-        The residual is the photograph less the blurred restoration. It is about 1 if model, PSF and
+        The residual is the photograph less the blurred restoration, as it is returned. It is about 1 if model, PSF and
         noise are right. Above 1.2, one of them is wrong.
         """
         if not callable(self.residual_source):

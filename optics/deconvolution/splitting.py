@@ -153,7 +153,8 @@ def restored_image(
     A picture of one band is (rows, columns).
     """
     with torch.no_grad():
-        residual = _residual_within_bounds(step, solution.picture.detach(), upper) ** 0.5
+        uncut = step.mean_squared_residual**0.5
+        cut = _residual_within_bounds(step, solution.picture.detach(), upper)
     whole = step.visible_picture(solution.picture)
     whole = whole[0] if len(whole) == 1 else whole
     changes = solution.relative_changes
@@ -161,28 +162,31 @@ def restored_image(
         step.observation.crop_to_picture(whole).clamp(min=0, max=upper),
         method,
         step.observation.noise,
-        residual,
+        uncut if cut is None else cut,
         solution.weight,
         len(changes),
         changes,
         solution.converged if converged is None else converged,
         whole,
+        None if cut is None else uncut,
     )
 
 
-def _residual_within_bounds(step: PictureStep, picture: torch.Tensor, upper: float) -> float:
-    """Return the mean squared residual of a deconvolved picture whose frame is cut to its bounds.
+def _residual_within_bounds(
+    step: PictureStep, picture: torch.Tensor, upper: float
+) -> float | None:
+    """Return the rms residual of a deconvolved picture after its frame is cut to its bounds.
 
-    The scene around the frame stays as it explains the photograph.
+    The scene around the frame stays as it explains the photograph. None if there is nothing to cut.
     """
     frame = step.observation.crop_to_picture(picture)
     cut = frame.clamp(min=0, max=upper)
     if torch.equal(cut, frame):
-        return step.mean_squared_residual
+        return None
     offset = step.observation.offset
     shown = picture.roll([-one for one in offset], (-2, -1))
     step.observation.crop_to_frame(shown).copy_(cut)
-    return step.residual_of(shown.roll(offset, (-2, -1)))
+    return step.residual_of(shown.roll(offset, (-2, -1))) ** 0.5
 
 
 def damped_weight(

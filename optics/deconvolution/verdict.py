@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.deconvolution.observation import Observation
+from optics.deconvolution.observation import LEAST_NOISE, Observation
 from optics.deconvolution.psf_scale import PSFScale
 from optics.deconvolution.residual_map import residual_map
 from optics.deconvolution.restored_image import RestoredImage
@@ -35,13 +35,28 @@ _CLIPPED_PIXELS, _CLIPPED_RATIO = 10, 2.0
 level, from which they count as clipped."""
 
 
+_NEGATIVE_DEPTH, _NEGATIVE_SHARE = 4.0, 1e-3
+"""Depth of a photograph's light below 0, over the noise, and the share of such pixels from which the
+light is too low. Chosen: white noise has 3e-5 of them where nothing shines."""
+
+_NEGATIVE_PSF = 0.01
+"""Share of a PSF's light that is negative from which it may make light negative. Chosen: a measured
+PSF has less, by its noise."""
+
+_CUT_COST = 1.1
+"""Residual of a picture whose negative light was cut, over that before, from which the cut is what
+doesn't fit. Chosen."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """Something that doesn't fit in a restoration, with the remedy.
 
     Attributes
     ----------
-    cause : {"psf-scale", "noise", "clipping", "psf", "fit", "smoothing", "iterations"}
+    cause : str
+        "psf-scale", "noise", "clipping", "psf", "dark", "negative", "fit", "smoothing" or
+        "iterations":
         What is wrong, in a word.
     words : str
         What the photograph shows.
@@ -111,6 +126,7 @@ def judge_restoration(
             _scale_finding(scale),
             _clipping_finding(observation, restored),
             _noise_finding(observation, restored),
+            _dark_finding(observation, restored),
             _psf_finding(observation),
         )
         if one is not None
@@ -187,6 +203,29 @@ def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding
     )
 
 
+def _dark_finding(observation: Observation, restored: RestoredImage) -> Finding | None:
+    """Return what a photograph's negative light shows, which no scene explains by a positive PSF."""
+    seen, psf = observation.in_own_unit, observation.psf.detach()
+    if float(psf.clamp(max=0).sum()) < -_NEGATIVE_PSF * float(psf.sum()):
+        return None
+    noise = torch.as_tensor(max(seen.noise, math.sqrt(seen.power_law.noise_variance)))
+    if seen.variance is not None:
+        noise = torch.maximum(noise, seen.variance.sqrt())
+    missing = (seen.image.detach() / noise.clamp(min=LEAST_NOISE)).clamp(max=0)
+    if seen.effective_weights is not None:
+        missing = missing[seen.effective_weights > 0]
+    share = float((missing < -_NEGATIVE_DEPTH).to(torch.float64).mean())
+    if share < _NEGATIVE_SHARE:
+        return None
+    least = float(missing.square().mean().sqrt())
+    return Finding(
+        "dark",
+        f"{share:.1%} of the pixels are negative by more than {_NEGATIVE_DEPTH:g} times the noise",
+        "the dark level that was subtracted is too high; subtract less",
+        is_grave=max(restored.residual, least) > MOST_RESIDUAL,
+    )
+
+
 def _psf_finding(observation: Observation) -> Finding | None:
     """Return what the spectrum of a photograph to be restored shows of the PSF's error."""
     ratio = observation.disturbance / observation.scene_noise
@@ -202,6 +241,14 @@ def _psf_finding(observation: Observation) -> Finding | None:
 def _residual_finding(restored: RestoredImage) -> Finding | None:
     """Return what a restoration's residual shows where no cause is known."""
     if restored.residual > MOST_RESIDUAL:
+        uncut = restored.uncut_residual
+        if uncut is not None and restored.residual > _CUT_COST * uncut:
+            return Finding(
+                "negative",
+                f"the residual is {restored.residual:.2f} times the noise, and was {uncut:.2f} "
+                "before negative light was cut",
+                "take a method that keeps light from being negative, such as l-bfgs-b",
+            )
         if not restored.converged:
             return Finding(
                 "iterations",

@@ -37,6 +37,8 @@ _OPTIONS = {
     "psf-scale": "--refine-psf",
     "clipping": "--clip LEVEL",
     "noise": "--noise",
+    "dark": "--dark LEVEL",
+    "negative": "--method l-bfgs-b",
     "iterations": "--budget S",
 }
 """Options of the command that remedy a cause of a bad restoration."""
