@@ -38,7 +38,7 @@ _RATIO_GOALS = {"LZW": 2.0}
 
 def picture_files_figure(folder: Path) -> list[Figure]:
     """A file of every kind, and mixtures drawn at random, against the arrays that made them."""
-    from labapp.files.picture import read_photograph
+    from labapp.files.picture.photograph import read_photograph
 
     def read(path: Path, page: int | None) -> Any:
         return read_photograph(path, page=page)

@@ -82,7 +82,7 @@ def _exif(orientation: int, exposure: bool) -> tuple[Image.Exif, dict[str, float
     marks[271], marks[272] = "Maker", "Model"
     inner = marks.get_ifd(34665)
     inner[33434], inner[33437], inner[34855] = 1 / 250, 5.6, 400
-    return marks, {"time": 1 / 250, "f_number": 5.6, "iso": 400}
+    return marks, {"exposure_time": 1 / 250, "f_number": 5.6, "iso": 400}
 
 
 def _with_thumbnail(data: bytes, small: Numbers) -> bytes:
@@ -134,7 +134,7 @@ def _cmyk(outcolour: str) -> Maker:
         )
         path = save(path, ".jpg", data)
         light = naive_rgb(1 - stored / 255.0)
-        words = ("cmyk", "ycck")
+        words = ("cmyk", "ycck", "inks")
         return PictureFile(path, None, (), light=light, loss=0.05, must_name=words, must_tell=words)
 
     return make

@@ -23,7 +23,7 @@ _BITS = {
 _BYTES = (t.NONE, t.NONE, t.LZW, t.DEFLATE, t.PACKBITS, t.ZSTD, t.LZMA)
 
 
-def _pick(rng: np.random.Generator, *choices):  # noqa: ANN002, ANN202
+def _pick(rng: np.random.Generator, *choices):
     return choices[int(rng.integers(len(choices)))]
 
 
@@ -32,6 +32,10 @@ def tiff_mixture(rng: np.random.Generator) -> TiffKind:
     form = _pick(rng, UNSIGNED, UNSIGNED, UNSIGNED, UNSIGNED, FLOAT, SIGNED)
     bits, bands = _pick(rng, *_BITS[form]), _pick(rng, 1, 3)
     extra = _pick(rng, (), (), (), (UNASSOCIATED,), (ASSOCIATED,), (UNSPECIFIED, UNSPECIFIED))
+    inverted = bands == 1 and form == UNSIGNED and rng.random() < 0.25
+    if extra == (ASSOCIATED,) and (inverted or form == SIGNED or bits < 8):
+        # What is multiplied there, no specification says.
+        extra = (UNASSOCIATED,)
     separate = bool(rng.random() < 0.4) and bands + len(extra) > 1
     compression = _compression(rng, form, bits, bands if not separate else 1, len(extra))
     whole_bytes = bits in (8, 16, 32, 64) and compression in (t.LZW, t.DEFLATE, t.ZSTD, t.LZMA)
@@ -39,7 +43,6 @@ def tiff_mixture(rng: np.random.Generator) -> TiffKind:
     shape: dict[str, object] = _pick(
         rng, {}, {"strip": int(rng.integers(1, 20))}, {"tile": _pick(rng, (16, 16), (32, 48))}
     )
-    inverted = bands == 1 and form == UNSIGNED and rng.random() < 0.25
     tells = bits in (8, 16) and form == UNSIGNED and rng.random() < 0.2
     linear = bool(rng.random() < 0.5)
     profile = icc_profile if bands == 3 else grey_profile

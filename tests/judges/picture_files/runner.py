@@ -27,8 +27,8 @@ VERDICTS = (RIGHT, NAMED, UNNAMED, WRONG, CRASHED)
 Read = Callable[[Path, int | None], Any]
 """Reads a page (None: as the reader chooses) as an object with levels, light, encoding, ..."""
 
-_EXACT = 3e-6
-"""Share of white that single precision may take from light."""
+_EXACT, _CURVE = 3e-6, 1e-4
+"""Share of white that single precision may take from light, and a curve given as a table."""
 
 
 @dataclass(frozen=True)
@@ -118,14 +118,18 @@ def _judge(read: Read, file: PictureFile) -> Finding:
 
 def _of_refusal(message: str, file: PictureFile) -> dict[str, str]:
     said = message.replace(str(file.path), "").replace(file.path.name, "")
-    named = any(word in said.lower() for word in file.must_name)
+    # What to do instead names formats too, and says nothing of the file.
+    about = said.split(" Give ")[0].split(" Save ")[0].lower()
+    named = any(word in about for word in file.must_name)
     if file.valid and not file.must_name:
         return {"verdict": UNNAMED, "reason": f"a usual file: {said[:160]}"}
+    if file.valid and "damaged" in about and "damaged" not in file.must_name:
+        return {"verdict": UNNAMED, "reason": f"a sound file: {said[:160]}"}
     return {"verdict": NAMED if named else UNNAMED, "reason": said[:160]}
 
 
 def _of_reading(photograph: Any, file: PictureFile) -> dict[str, str]:
-    notes = " ".join(getattr(photograph, "notes", ()))
+    notes = " ".join(getattr(photograph, "remarks", ()))
     words = notes.lower()
     if not file.valid:
         if any(word in words for word in file.must_name):
@@ -143,15 +147,18 @@ def _difference(photograph: Any, file: PictureFile) -> str:
     levels = np.asarray(photograph.levels)
     if not np.isfinite(light).all():
         return "light isn't finite"
-    encoding = photograph.encoding
-    if file.encodings and encoding not in file.encodings:
+    encoding = getattr(photograph.encoding, "name", photograph.encoding)
+    by_curve = encoding not in ("linear", "srgb")
+    if file.encodings and encoding not in file.encodings and not by_curve:
         return f"encoding {encoding!r}, which is {' or '.join(file.encodings)}"
     if file.numbers is not None:
         wrong = _level_difference(levels, getattr(photograph, "white", None), file)
         if wrong:
             return wrong
-    errors = [_error(light, truth, file) for truth in file.lights(encoding)]
-    if min(errors) > (2.5 * file.loss or _EXACT):
+    names = file.encodings if by_curve and file.encodings else (encoding,)
+    errors = [_error(light, truth, file) for name in names for truth in file.lights(name)]
+    loss = 2.5 * max(file.loss, file.also_loss)
+    if min(errors) > max(loss, _CURVE if by_curve else _EXACT):
         return f"light differs by {min(errors):.2g} of white under {encoding!r}"
     return ""
 
@@ -166,8 +173,10 @@ def _level_difference(levels: Numbers, white: float | None, file: PictureFile) -
     shapes = {_alike(levels, t).shape for t in truths}
     if not any(_alike(levels, t).shape == t.shape for t in truths):
         return f"levels {levels.shape}, in truth {shapes}"
-    errors = [_error(levels.astype(np.float64), t, file, exact=True) for t in truths]
-    if min(errors) > file.loss:
+    errors = [_error(levels.astype(np.float64), t, file) for t in truths]
+    others = range(1, 1 + len(file.also))
+    allowed = [max(file.loss, file.also_loss if i in others else 0) for i in range(len(truths))]
+    if all(error > most for error, most in zip(errors, allowed, strict=True)):
         top = float(np.abs(file.numbers.astype(float)).max()) or 1.0
         ratio = float(np.abs(levels.astype(float)).max()) / top
         return f"levels differ by {min(errors):.2g} of white (largest: {ratio:.3g} times)"
@@ -178,15 +187,13 @@ def _level_difference(levels: Numbers, white: float | None, file: PictureFile) -
     return ""
 
 
-def _error(found: Numbers, truth: Numbers, file: PictureFile, *, exact: bool = False) -> float:
+def _error(found: Numbers, truth: Numbers, file: PictureFile) -> float:
     """Rms difference of lossy files, else the largest one, in shares of the truth's largest."""
     found = _alike(found, truth)
     if found.shape != truth.shape:
         return np.inf
     off = np.abs(found - truth.astype(np.float64))
     top = float(np.abs(truth.astype(np.float64)).max()) or 1.0
-    if exact and not file.loss:
-        return float(off.max()) / top
     return float(np.sqrt((off**2).mean()) if file.loss else off.max()) / top
 
 

@@ -29,7 +29,7 @@ _JPEG_LOSS = 0.025
 """Rms share of white that JPEG of quality 95 may take from a smooth scene, chroma halved."""
 
 
-def _palette(bits: int, eight: bool, order: str = "<", **layout: object):  # noqa: ANN202
+def _palette(bits: int, eight: bool, order: str = "<", **layout: object):
     def make(rng: np.random.Generator, path: Path) -> PictureFile:
         count = 2**bits
         table = rng.integers(0, 65536, (3, count)).astype(np.uint16)
@@ -47,7 +47,7 @@ def _palette(bits: int, eight: bool, order: str = "<", **layout: object):  # noq
             ("srgb", "linear"),
             65535,
             also=also,
-            must_name=("palette", "colour map", "indexed"),
+            must_name=("palette", "colour map"),
         )
 
     return make
@@ -61,7 +61,7 @@ def _ycbcr(rgb: Numbers) -> Numbers:
     return np.clip(np.rint(np.stack([y, cb, cr])), 0, 255).astype(np.uint8)
 
 
-def _uncompressed_ycbcr(subsampling: tuple[int, int], compression: int = t.NONE):  # noqa: ANN202
+def _uncompressed_ycbcr(subsampling: tuple[int, int], compression: int = t.NONE):
     def make(rng: np.random.Generator, path: Path) -> PictureFile:
         rgb = quantised(smooth_scene(rng), 8)
         levels = [(0, 1), (255, 1), (128, 1), (255, 1), (128, 1), (255, 1)]
@@ -74,7 +74,7 @@ def _uncompressed_ycbcr(subsampling: tuple[int, int], compression: int = t.NONE)
     return make
 
 
-def _jpeg_inside(photometric: int, subsampling: str, tile: bool, tables: bool):  # noqa: ANN202
+def _jpeg_inside(photometric: int, subsampling: str, tile: bool, tables: bool):
     """Strips or tiles of JPEG, with tables of their own or in a tag."""
 
     def make(rng: np.random.Generator, path: Path) -> PictureFile:
@@ -149,7 +149,7 @@ def _split_jpeg(stream: bytes) -> tuple[bytes, bytes]:
     return b"\xff\xd8" + tables + b"\xff\xd9", rest + stream[at:]
 
 
-def _lab(bits: int, photometric: int = 8):  # noqa: ANN202
+def _lab(bits: int, photometric: int = 8):
     """CIELab under D50 of linear light; skimage does the arithmetic for D65 after Bradford."""
 
     def make(rng: np.random.Generator, path: Path) -> PictureFile:
@@ -173,7 +173,7 @@ def _lab(bits: int, photometric: int = 8):  # noqa: ANN202
             (),
             light=np.clip(lab_light(lab), 0, 1),
             loss=0.02,
-            must_name=("lab",),
+            must_name=("lab", "l*a*b*"),
             must_tell=("lab",),
         )
 
@@ -195,7 +195,7 @@ def lab_light(lab: Numbers) -> Numbers:
     return np.tensordot(np.array(matrix), xyz, 1)
 
 
-def _cmyk(bits: int, separate: bool = False, compression: int = t.NONE):  # noqa: ANN202
+def _cmyk(bits: int, separate: bool = False, compression: int = t.NONE):
     def make(rng: np.random.Generator, path: Path) -> PictureFile:
         light = scene(rng, 4)
         light[3] *= 0.3
@@ -210,7 +210,7 @@ def _cmyk(bits: int, separate: bool = False, compression: int = t.NONE):  # noqa
             light=naive_rgb(inks / (2.0**bits - 1)),
             loss=0.02,
             must_name=("cmyk",),
-            must_tell=("cmyk",),
+            must_tell=("cmyk", "inks"),
         )
 
     return make
@@ -221,7 +221,7 @@ def naive_rgb(inks: Numbers) -> Numbers:
     return decoded((1 - inks[:3]) * (1 - inks[3:]), "srgb")
 
 
-def _by_pillow(compression: str, mode: str = "1"):  # noqa: ANN202
+def _by_pillow(compression: str, mode: str = "1"):
     """What only libtiff writes here: CCITT's fax codes."""
 
     def make(rng: np.random.Generator, path: Path) -> PictureFile:

@@ -40,11 +40,14 @@ COMPRESSION_NAMES = {
 }
 
 
+_USUAL = Layout()
+
+
 @dataclass(frozen=True)
 class TiffKind:
     """A TIFF of a random scene: its layout, colours and words."""
 
-    layout: Layout = Layout()
+    layout: Layout = _USUAL
     bands: int = 3
     order: str = "<"
     big: bool = False
@@ -57,10 +60,16 @@ class TiffKind:
     tail: bytes = b""
 
     def __call__(self, rng: np.random.Generator, path: Path) -> PictureFile:
-        numbers, stored = self.samples(rng)
+        numbers, stored, also = self.samples(rng)
         page = tiff_page(stored, self.complete_layout(), self.order)
         path = save(path, self.ending, tiff_file([page], self.order, self.big) + self.tail)
-        return self.described(path, numbers)
+        found = self.described(path, numbers)
+        return replace(found, also=also, also_loss=self.rounding if also else 0.0)
+
+    @property
+    def rounding(self) -> float:
+        """Share of white by which colours that were divided by alpha are rounded."""
+        return 1.01 / (2**self.layout.bits - 1) if self.layout.form == t.UNSIGNED else 1e-4
 
     def described(self, path: Path, numbers: Numbers) -> PictureFile:
         """What the file at a path holds."""
@@ -91,7 +100,7 @@ class TiffKind:
         if layout.photometric == 0 and layout.form == FLOAT:
             found.append("whiteiszero")
         if layout.extra:
-            found += ["alpha", "extra"]
+            found += ["alpha", "extra", f"{self.bands + len(layout.extra)} bands"]
         return tuple(found)
 
     def complete_layout(self) -> Layout:
@@ -107,8 +116,8 @@ class TiffKind:
             photometric=self.layout.photometric if photometric is None else photometric,
         )
 
-    def samples(self, rng: np.random.Generator) -> tuple[Numbers, Numbers]:
-        """What is to be found, and (rows, columns, samples) as stored."""
+    def samples(self, rng: np.random.Generator) -> tuple[Numbers, Numbers, tuple[Numbers, ...]]:
+        """What is to be found, (rows, columns, samples) as stored, and what is right as well."""
         layout = self.layout
         light = scene(rng, self.bands + len(layout.extra))
         values = numbers_of(light, layout)
@@ -116,14 +125,32 @@ class TiffKind:
         stored = numbers
         if layout.photometric == 0:
             # Floats have no highest number: what is stored is 1 less the light.
-            top = 1.0 if layout.form == FLOAT else 2**layout.bits - 1
+            top = numbers_of_white(layout)
             stored = (top - numbers).astype(numbers.dtype)
             numbers = (top - stored).astype(numbers.dtype)
         if ASSOCIATED in layout.extra:
             alpha = light[self.bands + layout.extra.index(ASSOCIATED)]
             stored = numbers_of(light[: self.bands] * alpha, layout)
             numbers = stored
-        return numbers, np.moveaxis(np.concatenate([stored, others]), 0, -1)
+        stored = np.concatenate([stored, others])
+        return numbers, np.moveaxis(stored, 0, -1), self._also(numbers, stored)
+
+    def _also(self, numbers: Numbers, stored: Numbers) -> tuple[Numbers, ...]:
+        """Colours divided by the alpha in them; samples of no meaning taken for colours."""
+        extra = self.layout.extra
+        inverted = self.layout.photometric == 0
+        if self.bands == 1 and extra == (UNSPECIFIED, UNSPECIFIED):
+            return (numbers_of_white(self.layout) - stored if inverted else stored,)
+        if ASSOCIATED not in extra or self.layout.form == SIGNED:
+            return ()
+        top = numbers_of_white(self.layout)
+        alpha = stored[self.bands + extra.index(ASSOCIATED)].astype(np.float64)
+        return (numbers * np.where(alpha > 0, top / np.maximum(alpha, 1e-9), 1.0),)
+
+
+def numbers_of_white(layout: Layout) -> float:
+    """The highest number of a form, or 1."""
+    return 1.0 if layout.form == FLOAT else 2**layout.bits - 1
 
 
 def numbers_of(light: Numbers, layout: Layout) -> Numbers:

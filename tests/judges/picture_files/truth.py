@@ -23,7 +23,8 @@ class PictureFile:
 
     numbers: as the file's bits say them, photometric and palette applied, alpha left out; None
     where only `light` counts (colour spaces that have to be converted).
-    also: numbers that are right as well, such as both readings of an associated alpha.
+    also: numbers that are right as well, such as both readings of an associated alpha, and how
+    far from them, in shares of white, a reader may be.
     encodings: that a reader may claim; several where the format leaves it open.
     light: relative to white = 1, where it isn't `numbers` under the encoding that is claimed.
     loss: rms error in shares of white that the file's own compression may make; 0 means exact.
@@ -36,6 +37,7 @@ class PictureFile:
     encodings: tuple[str, ...] = ("linear",)
     white: float | None = None
     also: tuple[Numbers, ...] = ()
+    also_loss: float = 0.0
     light: Numbers | None = None
     loss: float = 0.0
     orientation: int = 1
@@ -57,6 +59,8 @@ class PictureFile:
             values = numbers.astype(np.float64)
             if encoding == "linear":
                 yield values
+                # Fewer bits than 8 may be spread over 8.
+                yield values * (255 / self.white if self.white and self.white < 255 else 1)
             if self.white:
                 yield decoded(values / self.white, encoding)
 
