@@ -11,6 +11,10 @@ from typing import Any
 import numpy as np
 import torch
 
+_SHORTEST_WAVELENGTH, _LONGEST_WAVELENGTH = 1e-9, 1e-3
+"""Range in metres of light: optical radiation lies between X-rays and radio waves, about 1 nm and
+1 mm (CIE S 017, 17-21-002). Numbers in nanometres or micrometres lie beyond it."""
+
 
 def _to_tensor(value: Any) -> Any:
     if isinstance(value, np.ndarray):
@@ -155,6 +159,17 @@ def require_positive(name: str, value: Any, unit: str) -> None:
     value = as_number(value)
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
+
+
+def require_wavelength(name: str, value: Any) -> None:
+    """Raise ValueError for an optical parameter that is no wavelength of light in metres."""
+    require_positive(name, value, "m")
+    value = as_number(value)
+    if not _SHORTEST_WAVELENGTH <= value <= _LONGEST_WAVELENGTH:
+        beyond = "shorter than a nanometre" if value < 1e-6 else "longer than a millimetre"
+        raise ValueError(
+            f"{name} is {value:g} m, {beyond}; give metres, for instance 550e-9 for green light"
+        )
 
 
 def require_count(name: str, value: int) -> None:

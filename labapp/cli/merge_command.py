@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import ForceOption, JsonOption, readable_path
+from labapp.cli.shared_options import ForceOption, JsonOption, light_in_nanometres, readable_path
 from labapp.common.errors import UserError
 
 
@@ -83,7 +83,11 @@ def merge(
     ] = None,
     wavelength_nm: Annotated[
         float | None,
-        typer.Option(help="Wavelength of a record in nanometres.", show_default="the only one"),
+        typer.Option(
+            callback=light_in_nanometres,
+            help="Wavelength of a record in nanometres.",
+            show_default="the only one",
+        ),
     ] = None,
     linear: Annotated[
         bool | None,

@@ -14,7 +14,13 @@ from labapp.cli.restoration_kinds import (
     refuse_options,
     require_options_of_one_kind,
 )
-from labapp.cli.shared_options import EncodingOption, ForceOption, JsonOption, readable_path
+from labapp.cli.shared_options import (
+    EncodingOption,
+    ForceOption,
+    JsonOption,
+    light_in_nanometres,
+    readable_path,
+)
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 from optics.deconvolution.method_names import AUTO, METHOD_CHOICES
@@ -98,7 +104,10 @@ def reconstruct(
     ] = None,
     wavelength_nm: Annotated[
         float | None,
-        typer.Option(help="Wavelength in nanometres, for a record with several."),
+        typer.Option(
+            callback=light_in_nanometres,
+            help="Wavelength in nanometres, for a record with several.",
+        ),
     ] = None,
     frame: Annotated[
         int | None,

@@ -12,6 +12,8 @@ from typing import Annotated, Any, ClassVar, dataclass_transform, get_args, get_
 
 from annotated_types import Ge, Gt, Le
 
+from labapp.files.wavelengths import LightUnit
+
 _UNITS = {
     "um_per_nm": "µm a nm",
     "_nm": "nm",
@@ -27,6 +29,7 @@ _UNITS = {
 }
 
 Positive = Annotated[float, Gt(0)]
+Nanometres = Annotated[Positive, LightUnit()]
 Count = Annotated[int, Ge(1), Le(100_000)]
 
 

@@ -7,6 +7,7 @@ import functools
 import numpy as np
 
 from optics.slm.panel import Panel
+from optics.validation import require_wavelength
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
@@ -39,6 +40,7 @@ def max_phase(panel: Panel, wavelength: float) -> float:
     """
     table = panel.max_phase
     known = [w for w, _ in table]
+    require_wavelength("wavelength", wavelength)
     low, high = 0.9 * min(known), 1.15 * max(known)
     if not low <= wavelength <= high:
         raise ValueError(
