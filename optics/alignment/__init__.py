@@ -10,6 +10,7 @@ from optics.alignment.focus_score import focus_score
 from optics.alignment.line_profile import LineProfile, line_profile
 from optics.alignment.region import Region, RegionStatistics, region_statistics
 from optics.alignment.registration import Registration, register_pictures
+from optics.alignment.resampling import resample_moved
 from optics.alignment.rigid_motion import RigidMotion
 from optics.alignment.star_shape import StarShape, star_shape
 
@@ -27,5 +28,6 @@ __all__ = [
     "peak_level",
     "region_statistics",
     "register_pictures",
+    "resample_moved",
     "star_shape",
 ]

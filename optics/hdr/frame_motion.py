@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from optics.alignment import Registration, RigidMotion, register_pictures
 
 Levels = NDArray[Any]
+Mask = NDArray[np.bool_]
 
 _NOTABLE, _SURE = 0.5, 5.0
 """Distance at the corners in pixels, and standard deviations, from which on a frame has moved.
@@ -55,7 +56,7 @@ class FrameMotions:
 
 
 def find_motions(
-    frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[NDArray[np.bool_]]]
+    frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]]
 ) -> FrameMotions:
     """Find how the frames of an exposure bracket moved against each other.
 
@@ -75,22 +76,27 @@ def find_motions(
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
     motions, deviations = [RigidMotion()], [0.0]
     for darker, brighter in itertools.pairwise(order):
-        found = _register_pair(frames[darker], frames[brighter], clipped[brighter])
+        found = _register_pair(frames[darker], frames[brighter], clipped[darker], clipped[brighter])
         motions.append(found.motion.after(motions[-1]))
         deviations.append(found.deviation)
     return _against_reference(motions, deviations, order, shape)
 
 
 def _register_pair(
-    darker: Sequence[Levels], brighter: Sequence[Levels], clipped: Sequence[NDArray[np.bool_]]
+    darker: Sequence[Levels],
+    brighter: Sequence[Levels],
+    darker_clipped: Sequence[Mask],
+    brighter_clipped: Sequence[Mask],
 ) -> Registration:
     """Return how the brighter frame of a bracket moved against the darker one."""
-    valid = [~one for one in clipped]
+    # Numbers of 0 are clipped, too, or those of a border that was filled.
+    valid = [
+        ~one & (levels > 0) for one, levels in zip(brighter_clipped, brighter, strict=True)
+    ]
     brought = [
         _with_histogram_of(bright, dark) for bright, dark in zip(brighter, darker, strict=True)
     ]
-    whole = [np.ones_like(one) for one in valid]
-    found = register_pictures(brought, list(darker), valid, whole)
+    found = register_pictures(brought, list(darker), valid, [~one for one in darker_clipped])
     return Registration(found.motion.inverse(), found.deviation)
 
 
