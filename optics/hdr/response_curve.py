@@ -99,7 +99,7 @@ def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> R
     Parameters
     ----------
     frames : sequence of NDArray
-        Each (rows, columns), uint8.
+        Each (rows, columns), uint8; or float32, numbers between those of 8-bit pixels.
     exposures : array_like
         Seconds, one for each frame.
 
@@ -149,7 +149,8 @@ def _sample(frames: Sequence[Numbers] | Numbers) -> NDArray[np.intp]:
     """Return the numbers of some of an 8-bit bracket's pixels, (frames, pixels)."""
     shape = np.shape(frames[0])
     every = max(1, shape[0] * shape[1] // _PIXELS)
-    return np.array([np.asarray(one).ravel()[::every] for one in frames], dtype=np.intp)
+    few = [np.rint(np.asarray(one).ravel()[::every]) for one in frames]
+    return np.array(few).astype(np.intp)
 
 
 def _fit(
