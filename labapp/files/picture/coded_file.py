@@ -172,9 +172,8 @@ def _require_sound_jpeg(path: Path, data: bytes) -> None:
     with collect_library_text(_LIBRARY_TEXT) as said:
         cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8)
     if any("premature end" in line.lower() for line in said):
-        raise refuse_picture(
-            path, "a JPEG with fewer rows than its header says", "Get the original."
-        )
+        what = "a JPEG that is damaged: it has fewer rows than its header says"
+        raise refuse_picture(path, what, "Get the original.")
 
 
 def _colours(
