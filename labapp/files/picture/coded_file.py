@@ -184,6 +184,8 @@ def _colours(
     if header.kind == "JPEG" and len(bands) == 4:
         told = "its inks (CMYK) were turned into red, green and blue without their profile"
         return _from_inks(bands, is_inverse=b"Adobe" in data[:4096]), (told,)
+    if len(bands) in (1, 3) and header.kind == "PNG" and b"tRNS" in data[: 1 << 16]:
+        return bands, ("its alpha was left out: colours are as they're stored",)
     if header.kind == "GIF" and len(bands) == 4:
         raise refuse_picture(path, "a GIF with transparent pixels, which have no colour")
     if len(bands) in (2, 4):

@@ -134,7 +134,9 @@ def _jpeg_xr(data: bytes) -> Header:
 
 def _jpeg_xl(data: bytes) -> Header | None:
     found = read_jpeg_xl_header(data)
-    return found and Header("JPEG XL", found.width, found.height, found.bits, None)
+    if found is None:
+        return None
+    return Header("JPEG XL", found.width, found.height, found.bits, None)
 
 
 def _begins(*starts: bytes) -> Callable[[bytes], bool]:

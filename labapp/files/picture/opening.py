@@ -63,13 +63,25 @@ def _mosaic_refused(path: Path, data: bytes) -> UserError:
     )
 
 
-def count_pages(data: bytes) -> int:
-    """Return how many pictures the bytes of a TIFF file hold; 1 for any other."""
-    if not is_tiff(data):
-        return 1
-    from labapp.files.picture.tiff_file import count_tiff_pages
+def count_pages(path: Path, data: bytes) -> int:
+    """Return how many pictures the bytes of a file hold that can be named one by one."""
+    if is_tiff(data):
+        from labapp.files.picture.tiff_file import count_tiff_pages
 
-    return count_tiff_pages(data)
+        return count_tiff_pages(data)
+    if data.startswith(_OPEN_EXR):
+        from labapp.files.picture.open_exr import count_exr_pages
+
+        return count_exr_pages(path, data)
+    if data.startswith(_FITS):
+        from labapp.files.picture.fits import count_fits_pages
+
+        return count_fits_pages(path, data)
+    if is_netpbm(data):
+        from labapp.files.picture.netpbm import count_netpbm_pages
+
+        return count_netpbm_pages(path, data)
+    return 1
 
 
 def is_tiff(data: bytes) -> bool:

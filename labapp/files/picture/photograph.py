@@ -168,7 +168,7 @@ def _choose_encoding(
 
 def _page(path: Path, data: bytes, page: int | None, option: str) -> int:
     """Return the picture of a file to read, counted from 0."""
-    count = count_pages(data)
+    count = count_pages(path, data)
     if count > 1 and page is None:
         remedy = "Save the one that is meant as a file of its own."
         if option:

@@ -204,11 +204,11 @@ def _require_readable(
 ) -> None:
     """Raise UserError for a page without all its data, or that would take too much memory."""
     tile = max(int(part.tilewidth), 1) * max(int(part.tilelength), 1)
-    size = max(math.prod(part.shaped), tile * header.samples) * part.dtype.itemsize
+    count = max(math.prod(part.shaped), tile * header.samples)
     what = f"a picture of {part.imagewidth} x {part.imagelength} pixels by its header"
-    require_memory(path, stored, size, what, pixels=size // part.dtype.itemsize)
+    require_memory(path, stored, count * header.dtype.itemsize, what, pixels=count)
     needed = math.prod(part.chunked)
-    ends = [at + count for at, count in zip(part.dataoffsets, part.databytecounts, strict=False)]
+    ends = [sum(one) for one in zip(part.dataoffsets, part.databytecounts, strict=False)]
     if len(ends) < needed or not all(part.databytecounts[:needed]):
         raise refuse_picture(path, "a TIFF some of whose strips or tiles are missing")
     if max(ends[:needed]) > stored:

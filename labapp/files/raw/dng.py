@@ -84,7 +84,8 @@ def _decode(path: Path, data: bytes, page: Directory) -> tuple[NDArray[np.uint16
         return _require_shape(path, other.mosaic, page), []
     table = levels.linear_table(page)
     own = numbers if table is None else table[np.minimum(numbers, len(table) - 1)]
-    if not isinstance(other, str) and np.array_equal(own, other.mosaic):
+    theirs = None if isinstance(other, str) else other.mosaic
+    if theirs is not None and np.array_equal(own, theirs):
         return own, []
     # Other kinds have a sum of their own, or nothing that can be misread.
     if page.number(COMPRESSION, 1) == _JPEG:

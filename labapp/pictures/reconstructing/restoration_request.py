@@ -210,8 +210,11 @@ class RestorationRequest:
                 raise UserError(
                     f"--{name} {value}: {self.source} is one RAW photograph. Leave it out."
                 )
-        if self.linear is False:
-            raise UserError(f"--srgb: {self.source} is RAW, which is proportional to light.")
+        if self.encoding not in (None, "linear"):
+            raise UserError(
+                f"--encoding {self.encoding}: {self.source} is RAW, which is proportional to light. "
+                "Leave it out."
+            )
         progress.report(0, f"reading {self.source.name}")
         found = prepare_raw(
             self.source, data, is_grey=self.choice.grey, clip=self.clip, dark=self.dark
@@ -221,6 +224,7 @@ class RestorationRequest:
 
     def _problem_from_raw(self, raw: RawToRestore, progress: Progress) -> RestorationProblem:
         """Build the problem of restoring a RAW photograph."""
+        notes: Sequence[str]
         if self.psf is not None:
             psf, notes = read_psf_file(self.psf, raw.band_count, self.choice)
             told = str(self.psf)
