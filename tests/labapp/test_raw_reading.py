@@ -14,8 +14,9 @@ import tifffile
 from judges.raw_files import AREA, BLACK, BLACK_REPEAT, WHITE, data_offset, dng, with_number
 
 from labapp.common.errors import UserError
+from labapp.common.library_text import collect_library_text
 from labapp.files.raw import is_raw, read_raw
-from labapp.files.raw.libraw import collect_messages
+from labapp.files.raw.libraw import MESSAGE
 
 PATH = Path("photo.dng")
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "cases" / "pictures"
@@ -232,7 +233,7 @@ def test_other_files_are_not_raw(tmp_path, kind):
 
 
 def test_libraws_lines_are_kept_from_the_terminal_and_others_are_not(capfd):
-    with collect_messages() as messages:
+    with collect_library_text(MESSAGE) as messages:
         os.write(2, b"unknown file: data corrupted at 1378\nsomething else\n")
         os.write(2, b"a: b.dng: Unexpected end of file\n")
     assert messages == ["data corrupted at 1378", "Unexpected end of file"]

@@ -22,7 +22,7 @@ from labapp.files.guarded_reading import require_memory
 if TYPE_CHECKING:
     import rawpy
 
-_MESSAGE = re.compile(rb"^[^\n]*: (Unexpected end of file|data corrupted at -?\d+)\s*$", re.M)
+MESSAGE = re.compile(rb"^[^\n]*: (Unexpected end of file|data corrupted at -?\d+)\s*$", re.M)
 """Lines that LibRaw writes to standard error."""
 
 _ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
@@ -83,7 +83,7 @@ def decode_by_libraw(path: Path, data: bytes) -> LibRawPicture | str:
     """
     import rawpy
 
-    with collect_library_text(_MESSAGE) as messages:
+    with collect_library_text(MESSAGE) as messages:
         try:
             with rawpy.RawPy() as raw:
                 raw.open_buffer(io.BytesIO(data))
