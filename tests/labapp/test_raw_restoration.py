@@ -203,7 +203,7 @@ def test_an_unknown_blur_is_looked_for_in_the_colours_together(labapp, photo):
 
 def test_options_that_a_raw_file_does_not_have_are_refused(labapp, photo):
     psf = ("--psf", photo.parent / "psf.npy")
-    assert "proportional to light" in refusal(labapp, photo, *psf, "--srgb")
+    assert "proportional to light" in refusal(labapp, photo, *psf, "--encoding", "srgb")
     assert "is one RAW photograph" in refusal(labapp, photo, *psf, "--frame", "0")
     assert "is a RAW file" in refusal(labapp, photo, *psf, "--truth", photo)
     assert "Give less" in refusal(labapp, photo, *psf, "--dark", "4000")

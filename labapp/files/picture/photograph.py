@@ -192,8 +192,8 @@ def _read_array(path: Path) -> StoredPicture:
         bands = np.moveaxis(values, -1, 0)
     else:
         raise UserError(
-            f"{path}: has {values.ndim} dimensions, {' x '.join(map(str, values.shape))}; give "
-            "rows x columns, or rows x columns x 3."
+            f"{path}: is {' x '.join(map(str, values.shape))}; give rows x columns, or rows x "
+            "columns x 3, and no further dimensions."
         )
     white = None if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
     told = "arrays are proportional to light"

@@ -177,6 +177,7 @@ class RestorationRequest:
             self.border,
             (*read.remarks, *notes),
             reference=self.reference,
+            encoding=f"{read.encoding.name}, {read.encoding_source}",
         )
 
     def read_record(self, progress: Progress, *, star: bool) -> RecordedPhotograph:
@@ -212,8 +213,8 @@ class RestorationRequest:
                 )
         if self.encoding not in (None, "linear"):
             raise UserError(
-                f"--encoding {self.encoding}: {self.source} is RAW, which is proportional to light. "
-                "Leave it out."
+                f"--encoding {self.encoding}: {self.source} is RAW, which is proportional to "
+                "light. Leave it out."
             )
         progress.report(0, f"reading {self.source.name}")
         found = prepare_raw(
