@@ -43,7 +43,9 @@ def require_unmasked(*given: Any) -> None:
     for value in given:
         if isinstance(value, list | tuple):
             require_unmasked(*value)
-        if isinstance(value, np.ma.MaskedArray) and (masked := int(np.ma.count_masked(value))):
+        if isinstance(value, np.ma.MaskedArray) and (
+            masked := int(np.ma.getmaskarray(value).sum())
+        ):
             raise ValueError(
                 f"a masked array with {masked} masked values of {value.size} was given; say what "
                 "stands there, with its method filled()"

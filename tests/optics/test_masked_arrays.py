@@ -74,7 +74,7 @@ EIGHT = (255 * PICTURE).astype(np.uint8)
         lambda: PanelMap(masked()),
         lambda: fourier_coverage(masked(WHOLE)),
         lambda: dispersion_power(masked(WHOLE)),
-        lambda: PsfMerit(("RG", "GB"), masked(), np.ones((4, 3)), 0.01, generator=None),
+        lambda: PsfMerit(masked(), ("RG", "GB"), np.ones((4, 3)), 0.01, generator=None),
     ],
 )
 def test_masked_values_that_nothing_can_stand_for_are_refused(use):
