@@ -30,15 +30,41 @@ def _to_tensor(value: Any) -> Any:
 
 
 def _require_plain_array(value: np.ndarray[Any, Any]) -> None:
-    """Raise an error for a numpy array of anything but numbers, or with masked values."""
+    """Raise TypeError for a numpy array of anything but numbers."""
     if value.dtype.kind not in "biufc":
         raise TypeError(f"an array of {value.dtype} was given; give an array of numbers")
-    masked = int(np.ma.getmaskarray(value).sum()) if isinstance(value, np.ma.MaskedArray) else 0
-    if masked:
-        raise ValueError(
-            f"a masked array with {masked} masked values of {value.size} was given; say what "
-            "stands there, with its method filled()"
-        )
+
+
+def require_unmasked(*given: Any) -> None:
+    """Raise ValueError for masked values in an optical function's arrays, or in lists of them.
+
+    numpy and torch pass over a mask without a word when they convert an array.
+    """
+    for value in given:
+        if isinstance(value, list | tuple):
+            require_unmasked(*value)
+        if isinstance(value, np.ma.MaskedArray) and (
+            masked := int(np.ma.getmaskarray(value).sum())
+        ):
+            raise ValueError(
+                f"a masked array with {masked} masked values of {value.size} was given; say what "
+                "stands there, with its method filled()"
+            )
+
+
+def split_mask(picture: Any, weights: Any) -> tuple[Any, Any]:
+    """Take the mask off a photograph, and put it into the weights of its pixels.
+
+    picture: an array of any kind. weights: of the same shape; None for 1 at all pixels. Masked
+    pixels have a weight of 0, as dead ones have, and other pictures come back as they are.
+    """
+    if not isinstance(picture, np.ma.MaskedArray):
+        return picture, weights
+    require_unmasked(weights)
+    known = ~np.ma.getmaskarray(picture)
+    kind = picture.dtype if picture.dtype.kind == "f" else np.dtype(np.float32)
+    own = known.astype(kind) if weights is None else np.where(known, np.asarray(weights), 0)
+    return picture.filled(0), weights if known.all() else own
 
 
 def _to_numpy(value: Any) -> Any:
@@ -60,6 +86,7 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> Any:
         given = [*args, *kwargs.values()]
+        require_unmasked(*given)
         if not any(isinstance(value, np.ndarray) for value in given):
             return function(*args, **kwargs)
         inner_args = [_to_tensor(value) for value in args]

@@ -18,6 +18,8 @@ import scipy.optimize
 import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
+from optics.validation import require_unmasked
+
 Array = NDArray[np.float64]
 Numbers = NDArray[np.uint8]
 
@@ -147,6 +149,7 @@ def _missing_exposures(numbers: NDArray[np.intp]) -> str:
 
 def _sample(frames: Sequence[Numbers] | Numbers) -> NDArray[np.intp]:
     """Return the numbers of some of an 8-bit bracket's pixels, (frames, pixels)."""
+    require_unmasked(frames)
     shape = np.shape(frames[0])
     every = max(1, shape[0] * shape[1] // _PIXELS)
     few = [np.rint(np.asarray(one).ravel()[::every]) for one in frames]

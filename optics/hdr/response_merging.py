@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optics.hdr.radiance import CLIPPED, DARK, MOVED, VALID, RadianceEstimate
 from optics.hdr.response_curve import HIGHEST, LOWEST, Numbers, ResponseCurve
+from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -75,6 +76,7 @@ def merge_by_response(
     ValueError
         If frames aren't 8-bit, or their sizes or number don't match.
     """
+    require_unmasked(frames, exposures)
     shapes = {np.shape(one) for one in frames}
     times = np.log(np.asarray(exposures, dtype=np.float64).ravel())
     if len(shapes) != 1 or len(frames) != len(times):

@@ -42,6 +42,8 @@ def test_light_that_lamps_and_lasers_have_is_believed(number):
     assert not doubt_nanometres(number)
 
 
+LENS = TypeAdapter(LensPattern)
+
 ACQUISITION = {"targets": ["star"], "patterns": ["neutral"], "exposures_ms": [1]}
 
 
@@ -68,10 +70,8 @@ def test_every_command_asks_about_the_unit(labapp):
     "make",
     [
         lambda nm: MonochromaticTable(kind="monochromatic", wavelength_nm=nm),
-        lambda nm: TypeAdapter(LensPattern).validate_python({"kind": "lens", "wavelength_nm": nm}),
-        lambda nm: TypeAdapter(
-            Acquisition.model_fields["wavelengths_nm"].annotation
-        ).validate_python([nm]),
+        lambda nm: LENS.validate_python({"kind": "lens", "focal_length_m": 1, "wavelength_nm": nm}),
+        lambda nm: Acquisition.model_validate(ACQUISITION | {"wavelengths_nm": [550, nm]}),
         lambda nm: TypeAdapter(InlineCurve).validate_python({f"{nm}": 0.5}),
     ],
 )
