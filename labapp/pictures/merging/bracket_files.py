@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.photograph_file import InputPhotograph, read_photograph
 from labapp.files.sensor_file import read_sensor
+from labapp.pictures.merging.bracket_pages import read_frames
+from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
 from optics.camera import Sensor
 
 Frame = NDArray[Any]
@@ -48,7 +50,8 @@ class BracketFiles:
     mean; infinite for a level. defects: (rows, columns), pixels that don't measure light, or None.
     is_coded: whether frames are 8-bit pictures whose response curve isn't known; of the sensor only
     the full scale is. sensor_source: what the sensor's numbers rest on, in words. doubts: why they
-    may not hold.
+    may not hold. notes: what was done in reading. may_move: whether frames may have moved against
+    each other.
     """
 
     names: list[str]
@@ -61,52 +64,57 @@ class BracketFiles:
     is_coded: bool = False
     sensor_source: str = ""
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    may_move: bool = False
 
 
 def read_bracket_files(
     paths: Sequence[Path],
-    exposures: Sequence[float],
+    exposures: Sequence[float] | None,
     darks: Sequence[Path],
     sensor_file: Path | None,
     numbers: SensorNumbers,
     linear: bool | None,
 ) -> BracketFiles:
-    """Read a bracket's frames and darks from picture files.
+    """Read a bracket's frames and darks from picture files, or from the pages of one.
 
-    Raises UserError for files that don't fit together, and for a sensor of which too little is
-    known.
+    exposures: seconds; None for those that the files tell. Raises UserError for files that don't
+    fit together, and for a sensor of which too little is known.
     """
-    if len(exposures) != len(paths):
+    photographs, names = read_frames(paths, linear)
+    if exposures is not None and len(exposures) != len(names):
+        kind = "files" if len(paths) == len(names) else "pages"
         raise UserError(
-            f"--exposures has {len(exposures)} times for {len(paths)} files. Give one for each, in "
-            "the files' order, as in --exposures 0.001,0.004,0.016."
+            f"--exposures has {len(exposures)} times for {len(names)} {kind}. Give one for each, "
+            "in their order, as in --exposures 0.001,0.004,0.016."
         )
-    wrong = [one for one in exposures if not 0 < one < math.inf]
-    if wrong:
-        raise UserError(f"--exposures: {wrong[0]:g} s can't be; all must be positive.")
-    photographs = [read_photograph(path, linear=linear) for path in paths]
     _require_one_kind(photographs)
     told = sensor_file is not None or numbers != SensorNumbers() or darks or linear is not None
     is_coded = not told and all(one.is_srgb for one in photographs)
+    if exposures is None:
+        (times, notes), doubts = times_of_files(photographs, is_coded), []
+    else:
+        times, notes, doubts = list(exposures), [], contradictions(photographs, exposures)
     frames = [one.levels if is_coded else _numbers(one) for one in photographs]
-    for path, frame in zip(paths, frames, strict=True):
+    for name, frame in zip(names, frames, strict=True):
         if frame.shape != frames[0].shape:
             raise UserError(
-                f"{path}: is {_size(frame)} and {paths[0]} is {_size(frames[0])}. All frames of a "
+                f"{name}: is {_size(frame)} and {names[0]} is {_size(frames[0])}. All frames of a "
                 "bracket have one size."
             )
-    names, times = [path.name for path in paths], list(exposures)
     if is_coded:
         levels: list[Frame | float] = [0.0] * len(frames)
         return BracketFiles(
-            names, frames, times, levels, [math.inf] * len(frames), _CODED, is_coded=True
-        )
+            names, frames, times, levels, [math.inf] * len(frames), _CODED, is_coded=True,
+            doubts=tuple(doubts), notes=tuple(notes), may_move=True,
+        )  # fmt: skip
     sensor = _sensor(sensor_file, numbers, photographs, frames[0].shape[1:])
     means, counts = _mean_darks(darks, frames[0], len(frames), sensor, linear)
     return BracketFiles(
         names, frames, times, means, counts, sensor,
         sensor_source=_sensor_source(sensor_file, numbers),
-        doubts=(*_equal_times(times), *_other_full_scale(frames, times, sensor)),
+        doubts=(*doubts, *_equal_times(times), *_other_full_scale(frames, times, sensor)),
+        notes=tuple(notes), may_move=True,
     )  # fmt: skip
 
 
