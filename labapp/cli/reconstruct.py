@@ -33,8 +33,8 @@ def reconstruct(
         typer.Argument(
             metavar="RUN.h5|MERGED.h5|RAW|IMAGE",
             callback=readable_path,
-            help="Record of a run, a bracket that labapp merge wrote, a RAW file (DNG, CR2, NEF and "
-            "others), or a picture: PNG, TIFF, JPEG, OpenEXR, .npy and others (labapp help pictures).",
+            help="Record of a run, a bracket that labapp merge wrote, a camera's RAW file (DNG and "
+            "others), or a picture: PNG, TIFF, JPEG, OpenEXR, .npy … (labapp help pictures).",
         ),
     ],
     psf: Annotated[

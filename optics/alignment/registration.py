@@ -1,6 +1,6 @@
 """Register two pictures of one scene to a small part of a pixel: shift and turn.
 
-Both show the scene in like numbers, up to a gain and a level. The motion that makes them equal is
+Both show the scene in like numbers, up to a smooth curve near a straight line. The motion that makes them equal is
 found by Gauss and Newton's steps with the slopes of one of them, from coarse pictures to the finest
 (Lucas and Kanade, IJCAI 1981; Baker and Matthews, Int. J. Comput. Vis. 56, 2004, doi
 10.1023/B:VISI.0000011205.11775.fd), with small weights where they differ much (Geman and McClure).
@@ -44,6 +44,11 @@ pixels at which they end."""
 _STRAY = 2.0
 """Robust deviations at which a pixel's weight is a fourth."""
 
+_POWERS = 4
+"""Powers of the moving picture's numbers by which they may differ from the fixed one's. Chosen: where
+light but rises from one side to the other, a shift is no more than another curve, and isn't known.
+"""
+
 _LEAST_POINTS = 200
 """Pixels that two pictures share from which on their motion is told. Chosen."""
 
@@ -77,7 +82,7 @@ def register_pictures(
     ----------
     fixed, moving : sequence of NDArray
         Bands, each (rows, columns), of one size. Each band shows the scene in numbers that differ
-        by a gain and a level only.
+        by a smooth curve only, near a straight line.
     fixed_valid, moving_valid : sequence of NDArray of bool
         Where they do: clipped pixels aren't.
     start : RigidMotion, optional
@@ -161,7 +166,9 @@ def _register_level(
         step = covariance @ wanted
         before = motion
         motion = RigidMotion(
-            motion.turn + step[0] / _radius(shape), motion.down + step[1], motion.right + step[2]
+            motion.turn + float(step[0]) / _radius(shape),
+            motion.down + float(step[1]),
+            motion.right + float(step[2]),
         )
         deviation = _CORRELATED * math.sqrt(np.trace(covariance))
         if motion.corner_distance(before, shape) < _STILL * 2**number:
@@ -215,11 +222,13 @@ class _BandPoints:
         place, slopes = place[:, inside], motion.matrix @ self._slopes[:, inside]
         turned = np.stack([-place[1], place[0]])
         turning = np.einsum("ij,ij->j", slopes, motion.matrix @ turned) / self._radius
-        design = np.stack([turning, *slopes, np.ones(count), values])
+        share = (values - values.mean()) / max(float(values.std()), 1e-6)
+        curve = [share**power for power in range(_POWERS)]
+        design = np.stack([turning, *slopes, *curve])
         wanted = self._fixed[inside].astype(np.float64)
         weight = np.ones(count)
         for _ in range(2):
-            # A gain and a level of the moving picture's numbers are found with the motion.
+            # The moving picture's gain, level and curve are found with the motion.
             matrix = (design * weight) @ design.T
             unknown = np.linalg.lstsq(matrix, (design * weight) @ wanted, rcond=None)[0]
             left = wanted - unknown[3:] @ design[3:]
@@ -227,7 +236,7 @@ class _BandPoints:
             weight = 1 / (1 + (left / (_STRAY * spread)) ** 2) ** 2
         matrix = (design * weight) @ design.T
         right = (design * weight) @ wanted
-        # The gain and level are eliminated.
+        # The curve is eliminated.
         other = matrix[:3, 3:] @ np.linalg.pinv(matrix[3:, 3:], hermitian=True)
         variance = float(weight @ left**2 / weight.sum()) + 1e-9
         return (
@@ -252,9 +261,7 @@ def _steepest(slope: Picture, valid: Mask) -> tuple[NDArray[np.intp], NDArray[np
     each = _POINTS // _REGIONS**2
     for row in range(_REGIONS):
         for column in range(_REGIONS):
-            part = np.s_[
-                edges[0][row] : edges[0][row + 1], edges[1][column] : edges[1][column + 1]
-            ]
+            part = np.s_[edges[0][row] : edges[0][row + 1], edges[1][column] : edges[1][column + 1]]
             found = np.where(valid[part], slope[part], -1).ravel()
             few = np.argpartition(found, -min(each, found.size))[-min(each, found.size) :]
             flags = np.zeros(found.size, dtype=bool)

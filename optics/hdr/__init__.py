@@ -3,10 +3,9 @@
 The files are in the order of the work: what a merged picture is, the bracket with its noise, the
 samples of some pixels and their weighted mean, pixels in which exposures contradict each other or
 may be clipped, the merge itself, how accurate it is, exposures that differ from what they were said
-to be, defective pixels, 8-bit pictures whose response curve isn't known and their exposure times, and
-frames that moved. A bracket is chosen
-before it is taken: the scene is metered, the exposures are searched for, and a scene that has
-changed since is told.
+to be, defective pixels, 8-bit pictures whose response curve isn't known, their exposure times, and
+frames that moved. A bracket is chosen before it is taken: the scene is metered, the exposures are
+searched for, and a scene that has changed since is told.
 """
 
 from optics.hdr.bracket import Bracket

@@ -38,7 +38,7 @@ of the levels below. Chosen on photographs: a tenth of it, or ten times as much,
 _LEVELS = np.linspace(12, 250, 100)
 
 _MISFIT = 0.01
-"""Deviation of the logarithm of light between a smooth curve and a pair of numbers. Chosen: pictures
+"""Deviation of light's logarithm between a smooth curve and a pair of numbers. Chosen: pictures
 without fault leave .2 to 1.5 %."""
 
 _FIRST_POWER = 2.2

@@ -26,6 +26,13 @@ _NOTABLE, _SURE = 0.5, 5.0
 """Distance at the corners in pixels, and standard deviations, from which on a frame has moved.
 Chosen: half a pixel is what sampling allows by itself."""
 
+_LEAST = 0.05
+"""Distance at the corners in pixels from which on aligning a frame gains. Chosen."""
+
+_MOST = 3_000_000
+"""Pixels of a frame that are compared: larger ones are averaged down. Chosen: their corners are
+still known to .1 pixel."""
+
 _BINS = 4
 """Bins of a histogram for each level. Chosen: levels of 8-bit pictures are whole."""
 
@@ -54,6 +61,12 @@ class FrameMotions:
         pairs = enumerate(zip(self.distances, self.deviations, strict=True))
         return [k for k, (far, deviation) in pairs if _is_moved(far, deviation)]
 
+    @property
+    def shifted(self) -> list[int]:
+        """Return the indices of the bracket's frames that are better aligned: less is known."""
+        pairs = enumerate(zip(self.distances, self.deviations, strict=True))
+        return [k for k, (far, deviation) in pairs if far > max(_LEAST, _SURE * deviation)]
+
 
 def find_motions(
     frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]]
@@ -73,6 +86,13 @@ def find_motions(
     FrameMotions
     """
     shape = (int(frames[0][0].shape[0]), int(frames[0][0].shape[1]))
+    side = math.ceil(math.sqrt(math.prod(shape) / _MOST))
+    if side > 1:
+        small = find_motions(
+            [[_averaged(band, side) for band in one] for one in frames],
+            [[_averaged(band, side) > 0 for band in one] for one in clipped],
+        )
+        return _enlarged(small, side, shape)
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
     motions, deviations = [RigidMotion()], [0.0]
     for darker, brighter in itertools.pairwise(order):
@@ -80,6 +100,25 @@ def find_motions(
         motions.append(found.motion.after(motions[-1]))
         deviations.append(found.deviation)
     return _against_reference(motions, deviations, order, shape)
+
+
+def _averaged(band: NDArray[Any], side: int) -> NDArray[np.float32]:
+    """Return a band of a bracket's frame with the means of side x side pixels."""
+    rows, columns = (n // side for n in band.shape)
+    parts = band[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    return np.asarray(parts.mean(axis=(1, 3), dtype=np.float32))
+
+
+def _enlarged(small: FrameMotions, side: int, shape: tuple[int, int]) -> FrameMotions:
+    """Return the motions of a bracket's frames from those of frames that were averaged down."""
+    # The middle of what was averaged, from that of the frame.
+    middle = np.array([(n // side * side - n) / 2 for n in shape])
+    motions = []
+    for one in small.motions:
+        shift = side * one.shift + middle - one.matrix @ middle
+        motions.append(RigidMotion(one.turn, float(shift[0]), float(shift[1])))
+    deviations = tuple(side * one for one in small.deviations)
+    return FrameMotions(small.reference, tuple(motions), deviations, shape)
 
 
 def _register_pair(
@@ -90,9 +129,7 @@ def _register_pair(
 ) -> Registration:
     """Return how the brighter frame of a bracket moved against the darker one."""
     # Numbers of 0 are clipped, too, or those of a border that was filled.
-    valid = [
-        ~one & (levels > 0) for one, levels in zip(brighter_clipped, brighter, strict=True)
-    ]
+    valid = [~one & (levels > 0) for one, levels in zip(brighter_clipped, brighter, strict=True)]
     brought = [
         _with_histogram_of(bright, dark) for bright, dark in zip(brighter, darker, strict=True)
     ]

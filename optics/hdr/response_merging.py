@@ -155,9 +155,7 @@ def _light(
     return logs, information
 
 
-def _first_light(
-    numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve
-) -> Array:
+def _first_light(numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve) -> Array:
     """Return the logarithm of an 8-bit HDR bracket's light, by what each good number says."""
     level = np.arange(len(curve.logs))
     steep = np.gradient(curve.logs) ** -2.0 * ((level >= LOWEST) & (level <= HIGHEST)) + 1e-9
