@@ -197,7 +197,9 @@ def test_8_bit_pictures_are_merged_by_the_response_curve_that_they_show(tmp_path
     assert ratio.std() < 0.05
     assert "Response curve" in (tmp_path / "m.html").read_text()
     # What is said of numbers and noise counts.
-    told = merged([*paths, *times, "--encoding", "srgb", *NOISE[:4], "--out", tmp_path / "m.h5", "--force"])
+    told = merged(
+        [*paths, *times, "--encoding", "srgb", *NOISE[:4], "--out", tmp_path / "m.h5", "--force"]
+    )
     assert told["sensor"]["gain_electrons_per_dn"] == 2.6
     with pytest.raises(UserError, match="frames of two exposure times at least"):
         merged([paths[0], "--exposures", "0.001", "--out", tmp_path / "x.h5"])
