@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.spectral_case import spectral_case_from_options
+from labapp.common import free_memory
 from labapp.common.errors import UserError
-from labapp.files import guarded_reading
 from labapp.files.cubes import SpectralCube, cube_file, read_cube, write_cube
 from labapp.files.cubes.stored_values import StoredValues
 from labapp.spectral.lights import find_light
@@ -221,7 +221,7 @@ def test_an_old_or_torn_header_is_read(tmp_path):
 def test_more_than_there_is_memory_is_refused_before_it_is_read(tmp_path, monkeypatch):
     stored = np.ones((5, 300, 300), "u1")
     cube = read_cube(write_envi(tmp_path, stored))
-    monkeypatch.setattr(guarded_reading, "available_memory", lambda: 2_000_000)
+    monkeypatch.setattr(free_memory, "available_memory", lambda: 2_000_000)
     with pytest.raises(
         UserError, match=r"its cube would take 1\.8 MB of memory, and 2 MB are free"
     ):

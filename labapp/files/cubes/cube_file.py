@@ -13,6 +13,7 @@ from labapp.files.cubes.cube import SpectralCube
 from labapp.files.cubes.envi_cube import encode_envi, read_envi
 from labapp.files.cubes.hdf5_cube import encode_hdf5, read_hdf5
 from labapp.files.file_lookup import require_readable
+from labapp.files.guarded_reading import require_free_memory
 from labapp.files.writing import write_atomically
 
 _LARGE = 16 << 20
@@ -80,9 +81,10 @@ def write_cube(path: Path, cube: SpectralCube) -> tuple[Path, ...]:
     Raises
     ------
     UserError
-        For another ending.
+        For another ending, or if there isn't memory for the cube and its bytes.
     """
     files = cube_paths(path)
+    require_free_memory(path, 3 * 4 * cube.values.size, "to write the cube")
     parts = (encode_hdf5(cube),) if len(files) == 1 else encode_envi(cube)
     # The header comes last: a header that is there has its data.
     for file, data in reversed(list(zip(files, parts, strict=True))):
