@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from labapp.files.wavelengths import LightUnit
+from labapp.files.table import LightUnit
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

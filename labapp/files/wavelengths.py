@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 from labapp.common.errors import UserError
 
@@ -149,26 +147,6 @@ def doubt_nanometres(nanometres: float) -> str:
         f"is {nanometres:g} nm, which is no light: did you mean {meant:.6g} nm, "
         f"{nanometres:g} in {units[0]}? Give nanometres"
     )
-
-
-@dataclass(frozen=True)
-class LightUnit:
-    """Mark of a file's number, or of a key of its table, that is a wavelength in nanometres.
-
-    pydantic refuses one that can't be; the window, which doesn't load it, passes the mark over.
-    """
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_after_validator_function(_in_its_unit, handler(source))
-
-
-def _in_its_unit(nanometres: Any) -> Any:
-    """Return a file's wavelength in nanometres as it is; ValueError if it is in another unit."""
-    if doubt := doubt_nanometres(float(nanometres)):
-        raise ValueError(doubt)
-    return nanometres
 
 
 def guess_unit(values: Sequence[float]) -> str:

@@ -52,6 +52,8 @@ class Spectrum:
                 f"{n} wavelengths and {m} values are given; a spectrum needs two or more, and a "
                 "value for each"
             )
+        if not all(0 < one < math.inf for one in self.wavelengths):
+            raise ValueError("a wavelength isn't positive and finite; give metres")
         for one in self.wavelengths:
             require_wavelength("a wavelength", one)
         if not all(a < b for a, b in zip(self.wavelengths, self.wavelengths[1:], strict=False)):

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.spectral_case import spectral_case_from_options
+from labapp.common import free_memory
 from labapp.common.errors import UserError
-from labapp.files import guarded_reading
-from labapp.files.cubes import SpectralCube, read_cube, write_cube
+from labapp.files.cubes import SpectralCube, cube_file, read_cube, write_cube
 from labapp.files.cubes.stored_values import StoredValues
 from labapp.spectral.lights import find_light
 from labapp.spectral.other_files import read_true_cube
@@ -49,6 +49,11 @@ def write_envi(folder: Path, stored: np.ndarray, interleave: str = "bsq", more: 
     return folder / "a.hdr"
 
 
+@pytest.fixture(autouse=True)
+def stays_in_its_file(monkeypatch):
+    monkeypatch.setattr(cube_file, "_LARGE", 0)
+
+
 INDICES = [
     np.s_[2],
     np.s_[-1, 3],
@@ -81,6 +86,14 @@ def test_a_window_is_what_the_whole_array_has_there(tmp_path, interleave):
     np.testing.assert_array_equal(2 * values - whole, whole)
     assert values.max() == whole.max()
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(values)), whole)
+
+
+def test_a_small_cube_is_read_at_once(tmp_path, monkeypatch):
+    monkeypatch.undo()
+    cube = read_cube(write_envi(tmp_path, stored_numbers()))
+    (tmp_path / "a.raw").unlink()
+    assert type(cube.values) is np.ndarray
+    np.testing.assert_array_equal(cube.values[0], stored_numbers()[1])
 
 
 def test_bad_bands_are_left_out_and_told(tmp_path):
@@ -208,7 +221,7 @@ def test_an_old_or_torn_header_is_read(tmp_path):
 def test_more_than_there_is_memory_is_refused_before_it_is_read(tmp_path, monkeypatch):
     stored = np.ones((5, 300, 300), "u1")
     cube = read_cube(write_envi(tmp_path, stored))
-    monkeypatch.setattr(guarded_reading, "available_memory", lambda: 2_000_000)
+    monkeypatch.setattr(free_memory, "available_memory", lambda: 2_000_000)
     with pytest.raises(
         UserError, match=r"its cube would take 1\.8 MB of memory, and 2 MB are free"
     ):

@@ -19,7 +19,6 @@ from scipy.io import savemat
 
 from labapp.common import free_memory
 from labapp.common.errors import UserError
-from labapp.files import guarded_reading
 from labapp.files.array_file import read_npy, read_npz, require_plain_zip
 from labapp.files.cubes import read_cube
 from labapp.files.file_lookup import require_file, require_readable
@@ -329,7 +328,7 @@ def test_the_figures_of_a_command_are_plain_data(tmp_path):
     ],
 )
 def test_data_that_a_sensor_can_give_are_expanded(monkeypatch, stored, whole, pixels):
-    monkeypatch.setattr(guarded_reading, "available_memory", lambda: 2_000_000_000)
+    monkeypatch.setattr(free_memory, "available_memory", lambda: 2_000_000_000)
     require_memory(Path("dark.png"), stored, whole, pixels=pixels)
 
 
@@ -345,7 +344,7 @@ def test_data_that_a_sensor_can_give_are_expanded(monkeypatch, stored, whole, pi
 def test_more_than_a_sensor_gives_or_the_memory_holds_is_refused(
     monkeypatch, stored, whole, pixels, words
 ):
-    monkeypatch.setattr(guarded_reading, "available_memory", lambda: 2_000_000_000)
+    monkeypatch.setattr(free_memory, "available_memory", lambda: 2_000_000_000)
     with pytest.raises(UserError, match=f"bomb.png: its picture would take .*{words}|{words}"):
         require_memory(Path("bomb.png"), stored, whole, "its picture", pixels=pixels)
 
