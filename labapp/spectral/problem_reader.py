@@ -196,8 +196,9 @@ class ProblemReader:
             found = measure_band_psfs(self.record, self._brackets, self.roles, bands)
             return found.with_light_share(self._light_share)
         if self._psf_stack is not None:
-            values = self._psf_stack.values.astype(np.float64)
-            return BandPSFs(values, None).with_light_share(self._light_share)
+            stack, notes = self._psf_stack
+            values = stack.values.astype(np.float64)
+            return BandPSFs(values, None, notes=notes).with_light_share(self._light_share)
         found = measure_psfs_of_record(path, self.roles, bands, self.record)
         return replace(found, light=None).with_unit_sums().with_light_share(self._light_share)
 
@@ -219,8 +220,8 @@ class ProblemReader:
         return calibrated.prior if calibrated else prior_of_run(psfs, response)
 
     @cached_property
-    def _psf_stack(self) -> SpectralCube | None:
-        """Read the PSFs of the record's bands from a file; None if they are from a star."""
+    def _psf_stack(self) -> tuple[SpectralCube, tuple[str, ...]] | None:
+        """Read the PSFs of the record's bands from a file, with remarks; None if from a star."""
         if self.psf is None or (is_record(self.psf) and not is_cube(self.psf)):
             return None
         known = self.wanted is not None or is_cube(self.psf)

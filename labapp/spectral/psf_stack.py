@@ -13,6 +13,7 @@ from labapp.files.array_file import read_npy
 from labapp.files.cubes import SpectralCube, read_cube
 from labapp.files.cubes.hdf5_cube import DEFINITION
 from labapp.files.plain_hdf5 import open_plain_hdf5
+from labapp.pictures.analysis.psf_place import place_psf
 
 Picture = NDArray[np.float64]
 
@@ -34,7 +35,9 @@ def is_cube(path: Path) -> bool:
         return False
 
 
-def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float) -> SpectralCube:
+def read_psf_stack(
+    path: Path, wavelengths: Sequence[float] | None, pitch: float
+) -> tuple[SpectralCube, tuple[str, ...]]:
     """Read the PSFs of a snapshot's bands from a file.
 
     Parameters
@@ -51,6 +54,8 @@ def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float
     -------
     SpectralCube
         PSFs with their origin at n // 2; the sum of each is 1.
+    tuple of str
+        Remarks about where the light of the PSFs lies.
 
     Raises
     ------
@@ -68,9 +73,9 @@ def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float
     sums = values.sum((1, 2), keepdims=True, dtype=np.float64)
     if not (sums > 0).all():
         raise UserError(f"{path}: a PSF sums to {sums.min():g}. It must send light somewhere.")
-    return SpectralCube(
-        (values / sums).astype(np.float32), bands, "share of light per pixel", pitch=pitch
-    )
+    placed, notes = place_psf(path, values / sums)
+    stack = SpectralCube(placed.astype(np.float32), bands, "share of light per pixel", pitch=pitch)
+    return stack, tuple(notes)
 
 
 def _require_pitch(path: Path, stack: SpectralCube, pitch: float) -> None:

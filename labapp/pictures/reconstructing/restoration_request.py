@@ -105,7 +105,7 @@ class RestorationRequest:
     def reference(self) -> ReferencePicture | None:
         """Return the true picture for scoring the restored photograph, if one is given.
 
-        Its white is 1, or its brightest value if that exceeds 1.
+        Its white is 1 for sRGB, and else its brightest value, whatever its unit is.
         """
         path = self.truth
         if path is None:
@@ -114,11 +114,12 @@ class RestorationRequest:
             raise UserError(
                 f"--truth {path}: is a record. Give a picture or .npy of the same light."
             )
-        light = read_photograph(path, linear=self.linear).light
+        read = read_photograph(path, linear=self.linear)
+        light = _representable_light(read)
         brightest = float(np.nanmax(light))
         if not brightest > 0:
             raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
-        return ReferencePicture(light, 1.0 if brightest <= 1 else brightest, 1.0, str(path))
+        return ReferencePicture(light, 1.0 if read.is_srgb else brightest, 1.0, str(path))
 
     def _require_reference_shape(self, shape: tuple[int, ...]) -> None:
         """Raise UserError if the true picture has another shape than the photograph to restore.
@@ -140,7 +141,8 @@ class RestorationRequest:
             )
         progress.report(0, f"reading {self.source.name}")
         read = read_photograph(self.source, linear=self.linear, frame=self.choice.frame)
-        light, clipped = read.light - self._dark_level(read), self._clipped_pixels(read)
+        light = _representable_light(read) - self._dark_level(read)
+        clipped = self._clipped_pixels(read)
         self._require_reference_shape(light.shape)
         return PictureToRestore(read, light, clipped)
 
@@ -287,6 +289,22 @@ class RestorationRequest:
                 f"level of a full well; the picture's highest is {photograph.levels.max():g}."
             )
         return clipped
+
+
+def _representable_light(photograph: InputPhotograph) -> Light:
+    """Return a photograph's light; UserError if its unit is too far from 1 for single precision."""
+    with np.errstate(over="ignore", under="ignore"):
+        light = photograph.light
+    levels = photograph.levels
+    known = np.abs(levels[np.isfinite(levels)])
+    limits = np.finfo(np.float32)
+    least, most, brightest = float(limits.tiny), float(limits.max), float(known.max())
+    if brightest > most or 0 < brightest < least:
+        raise UserError(
+            f"{photograph.path}: its largest value is {brightest:.3g}, and single precision holds "
+            f"{least:.2g} to {most:.2g}. Give its light in another unit."
+        )
+    return light
 
 
 def _full_scale(photograph: InputPhotograph) -> float | None:
