@@ -62,9 +62,21 @@ class Photograph:
 
         White is 1 for coded levels. Linear ones keep the file's unit.
         """
-        if not self.is_coded:
-            return self.levels.astype(np.float32)
-        return self.relative_light
+        return self.relative_light if self.is_coded else self._representable_levels()
+
+    def _representable_levels(self) -> Light:
+        """Return the levels; UserError if their unit is too far from 1 for single precision."""
+        with np.errstate(over="ignore", under="ignore"):
+            light = self.levels.astype(np.float32)
+        if self.levels.dtype.kind == "f":
+            limits = np.finfo(np.float32)
+            brightest = float(np.abs(self.levels[np.isfinite(self.levels)]).max())
+            if brightest > limits.max or 0 < brightest < limits.tiny:
+                raise UserError(
+                    f"{self.path}: its largest value is {brightest:.3g}, and single precision "
+                    f"holds {limits.tiny:.2g} to {limits.max:.2g}. Give its light in another unit."
+                )
+        return light
 
     @property
     def relative_light(self) -> Light:

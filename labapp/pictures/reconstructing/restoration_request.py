@@ -109,7 +109,7 @@ class RestorationRequest:
     def reference(self) -> ReferencePicture | None:
         """Return the true picture for scoring the restored photograph, if one is given.
 
-        Its white is 1, or its brightest value if that exceeds 1.
+        Its white is 1 for sRGB, and else its brightest value, whatever its unit is.
         """
         path = self.truth
         if path is None:
@@ -126,7 +126,7 @@ class RestorationRequest:
         brightest = float(np.nanmax(light))
         if not brightest > 0:
             raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
-        return ReferencePicture(light, 1.0 if brightest <= 1 else brightest, 1.0, str(path))
+        return ReferencePicture(light, 1.0 if read.is_srgb else brightest, 1.0, str(path))
 
     def _require_reference_shape(self, shape: tuple[int, ...]) -> None:
         """Raise UserError if the true picture has another shape than the photograph to restore.
