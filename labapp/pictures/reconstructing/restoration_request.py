@@ -122,11 +122,15 @@ class RestorationRequest:
             raise UserError(
                 f"--truth {path}: is a RAW file. Give a picture or .npy of linear sRGB."
             )
-        light = read_photograph(path, encoding=self._told_encoding).light
+        read = read_photograph(path)
+        # What is told of the photograph's levels holds for a truth of levels, too.
+        if self.encoding is not None and read.white is not None:
+            read = replace(read, encoding=parse_encoding(self.encoding))
+        light = read.light
         brightest = float(np.nanmax(light))
         if not brightest > 0:
             raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
-        return ReferencePicture(light, 1.0 if read.is_srgb else brightest, 1.0, str(path))
+        return ReferencePicture(light, 1.0 if read.is_coded else brightest, 1.0, str(path))
 
     def _require_reference_shape(self, shape: tuple[int, ...]) -> None:
         """Raise UserError if the true picture has another shape than the photograph to restore.
