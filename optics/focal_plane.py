@@ -8,7 +8,13 @@ import torch
 
 from optics.fourier import FourierGeometry, plan_transform
 from optics.plane import Plane
-from optics.validation import accepts_numpy, require_finite, require_positive, rounded_down
+from optics.validation import (
+    accepts_numpy,
+    require_finite,
+    require_positive,
+    require_wavelength,
+    rounded_down,
+)
 
 
 @accepts_numpy
@@ -42,7 +48,7 @@ def focal_field(
     valid numbers.
     """
     require_positive("focal_length", focal_length, "m")
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     if not 0 <= distance_before_lens < math.inf:
         raise ValueError(
             f"distance_before_lens is {distance_before_lens:g} m; the field must be in front of "

@@ -17,7 +17,13 @@ from optics.plane import Plane
 from optics.stop.aperture import Stop
 from optics.stop.coverage import Coverage, coverage
 from optics.stop.quadrature import PhaseSlopeBound
-from optics.validation import as_number, needs_gradient, require_number, to_plain_numbers
+from optics.validation import (
+    as_number,
+    needs_gradient,
+    require_number,
+    require_wavelength,
+    to_plain_numbers,
+)
 from optics.zernike import zernike
 
 Scalar = Any
@@ -26,9 +32,6 @@ Scalar = Any
 MIN_RAY_MATRIX_B_SHARE = 2 / 3
 """Smallest ray matrix element B, as a share of the image distance; a smaller one would need
 samples too fine to be worth their cost."""
-
-_LONGEST_WAVELENGTH = 1e-3
-"""Metres; a longer wavelength is a mistake of units."""
 
 _SLOPE_MARGIN = 1.1
 """Factor on sampled phase slopes, which might be steeper between the samples; chosen."""
@@ -96,16 +99,10 @@ def require_valid_source(distance: Scalar, wavelength: Scalar) -> None:
     """Raise an error unless a camera's object distance and wavelength are positive lengths."""
     require_number("distance", distance, "m")
     require_number("wavelength", wavelength, "m")
-    distance, wavelength = as_number(distance), as_number(wavelength)
+    distance = as_number(distance)
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
-    if not 0 < wavelength < math.inf:
-        raise ValueError(f"wavelength is {wavelength:g} m; it must be positive")
-    if wavelength > _LONGEST_WAVELENGTH:
-        raise ValueError(
-            f"wavelength is {wavelength:g} m, longer than a millimetre; give metres, for instance "
-            "550e-9 for green light"
-        )
+    require_wavelength("wavelength", wavelength)
 
 
 def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:

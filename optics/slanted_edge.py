@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optics.validation import require_unmasked
+
 Array = NDArray[np.float64]
 
 
@@ -53,6 +55,7 @@ def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResp
     are divided out. Raises ValueError for a picture without an edge, or an edge too upright to
     fill all bins.
     """
+    require_unmasked(picture)
     values = np.asarray(picture, dtype=np.float64)
     if values.ndim != 2 or min(values.shape) < 16:
         raise ValueError(f"picture is {values.shape}; give 16 rows and columns or more")

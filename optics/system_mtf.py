@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from optics.camera import Camera
 from optics.gauss_legendre import gauss_legendre
-from optics.validation import as_number, require_positive
+from optics.validation import as_number, require_wavelength
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def neutral_panel_otf(
     Raises ValueError for a stop that isn't a clear circle, aberrations, a lens that isn't thin,
     or an object that isn't in front of the panel.
     """
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     pupil = _Pupil(camera, distance)
     along = np.asarray(frequencies, dtype=np.float64)
     if not np.isfinite(along).all() or (along < 0).any():

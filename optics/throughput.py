@@ -8,7 +8,7 @@ from scipy import constants
 
 from optics.camera import Camera
 from optics.pupil import open_area
-from optics.validation import require_positive
+from optics.validation import require_positive, require_wavelength
 
 
 def electron_rate(
@@ -35,7 +35,7 @@ def electron_rate(
     if not 0 <= radiance < math.inf:
         raise ValueError(f"radiance is {radiance:g} W/(sr m² m); it must be finite, not negative")
     require_positive("bandwidth", bandwidth, "m")
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     panel, lens, sensor = camera.panel, camera.lens, camera.sensor
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")

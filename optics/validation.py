@@ -11,6 +11,10 @@ from typing import Any
 import numpy as np
 import torch
 
+_SHORTEST_WAVELENGTH, _LONGEST_WAVELENGTH = 1e-9, 1e-3
+"""Range in metres of light: optical radiation lies between X-rays and radio waves, about 1 nm and
+1 mm (CIE S 017, 17-21-002). Numbers in nanometres or micrometres lie beyond it."""
+
 
 def _to_tensor(value: Any) -> Any:
     if isinstance(value, np.ndarray):
@@ -26,15 +30,41 @@ def _to_tensor(value: Any) -> Any:
 
 
 def _require_plain_array(value: np.ndarray[Any, Any]) -> None:
-    """Raise an error for a numpy array of anything but numbers, or with masked values."""
+    """Raise TypeError for a numpy array of anything but numbers."""
     if value.dtype.kind not in "biufc":
         raise TypeError(f"an array of {value.dtype} was given; give an array of numbers")
-    masked = int(np.ma.getmaskarray(value).sum()) if isinstance(value, np.ma.MaskedArray) else 0
-    if masked:
-        raise ValueError(
-            f"a masked array with {masked} masked values of {value.size} was given; say what "
-            "stands there, with its method filled()"
-        )
+
+
+def require_unmasked(*given: Any) -> None:
+    """Raise ValueError for masked values in an optical function's arrays, or in lists of them.
+
+    numpy and torch pass over a mask without a word when they convert an array.
+    """
+    for value in given:
+        if isinstance(value, list | tuple):
+            require_unmasked(*value)
+        if isinstance(value, np.ma.MaskedArray) and (
+            masked := int(np.ma.getmaskarray(value).sum())
+        ):
+            raise ValueError(
+                f"a masked array with {masked} masked values of {value.size} was given; say what "
+                "stands there, with its method filled()"
+            )
+
+
+def split_mask(picture: Any, weights: Any) -> tuple[Any, Any]:
+    """Take the mask off a photograph, and put it into the weights of its pixels.
+
+    picture: an array of any kind. weights: of the same shape; None for 1 at all pixels. Masked
+    pixels have a weight of 0, as dead ones have, and other pictures come back as they are.
+    """
+    if not isinstance(picture, np.ma.MaskedArray):
+        return picture, weights
+    require_unmasked(weights)
+    known = ~np.ma.getmaskarray(picture)
+    kind = picture.dtype if picture.dtype.kind == "f" else np.dtype(np.float32)
+    own = known.astype(kind) if weights is None else np.where(known, np.asarray(weights), 0)
+    return picture.filled(0), weights if known.all() else own
 
 
 def _to_numpy(value: Any) -> Any:
@@ -56,6 +86,7 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(function)
     def wrapper(*args: Any, **kwargs: Any) -> Any:
         given = [*args, *kwargs.values()]
+        require_unmasked(*given)
         if not any(isinstance(value, np.ndarray) for value in given):
             return function(*args, **kwargs)
         inner_args = [_to_tensor(value) for value in args]
@@ -155,6 +186,17 @@ def require_positive(name: str, value: Any, unit: str) -> None:
     value = as_number(value)
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
+
+
+def require_wavelength(name: str, value: Any) -> None:
+    """Raise ValueError for an optical parameter that is no wavelength of light in metres."""
+    require_positive(name, value, "m")
+    value = as_number(value)
+    if not _SHORTEST_WAVELENGTH <= value <= _LONGEST_WAVELENGTH:
+        beyond = "shorter than a nanometre" if value < 1e-6 else "longer than a millimetre"
+        raise ValueError(
+            f"{name} is {value:g} m, {beyond}; give metres, for instance 550e-9 for green light"
+        )
 
 
 def require_count(name: str, value: int) -> None:

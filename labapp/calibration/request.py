@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.files.reading import FileModel
 
 Part = Literal["registration", "response", "wavefront", "zeroth"]
@@ -28,7 +28,7 @@ class CalibrationRequest(FileModel):
     needs them. exposure_ms: of the neutral star, unclipped; found by trial if None.
     """
 
-    wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    wavelengths_nm: Annotated[tuple[Nanometres, ...], Field(min_length=1)]
     regions: tuple[Annotated[int, Field(ge=1, le=16)], Annotated[int, Field(ge=1, le=16)]] = (2, 2)
     parts: Annotated[tuple[Part, ...], Field(min_length=1)] = PARTS
     levels: Annotated[int, Field(ge=16, le=256)] = 40
@@ -49,7 +49,7 @@ class CalibrationExposures(FileModel):
     frames that were taken to find them.
     """
 
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     full_ms: Positive
     sweep_ms: Positive
     trials: Annotated[int, Field(ge=0)] = 0

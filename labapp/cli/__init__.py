@@ -110,6 +110,10 @@ def _write_to_nobody() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+_ALLOCATION = "DefaultCPUAllocator: can't allocate memory"
+"""Words of the RuntimeError that torch raises in the place of a MemoryError."""
+
+
 def _error_message(error: Any) -> str:
     """Return what the command line prints for an exception."""
     from drivers.errors import DeviceError
@@ -119,4 +123,9 @@ def _error_message(error: Any) -> str:
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename or 'file'}: {error.strerror or error}. Check the path and disk."
+    if isinstance(error, MemoryError) or _ALLOCATION in str(error):
+        return (
+            f"there isn't enough memory: {error or 'none is left'}. Ask for fewer pixels or "
+            "samples, check the units of lengths, or close other programs."
+        )
     return f"unexpected {type(error).__name__}: {error}\nAdd --debug to see where, and report it."

@@ -19,6 +19,7 @@ from labapp.cli.shared_options import (
     PeersOption,
     PictureOptions,
     RowsOutputOptions,
+    light_in_nanometres,
     readable_path,
 )
 from labapp.common.errors import UserError
@@ -150,7 +151,9 @@ def accuracy_propagate_(
     distance: Annotated[
         float, typer.Option(help="Distance between the planes, in metres; negative goes back.")
     ] = 0.05,
-    wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0,
+    wavelength_nm: Annotated[
+        float, typer.Option(callback=light_in_nanometres, help="Wavelength in nanometres.")
+    ] = 550.0,
     pitch_um: Annotated[
         float, typer.Option(help="Pitch of the field's samples, in micrometres.")
     ] = 8.0,
@@ -280,7 +283,10 @@ def accuracy_retrieval_(
         typer.Argument(metavar="[KEY=VALUE]...", help="Keys of the target, as there."),
     ] = None,
     wavelength_nm: Annotated[
-        float, typer.Option(help="Wavelength of the pattern, in nanometres.")
+        float,
+        typer.Option(
+            callback=light_in_nanometres, help="Wavelength of the pattern, in nanometres."
+        ),
     ] = 550.0,
     frames: Annotated[
         int, typer.Option(min=1, help="Frames of a video; the mean of their PSFs counts.")

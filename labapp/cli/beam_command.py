@@ -8,7 +8,13 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import CameraOption, FieldOption, ForceOption, readable_path
+from labapp.cli.shared_options import (
+    CameraOption,
+    FieldOption,
+    ForceOption,
+    light_in_nanometres,
+    readable_path,
+)
 
 
 @app.command()
@@ -26,7 +32,9 @@ def beam(
         float,
         typer.Option(help="Distance of the object from the panel, in metres; inf is allowed."),
     ] = 2.0,
-    wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0,
+    wavelength_nm: Annotated[
+        float, typer.Option(callback=light_in_nanometres, help="Wavelength in nanometres.")
+    ] = 550.0,
     field: FieldOption = "0,0",
     slices: Annotated[
         int, typer.Option(help="Number of depths in each of the two pictures.")

@@ -9,7 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.option_groups import command_with_options, get_option_group
-from labapp.cli.shared_options import RunOptions, readable_path
+from labapp.cli.shared_options import RunOptions, light_in_nanometres, readable_path
 from labapp.common.errors import UserError
 
 
@@ -44,7 +44,8 @@ def bracket(
         ),
     ] = None,
     wavelength_nm: Annotated[
-        float, typer.Option(help="Wavelength of the filter, in nanometres.")
+        float,
+        typer.Option(callback=light_in_nanometres, help="Wavelength of the filter, in nanometres."),
     ] = 550.0,
     least: Annotated[str, typer.Option(help="What to minimise: time or frames.")] = "time",
     most_frames: Annotated[int, typer.Option(help="Frames at most.")] = 16,

@@ -9,7 +9,7 @@ import typer
 
 from labapp.cli.app import app
 from labapp.cli.option_groups import command_with_options, get_option_group
-from labapp.cli.shared_options import RunOptions, StarOptions, existing_path
+from labapp.cli.shared_options import RunOptions, StarOptions, existing_path, light_in_nanometres
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 
@@ -23,6 +23,7 @@ def calibrate(
     wavelength_nm: Annotated[
         list[float] | None,
         typer.Option(
+            callback=light_in_nanometres,
             metavar="NM",
             help="Wavelength in nanometres; repeat the option for more.  [532; with --spectra, the "
             "plan's bands]",

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import BenchOption, ForceOption, JsonOption
+from labapp.cli.shared_options import BenchOption, ForceOption, JsonOption, light_in_nanometres
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 
@@ -38,6 +38,7 @@ def edof(
     wavelength_nm: Annotated[
         list[float] | None,
         typer.Option(
+            callback=light_in_nanometres,
             help="Wavelength in nanometres. Several (the option repeated) make one pattern for "
             "all, shown for the first one; the panel's dispersion counts.",
             show_default="520",

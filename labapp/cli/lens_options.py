@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from labapp.cli.option_groups import get_option_group
-from labapp.cli.shared_options import CameraOption
+from labapp.cli.shared_options import CameraOption, light_in_nanometres
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,9 @@ class LensOptions:
     distance: Annotated[
         float, typer.Option(help="Distance of the object, in metres; inf is allowed.")
     ] = 2.0
-    wavelength_nm: Annotated[float, typer.Option(help="Wavelength in nanometres.")] = 550.0
+    wavelength_nm: Annotated[
+        float, typer.Option(callback=light_in_nanometres, help="Wavelength in nanometres.")
+    ] = 550.0
     pitch_um: Annotated[
         float, typer.Option(help="Pitch of the sensor's pixels, in micrometres.")
     ] = 3.45

@@ -8,7 +8,13 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import ForceOption, JsonOption, readable_path
+from labapp.cli.shared_options import (
+    ForceOption,
+    JsonOption,
+    find_encoding,
+    light_in_nanometres,
+    readable_path,
+)
 from labapp.common.errors import UserError
 
 
@@ -24,8 +30,8 @@ def merge(
         typer.Argument(
             metavar="IMAGE...|RUN.h5",
             callback=readable_paths,
-            help="Frames of the bracket: TIFF, PNG or .npy, of 8 or 16 bits, grey or colour; or "
-            "the record of a run.",
+            help="Frames of the bracket: TIFF, PNG or .npy, of 8 or 16 bits, grey or colour; one "
+            "TIFF of several pages; or the record of a run.",
         ),
     ],
     out: Annotated[
@@ -36,8 +42,9 @@ def merge(
         str | None,
         typer.Option(
             metavar="S,S,…",
-            help="Exposure time of each frame in seconds, in the files' order.",
-            show_default="the record's",
+            help="Exposure time of each frame in seconds, in the files' order, as in 0.001,1/250; "
+            "or steps of EV between them, as in -2ev,0ev,+2ev.",
+            show_default="the record's, or the files'",
         ),
     ] = None,
     dark: Annotated[
@@ -83,14 +90,19 @@ def merge(
     ] = None,
     wavelength_nm: Annotated[
         float | None,
-        typer.Option(help="Wavelength of a record in nanometres.", show_default="the only one"),
-    ] = None,
-    linear: Annotated[
-        bool | None,
         typer.Option(
-            "--linear/--srgb",
-            help="Take numbers as proportional to light, or as sRGB levels.",
-            show_default="linear, or measured in 8-bit pictures without further word",
+            callback=light_in_nanometres,
+            help="Wavelength of a record in nanometres.",
+            show_default="the only one",
+        ),
+    ] = None,
+    encoding: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            callback=find_encoding,
+            help="How numbers stand for light: linear, srgb, bt709, or gamma 2.2, or another.",
+            show_default="what the files say, or measured in 8-bit pictures without further word",
         ),
     ] = None,
     method: Annotated[
@@ -114,6 +126,10 @@ def merge(
             "--as-given", help="Trust the exposure times; don't measure them on the frames."
         ),
     ] = False,
+    align: Annotated[
+        bool,
+        typer.Option("--align", help="Register frames that moved or turned, as hand-held ones do."),
+    ] = False,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -122,13 +138,15 @@ def merge(
     Exposures near their clip levels count without bias, those that contradict the others are left
     out pixel by pixel, and wrong exposure times are measured and named. The report tells how
     accurate the merge is, by simulating it. 8-bit pictures, if nothing is said of their numbers and
-    noise, are merged by the response curve that they show themselves. For instance
+    noise, are merged by the response curve that they show themselves; three of them tell that an
+    exposure time is wrong, and four which. Frames that moved are named. For instance
 
     **labapp merge a.tiff b.tiff c.tiff --exposures 0.001,0.008,0.064 --gain 2.6 --read-noise 2.4
     --black 64 --out merged.h5**
     """
     from labapp.pictures.merging.bracket_files import SensorNumbers
     from labapp.pictures.merging.bracket_record import RecordedFrames
+    from labapp.pictures.merging.exposure_words import parse_exposures
     from labapp.pictures.merging.merge_command import MergeRequest, merge_bracket_files
     from optics.hdr import METHODS
 
@@ -137,17 +155,12 @@ def merge(
         raise UserError(f"--method {method}: choose one of {', '.join(METHODS)}.")
     if method is not None and budget is not None:
         raise UserError("--method, --budget: give one of them; a budget chooses the method.")
-    try:
-        times = exposures and [float(part) for part in exposures.split(",")]
-    except ValueError:
-        raise UserError(
-            f"--exposures {exposures}: are seconds with commas between them, as in 0.001,0.008."
-        ) from None
+    times = None if exposures is None else parse_exposures(exposures)
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
     request = MergeRequest(
-        files, times or None, dark or [], sensor,
+        files, times, dark or [], sensor,
         SensorNumbers(gain, read_noise, black, full_scale),
-        RecordedFrames(target, pattern, wavelength), linear, found, budget, not as_given, out,
-        force,
+        RecordedFrames(target, pattern, wavelength), encoding, found, budget, not as_given, align,
+        out, force,
     )  # fmt: skip
     merge_bracket_files(request, as_json=json)

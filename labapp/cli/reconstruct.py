@@ -14,7 +14,13 @@ from labapp.cli.restoration_kinds import (
     refuse_options,
     require_options_of_one_kind,
 )
-from labapp.cli.shared_options import EncodingOption, ForceOption, JsonOption, readable_path
+from labapp.cli.shared_options import (
+    EncodingOption,
+    ForceOption,
+    JsonOption,
+    light_in_nanometres,
+    readable_path,
+)
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
 from optics.deconvolution.method_names import AUTO, METHOD_CHOICES
@@ -25,10 +31,10 @@ def reconstruct(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN.h5|MERGED.h5|IMAGE",
+            metavar="RUN.h5|MERGED.h5|RAW|IMAGE",
             callback=readable_path,
-            help="Record of a run, a bracket that labapp merge wrote, or a PNG, TIFF, JPEG or NPY "
-            "picture.",
+            help="Record of a run, a bracket that labapp merge wrote, a camera's RAW file (DNG and "
+            "others), or a picture: PNG, TIFF, JPEG, OpenEXR, .npy … (labapp help pictures).",
         ),
     ],
     psf: Annotated[
@@ -98,7 +104,10 @@ def reconstruct(
     ] = None,
     wavelength_nm: Annotated[
         float | None,
-        typer.Option(help="Wavelength in nanometres, for a record with several."),
+        typer.Option(
+            callback=light_in_nanometres,
+            help="Wavelength in nanometres, for a record with several.",
+        ),
     ] = None,
     frame: Annotated[
         int | None,
@@ -116,8 +125,8 @@ def reconstruct(
         bool,
         typer.Option(
             "--grey",
-            help="Restore one band of a record with colour filters, for light of one colour. With "
-            "--decoder, also of a colour picture.",
+            help="Restore one band of a record or RAW file with colour filters, for light of one "
+            "colour. With --decoder, also of a colour picture.",
         ),
     ] = False,
     decoder: Annotated[
@@ -206,9 +215,10 @@ def reconstruct(
     With **--decoder**, decode a photograph behind a trained pattern; with **--bands**, restore a
     spectral cube.
 
-    Colours of a picture are restored band by band; those of a record whose sensor has colour
-    filters are restored together from the bare pixels, with the PSF of the star in each colour. Its
-    .tiff and .npy hold the filters' bands, in which white is equal, and a .png holds sRGB.
+    Colours of a picture are restored band by band. Those of a RAW file, or of a record whose sensor
+    has colour filters, are restored together from the bare pixels; a record's with the PSF of the
+    star in each colour. Their .tiff and .npy hold the filters' bands, in which white is equal, and
+    a .png holds sRGB.
     Without options the noise is estimated and the weight chosen.
     The scene beyond the frame, clipped pixels and dead ones (NaN) count as unknown. The verdict
     says whether photograph, PSF and noise fit together, and what doesn't: a PSF of a wrong scale

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -29,6 +29,16 @@ def readable_path(path: Path | None) -> Path | None:
     if path is not None:
         require_readable(path)
     return path
+
+
+def light_in_nanometres(value: Any, param: typer.CallbackParam) -> Any:
+    """Return a command's wavelengths, one, several or None; UserError if they can't be nm."""
+    from labapp.files.wavelengths import require_nanometres
+
+    for one in value if isinstance(value, list | tuple) else [value]:
+        if one is not None:
+            require_nanometres(param.opts[0], one)
+    return value
 
 
 def existing_path(path: Path | None) -> Path | None:
@@ -211,7 +221,11 @@ class DesignOptions:
         ),
     ] = None
     wavelength_nm: Annotated[
-        float, typer.Option(help="Wavelength of pattern and predicted PSF, in nanometres.")
+        float,
+        typer.Option(
+            callback=light_in_nanometres,
+            help="Wavelength of pattern and predicted PSF, in nanometres.",
+        ),
     ] = 550.0
     frames: Annotated[
         int, typer.Option(min=1, help="Frames of a video, in numbered .png files or one .h5.")
@@ -287,7 +301,8 @@ class PictureOptions:
         ),
     ] = None
     wavelength_nm: Annotated[
-        float | None, typer.Option(help="Wavelength of the filter, in nanometres.")
+        float | None,
+        typer.Option(callback=light_in_nanometres, help="Wavelength of the filter, in nanometres."),
     ] = None
     exposure_ms: Annotated[
         float | None,

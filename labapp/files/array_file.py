@@ -13,7 +13,12 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.guarded_reading import open_regular, read_bytes, require_memory
+from labapp.files.guarded_reading import (
+    open_regular,
+    read_bytes,
+    require_free_memory,
+    require_memory,
+)
 
 _MOST_MEMBERS = 10_000
 """Arrays in an .npz file, about a hundred times more than any of labapp's has. Chosen."""
@@ -89,6 +94,7 @@ def _parse_npy(path: Path, data: bytes, where: str) -> NDArray[Any]:
         wanted, there = math.prod(shape) * dtype.itemsize, len(data) - stream.tell()
         if wanted > there:
             raise ValueError(f"it is cut short: {there} of {wanted} bytes are there")
+        require_free_memory(path, wanted, f"{where}its array")
         stream.seek(0)
         found: NDArray[Any] = npy.read_array(stream, allow_pickle=False)
         return found

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from labapp.files.quantities import Amount, Positive
+from labapp.files.quantities import Amount, Nanometres, Positive
 from labapp.files.reading import FileModel
 
 Rates = tuple[Positive, Positive]
@@ -78,7 +78,7 @@ class MeteredLight(FileModel):
 
     target: str
     pattern: str
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     exposures_ms: tuple[Positive, ...]
     electrons_per_s: Rates
     noise_limited: bool = False

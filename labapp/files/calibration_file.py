@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from pydantic import AwareDatetime, Field, model_validator
 
-from labapp.files.quantities import Amount, Finite, Positive, Share
+from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel
 from optics.calibration.registration import Registration
 from optics.calibration.wavefront import zernike_path
@@ -57,7 +57,7 @@ class RegistrationTable(FileModel):
         the distance from lens to sensor if the panel stands at the lens.
     """
 
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     centre_px: Pair
     matrix_px: tuple[Pair, Pair]
     covariance_px2: tuple[Triple, Triple, Triple]
@@ -129,7 +129,7 @@ class CurveTable(FileModel):
 class MeasuredResponseTable(FileModel):
     """Phase response of the panel at a wavelength, with a curve for each region, row by row."""
 
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     regions: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
     curves: tuple[CurveTable, ...]
 
@@ -172,7 +172,7 @@ class WavefrontTable(FileModel):
         Misfit of the measured light, as in CurveTable.
     """
 
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     terms: tuple[tuple[int, int], ...]
     path_nm: tuple[Finite, ...]
     covariance_nm2: tuple[tuple[Finite, ...], ...]
@@ -202,7 +202,7 @@ class WavefrontTable(FileModel):
 class ZerothOrderTable(FileModel):
     """Share of the light that stays in the zeroth order whatever the pattern."""
 
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     share: Share
     sigma: Amount
     frames: Count

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import AwareDatetime, Field
 
 from labapp.files.calibration_file import DeviceIdentityTable
-from labapp.files.quantities import Amount, Finite, Positive
+from labapp.files.quantities import Amount, Finite, Nanometres, Positive
 from labapp.files.reading import FileModel
 from optics.camera import Sensor
 
@@ -108,7 +108,7 @@ class CameraNoiseFile(FileModel):
     camera: DeviceIdentityTable
     options: dict[str, Any]
     sensor: dict[str, Any]
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     exposures_ms: tuple[Positive, Positive]
     gain_electrons_per_dn: QuantityTable
     system_gain_dn_per_electron: QuantityTable

@@ -16,7 +16,6 @@ from io import BufferedReader
 from pathlib import Path
 
 from labapp.common.errors import UserError
-from labapp.common.free_memory import available_memory
 from labapp.common.plain_text import shorten
 
 MOST_BYTES = 1 << 32
@@ -152,7 +151,11 @@ def require_free_memory(path: Path, whole: int, what: str = "its contents") -> N
     whole: bytes of the data in memory. what: the data in words.
     """
     # Nobody asks about a few megabytes: finding out costs more than it saves.
-    if whole > _ALWAYS_FREE and whole > _FREE_SHARE * (free := available_memory()):
+    if whole <= _ALWAYS_FREE:
+        return
+    from labapp.common.free_memory import available_memory
+
+    if whole > _FREE_SHARE * (free := available_memory()):
         raise UserError(
             f"{path}: {what} would take {_size(whole)} of memory, and {_size(free)} are free. "
             "Close other programs, give a part of it, or use a computer with more memory."

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from labapp.files.quantities import Finite, Positive
+from labapp.files.quantities import Finite, Nanometres, Positive
 from labapp.files.reading import FileModel
 from labapp.files.spectrum_file import read_spectrum
 from optics.light import (
@@ -90,7 +90,7 @@ class BroadbandTable(_LampTableBase):
     """A lamp of constant spectral radiance between two wavelengths."""
 
     kind: Literal["broadband"]
-    range_nm: tuple[Positive, Positive] = (300.0, 1100.0)
+    range_nm: tuple[Nanometres, Nanometres] = (300.0, 1100.0)
 
     @model_validator(mode="after")
     def _rises(self) -> BroadbandTable:
@@ -107,7 +107,7 @@ class MonochromaticTable(_LampTableBase):
     """A lamp of one spectral line; width_nm is its full width at half maximum."""
 
     kind: Literal["monochromatic"]
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     width_nm: Positive = 1.0
 
     @model_validator(mode="after")

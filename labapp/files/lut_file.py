@@ -10,9 +10,10 @@ from pydantic import Field
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres
 from labapp.files.reading import FileModel, read_file
 from labapp.files.text_table import parse_numbers, table_lines
+from labapp.files.wavelengths import require_nanometres
 from optics.slm import Panel, PhaseResponse
 
 
@@ -23,7 +24,7 @@ class LutTable(FileModel):
     of such curves. These belong to regions of equal size that cover the panel.
     """
 
-    wavelengths_nm: Annotated[list[Positive], Field(min_length=1)]
+    wavelengths_nm: Annotated[list[Nanometres], Field(min_length=1)]
     phase_pi: list[Any]
 
     def build(self, panel: Panel) -> PhaseResponse:
@@ -63,6 +64,8 @@ def read_lut(path: Path, levels: int) -> LutTable:
         raise UserError(
             f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532'."
         )
+    for nanometres in wavelengths:
+        require_nanometres(f"{path}: line {number}: a wavelength", nanometres)
     rows = [_parse_row(path, number, parts, len(head)) for number, parts in rest]
     level, phases = np.array([r[0] for r in rows]), np.array([r[1:] for r in rows])
     if len(rows) < 2 or level[0] != 0 or level[-1] != levels - 1 or (np.diff(level) <= 0).any():

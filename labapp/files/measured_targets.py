@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from labapp.common.errors import UserError
 from labapp.files.number_file import read_numbers
 from labapp.files.picture_cache import cached_picture
-from labapp.files.quantities import Finite, Positive
+from labapp.files.quantities import Finite, Nanometres, Positive
 from labapp.files.reflectance_table import reflectance_basis
 from labapp.files.scene_targets import (
     Distance,
@@ -38,7 +38,7 @@ class CubeTable(PictureTargetTable):
     kind: Literal["cube"]
     distance_m: Distance
     variable: str | None = None
-    wavelengths_nm: Annotated[list[Positive], Field(min_length=2)]
+    wavelengths_nm: Annotated[list[Nanometres], Field(min_length=2)]
     white: Positive
     tol: Annotated[float, Field(ge=0, lt=1)] = 5e-3
 
@@ -131,7 +131,7 @@ class DisplayTable(IlluminatedTargetTable):
     pixel_um: Positive
     fill: Annotated[float, Field(gt=0, le=1)] = 0.9
     primaries_nm: tuple[
-        tuple[Positive, Positive], tuple[Positive, Positive], tuple[Positive, Positive]
+        tuple[Nanometres, Positive], tuple[Nanometres, Positive], tuple[Nanometres, Positive]
     ] = ((610.0, 35.0), (540.0, 40.0), (455.0, 22.0))
     polarised_deg: Finite | None = 90.0
     light: None = None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.array_file import read_npy, read_npz
 from labapp.files.file_lookup import require_readable
+from labapp.files.guarded_reading import require_free_memory
 from labapp.files.matlab_file import read_matlab
 from labapp.files.picture.grey_picture import read_grey_picture
 from labapp.files.plain_hdf5 import read_hdf5_arrays
@@ -30,7 +31,8 @@ def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]
         raise UserError(f"{path}: cannot be read as {kind or 'a file'}: {error}.") from error
     if values.dtype.kind not in "iuf":
         raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
-    return values.astype(np.float64)
+    require_free_memory(path, 8 * values.size, "its numbers in double precision")
+    return values.astype(np.float64, copy=False)
 
 
 def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:

@@ -13,7 +13,7 @@ from labapp.common.errors import UserError
 from labapp.files.file_lookup import find_part_file
 from labapp.files.lut_file import LutTable, read_lut
 from labapp.files.map_file import FlatnessTable, MapTable
-from labapp.files.quantities import Amount, Positive, Share
+from labapp.files.quantities import Amount, NanometresText, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
 from optics.slm import Panel
 
@@ -38,7 +38,7 @@ class PanelTable(FileModel):
     unmodulated: Share | None = None
     reflectivity: Share
     settling_ms: Annotated[float, Field(ge=0)]
-    max_phase_pi: dict[Annotated[str, Field(pattern=r"^\d+(\.\d+)?$")], Positive]
+    max_phase_pi: dict[NanometresText, Positive]
     frame_rate_hz: Positive = 60.0
     response_time_ms: Amount = 0.0
     coupling_um: Amount = 0.0

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Le, MinLen
 
-from labapp.files.table import Count, Key, Positive, Table
+from labapp.files.table import Count, Key, Nanometres, Positive, Table
 from labapp.files.target_table import RingTarget
 from optics.zernike_order import require_zernike_indices
 
@@ -33,7 +33,7 @@ class PhasePattern(Table):
     smooth: ClassVar[bool] = True
     """Whether the phase is smooth, so that its slope is limited when patterns are added."""
 
-    wavelength_nm: Annotated[Positive, Key("that it is made for")] = 550
+    wavelength_nm: Annotated[Nanometres, Key("that it is made for")] = 550
     orders: Annotated[int, Ge(1), Le(16), Key("whole waves of the panel's range to use")] = 1
 
     @property

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from labapp.files.bracket_table import BracketTable, ChosenTable
 from labapp.files.file_lookup import find_plan
 from labapp.files.pattern_table import Pattern, VideoPattern
-from labapp.files.quantities import Finite, Positive
+from labapp.files.quantities import Finite, Nanometres, Positive
 from labapp.files.reading import FileModel, read_file
 
 Names = Annotated[tuple[str, ...], Field(min_length=1)]
@@ -91,7 +91,7 @@ class Acquisition(FileModel):
 
     targets: Names
     patterns: Names
-    wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
+    wavelengths_nm: Annotated[tuple[Nanometres, ...], Field(min_length=1)] | None = None
     slots: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
     exposures_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     periods: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
@@ -195,7 +195,7 @@ class Reconstruction(FileModel):
     photograph: str = "photograph"
     neutral: str = "neutral"
     coded: str
-    wavelength_nm: Positive | None = None
+    wavelength_nm: Nanometres | None = None
     psf_window_px: Annotated[int, Field(ge=15, le=4096)] = 128
     iterations: Annotated[int, Field(ge=1, le=10_000)] = 120
     grey: bool = False

@@ -9,8 +9,16 @@ from typing import Annotated
 
 from pydantic import Field
 
+from labapp.files.table import LightUnit
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Nanometres = Annotated[Positive, LightUnit()]
+"""Wavelength of light in nanometres."""
+
+NanometresText = Annotated[str, Field(pattern=r"^\d+(\.\d+)?$"), LightUnit()]
+"""Wavelength of light in nanometres as the key of a table."""
+
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 

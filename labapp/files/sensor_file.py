@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.file_lookup import find_part_file
-from labapp.files.quantities import Amount, Positive
+from labapp.files.quantities import Amount, NanometresText, Positive
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.spectrum_file import read_spectrum
 from optics.camera import Sensor
@@ -19,8 +19,7 @@ from optics.sensor import Mosaic
 Efficiency = Annotated[float, Field(gt=0, le=1)]
 Millionths = Annotated[float, Field(ge=0, le=1e6)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
-Nanometres = Annotated[str, Field(pattern=r"^\d+(\.\d+)?$")]
-InlineCurve = dict[Nanometres, Annotated[float, Field(ge=0, le=1)]]
+InlineCurve = dict[NanometresText, Annotated[float, Field(ge=0, le=1)]]
 
 
 class CurveFile(FileModel):

@@ -15,7 +15,7 @@ from pydantic import AwareDatetime, Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import DeviceIdentityTable
-from labapp.files.quantities import Amount, Finite, Positive
+from labapp.files.quantities import Amount, Finite, Nanometres, Positive
 from labapp.files.reading import FileModel, read_file, validate
 from optics.multispectral import SnapshotCalibration, SnapshotModel
 
@@ -69,7 +69,7 @@ class BandTable(FileModel):
         relative to the picture's own.
     """
 
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     white_e_per_s: Positive
     light_share: Positive
     star_residual: Amount
@@ -89,7 +89,7 @@ class TransmissionTable(FileModel):
         deviation, from repeated measurements. None where the lamp's own spectrum isn't known.
     """
 
-    wavelength_nm: Positive
+    wavelength_nm: Nanometres
     width_nm: Positive
     radiance_w_sr_m2: Positive
     relative: Positive | None = None

@@ -9,6 +9,7 @@ from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
 from labapp.files.reading import bundled_path
 from labapp.files.text_table import parse_numbers, table_lines
+from labapp.files.wavelengths import require_nanometres
 from optics.light.spectrum import Spectrum
 
 
@@ -59,6 +60,8 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
     titles = names[1:] or [str(k) for k in range(1, len(rows[0]))]
     if len(set(titles)) < len(titles):
         raise UserError(f"{path}: two columns have the same name. Give each its own.")
+    for row in (rows[0], rows[-1]):
+        require_nanometres(f"{path}: a wavelength", row[0])
     wavelengths = tuple(row[0] / 1e9 for row in rows)
     try:
         return {

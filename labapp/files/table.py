@@ -26,7 +26,31 @@ _UNITS = {
     "_s": "s",
 }
 
+
+@dataclass(frozen=True)
+class LightUnit:
+    """Mark of a file's number, or of a key of its table, that is a wavelength in nanometres.
+
+    pydantic refuses one that can't be; the window, which doesn't load it, passes the mark over.
+    """
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(_in_its_unit, handler(source))
+
+
+def _in_its_unit(nanometres: Any) -> Any:
+    """Return a file's wavelength in nanometres as it is; ValueError if it is in another unit."""
+    from labapp.files.wavelengths import doubt_nanometres
+
+    if doubt := doubt_nanometres(float(nanometres)):
+        raise ValueError(doubt)
+    return nanometres
+
+
 Positive = Annotated[float, Gt(0)]
+Nanometres = Annotated[Positive, LightUnit()]
 Count = Annotated[int, Ge(1), Le(100_000)]
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
-from labapp.files.table import Key, Positive, Table
+from labapp.files.table import Key, Nanometres, Positive, Table
 
 if TYPE_CHECKING:
     from optics.targets.target import Drawing
@@ -226,8 +226,8 @@ class DispersionTarget(TargetShape):
     """A row of dots, one for each wavelength, as a prism would make it (thesis Fig. 4.11)."""
 
     shape: Literal["dispersion"]
-    wavelengths_nm: Annotated[tuple[Positive, ...], MinLen(1), MaxLen(1000), Key("one dot each")]
-    reference_nm: Annotated[Positive, Key("which stays on the axis")] = 550.0
+    wavelengths_nm: Annotated[tuple[Nanometres, ...], MinLen(1), MaxLen(1000), Key("one dot each")]
+    reference_nm: Annotated[Nanometres, Key("which stays on the axis")] = 550.0
     um_per_nm: Annotated[float, Key("shift with the wavelength")] = 1.0
     angle_deg: Annotated[float, Key("of longer waves, from x towards y")] = 0.0
     width_um: Annotated[Positive, Key("standard deviation of a dot")] = 8.0

@@ -20,6 +20,10 @@ _REFLECTED = (350e-9, 2600e-9)
 """Range in metres in which a unit that isn't stated is taken for granted, if it is the only one:
 the sunlight that spectral cameras record, 400 to 2500 nm, with a margin. Chosen."""
 
+_LIGHT = (100e-9, 100e-6)
+"""Range in metres of the light of which people type the wavelength, from ultraviolet to far
+infrared. Chosen: a number in metres, micrometres or picometres lies beyond it."""
+
 _LIGHT_SPEED = 299_792_458.0
 
 _PER_METRE = {
@@ -117,6 +121,32 @@ def require_metres(values: Sequence[float]) -> None:
         raise UserError(f"wavelengths {_span(values)} can't be metres.{_suggest(values)}")
     if any(a >= b for a, b in pairwise(values)):
         raise UserError("wavelengths don't rise. Sort the bands, the shortest wavelength first")
+
+
+def require_nanometres(name: str, nanometres: float) -> None:
+    """Raise UserError for a number that can't be a wavelength in nanometres.
+
+    name: option, key or place of the number, for the message.
+    """
+    doubt = doubt_nanometres(nanometres)
+    if doubt:
+        raise UserError(f"{name} {doubt}.")
+
+
+def doubt_nanometres(nanometres: float) -> str:
+    """Say why a number can't be a wavelength in nanometres, and what it may be; "" if it can."""
+    if _LIGHT[0] <= nanometres / 1e9 <= _LIGHT[1]:
+        return ""
+    units = _units_within([nanometres], *_VISIBLE, _LENGTHS) or _units_within(
+        [nanometres], *_LIGHT, _LENGTHS
+    )
+    if not units:
+        return f"is {nanometres:g}: give a wavelength in nanometres, such as 550"
+    meant = 1e9 * _in_metres([nanometres], units[0])[0]
+    return (
+        f"is {nanometres:g} nm, which is no light: did you mean {meant:.6g} nm, "
+        f"{nanometres:g} in {units[0]}? Give nanometres"
+    )
 
 
 def guess_unit(values: Sequence[float]) -> str:

@@ -222,7 +222,7 @@ class ProblemReader:
 
     @cached_property
     def _psf_stack(self) -> SpectralCube | None:
-        """Read the PSFs of the record's bands from a file; None if they are from a star."""
+        """Read the PSFs of the record's bands from a file, with remarks; None if from a star."""
         if self.psf is None or (is_record(self.psf) and not is_cube(self.psf)):
             return None
         known = self.wanted is not None or is_cube(self.psf)

@@ -13,6 +13,7 @@ from labapp.files.array_file import read_npy
 from labapp.files.cubes import SpectralCube, read_cube
 from labapp.files.cubes.hdf5_cube import DEFINITION
 from labapp.files.plain_hdf5 import open_plain_hdf5
+from labapp.pictures.analysis.psf_place import place_psf
 
 Picture = NDArray[np.float64]
 
@@ -50,7 +51,8 @@ def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float
     Returns
     -------
     SpectralCube
-        PSFs with their origin at n // 2; the sum of each is 1.
+        PSFs with their origin at n // 2; the sum of each is 1. Its notes say where their light
+        lies, if that isn't plain.
 
     Raises
     ------
@@ -69,12 +71,13 @@ def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float
     sums = values.sum((1, 2), keepdims=True, dtype=np.float64)
     if not (sums > 0).all():
         raise UserError(f"{path}: a PSF sums to {sums.min():g}. It must send light somewhere.")
+    placed, told = place_psf(path, values / sums)
     return SpectralCube(
-        (values / sums).astype(np.float32),
+        placed.astype(np.float32),
         bands,
         "share of light per pixel",
         pitch=pitch,
-        notes=notes,
+        notes=(*notes, *told),
     )
 
 

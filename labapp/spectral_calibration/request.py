@@ -10,7 +10,7 @@ from pydantic import Field
 from labapp.common.errors import UserError
 from labapp.files.plain_data import parse_json
 from labapp.files.plan_file import NamedPlan, read_plan
-from labapp.files.quantities import Amount, Positive
+from labapp.files.quantities import Amount, Nanometres, Positive
 from labapp.files.reading import FileModel, validate
 from labapp.runs.record.reader import Record
 from labapp.spectral.roles import FLAT
@@ -31,7 +31,7 @@ class SpectraRequest(FileModel):
     pinhole. window_px: side of the PSFs' windows.
     """
 
-    bands_nm: Annotated[tuple[Positive, ...], Field(min_length=2)]
+    bands_nm: Annotated[tuple[Nanometres, ...], Field(min_length=2)]
     star: str = "star"
     flat: str = FLAT
     dark: str = "dark"

@@ -110,7 +110,7 @@ def _restore_measured(
         part = progress.part(number / len(sigmas), (number + 1) / len(sigmas))
         restored = restore_snapshot(add_noise(problem, sigma, _SEED), light, progress=part)
         assert restored.scores is not None
-        found[sigma] = _Restored((restored.scores.psnr,), restored.cube.values)
+        found[sigma] = _Restored((restored.scores.psnr,), np.asarray(restored.cube.values))
     return found
 
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _RUN = "run"
 """Subject of the question whether a run or a measurement is cancelled."""
 
-_PICTURE_KINDS = "Light (*.tiff *.npy);;Picture (*.png)"
+_PICTURE_KINDS = "Light (*.tiff *.npy *.exr *.hdr);;Picture (*.png)"
 _CUBE_KINDS = "Cube (*.h5 *.hdr);;Colours (*.png)"
 """Kinds of files for a restored picture, and for a cube, as Qt's dialogues want them."""
 

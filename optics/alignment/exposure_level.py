@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optics.alignment.hot_pixels import without_hot
 from optics.calibration.spots import frame_variance
 from optics.camera import Sensor
+from optics.validation import require_unmasked
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ def peak_level(numbers: NDArray[Any], sensor: Sensor) -> PeakLevel:
     PeakLevel
         With the number of saturated pixels.
     """
+    require_unmasked(numbers)
     raw = numbers.astype(np.float64)
     clean = without_hot(raw, frame_variance(raw, sensor), sensor)
     room = sensor.full_scale - sensor.black_level

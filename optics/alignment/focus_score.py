@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optics.alignment.hot_pixels import without_hot
 from optics.calibration.spots import frame_variance
 from optics.camera import Sensor
+from optics.validation import require_unmasked
 
 _LEAST_LIGHT = 3.0
 """Standard deviations of its error by which a region's mean light must exceed none. Chosen: a
@@ -49,6 +50,7 @@ def focus_score(numbers: NDArray[Any], sensor: Sensor) -> float:
     S. Pertuz, D. Puig and M. A. Garcia, "Analysis of focus measure operators for shape-from-focus",
     Pattern Recognition 46, 1415 (2013), doi 10.1016/j.patcog.2012.11.011.
     """
+    require_unmasked(numbers)
     if numbers.ndim != 2 or min(numbers.shape) < 3:
         raise ValueError(f"the region is {numbers.shape} pixels; give 3 x 3 at least")
     raw = numbers.astype(np.float64)

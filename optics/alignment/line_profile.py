@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from optics.validation import require_unmasked
+
 Place = tuple[float, float]
 """Row and column in pixels; whole numbers are the centres of pixels."""
 
@@ -53,6 +55,7 @@ def line_profile(numbers: NDArray[Any], start: Place, end: Place) -> LineProfile
     ValueError
         For an end outside the picture.
     """
+    require_unmasked(numbers)
     for name, place in (("start", start), ("end", end)):
         inside = all(0 <= c <= n - 1 for c, n in zip(place, numbers.shape, strict=True))
         if not inside:

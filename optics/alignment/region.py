@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.validation import require_unmasked
+
 
 @dataclass(frozen=True)
 class Region:
@@ -131,6 +133,7 @@ def region_statistics(
     ValueError
         If the region lies outside the picture.
     """
+    require_unmasked(numbers)
     part = region.within((numbers.shape[0], numbers.shape[1])).of(numbers)
     return RegionStatistics(
         pixels=part.size,

@@ -13,6 +13,7 @@ from scipy import ndimage
 from optics.alignment.hot_pixels import filter_period, without_hot
 from optics.calibration.spots import find_spot, frame_variance
 from optics.camera import Sensor
+from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
 
@@ -128,6 +129,7 @@ def star_shape(numbers: NDArray[Any], sensor: Sensor) -> StarShape:
     G. M. Bernstein and M. Jarvis, "Shapes and shears, stars and smears: optimal measurements for
     weak lensing", Astron. J. 123, 583 (2002), doi 10.1086/338085, section 3.
     """
+    require_unmasked(numbers)
     if numbers.ndim != 2 or min(numbers.shape) < LEAST_SIDE:
         raise ValueError(
             f"the region is {numbers.shape} pixels; give {LEAST_SIDE} x {LEAST_SIDE} at least"

@@ -16,7 +16,7 @@ from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples_per_pixel
 from optics.pupil import open_pupil_radius, pupil_amplitude
 from optics.slm import Panel
-from optics.validation import require_positive
+from optics.validation import require_wavelength
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class StarModel:
         distance: float,
         unmodulated: float = 0.0,
     ) -> None:
-        require_positive("wavelength", wavelength, "m")
+        require_wavelength("wavelength", wavelength)
         self.wavelength, self.pattern_count = wavelength, len(phases)
         image = diameter * camera.magnification(distance)
         camera = _with_lens_at_panel(camera, distance)

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.validation import require_unmasked
+
 Area = tuple[slice, slice]
 Pairs = dict[float, list[tuple[int, int]]]
 """Indices of two frames each, by exposure time in seconds."""
@@ -65,6 +67,7 @@ class PairedFrames:
     dark: Pairs = field(init=False)
 
     def __post_init__(self) -> None:
+        require_unmasked(self.frames, self.exposures, self.lit, self.times)
         times = None if self.times is None else np.asarray(self.times, dtype=np.float64).ravel()
         for name, value in (
             ("exposures", np.asarray(self.exposures, dtype=np.float64).ravel()),

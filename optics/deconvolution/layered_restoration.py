@@ -15,7 +15,11 @@ from optics.deconvolution.priors import Box, DerivativePenalty, Prior
 from optics.deconvolution.restored_image import RestoredImage
 from optics.deconvolution.shrinkage import require_power
 from optics.deconvolution.splitting import restored_image, solve_by_splitting
-from optics.deconvolution.total_variation import GRADIENT_THRESHOLD, light_in_weight, weight_settings
+from optics.deconvolution.total_variation import (
+    GRADIENT_THRESHOLD,
+    light_in_weight,
+    weight_settings,
+)
 from optics.fourier import irfft2, rfft2
 from optics.operators.base import Operator
 from optics.operators.blur import transfer_function

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import torch
 
@@ -29,9 +30,9 @@ _MOST_LIGHT = 1.25
 """Largest sum of a PSF. That of a star which is measured relative to another exceeds 1 by noise and
 by errors of the exposures."""
 
-_LEAST_OFFSET = 4
-"""Offset of a PSF's light from its origin, in pixels, from which it isn't the PSF's own. Chosen: in
-measured ones it is up to 3.3, and where such a PSF puts the picture hardly matters."""
+_LEAST_OFFSET = 5
+"""Offset of a PSF's light from its origin, in pixels, from which it isn't the PSF's own. Chosen: of
+32 measured kernels it is up to 3.5, and up to there it costs less than 0.1 dB."""
 
 LEAST_NOISE = 1e-6
 """Standard deviation of the rounding in single precision, relative to that of the photograph."""
@@ -202,7 +203,7 @@ class Observation:
         return math.ldexp(1.0, math.frexp(light)[1] - 1) if light else 1.0
 
     @cached_property
-    def in_own_unit(self) -> Observation:
+    def in_own_unit(self) -> Self:
         """The same problem of deconvolution with the photograph's brightest pixel from 1 to 2.
 
         Whatever the unit of the light, its squares are within single precision there, and what is
@@ -501,9 +502,9 @@ def centroid_offset(psf: torch.Tensor) -> tuple[float, float]:
 
 
 def moved(psf: torch.Tensor, offset: tuple[int, int]) -> torch.Tensor:
-    """Move a deconvolution's PSFs, (..., rows, columns), so that their light at `offset` is central.
+    """Move a deconvolution's PSFs so that their light at `offset` comes to their origin.
 
-    Zeros make room for what would fall over the edge.
+    They are (..., rows, columns). Zeros make room for what would fall over the edge.
     """
     down, along = offset
     size = psf.shape[-2] + 2 * abs(down), psf.shape[-1] + 2 * abs(along)

@@ -11,7 +11,13 @@ import torch
 from optics.deconvolution.observation import Observation
 from optics.deconvolution.variance_map import with_variance
 from optics.operators.blur import Border
-from optics.validation import accepts_numpy, as_floating_point, require_number, require_tensor
+from optics.validation import (
+    accepts_numpy,
+    as_floating_point,
+    require_number,
+    require_tensor,
+    split_mask,
+)
 
 
 def build_observation(
@@ -33,7 +39,7 @@ def build_observation(
     ----------
     image : torch.Tensor or numpy.ndarray, (rows, columns)
         The photograph, light per pixel. Whole numbers and half precision become float32. `restore`
-        returns an array of the same kind.
+        returns an array of the same kind. Masked pixels of a numpy.ma array count as dead.
     psf : torch.Tensor or numpy.ndarray, (rows, columns)
         Point spread function, origin at n // 2. Its sum is the share of the scene's light that
         reaches the sensor, at most 1.
@@ -67,6 +73,7 @@ def build_observation(
         raise ValueError(f"noise is {noise:g} and variance is given too; give one of them")
     if noise is not None:
         require_number("noise", noise)
+    image, weights = split_mask(image, weights)
     built: Observation = _build_observation(image, psf, noise, border, weights, clipped, variance)
     return replace(built, is_numpy=isinstance(image, np.ndarray))
 

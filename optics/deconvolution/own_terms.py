@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ParamSpec
@@ -63,7 +62,7 @@ def in_own_unit(
 
 
 def _is_refused(value: Any) -> bool:
-    """Tell whether a restoration's argument is a number that it will refuse, which isn't above 0."""
+    """Tell whether a restoration's argument is a number that isn't above 0, which it refuses."""
     return isinstance(value, (int, float)) and not value > 0
 
 

@@ -63,8 +63,8 @@ class RestoredImage:
     def residual(self) -> float:
         """The deconvolution's rms residual, relative to the noise.
 
-        The residual is the photograph less the blurred restoration, as it is returned. It is about 1 if model, PSF and
-        noise are right. Above 1.2, one of them is wrong.
+        The residual is the photograph less the blurred restoration, as it is returned. It is about
+        1 if model, PSF and noise are right. Above 1.2, one of them is wrong.
         """
         if not callable(self.residual_source):
             return self.residual_source

@@ -36,8 +36,8 @@ level, from which they count as clipped."""
 
 
 _NEGATIVE_DEPTH, _NEGATIVE_SHARE = 4.0, 1e-3
-"""Depth of a photograph's light below 0, over the noise, and the share of such pixels from which the
-light is too low. Chosen: white noise has 3e-5 of them where nothing shines."""
+"""Depth of a photograph's light below 0, over the noise, and the share of such pixels from which
+the light is too low. Chosen: white noise has 3e-5 of them where nothing shines."""
 
 _NEGATIVE_PSF = 0.01
 """Share of a PSF's light that is negative from which it may make light negative. Chosen: a measured
@@ -204,7 +204,7 @@ def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding
 
 
 def _dark_finding(observation: Observation, restored: RestoredImage) -> Finding | None:
-    """Return what a photograph's negative light shows, which no scene explains by a positive PSF."""
+    """Return what a photograph's negative light shows; no scene to restore explains it."""
     seen, psf = observation.in_own_unit, observation.psf.detach()
     if float(psf.clamp(max=0).sum()) < -_NEGATIVE_PSF * float(psf.sum()):
         return None

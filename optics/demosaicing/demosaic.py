@@ -88,7 +88,8 @@ def demosaic(
     if weight is not None:
         require_positive("weight", weight, "")
     require_count("iterations", iterations)
-    used = weight or _default_weight(observation.scene_noise, observation.scale)
+    unit, observation = observation.unit, observation.in_own_unit
+    used = weight / unit if weight else _default_weight(observation.scene_noise, observation.scale)
     prior = DerivativePenalty(
         BandCoupling.luminance_chrominance(observation.bands, _SETTINGS.luminance),
         observation.period_shape, _SETTINGS.curvature_threshold * observation.scale,
@@ -96,7 +97,7 @@ def demosaic(
     )  # fmt: skip
     step, settings = frequency_step(observation, iterations), SplittingSettings(iterations, used)
     solution = solve_by_splitting(step, [prior], settings, "demosaicing", progress or Progress())
-    bands = observation.crop_to_frame(solution.picture).clone()
+    bands = observation.crop_to_frame(solution.picture) * unit
     return bands.numpy() if observation.is_numpy else bands
 
 

@@ -12,7 +12,7 @@ import torch
 from optics.demosaicing.mosaic_observation import MosaicObservation
 from optics.operators.blur import Border
 from optics.operators.spectral_mosaic import filter_weights
-from optics.validation import accepts_numpy, as_floating_point, require_finite
+from optics.validation import accepts_numpy, as_floating_point, require_finite, split_mask
 
 
 def build_mosaic_observation(
@@ -32,7 +32,7 @@ def build_mosaic_observation(
     Parameters
     ----------
     raw : torch.Tensor or numpy.ndarray, (rows, columns)
-        Light of each pixel less the dark level.
+        Light of each pixel less the dark level. Masked pixels of a numpy.ma array count as dead.
     pattern : sequence of str
         Rows of one letter per pixel that repeat from the first pixel on, as ``("RG", "GB")``.
     psf : torch.Tensor or numpy.ndarray, optional
@@ -63,6 +63,7 @@ def build_mosaic_observation(
         If an argument has the wrong shape or isn't finite, or if no pixel sees one of the bands.
     """
     rows = _validate_pattern(pattern)
+    raw, weights = split_mask(raw, weights)
     built: MosaicObservation = _build_mosaic_observation(
         raw, rows, psf, channels, response, noise, border, weights, clipped
     )

@@ -76,8 +76,8 @@ class MosaicObservation(Observation):
         return len(self.filters)
 
     def moved_psf(self, offset: tuple[int, int]) -> MosaicObservation:
-        both = {"psf": moved(self.psf, offset), "psfs": moved(self.psfs, offset)}
-        return replace(self, offset=offset, **both)
+        psf, psfs = (moved(one, offset) for one in (self.psf, self.psfs))
+        return replace(self, psf=psf, psfs=psfs, offset=offset)
 
     @property
     def needs_filters(self) -> bool:

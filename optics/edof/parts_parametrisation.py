@@ -12,7 +12,7 @@ from optics.camera import Panel
 from optics.edof.phase_parametrisation import PhaseParametrisation
 from optics.patterns import cubic_phase_mask, even_vergences, focal_sweep_axicon, multi_focus_rings
 from optics.quarter_symmetry import crop_quarter, mirror_quarter, quarter_distances
-from optics.validation import require_finite, require_positive
+from optics.validation import require_finite, require_wavelength
 
 _LEAST_SHARE = 1e-6
 """Share of a part, in root mean square, that no other parts make up, for its weight to be sure."""
@@ -112,7 +112,7 @@ def depth_of_field_parts(
     ValueError
         If a number is out of range, or the range is too steep for the pixels.
     """
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     y, x = quarter_distances(panel.shape, (panel.pitch, panel.pitch))
     squared = mirror_quarter(y**2 + x**2, panel.shape)
     vergences = even_vergences(near, far, 10)

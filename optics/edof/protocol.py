@@ -16,7 +16,7 @@ from optics.edof.dioptres import (
     stratified_dioptres,
 )
 from optics.edof.picture_preparation import LightScale
-from optics.validation import require_count, require_positive, require_share
+from optics.validation import require_count, require_positive, require_share, require_wavelength
 
 Border = Literal["periodic", "true"]
 """What lies beyond a capture: the same picture again, or the rest of a larger scene."""
@@ -160,7 +160,8 @@ class EdofProtocol:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        for name, unit in (("wavelength", "m"), ("pixel_pitch", "m"), ("peak", "")):
+        require_wavelength("wavelength", self.wavelength)
+        for name, unit in (("pixel_pitch", "m"), ("peak", "")):
             require_positive(name, getattr(self, name), unit)
         for name in ("psf_window", "binning", "crop", "centre", "off_grid_count", "design_count"):
             require_count(name, getattr(self, name))

@@ -3,9 +3,9 @@
 The files are in the order of the work: what a merged picture is, the bracket with its noise, the
 samples of some pixels and their weighted mean, pixels in which exposures contradict each other or
 may be clipped, the merge itself, how accurate it is, exposures that differ from what they were said
-to be, defective pixels, and 8-bit pictures whose response curve isn't known. A bracket is chosen
-before it is taken: the scene is metered, the exposures are searched for, and a scene that has
-changed since is told.
+to be, defective pixels, 8-bit pictures whose response curve isn't known, their exposure times, and
+frames that moved. A bracket is chosen before it is taken: the scene is metered, the exposures are
+searched for, and a scene that has changed since is told.
 """
 
 from optics.hdr.bracket import Bracket
@@ -16,6 +16,7 @@ from optics.hdr.bracket_choice import (
     choose_bracket,
 )
 from optics.hdr.bracket_ladders import LADDER_RATIOS, choose_ladder
+from optics.hdr.coded_times import CodedTimes, check_coded_times
 from optics.hdr.defects import Defects, find_defects
 from optics.hdr.expected_accuracy import (
     ExpectedAccuracy,
@@ -25,9 +26,11 @@ from optics.hdr.expected_accuracy import (
 from optics.hdr.exposure_factors import ExposureFactors, measure_exposure_factors
 from optics.hdr.exposure_limits import ExposureLimits, common_period
 from optics.hdr.exposure_order import explain_disorder, find_disorder
+from optics.hdr.frame_motion import FrameMotions, find_motions
 from optics.hdr.merging import merge
 from optics.hdr.metering import Meter, MeteredRange
 from optics.hdr.method_choice import choose_method, merge_seconds
+from optics.hdr.nominal_times import is_nominal, shutter_time
 from optics.hdr.radiance import (
     CLIPPED,
     DARK,
@@ -56,10 +59,12 @@ __all__ = [
     "VALID",
     "Bracket",
     "ChosenBracket",
+    "CodedTimes",
     "Defects",
     "ExpectedAccuracy",
     "ExposureFactors",
     "ExposureLimits",
+    "FrameMotions",
     "Meter",
     "MeteredRange",
     "Method",
@@ -70,6 +75,7 @@ __all__ = [
     "SceneLight",
     "UnreachableSNR",
     "WantedSNR",
+    "check_coded_times",
     "choose_bracket",
     "choose_ladder",
     "choose_method",
@@ -79,11 +85,14 @@ __all__ = [
     "explain_disorder",
     "find_defects",
     "find_disorder",
+    "find_motions",
     "fit_response",
+    "is_nominal",
     "measure_exposure_factors",
     "merge",
     "merge_by_response",
     "merge_seconds",
     "scene_change",
     "scene_light",
+    "shutter_time",
 ]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optics.camera import Sensor
+from optics.validation import require_unmasked
 
 Array = NDArray[np.float32]
 Frames = NDArray[Any] | Sequence[Any]
@@ -66,6 +67,7 @@ class Bracket:
         dark_counts: ArrayLike,
         sensor: Sensor,
     ) -> None:
+        require_unmasked(frames, darks, exposures, dark_counts)
         self.frames, self.darks, self.sensor = frames, darks, sensor
         self.times = np.asarray(exposures, dtype=np.float64).ravel()
         self.dark_counts = np.asarray(dark_counts, dtype=np.float64).ravel()

@@ -13,6 +13,7 @@ from optics.camera import Sensor
 from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
 from optics.hdr.exposure_snr import ExposureSNR, from_decibels
 from optics.hdr.rate_distribution import RateDistribution, rate_distribution
+from optics.validation import require_unmasked
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,7 @@ class Meter:
         Raises ValueError if the scene is too bright for the shortest exposure, or if nothing is
         seen in the longest one.
         """
+        require_unmasked(numbers)
         self._frames[time] = np.asarray(numbers, dtype=np.float64)
         self._pixels = self._frames[time].size
         self._times.append(time)

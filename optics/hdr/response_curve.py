@@ -18,6 +18,8 @@ import scipy.optimize
 import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
+from optics.validation import require_unmasked
+
 Array = NDArray[np.float64]
 Numbers = NDArray[np.uint8]
 
@@ -99,7 +101,7 @@ def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> R
     Parameters
     ----------
     frames : sequence of NDArray
-        Each (rows, columns), uint8.
+        Each (rows, columns), uint8; or float32, numbers between those of 8-bit pixels.
     exposures : array_like
         Seconds, one for each frame.
 
@@ -147,9 +149,11 @@ def _missing_exposures(numbers: NDArray[np.intp]) -> str:
 
 def _sample(frames: Sequence[Numbers] | Numbers) -> NDArray[np.intp]:
     """Return the numbers of some of an 8-bit bracket's pixels, (frames, pixels)."""
+    require_unmasked(frames)
     shape = np.shape(frames[0])
     every = max(1, shape[0] * shape[1] // _PIXELS)
-    return np.array([np.asarray(one).ravel()[::every] for one in frames], dtype=np.intp)
+    few = [np.rint(np.asarray(one).ravel()[::every]) for one in frames]
+    return np.array(few).astype(np.intp)
 
 
 def _fit(

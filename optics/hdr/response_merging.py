@@ -8,15 +8,18 @@ flat, as it is in the dark of a scanned film, whatever light the curve would giv
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from optics.hdr.radiance import CLIPPED, DARK, VALID, RadianceEstimate
+from optics.hdr.radiance import CLIPPED, DARK, MOVED, VALID, RadianceEstimate
 from optics.hdr.response_curve import HIGHEST, LOWEST, Numbers, ResponseCurve
+from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _STEPS = 6
 """Gauss-Newton steps. Chosen: more change nothing."""
@@ -34,25 +37,34 @@ _KNOWN = 1.0
 """Standard deviations from which on numbers tell light at all. Chosen: below it, the error is
 larger than the light, and the estimate depends on where it started."""
 
+_CONTRADICTS, _EDGES = 6.0, 3.0
+"""Standard deviations by which a frame contradicts the others where something moved, and numbers by
+which pixels at edges differ without it: compression and interpolation leave them. Chosen."""
+
 
 def merge_by_response(
     frames: Sequence[Numbers] | Numbers,
     exposures: ArrayLike,
     curve: ResponseCurve,
     check: Callable[[float], None] = lambda share: None,
+    outside: Sequence[NDArray[np.bool_]] | None = None,
 ) -> RadianceEstimate:
     """Merge an exposure bracket of 8-bit pictures to light.
+
+    Where one exposure contradicts the others, something moved, and it is left out.
 
     Parameters
     ----------
     frames : sequence of NDArray
-        Each (rows, columns), uint8.
+        Each (rows, columns), uint8; or float32, numbers between those of 8-bit pixels.
     exposures : array_like
         Seconds, one for each frame.
     curve : ResponseCurve
         Of the camera: see `fit_response`.
     check : callable, optional
         Is called with the share that is done. It may raise, to end the work.
+    outside : sequence of NDArray of bool, optional
+        Where each frame shows nothing, as one that was aligned; nowhere by default.
 
     Returns
     -------
@@ -64,6 +76,7 @@ def merge_by_response(
     ValueError
         If frames aren't 8-bit, or their sizes or number don't match.
     """
+    require_unmasked(frames, exposures)
     shapes = {np.shape(one) for one in frames}
     times = np.log(np.asarray(exposures, dtype=np.float64).ravel())
     if len(shapes) != 1 or len(frames) != len(times):
@@ -71,68 +84,133 @@ def merge_by_response(
             f"{len(frames)} frames of {len(shapes)} sizes and {len(times)} exposures don't match; "
             "give frames of one size, and an exposure time for each"
         )
-    if any(np.asarray(one).dtype != np.uint8 for one in frames):
+    if any(np.asarray(one).dtype not in (np.uint8, np.float32) for one in frames):
         raise ValueError("frames aren't 8-bit pictures; merge linear numbers with `merge`")
     ((rows, columns),) = shapes
     parts, step = [], max(1, _TILE // columns)
     for start in range(0, rows, step):
         check(start / rows)
         tile = np.array([one[start : start + step] for one in frames])
-        parts.append(_merge_rows(tile, times, curve))
+        seen = np.ones(tile.shape, dtype=bool)
+        if outside is not None:
+            seen = ~np.array([one[start : start + step] for one in outside])
+        parts.append(_merge_rows(tile, seen, times, curve))
     return RadianceEstimate(
         *(torch.from_numpy(np.concatenate(one)) for one in zip(*parts, strict=True))
     )
 
 
 def _merge_rows(
-    numbers: NDArray[np.uint8], times: Array, curve: ResponseCurve
+    numbers: NDArray[Any], seen: Mask, times: Array, curve: ResponseCurve
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
     """Return light, variance and state of some rows of an 8-bit HDR bracket."""
-    logs = _first_light(numbers, times, curve)
-    for _ in range(_STEPS):
-        slope, information = _slope(numbers, times, curve, logs)
-        change = slope / np.maximum(information, 1e-9)
-        logs += np.clip(change, -_LARGEST_STEP, _LARGEST_STEP)
-    _, information = _slope(numbers, times, curve, logs)
+    logs, information = _light(numbers, seen, times, curve)
+    moved, used = np.zeros(logs.shape, dtype=bool), seen.copy()
+    for _ in range(len(times) - 1):
+        stray = _strays(numbers, used, times, curve, logs)
+        again = np.nonzero(stray.any(axis=0))
+        if not again[0].size:
+            break
+        moved[again] = True
+        used &= ~stray
+        few = (slice(None), *again)
+        logs[again], information[again] = _light(numbers[few], used[few], times, curve)
     rate, (lowest, highest) = np.exp(logs), curve.ends
     variance = rate**2 / np.maximum(information, _KNOWN**2)
-    state = np.where(information < _DARK**2, DARK, VALID).astype(np.uint8)
+    state = np.where(moved, MOVED, VALID).astype(np.uint8)
+    state[information < _DARK**2] = DARK
     # Without information on the light, it's above the curve's upper end or below the lower one.
-    middle, shortest = len(curve.logs) / 2, numbers[times == times.min()].mean(axis=0)
+    middle, shortest = len(curve.logs) / 2, _of_shortest(numbers, seen, times)
     unknown = information < _KNOWN**2
-    clipped = (numbers > HIGHEST).all(axis=0) | (unknown & (shortest > middle))
-    rate[clipped] = np.exp(curve.logs[highest] - times.min())
+    clipped = ((numbers > HIGHEST) | ~seen).all(axis=0) | (unknown & (shortest > middle))
+    least_time = np.where(seen, times.reshape(-1, *[1] * logs.ndim), np.inf).min(axis=0)
+    rate[clipped] = np.exp(curve.logs[highest] - least_time[clipped])
     variance[clipped], state[clipped] = np.inf, CLIPPED
     least, dark = np.exp(curve.logs[lowest] - times.max()), unknown & ~clipped
     rate[dark], variance[dark] = np.minimum(rate[dark], least), least**2
     return rate.astype(np.float32), variance.astype(np.float32), state
 
 
-def _first_light(numbers: NDArray[np.uint8], times: Array, curve: ResponseCurve) -> Array:
+def _of_shortest(numbers: NDArray[Any], seen: Mask, times: Array) -> Array:
+    """Return the number of each 8-bit HDR pixel in the shortest frame that shows it."""
+    found = np.zeros(numbers.shape[1:])
+    for one in np.argsort(-times, kind="stable"):
+        alike = times == times[one]
+        count = seen[alike].sum(axis=0)
+        mean = (numbers[alike] * seen[alike]).sum(axis=0) / np.maximum(count, 1)
+        found = np.where(count > 0, mean, found)
+    return found
+
+
+def _light(
+    numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve
+) -> tuple[Array, Array]:
+    """Return the logarithm of an 8-bit HDR bracket's light, and the information on it."""
+    logs = _first_light(numbers, used, times, curve)
+    for _ in range(_STEPS):
+        slope, information = _slope(numbers, used, times, curve, logs)
+        change = slope / np.maximum(information, 1e-9)
+        logs += np.clip(change, -_LARGEST_STEP, _LARGEST_STEP)
+    _, information = _slope(numbers, used, times, curve, logs)
+    return logs, information
+
+
+def _first_light(numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve) -> Array:
     """Return the logarithm of an 8-bit HDR bracket's light, by what each good number says."""
     level = np.arange(len(curve.logs))
     steep = np.gradient(curve.logs) ** -2.0 * ((level >= LOWEST) & (level <= HIGHEST)) + 1e-9
     above, below = (np.zeros(numbers.shape[1:]) for _ in range(2))
-    for frame, time in zip(numbers, times, strict=True):
-        weight = steep[frame]
-        above += weight * (curve.logs[frame] - time)
+    for frame, one, time in zip(numbers, used, times, strict=True):
+        nearest = frame if frame.dtype == np.uint8 else np.rint(frame).astype(np.uint8)
+        weight = steep[nearest] * one
+        above += weight * (curve.logs[nearest] - time)
         below += weight
-    return np.asarray(above / below)
+    return np.asarray(above / np.maximum(below, 1e-12))
 
 
 def _slope(
-    numbers: NDArray[np.uint8], times: Array, curve: ResponseCurve, logs: Array
+    numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve, logs: Array
 ) -> tuple[Array, Array]:
     """Return the slope of an 8-bit HDR bracket's likelihood with the logarithm of light.
 
     The second value is the information on it.
     """
     slope, information = (np.zeros(logs.shape) for _ in range(2))
-    for frame, time in zip(numbers, times, strict=True):
-        expected, steep = curve.number(logs + time)
-        variance = curve.number_noise**2 + (curve.light_noise * steep) ** 2
+    for frame, one, time in zip(numbers, used, times, strict=True):
+        expected, steep, variance = _expected(curve, logs + time)
         # Whether a number is clipped is told by the light, and by the number itself.
-        weight = ((frame <= HIGHEST) & (expected <= HIGHEST)) * steep / variance
+        weight = (one & (frame <= HIGHEST) & (expected <= HIGHEST)) * steep / variance
         slope += weight * (frame - expected)
         information += weight * steep
     return slope, information
+
+
+def _expected(curve: ResponseCurve, logs: Array) -> tuple[Array, Array, Array]:
+    """Return an 8-bit HDR frame's number, its slope and its variance, by exposures' logarithms."""
+    expected, steep = curve.number(logs)
+    return expected, steep, curve.number_noise**2 + (curve.light_noise * steep) ** 2
+
+
+def _strays(
+    numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve, logs: Array
+) -> Mask:
+    """Return the one frame that contradicts the others most, where it does, in 8-bit HDR pixels.
+
+    A clipped number contradicts if the light of the others is far from clipping.
+    """
+    away, information = (np.zeros(numbers.shape, dtype=np.float32) for _ in range(2))
+    for place, (frame, one, time) in enumerate(zip(numbers, used, times, strict=True)):
+        expected, steep, variance = _expected(curve, logs + time)
+        shown = np.minimum(expected, HIGHEST)
+        away[place] = one * np.abs(np.minimum(frame, HIGHEST) - shown)
+        away[place] /= np.sqrt(variance + _EDGES**2)
+        information[place] = one & (frame <= HIGHEST) & (expected <= HIGHEST)
+        information[place] *= steep**2 / variance
+    whole = np.maximum(information.sum(axis=0), np.float32(1e-9))
+    # The light follows each frame by its share of the information.
+    away /= np.sqrt(np.maximum(1 - information / whole, 0.05))
+    several = used.sum(axis=0) > 1
+    worst = away.argmax(axis=0)
+    stray = several & (away.max(axis=0) > _CONTRADICTS)
+    places = np.arange(len(numbers)).reshape(-1, *[1] * logs.ndim)
+    return np.asarray((places == worst) & stray)

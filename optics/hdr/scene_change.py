@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from optics.camera import Sensor
 from optics.hdr.exposure_snr import ExposureSNR
+from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
 
@@ -96,6 +97,7 @@ def scene_light(frames: Iterable[tuple[float, NDArray[Any]]], sensor: Sensor) ->
     """
     found = SceneLight(np.full(BLOCKS, np.nan), np.full(len(SHARES), np.nan))
     for time, numbers in sorted(frames, key=lambda one: one[0]):
+        require_unmasked(numbers)
         seen = _light_of_frame(np.asarray(numbers), time, sensor)
         found = SceneLight(
             np.where(np.isfinite(seen.blocks), seen.blocks, found.blocks),

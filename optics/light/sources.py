@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
-from optics.validation import require_positive
+from optics.validation import require_positive, require_wavelength
 
 VISIBLE = (400e-9, 720e-9)
 """Shortest and longest wavelength, metres, of the range in which a source's peak counts as 1.
@@ -99,7 +99,7 @@ def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
     ValueError
         If a length isn't positive, or the width isn't less than the wavelength.
     """
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     require_positive("width", width, "m")
     if width >= wavelength:
         raise ValueError(f"width is {width:g} m; a line is narrower than its wavelength")

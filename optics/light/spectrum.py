@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from optics.validation import require_wavelength
+
 SHORTEST_WAVELENGTH, LONGEST_WAVELENGTH = 300e-9, 1100e-9
 """Limits in metres of the wavelengths that silicon detects. Spectra that aren't given by a table
 cover this range."""
@@ -52,6 +54,8 @@ class Spectrum:
             )
         if not all(0 < one < math.inf for one in self.wavelengths):
             raise ValueError("a wavelength isn't positive and finite; give metres")
+        for one in self.wavelengths:
+            require_wavelength("a wavelength", one)
         if not all(a < b for a, b in zip(self.wavelengths, self.wavelengths[1:], strict=False)):
             raise ValueError("wavelengths don't rise; give them from the shortest to the longest")
         wrong = [v for v in self.values if not 0 <= v < math.inf]

@@ -11,7 +11,7 @@ import torch
 from optics.fourier import irfft2, rfft2
 from optics.multispectral.snapshot_model import SnapshotModel
 from optics.operators.blur import transfer_function
-from optics.validation import require_finite
+from optics.validation import require_finite, require_unmasked
 
 _PSF_ERROR = 0.03
 """Standard deviation of what interpolation leaves wrong of a PSF's pixel, relative to the brightest
@@ -184,6 +184,7 @@ def _star_corner(model: SnapshotModel, frames: torch.Tensor, sides: list[int]) -
 
 def _as_frames(name: str, frames: Any, model: SnapshotModel) -> torch.Tensor:
     """Return calibration frames of a snapshot camera as a tensor in double precision."""
+    require_unmasked(frames)
     tensor = torch.as_tensor(np.asarray(frames)).to(torch.float64)
     require_finite(name, tensor)
     if tensor.ndim != 3 or len(tensor) != model.bands:

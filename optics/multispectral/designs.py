@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import torch
 
 from optics.plane import Plane
 from optics.targets import dots, linear_dispersion, ring, spiral
-from optics.validation import require_count, require_positive, require_share
+from optics.validation import require_count, require_positive, require_share, require_wavelength
 
 Position = tuple[float, float]
 """(y, x) of a dot in metres."""
@@ -246,5 +245,4 @@ def _require_wavelengths(wavelengths: Sequence[float]) -> None:
     if not len(wavelengths):
         raise ValueError("wavelengths is empty; give one for each band")
     for one in wavelengths:
-        if not (one > 0 and math.isfinite(one)):
-            raise ValueError(f"wavelength is {one:g} m; it must be positive and finite")
+        require_wavelength("wavelength", one)

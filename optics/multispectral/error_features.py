@@ -11,7 +11,7 @@ import torch
 from optics.demosaicing.mosaic_observation import MosaicObservation
 from optics.multispectral.filter_likeness import cosines, filter_period
 from optics.multispectral.predicted_error import predict_errors
-from optics.validation import require_finite
+from optics.validation import require_finite, require_unmasked
 
 _LIGHT_WIDTH = 1.0
 """Standard deviation in pixels of the Gaussian that smooths the restored light; chosen."""
@@ -79,6 +79,7 @@ def error_features(
         If the picture or the spectra don't fit the observation, or aren't finite, or if the
         picture has no light.
     """
+    require_unmasked(spectra)
     samples = torch.as_tensor(spectra, dtype=torch.float64)
     _require(observation, image, samples)
     scale = float(image.square().sum(0).mean().sqrt())

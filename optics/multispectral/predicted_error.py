@@ -20,7 +20,7 @@ from optics.multispectral.mosaic_frequencies import (
 )
 from optics.operators.spectral_mosaic import filter_weights
 from optics.threads import single_threaded
-from optics.validation import require_count, require_finite, require_positive
+from optics.validation import require_count, require_finite, require_positive, require_unmasked
 
 _SLOPE = 3.0
 _CONTRAST = 0.5
@@ -170,6 +170,7 @@ def predict_errors(
     ----------
     Kay 1993, Fundamentals of Statistical Signal Processing: Estimation Theory, section 12.5.
     """
+    require_unmasked(psfs, response, spectra)
     stack, shares, samples = (
         torch.as_tensor(one, dtype=torch.float64) for one in (psfs, response, spectra)
     )

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from optics.operators.gram import squared_modulus
-from optics.validation import require_count, require_finite
+from optics.validation import require_count, require_finite, require_unmasked
 
 _PERIOD = 128
 
@@ -123,6 +123,7 @@ def fourier_coverage(psfs: Any, *, period: int = _PERIOD) -> FourierCoverage:
 
 def _as_stack(psfs: Any) -> torch.Tensor:
     """Return the PSFs of spectral bands in double precision; raise ValueError for others."""
+    require_unmasked(psfs)
     stack = torch.as_tensor(psfs, dtype=torch.float64)
     if stack.ndim != 3 or not stack.numel():
         raise ValueError(f"psfs is {tuple(stack.shape)}; give (bands, rows, columns)")

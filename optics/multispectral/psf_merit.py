@@ -14,7 +14,7 @@ from optics.multispectral.restoration import restore_spectra
 from optics.operators.blur import Blur
 from optics.operators.spectral_mosaic import SpectralMosaic, filter_weights
 from optics.threads import single_threaded
-from optics.validation import require_count, require_positive
+from optics.validation import require_count, require_positive, require_unmasked
 
 _SIDE = 96
 _ITERATIONS = 60
@@ -70,6 +70,7 @@ class PsfMerit:
     ) -> None:
         require_count("side", side)
         require_positive("noise", noise, "")
+        require_unmasked(response, spectra)
         self._response, self._spectra = (
             torch.as_tensor(one, dtype=torch.float64) for one in (response, spectra)
         )
@@ -80,6 +81,7 @@ class PsfMerit:
 
     def __call__(self, psfs: Any) -> float:
         """Rate PSFs, (bands, rows, columns), by the expected mean PSNR of the bands in dB."""
+        require_unmasked(psfs)
         stack = torch.as_tensor(psfs, dtype=torch.float64)
         return (self.predicted_psnr(stack) + self.simulated_psnr(stack)) / 2
 

@@ -15,6 +15,7 @@ from optics.demosaicing.mosaic_observation import MosaicObservation
 from optics.multispectral.scene_covariance import adapt_covariance
 from optics.progress import Progress
 from optics.threads import single_threaded
+from optics.validation import require_unmasked
 
 _POWER = 0.8
 """Power of the gradients' joint length. Of 0.6 to 1 on six scenes, 0.7 and 0.8 are 0.2 dB better
@@ -79,6 +80,7 @@ def restore_spectra(
     ----------
     Thesis Eq. 4.2; Blomgren and Chan 1998, doi 10.1109/83.661180 (vector total variation).
     """
+    require_unmasked(spectra)
     samples = torch.as_tensor(spectra)
     if samples.ndim == 2 and samples.shape[1] != observation.bands:
         raise ValueError(

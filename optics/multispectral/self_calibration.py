@@ -16,6 +16,7 @@ from optics.multispectral.restoration import restore_spectra
 from optics.multispectral.snapshot_calibration import SnapshotCalibration
 from optics.progress import Progress
 from optics.threads import single_threaded
+from optics.validation import require_unmasked
 
 _SIDE, _RESPONSE_SIDE = 192, 128
 """Least sides in pixels of the part of the photograph that is used, and of its part for
@@ -74,6 +75,7 @@ def refine_from_photograph(
             f"observation has {observation.bands} bands and a filter pattern of "
             f"{observation.filter_period}; the calibration is of {model.bands} bands and {period}"
         )
+    require_unmasked(spectra)
     samples = torch.as_tensor(spectra)
     gains = torch.ones(model.bands, dtype=torch.float64)
     if prior.transmission is not None:

@@ -11,7 +11,7 @@ import torch
 
 from optics.multispectral.model_parameters import ModelUncertainty
 from optics.multispectral.snapshot_model import SnapshotModel
-from optics.validation import require_finite
+from optics.validation import require_finite, require_unmasked
 
 NINETY_PERCENT = 1.6449
 """Half-width of a normal variable's 90 % interval, in standard deviations."""
@@ -50,6 +50,7 @@ class BandTransmission:
     deviations: Any
 
     def __post_init__(self) -> None:
+        require_unmasked(self.values, self.deviations)
         for name in ("values", "deviations"):
             tensor = torch.as_tensor(getattr(self, name)).to(torch.float64)
             require_finite(name, tensor)

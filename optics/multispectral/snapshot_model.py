@@ -14,7 +14,7 @@ from optics.deconvolution.observation import require_psf
 from optics.multispectral.model_parameters import ParameterLayout
 from optics.multispectral.psf_interpolation import move_psf
 from optics.operators import filter_weights
-from optics.validation import require_finite
+from optics.validation import require_finite, require_unmasked
 
 _MARGIN, _MARGIN_SHARE = 2, 0.03
 """Pixels, and share of half a side, by which modelled PSFs are larger than the nominal ones on
@@ -247,6 +247,7 @@ class SnapshotModel:
 
 def _as_double(name: str, value: Any, axes: int) -> torch.Tensor:
     """Return a snapshot model's array as a tensor in double precision, with so many axes."""
+    require_unmasked(value)
     tensor = torch.as_tensor(value).detach().to(torch.float64)
     require_finite(name, tensor)
     if tensor.ndim != axes:

@@ -10,7 +10,7 @@ import torch
 from optics.camera import Panel
 from optics.chebyshev import ChebyshevExpansion
 from optics.patterns.slope import scale_within_slope
-from optics.validation import require_positive, rounded_down
+from optics.validation import require_positive, require_wavelength, rounded_down
 from optics.zernike import require_zernike_indices, zernike
 
 __all__ = ["zernike_pattern"]
@@ -58,7 +58,7 @@ def zernike_pattern(
     (1080, 1920)
     """
     require_positive("radius", radius, "m")
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     for n, m, strength in terms:
         require_zernike_indices(n, m)
         if not math.isfinite(strength):

@@ -13,7 +13,7 @@ import torch
 from optics.camera import Panel
 from optics.patterns.slope import require_slope
 from optics.patterns.visible_area import corner_radius
-from optics.validation import require_positive, rounded_down
+from optics.validation import require_positive, require_wavelength, rounded_down
 
 
 def require_depth_range(near: float, far: float) -> None:
@@ -45,7 +45,7 @@ def require_vergences(vergences: Sequence[float]) -> tuple[float, ...]:
 
 def require_lengths(panel: Panel, wavelength: float, focus: float, radius: float | None) -> float:
     """Check the optical lengths of a pattern of several foci, and return its outer radius."""
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     if not math.isfinite(focus):
         raise ValueError(f"focus is {focus:g} dioptres; it must be finite (infinity is 0 dioptres)")
     corner = corner_radius(panel)

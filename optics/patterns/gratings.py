@@ -8,7 +8,7 @@ import torch
 
 from optics.camera import Panel
 from optics.patterns.slope import require_slope
-from optics.validation import require_positive, rounded_down, rounded_up
+from optics.validation import require_positive, require_wavelength, rounded_down, rounded_up
 
 __all__ = ["binary_grating", "blazed_grating", "sine_grating", "steering_grating"]
 
@@ -74,7 +74,7 @@ def steering_grating(
         the largest shift that they allow.
     """
     require_positive("distance", distance, "m")
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     if not all(math.isfinite(s) for s in shift):
         raise ValueError(f"shift {shift} m must be finite in each axis")
     scale = 2 * math.pi / (wavelength * distance)

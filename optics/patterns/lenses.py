@@ -8,7 +8,7 @@ import torch
 
 from optics.camera import Panel
 from optics.patterns.slope import require_slope, scale_within_slope
-from optics.validation import require_positive, rounded_down, rounded_up
+from optics.validation import require_positive, require_wavelength, rounded_down, rounded_up
 
 __all__ = ["axicon", "fresnel_lens"]
 
@@ -58,7 +58,7 @@ def fresnel_lens(
     """
     if focal_length == 0 or not math.isfinite(focal_length) or not math.isfinite(1 / focal_length):
         raise ValueError(f"focal_length is {focal_length} m; it must be finite and not zero")
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     if not all(math.isfinite(c) for c in centre):
         raise ValueError(f"centre {centre} m must be finite in each axis")
     y, x = panel.plane.mesh()
@@ -98,7 +98,7 @@ def axicon(panel: Panel, radius: float, distance: float, wavelength: float) -> t
         the largest radius that they allow.
     """
     require_positive("distance", distance, "m")
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     if not math.isfinite(radius):
         raise ValueError(f"radius is {radius:g} m; it must be finite")
     slope = 2 * math.pi * radius / (wavelength * distance)

@@ -13,7 +13,7 @@ from optics.pupil import pupil_amplitude
 from optics.retrieval.far_field import FarField
 from optics.retrieval.grid import design_plane, far_field_length
 from optics.stop_shadow import with_stop_shadow_on_panel
-from optics.validation import require_positive
+from optics.validation import require_wavelength
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class RetrievalGoal:
     wavelength: float
 
     def __post_init__(self) -> None:
-        require_positive("wavelength", self.wavelength, "m")
+        require_wavelength("wavelength", self.wavelength)
         target, plane = self.target, self.plane
         if tuple(target.shape) != plane.shape:
             raise ValueError(

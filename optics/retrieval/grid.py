@@ -9,7 +9,7 @@ import scipy.fft
 from optics.camera import Camera
 from optics.plane import Plane
 from optics.stop_shadow import panel_to_focus_distance
-from optics.validation import require_positive, rounded_down
+from optics.validation import require_positive, require_wavelength, rounded_down
 
 OVERSAMPLING = 2
 """Sampling rate of the design grid over the pupil's Nyquist rate.
@@ -61,7 +61,7 @@ def design_plane(
         If the wavelength isn't positive, the panel lies in the plane in focus or beyond it, or the
         window is larger than the panel can steer light to.
     """
-    require_positive("wavelength", wavelength, "m")
+    require_wavelength("wavelength", wavelength)
     panel_to_focus_distance(camera)
     length = far_field_length(camera, oversampling)
     if max(window) > length:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from optics.validation import require_unmasked
+
 
 def as_float64(values: Any) -> torch.Tensor:
     """Convert numbers of an SLM's map or response to a float64 tensor.
@@ -15,6 +17,7 @@ def as_float64(values: Any) -> torch.Tensor:
     """
     if isinstance(values, torch.Tensor):
         return values.to(torch.float64)
+    require_unmasked(values)
     # Arrays from files may be read-only or of another byte order, so the values are copied.
     return torch.from_numpy(np.array(values, dtype=np.float64))
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 
 from optics.slm.panel import Panel
+from optics.validation import require_wavelength
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
@@ -39,6 +41,8 @@ def max_phase(panel: Panel, wavelength: float) -> float:
     """
     table = panel.max_phase
     known = [w for w, _ in table]
+    if 0 < wavelength < math.inf:
+        require_wavelength("wavelength", wavelength)
     low, high = 0.9 * min(known), 1.15 * max(known)
     if not low <= wavelength <= high:
         raise ValueError(

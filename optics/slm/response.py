@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from optics.slm.cells import as_float64
-from optics.validation import require_finite, require_positive
+from optics.validation import require_finite, require_wavelength
 
 if TYPE_CHECKING:
     from optics.slm.panel import Panel
@@ -46,7 +46,7 @@ class PhaseResponse:
         shares = as_float64(self.shares)
         wavelengths = tuple(float(w) for w in self.wavelengths)
         for wavelength in wavelengths:
-            require_positive("a response's wavelength", wavelength, "m")
+            require_wavelength("a response's wavelength", wavelength)
         if len(set(wavelengths)) != len(wavelengths):
             raise ValueError("a response's wavelengths must differ; give each once")
         if shares.ndim != 4 or shares.shape[0] != len(wavelengths) or not shares.numel():

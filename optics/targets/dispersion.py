@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from optics.targets.dots import Position, dots
 from optics.targets.target import Drawings, Target
-from optics.validation import require_positive
+from optics.validation import require_wavelength
 
 
 def dispersed_positions(
@@ -48,7 +48,7 @@ def dispersed_positions(
     if not wavelengths:
         raise ValueError("wavelengths is empty; give one at least")
     for wavelength in (*wavelengths, reference):
-        require_positive("wavelength", wavelength, "m")
+        require_wavelength("wavelength", wavelength)
     if not (math.isfinite(rate) and math.isfinite(direction)):
         raise ValueError(f"rate {rate:g} and direction {direction:g} rad must be finite")
     shifts = [rate * (wavelength - reference) for wavelength in wavelengths]

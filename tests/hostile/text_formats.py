@@ -110,6 +110,7 @@ def text_formats(folder: Path) -> Mapping[str, TextFormat]:
     bundled = bundled_path("panels"), bundled_path("sensors")
     panel, sensor = (next(iter(sorted(one.glob("*.toml"), reverse=True))) for one in bundled)
     plans, grey = _Plans(small), "\n".join(f"{k}, {k / 10}, {k / 12}" for k in range(16))
+    lines = "\n".join(f"{400 + 20 * k}, {k / 10}, {k / 12}" for k in range(16))
     found = (
         TextFormat("plan.toml", _PLAN, plans.expand),
         TextFormat("plan.json", json.dumps(tomllib.loads(_PLAN), indent=1), plans.expand),
@@ -120,7 +121,7 @@ def text_formats(folder: Path) -> Mapping[str, TextFormat]:
         TextFormat("sensor.toml", sensor.read_text(), lambda path: _sensor(path).build()),
         TextFormat("faults.toml", _FAULT, read_faults),
         TextFormat("lut.csv", f"grey, 532, 633\n{grey}\n", plans.respond),
-        TextFormat("spectra.csv", f"nm,a,b\n{grey}\n".replace("\n0,", "\n0.5,"), read_spectra),
+        TextFormat("spectra.csv", f"nm,a,b\n{lines}\n", read_spectra),
         TextFormat("cube.hdr", _ENVI, read_cube),
         TextFormat(
             "training.toml", bundled_path("edof-training.toml").read_text(), read_edof_config

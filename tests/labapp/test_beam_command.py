@@ -36,7 +36,10 @@ def test_a_picture_is_drawn_for_a_camera_and_a_pattern(labapp, camera, tmp_path)
         (["--out", "beam.pdf"], "the ending must be .png"),
         (["--out", "beam.png", "--slices", "1"], "--slices 1"),
         (["--out", "beam.png", "--distance", "-1"], "distance is -1"),
-        (["--out", "beam.png", "--wavelength-nm", "0"], "wavelength is 0"),
+        (
+            ["--out", "beam.png", "--wavelength-nm", "0"],
+            "--wavelength-nm is 0: give a wavelength",
+        ),
         (["--out", "beam.png", "--field", "1"], "--field 1"),
     ],
 )

@@ -211,7 +211,7 @@ def test_the_spectrum_of_pictures_is_that_of_their_luminance(small, tmp_path):
         (("--parameters", "hexagons"), "choose quarter, radial"),
         (("--start", "nowhere.h5"), "there is no such file"),
         (("--size", "65"), "give an even number"),
-        (("--wavelength-nm", "0"), "give one wavelength or more"),
+        (("--wavelength-nm", "0"), "is 0: give a wavelength in nanometres"),
         (("--minutes", "1"), "give one of them"),
     ],
 )

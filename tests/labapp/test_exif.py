@@ -17,13 +17,12 @@ from PIL import Image
 from labapp.files.picture.exif import UNCALIBRATED, Exif, read_exif
 from labapp.files.picture.exif_in_files import (
     exif_of_jpeg,
-    exif_of_jpeg_xl,
     exif_of_png,
     exif_of_tiff,
     exif_of_webp,
-    orientation_of_jpeg_xl,
 )
 from labapp.files.picture.heif import exif_of_heif, orientation_of_heif
+from labapp.files.picture.jpeg_xl import exif_of_jpeg_xl, read_jpeg_xl_header
 
 PICTURE = Image.fromarray(np.arange(24 * 16 * 3, dtype=np.uint8).reshape(24, 16, 3))
 EXPOSED = {0x829A: 1 / 125, 0x829D: 5.6, 0x8827: 400, 0x9204: -2 / 3, 0xA001: 1}
@@ -48,6 +47,11 @@ SHOT_BY_PILLOW = pillow_exif(
     {**EXPOSED, 0x9003: "2024:02:29 12:00:01", 0x9291: "25"},
     {0x010F: "Maker", 0x0110: "Model 1", 0x0112: 6},
 )
+
+
+def orientation_of_jpeg_xl(data: bytes) -> int | None:
+    header = read_jpeg_xl_header(data)
+    return header.orientation if header else None
 
 
 def saved(kind: str, **options: object) -> bytes:

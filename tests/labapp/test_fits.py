@@ -10,7 +10,7 @@ import pytest
 
 from labapp.common.errors import UserError
 from labapp.files.picture.exif import Exif
-from labapp.files.picture.fits import read_fits
+from labapp.files.picture.fits import count_fits_pages, read_fits
 
 PATH = Path("a.fits")
 NUMBERS = np.arange(12).reshape(3, 4)
@@ -98,7 +98,7 @@ def test_units_are_counted_and_extensions_follow_an_empty_one():
     file = first + unit(NUMBERS.astype("f4"), EXTENSION) + table
     file += unit(NUMBERS.astype("i2") + 1, EXTENSION, EXPTIME=4) + b"what is no unit"
     found = read_fits(PATH, file)
-    assert found.pages == 2
+    assert found.pages == count_fits_pages(PATH, file) == 2
     np.testing.assert_array_equal(found.values[0], NUMBERS)
     assert found.exif == Exif(2.5, model="Cam O'1", taken=datetime(2024, 5, 6, 7, 8, 9, 500000))
     found = read_fits(PATH, file, 1)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import zipfile
+from pathlib import Path
 
 import cv2
 import h5py
@@ -14,11 +17,12 @@ import tifffile
 from hostile import plain_files
 from scipy.io import savemat
 
+from labapp.common import free_memory
 from labapp.common.errors import UserError
 from labapp.files.array_file import read_npy, read_npz, require_plain_zip
 from labapp.files.cubes import read_cube
 from labapp.files.file_lookup import require_file, require_readable
-from labapp.files.guarded_reading import FREE_EXPANSION, open_regular, read_bytes
+from labapp.files.guarded_reading import FREE_EXPANSION, open_regular, read_bytes, require_memory
 from labapp.files.matlab_file import read_matlab
 from labapp.files.number_file import read_numbers
 from labapp.files.picture.headers import find_header
@@ -231,12 +235,13 @@ def test_pages_have_their_own_sizes(tmp_path):
         file.write(np.zeros((8, 9), np.uint16))
         file.write(np.zeros((20, 30), np.uint16))
     path = tmp_path / "pages.tiff"
-    assert count_pages(path.read_bytes()) == 2
+    assert count_pages(path, path.read_bytes()) == 2
     shapes = [read_photograph(path, page=page).levels.shape for page in (0, 1)]
     assert shapes == [(1, 8, 9), (1, 20, 30)]
     with pytest.raises(UserError, match=r"page 2: .* holds 2 pictures"):
         read_photograph(path, page=2)
-    assert count_pages(plain_files.tiff_circle(tmp_path).read_bytes()) <= 2
+    path = plain_files.tiff_circle(tmp_path)
+    assert count_pages(path, path.read_bytes()) <= 2
 
 
 @pytest.mark.parametrize(
@@ -310,3 +315,72 @@ def test_the_figures_of_a_command_are_plain_data(tmp_path):
     """What labapp writes as JSON, it reads."""
     data = {"rows": [{"a": 1.5, "b": None, "c": "é\n"}] * 100}
     assert parse_json(json.dumps(data, indent=2), "here") == data
+
+
+@pytest.mark.parametrize(
+    ("stored", "whole", "pixels"),
+    [
+        (60_000, 96_000_000, 48_000_000),  # a star on black in 16 bits
+        (60_000, 576_000_000, 300_000_000),
+        (60_000, 192_000_000, None),
+        (4_000_000, 400_000_000, None),
+        (20_000_000, 1_300_000_000, 450_000_000),
+    ],
+)
+def test_data_that_a_sensor_can_give_are_expanded(monkeypatch, stored, whole, pixels):
+    monkeypatch.setattr(free_memory, "available_memory", lambda: 2_000_000_000)
+    require_memory(Path("dark.png"), stored, whole, pixels=pixels)
+
+
+@pytest.mark.parametrize(
+    ("stored", "whole", "pixels", "words"),
+    [
+        (300, 3_600_000_000, 3_600_000_000, "would take 3.6 GB, and 300 bytes are stored"),
+        (112_000, 900_000_000, 900_000_000, "would take 900 MB, and 112 kB are stored"),
+        (900_000, 210_000_000, None, "would take 210 MB, and 900 kB are stored"),
+        (50_000_000, 1_700_000_000, 100_000_000, "1.7 GB of memory, and 2 GB are free. Close"),
+    ],
+)
+def test_more_than_a_sensor_gives_or_the_memory_holds_is_refused(
+    monkeypatch, stored, whole, pixels, words
+):
+    monkeypatch.setattr(free_memory, "available_memory", lambda: 2_000_000_000)
+    with pytest.raises(UserError, match=f"bomb.png: its picture would take .*{words}|{words}"):
+        require_memory(Path("bomb.png"), stored, whole, "its picture", pixels=pixels)
+
+
+def test_a_star_on_black_is_read_from_compressed_arrays(tmp_path):
+    """Of 30 million pixels of 32 bits, in some kilobytes: more than 64 MiB."""
+    star = np.zeros((4000, 7500), np.uint32)
+    star[2000, 3000] = 40_000
+    np.savez_compressed(tmp_path / "star.npz", star=star)
+    assert 1000 * (tmp_path / "star.npz").stat().st_size < star.nbytes
+    assert read_npz(tmp_path / "star.npz")["star"].max() == 40_000
+
+
+def test_the_free_memory_is_what_every_limit_leaves(tmp_path, monkeypatch):
+    free = free_memory.available_memory()
+    assert 0 < free < 1 << 44
+    folder = tmp_path / "box" / "inner"
+    folder.mkdir(parents=True)
+    (folder.parent / "memory.max").write_text("1000000\n")
+    (folder.parent / "memory.current").write_text("900000\n")
+    (folder.parent / "memory.stat").write_text("anon 5\ninactive_file 50000\n")
+    (folder / "memory.max").write_text("max\n")
+    (folder / "memory.current").write_text("100\n")
+    names = ("memory.max", "memory.current", "inactive_file")
+    assert list(free_memory._room_in_groups([folder, folder.parent], names)) == [150_000]
+    monkeypatch.setattr(free_memory, "_group_memory", lambda: [150_000])
+    assert free_memory.available_memory() == 150_000
+
+
+def test_a_limit_of_the_process_is_told_before_a_file_is_read(tmp_path):
+    np.save(tmp_path / "large.npy", np.zeros(40_000_000, np.float32))
+    script = (
+        "import resource; from pathlib import Path; from labapp.files.array_file import read_npy\n"
+        "size = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (size + 150_000_000, -1))\n"
+        f"read_npy(Path({str(tmp_path / 'large.npy')!r}))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert "would take 160 MB of memory, and 150 MB are free" in done.stderr

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from labapp.common.errors import UserError
-from labapp.files.picture.netpbm import is_netpbm, read_netpbm
+from labapp.files.picture.netpbm import count_netpbm_pages, is_netpbm, read_netpbm
 
 PATH = Path("a.pnm")
 GREY = np.arange(35, dtype=np.uint8).reshape(5, 7) * 7
@@ -108,6 +108,7 @@ def test_transparency_is_left_out_and_told():
 
 def test_pictures_after_each_other_are_pages():
     data = b"P5 2 1 255\n\1\2" + b"P6 1 1 255\n\3\4\5" + b"P4 1 1\n\x80"
+    assert count_netpbm_pages(PATH, data) == 3
     assert [read(data, k).pages for k in range(3)] == [3, 3, 3]
     np.testing.assert_array_equal(read(data, 1).values, [[[3]], [[4]], [[5]]])
     for page in (-1, 3):

@@ -14,7 +14,7 @@ import pytest
 from labapp.common.errors import UserError
 from labapp.files.picture.exif import Exif
 from labapp.files.picture.exr_library import encode_open_exr
-from labapp.files.picture.open_exr import read_open_exr
+from labapp.files.picture.open_exr import count_exr_pages, read_open_exr
 
 PATH = Path("a.exr")
 LIGHT = (np.random.default_rng(1).random((3, 12, 17)) * 1e3).astype(np.float32)
@@ -132,6 +132,7 @@ def test_parts_are_pages():
     parts = [OpenEXR.Part({}, {"Y": OpenEXR.Channel(LIGHT[k].copy())}, f"p{k}") for k in range(3)]
     file = io.BytesIO()
     OpenEXR.File(parts).write(file)
+    assert count_exr_pages(PATH, file.getvalue()) == 3
     for k in range(3):
         found = read_open_exr(PATH, file.getvalue(), k)
         assert found.pages == 3
@@ -229,3 +230,8 @@ def test_a_picture_that_is_much_larger_than_its_file_is_not_read():
     data[at : at + 16] = struct.pack("<4i", 0, 0, 59_999, 59_999)
     with pytest.raises(UserError, match=r"would take 43\.2 GB"):
         read_open_exr(PATH, bytes(data))
+    tiles = OpenEXR.TileDescription()
+    tiles.ySize = 1 << 22
+    data = exr(colours(), type=OpenEXR.tiledimage, tiles=tiles)
+    with pytest.raises(UserError, match="is a damaged or incomplete OpenEXR file"):
+        read_open_exr(PATH, data)

@@ -153,7 +153,8 @@ def test_old_runs_are_expanded():
         (hdr(PIXELS, lines=b"EXPOSURE=nan\n"), "EXPOSURE is 'nan'"),
         (hdr(PIXELS, lines=b"EXPOSURE=1e20\nEXPOSURE=1e20\n"), "no sensible number"),
         (hdr(PIXELS, lines=b"COLORCORR=1 1\n"), "COLORCORR is '1 1'"),
-        (hdr(PIXELS, b"-Y 99999 +X 99999"), "would take 40 GB"),
+        (hdr(b"\2\2\0\x08" + b"\x88\1" * 60, b"-Y 10000 +X 10000"), "end early"),
+        (hdr(PIXELS, b"-Y 99999 +X 99999"), "would take 120 GB"),
     ],
 )
 def test_damaged_files_are_named(data, words):

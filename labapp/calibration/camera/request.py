@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from labapp.common.errors import UserError
-from labapp.files.quantities import Amount, Positive
+from labapp.files.quantities import Amount, Nanometres, Positive
 from labapp.files.reading import FileModel, validate
 from labapp.runs.record.reader import Record
 from optics.camera_noise.paired_frames import MIN_EXPOSURES
@@ -38,7 +38,7 @@ class CameraRequest(FileModel):
 
     flat: str = "flat"
     dark: str = "dark"
-    wavelength_nm: Positive = 532.0
+    wavelength_nm: Nanometres = 532.0
     exposures: Annotated[int, Field(ge=MIN_EXPOSURES, le=1000)] = DEFAULT_EXPOSURES
     flat_ms: Positive | None = None
     dark_s: Amount = DEFAULT_DARK_S

@@ -1,11 +1,12 @@
 """Read PNG, JPEG and other coded pictures by imagecodecs, whose answer is held against the header.
 
-imagecodecs keeps bits and transparency, costs no more than OpenCV, and says nothing to the
-terminal. What it doesn't decode of Windows bitmaps, OpenCV does.
+imagecodecs keeps bits and transparency, and costs no more than OpenCV. OpenCV decodes Windows
+bitmaps, all of whose kinds it knows, and says what is wrong with a JPEG's data, which others don't.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.common.library_text import collect_library_text
 from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import Statement
 from labapp.files.picture.exif import Exif
@@ -23,7 +25,7 @@ from labapp.files.picture.exif_in_files import (
     exif_of_png,
     exif_of_webp,
 )
-from labapp.files.picture.file_parts import jpeg_segments
+from labapp.files.picture.file_parts import count_gif_frames, jpeg_segments
 from labapp.files.picture.headers import Header
 from labapp.files.picture.heif import exif_of_heif, heif_encoding, orientation_of_heif
 from labapp.files.picture.icc import icc_encoding
@@ -41,21 +43,44 @@ _SCAN, _END = b"\xff\xda", b"\xff\xd9"
 
 Samples = NDArray[Any]
 
+_LIBRARY_TEXT = re.compile(
+    rb"^(?:PNG warning|libpng|Corrupt JPEG|Premature end|.*cv::)[^\n]*", re.M
+)
+"""Lines that decoders write to the terminal by themselves."""
 
-def _decode_bmp(data: bytes) -> Samples:
-    """Decode a Windows bitmap by OpenCV, which knows its compressed kinds, too."""
+_COLOUR_TYPE, _INTERLACE = 25, 28
+"""Places of a PNG's kind of colours and of whether it is interlaced (third edition, 11.2.1)."""
+
+_BLOCK = 8
+"""Rows of a JPEG's block: what has no data ends in rows that are alike."""
+
+
+def _decode_by_opencv(data: bytes) -> Samples:
+    """Decode a picture by OpenCV, with alpha as it is; what its libraries say is caught."""
     import cv2
 
-    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
+    with collect_library_text(_LIBRARY_TEXT) as said:
+        found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if found is None:
-        raise ValueError("OpenCV can't decode it")
-    return np.asarray(found[..., ::-1] if found.ndim == 3 else found)
+        raise ValueError(said[0] if said else "OpenCV can't decode it")
+    if found.ndim == 2:
+        return found
+    return found[..., [2, 1, 0, *range(3, found.shape[-1])]]
+
+
+def _decode_png(data: bytes) -> Samples:
+    """Decode a PNG; interlaced ones by OpenCV, as imagecodecs writes a warning of each."""
+    if not data[_INTERLACE]:
+        return imagecodecs.png_decode(data)
+    found = _decode_by_opencv(data)
+    is_grey = data[_COLOUR_TYPE] in (0, 4) and found.ndim == 3
+    return found[..., [0, -1]] if is_grey else found
 
 
 _DECODERS: dict[str, Callable[[bytes], Samples]] = {
-    "PNG": imagecodecs.png_decode,
+    "PNG": _decode_png,
     "JPEG": imagecodecs.jpeg8_decode,
-    "BMP": _decode_bmp,
+    "BMP": _decode_by_opencv,
     "WebP": imagecodecs.webp_decode,
     "GIF": lambda data: imagecodecs.gif_decode(data, index=0),
     "JPEG 2000": imagecodecs.jpeg2k_decode,
@@ -74,6 +99,8 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
     Raises UserError, which says what the file is, if it is damaged, asks for too much memory, or
     what is decoded isn't what the header says.
     """
+    if header.kind not in _DECODERS:
+        raise refuse_picture(path, f"a {header.kind}, which has no decoder")
     size = header.width * header.height * 4 * (2 if (header.bits or 16) > 8 else 1)
     what = f"a picture of {header.width} x {header.height} pixels by its header"
     require_memory(path, len(data), size, what, pixels=header.width * header.height)
@@ -95,7 +122,7 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
         exif=exif,
         is_lossy=header.is_lossy is not False,
         kind=header.kind if header.bits in (None, 8) else f"{header.bits}-bit {header.kind}",
-        notes=(*notes, *told),
+        notes=(*notes, *told, *_further_pictures(data, header)),
     )
 
 
@@ -130,7 +157,23 @@ def _decode(path: Path, data: bytes, header: Header) -> Samples:
             path, f"a {header.kind} that was decoded to {' x '.join(map(str, found.shape))}, and "
             f"is {header.height} x {header.width} by its header"
         )  # fmt: skip
+    if header.kind == "JPEG" and len(found) > _BLOCK and (found[-_BLOCK:] == found[-1]).all():
+        _require_sound_jpeg(path, data)
     return found
+
+
+def _require_sound_jpeg(path: Path, data: bytes) -> None:
+    """Raise UserError for a JPEG of fewer rows than its header says; the rest is one colour.
+
+    Only OpenCV's decoder says so.
+    """
+    import cv2
+
+    with collect_library_text(_LIBRARY_TEXT) as said:
+        cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    if any("premature end" in line.lower() for line in said):
+        what = "a JPEG that is damaged: it has fewer rows than its header says"
+        raise refuse_picture(path, what, "Get the original.")
 
 
 def _colours(
@@ -139,13 +182,33 @@ def _colours(
     """Return a picture's samples as (1 or 3, rows, columns), and what was done with others."""
     bands = samples[None] if samples.ndim == 2 else np.moveaxis(samples, -1, 0)
     if header.kind == "JPEG" and len(bands) == 4:
-        told = "its inks were turned into red, green and blue without their profile"
+        told = "its inks (CMYK) were turned into red, green and blue without their profile"
         return _from_inks(bands, is_inverse=b"Adobe" in data[:4096]), (told,)
+    if len(bands) in (1, 3) and header.kind == "PNG" and b"tRNS" in data[: 1 << 16]:
+        return bands, ("its alpha was left out: colours are as they're stored",)
+    if header.kind == "GIF" and len(bands) == 4:
+        raise refuse_picture(path, "a GIF with transparent pixels, which have no colour")
     if len(bands) in (2, 4):
         return bands[:-1], ("its alpha was left out: colours are as they're stored",)
     if len(bands) not in (1, 3):
         raise refuse_picture(path, f"a {header.kind} of {len(bands)} bands a pixel")
     return bands, ()
+
+
+def _further_pictures(data: bytes, header: Header) -> tuple[str, ...]:
+    """Say in words what a file holds beside the picture that was read."""
+    head = data[: 1 << 16]
+    if header.kind == "JPEG" and (b"hdrgm" in head or b"21496-1" in head):
+        return ("its gain map for brighter screens was left out",)
+    if header.kind == "JPEG" and b"MPF\0" in head:
+        return ("it holds two pictures or more (MPO), of which the first was read",)
+    moves = {
+        "PNG": b"acTL" in head, "WebP": b"ANMF" in data,
+        "GIF": header.kind == "GIF" and count_gif_frames(data) > 1, "AVIF": data[8:12] == b"avis",
+    }  # fmt: skip
+    return ("it is an animation, of which the first picture was read",) * moves.get(
+        header.kind, False
+    )
 
 
 def _from_inks(inks: Samples, *, is_inverse: bool) -> Samples:

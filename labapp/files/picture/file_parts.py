@@ -75,6 +75,31 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, memoryview]]:
         at += 2 + size
 
 
+def count_gif_frames(data: bytes) -> int:
+    """Return the number of pictures in a GIF file (GIF89a, sections 18 to 26)."""
+    at = 13 + _colour_table(data[10])
+    count = 0
+    for _ in range(_MOST_PARTS):
+        kind = data[at : at + 1]
+        if kind == b",":
+            count += 1
+            at += 11 + _colour_table(int.from_bytes(data[at + 9 : at + 10], "big"))
+        elif kind == b"!":
+            at += 2
+        else:
+            return count
+        # Data follow in blocks, each with its size before it, and end with an empty one.
+        while size := int.from_bytes(data[at : at + 1], "big"):
+            at += 1 + size
+        at += 1
+    return count
+
+
+def _colour_table(flags: int) -> int:
+    """Return the bytes of the colour table that the flags of a part of a GIF file announce."""
+    return 3 * 2 ** ((flags & 7) + 1) if flags & 0x80 else 0
+
+
 def boxes(content: memoryview) -> Iterator[tuple[bytes, memoryview]]:
     """Yield names and bytes of the boxes in a file or box (ISO/IEC 14496-12, section 4.2)."""
     at = 0

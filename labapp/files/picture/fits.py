@@ -44,9 +44,9 @@ def read_fits(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     """
     units = read_units(path, data)
     pictures = [unit for unit in units if unit.is_picture]
+    pages = sum(unit.pages for unit in pictures)
     if not pictures:
         raise _no_picture(path, units)
-    pages = sum(unit.pages for unit in pictures)
     if not 0 <= page < pages:
         raise UserError(f"{path}: holds {pages} pictures, counted from 0. Name one of them.")
     rest = page
@@ -69,6 +69,11 @@ def read_fits(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         exif=_exposure(keys),
         notes=(*notes, *_note_order(unit)),
     )
+
+
+def count_fits_pages(path: Path, data: bytes) -> int:
+    """Return how many pictures a FITS file has; raise UserError if it is damaged."""
+    return sum(unit.pages for unit in read_units(path, data) if unit.is_picture)
 
 
 def _no_picture(path: Path, units: list[FitsUnit]) -> UserError:

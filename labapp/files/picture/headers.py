@@ -13,6 +13,8 @@ from labapp.files.picture.jpeg_xl import read_jpeg_xl_header
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """JPEG's markers of a frame header, which has the size (ITU-T T.81, table B.1)."""
 
+_FRAME_OF_LS = 0xF7
+
 _LOSSLESS = frozenset({0xC3, 0xC7, 0xCB, 0xCF})
 """Those of them that lose nothing."""
 
@@ -46,30 +48,26 @@ def find_header(data: bytes) -> Header | None:
     return None
 
 
-def is_jpeg(data: bytes) -> bool:
-    """Return whether the bytes of a picture file begin as JPEG does."""
-    return data.startswith(b"\xff\xd8\xff") and not data.startswith(b"\xff\xd8\xff\xf7")
-
-
 def _png(data: bytes) -> Header:
     width, height, bits = struct.unpack_from(">IIB", data, 16)
+    if data[12:16] == b"CgBI":
+        return Header("PNG of Apple's kind (CgBI)", width=0, height=0)
     return Header("PNG", width, height, bits)
 
 
 def _jpeg(data: bytes) -> Header | None:
-    """Return what the frame header of a JPEG file says (ITU-T T.81, section B.2.2)."""
+    """Return what the frame header of a JPEG file says (ITU-T T.81, section B.2.2).
+
+    JPEG-LS has a marker of its own (ITU-T T.87, section C.2.2).
+    """
     for marker, content in jpeg_segments(data):
+        if marker == _FRAME_OF_LS:
+            bits, height, width = struct.unpack_from(">BHH", content)
+            return Header("JPEG-LS", width, height, bits, None)
         if marker in _FRAMES:
             bits, height, width = struct.unpack_from(">BHH", content)
             return Header("JPEG", width, height, bits, marker not in _LOSSLESS)
     return None
-
-
-def _jpeg_ls(data: bytes) -> Header:
-    """Return what the frame header of a JPEG-LS file says (ITU-T T.87, section C.2.2)."""
-    at = data.index(b"\xff\xf7")
-    bits, height, width = struct.unpack_from(">BHH", data, at + 4)
-    return Header("JPEG-LS", width, height, bits, None)
 
 
 def _bmp(data: bytes) -> Header:
@@ -136,7 +134,9 @@ def _jpeg_xr(data: bytes) -> Header:
 
 def _jpeg_xl(data: bytes) -> Header | None:
     found = read_jpeg_xl_header(data)
-    return found and Header("JPEG XL", found.width, found.height, found.bits, None)
+    if found is None:
+        return None
+    return Header("JPEG XL", found.width, found.height, found.bits, None)
 
 
 def _begins(*starts: bytes) -> Callable[[bytes], bool]:
@@ -145,7 +145,7 @@ def _begins(*starts: bytes) -> Callable[[bytes], bool]:
 
 _READERS: tuple[tuple[Callable[[bytes], bool], Callable[[bytes], Header | None]], ...] = (
     (_begins(b"\x89PNG\r\n\x1a\n"), _png),
-    (is_jpeg, _jpeg),
+    (_begins(b"\xff\xd8\xff"), _jpeg),
     (_begins(b"BM"), _bmp),
     (lambda data: data[:4] == b"RIFF" and data[8:12] == b"WEBP", _webp),
     (_begins(b"GIF87a", b"GIF89a"), _gif),
@@ -153,7 +153,6 @@ _READERS: tuple[tuple[Callable[[bytes], bool], Callable[[bytes], Header | None]]
     (_begins(*JPEG_XL), _jpeg_xl),
     (lambda data: data[4:12] in (b"ftypavif", b"ftypavis"), _avif),
     (_begins(b"II\xbc\x01"), _jpeg_xr),
-    (_begins(b"\xff\xd8\xff\xf7"), _jpeg_ls),
     (_begins(b"qoif"), _qoi),
 )
 """How the files of each format begin, and what reads their header."""

@@ -112,6 +112,11 @@ def read_netpbm(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     )
 
 
+def count_netpbm_pages(path: Path, data: bytes) -> int:
+    """Return how many portable maps a file has; raise UserError if one is damaged."""
+    return len(_read_headers(path, data))
+
+
 def _read_headers(path: Path, data: bytes) -> list[_Header]:
     """Return the headers of all pictures in a file; text can only be one."""
     found = [_read_header(path, data, 0)]

@@ -34,6 +34,10 @@ _LOSSY_FOR_FLOATS = "PXR24_COMPRESSION"
 """Compressions that change numbers: always, or only those of 32 bits ("Technical Introduction to
 OpenEXR", Data Compression)."""
 
+_MOST_IN_TILE = 1 << 22
+"""Pixels that a tile may have in a smaller picture: 2048 x 2048; programs write up to 512 x 512.
+Chosen."""
+
 _NEEDED = {"channels", "compression", "dataWindow", "displayWindow"}
 
 _NUMBERS = {"float16": "half", "float32": "float", "uint32": "whole numbers"}
@@ -70,6 +74,11 @@ def read_open_exr(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         is_lossy=is_lossy,
         notes=tuple(notes + _note_windows(header) + _note_colours(header)),
     )
+
+
+def count_exr_pages(path: Path, data: bytes) -> int:
+    """Return how many parts an OpenEXR file has; raise UserError if it is damaged."""
+    return len(_read_headers(path, data))
 
 
 def _read_headers(path: Path, data: bytes) -> list[dict[str, Any]]:
@@ -145,14 +154,19 @@ def _picture_channels(path: Path, names: list[str]) -> tuple[tuple[str, ...], li
 
 def _require_size(path: Path, data: bytes, headers: list[dict[str, Any]]) -> None:
     """Raise UserError if a file's parts, all of which are read, are much larger than the file."""
-    whole = 0
+    pixels = whole = 0
     for header in headers:
         rows, columns = _size(header, "dataWindow")
+        tile = header.get("tiles")
         if rows < 1 or columns < 1:
             raise damaged_exr(path)
+        # A tile is decoded whole.
+        if tile and tile.xSize * tile.ySize > max(_MOST_IN_TILE, rows * columns):
+            raise damaged_exr(path)
+        pixels += rows * columns
         # Four bytes hold any of the format's numbers.
         whole += 4 * rows * columns * len(header["channels"])
-    require_memory(path, len(data), whole, "its picture")
+    require_memory(path, len(data), whole, "its picture", pixels=pixels)
 
 
 def _size(header: dict[str, Any], window: str) -> tuple[int, int]:

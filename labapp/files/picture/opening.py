@@ -7,6 +7,7 @@ from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.picture.headers import find_header
+from labapp.files.picture.netpbm import is_netpbm
 from labapp.files.picture.other_formats import name_format
 from labapp.files.picture.stored import StoredPicture
 from labapp.files.raw.recognition import is_raw
@@ -22,7 +23,6 @@ _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 _FITS, _OPEN_EXR = b"SIMPLE  =", b"\x76\x2f\x31\x01"
 _RADIANCE = (b"#?RADIANCE", b"#?RGBE", b"#?AUTOPANO")
-_PORTABLE = tuple(b"P%c" % one for one in b"1234567Ff")
 
 
 def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
@@ -32,10 +32,7 @@ def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     can't be read rightly.
     """
     if is_raw(data, path):
-        raise UserError(
-            f"{path}: is a camera's RAW file. labapp reconstruct and labapp merge take it; here, "
-            "give a picture that was developed from it, such as a 16-bit TIFF."
-        )
+        raise _mosaic_refused(path, data)
     if is_tiff(data):
         from labapp.files.picture.tiff_file import read_tiff
 
@@ -54,13 +51,37 @@ def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     return read(path, data, page)
 
 
-def count_pages(data: bytes) -> int:
-    """Return how many pictures the bytes of a TIFF file hold; 1 for any other."""
-    if not is_tiff(data):
-        return 1
-    from labapp.files.picture.tiff_file import count_tiff_pages
+def _mosaic_refused(path: Path, data: bytes) -> UserError:
+    """Return the error that says what a RAW file is, where a developed picture is meant."""
+    from labapp.files.raw import read_raw
 
-    return count_tiff_pages(data)
+    # What is wrong with the file comes first.
+    kind = read_raw(path, data).kind
+    return UserError(
+        f"{path}: is a RAW file ({kind}). labapp reconstruct and labapp merge take it; here, give "
+        "a picture that was developed from it, such as a 16-bit TIFF."
+    )
+
+
+def count_pages(path: Path, data: bytes) -> int:
+    """Return how many pictures the bytes of a file hold that can be named one by one."""
+    if is_tiff(data):
+        from labapp.files.picture.tiff_file import count_tiff_pages
+
+        return count_tiff_pages(data)
+    if data.startswith(_OPEN_EXR):
+        from labapp.files.picture.open_exr import count_exr_pages
+
+        return count_exr_pages(path, data)
+    if data.startswith(_FITS):
+        from labapp.files.picture.fits import count_fits_pages
+
+        return count_fits_pages(path, data)
+    if is_netpbm(data):
+        from labapp.files.picture.netpbm import count_netpbm_pages
+
+        return count_netpbm_pages(path, data)
+    return 1
 
 
 def is_tiff(data: bytes) -> bool:
@@ -82,8 +103,8 @@ def _other_reader(data: bytes) -> Callable[[Path, bytes, int], StoredPicture] | 
         from labapp.files.picture.fits import read_fits
 
         return read_fits
-    if data.startswith(_PORTABLE):
-        from labapp.files.picture.portable_map import read_portable_map
+    if is_netpbm(data):
+        from labapp.files.picture.netpbm import read_netpbm
 
-        return read_portable_map
+        return read_netpbm
     return None

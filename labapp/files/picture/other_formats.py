@@ -19,15 +19,14 @@ _STARTS = (
     (b"\x8aMNG", "an MNG animation"),
     (b"\x8bJNG", "a JNG picture"),
     (b"XISF0100", "a picture of PixInsight (XISF)"),
-    (b"LUCAM-RECORDER", "a film of planets (SER)"),
+    (b"LUCAM-RECORDER", "a video of planets (SER)"),
     (b"\x93NUMPY", "an array of NumPy; its name must end in .npy"),
     (b"PK\x03\x04", "a ZIP archive, such as .npz"),
     (b"\x1f\x8b", "a gzip archive"),
     (b"\x89HDF", "an HDF5 file"),
     (b"MATLAB 5.0", "a MATLAB file"),
-    (b"OggS", "a film"),
-    (b"\x1aE\xdf\xa3", "a film"),
-    (b"<svg", "a drawing (SVG)"),
+    (b"OggS", "a video"),
+    (b"\x1aE\xdf\xa3", "a video"),
     (b"<?xml", "XML text"),
     (b"<html", "an HTML page"),
     (b"<!DOCTYPE", "an HTML page"),
@@ -38,20 +37,22 @@ _BRANDS = {
     b"heic": "an HEIC picture", b"heix": "an HEIC picture", b"hevc": "an HEIC sequence",
     b"mif1": "an HEIF picture", b"msf1": "an HEIF sequence", b"crx ": "a Canon RAW picture (CR3)",
 }  # fmt: skip
-"""Brands of files in the ISO base format (ISO 14496-12) that aren't read; others are films."""
+"""Brands of files in the ISO base format (ISO 14496-12) that aren't read; others are videos."""
 
 
 def name_format(data: bytes, suffix: str) -> str:
     """Say in words what a file is that isn't read as a picture, by its bytes and its ending."""
     if not data:
         return "empty"
+    if b"<svg" in data[:4096]:
+        return "a drawing (SVG)"
     for start, name in _STARTS:
         if data.startswith(start):
             return name
     if data[4:8] == b"ftyp":
-        return _BRANDS.get(data[8:12], "a film")
+        return _BRANDS.get(data[8:12], "a video")
     if data[:4] == b"RIFF" and data[8:12] == b"AVI ":
-        return "a film"
+        return "a video"
     if data[128:132] == b"DICM":
         return "a DICOM picture"
     if data[344:348] in (b"n+1\0", b"ni1\0"):

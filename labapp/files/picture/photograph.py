@@ -62,9 +62,21 @@ class Photograph:
 
         White is 1 for coded levels. Linear ones keep the file's unit.
         """
-        if not self.is_coded:
-            return self.levels.astype(np.float32)
-        return self.relative_light
+        return self.relative_light if self.is_coded else self._representable_levels()
+
+    def _representable_levels(self) -> Light:
+        """Return the levels; UserError if their unit is too far from 1 for single precision."""
+        with np.errstate(over="ignore", under="ignore"):
+            light = self.levels.astype(np.float32)
+        if self.levels.dtype.kind == "f":
+            limits = np.finfo(np.float32)
+            brightest = float(np.abs(self.levels[np.isfinite(self.levels)]).max())
+            if brightest > limits.max or 0 < brightest < limits.tiny:
+                raise UserError(
+                    f"{self.path}: its largest value is {brightest:.3g}, and single precision "
+                    f"holds {limits.tiny:.2g} to {limits.max:.2g}. Give its light in another unit."
+                )
+        return light
 
     @property
     def relative_light(self) -> Light:
@@ -129,15 +141,18 @@ def read_photograph(
         If the file can't be read rightly, or holds several pictures and none is named.
     """
     data = read_bytes(path)
+    if not data:
+        raise UserError(f"{path}: is empty. Give a picture.")
     if path.suffix.lower() == ".npy" or data.startswith(b"\x93NUMPY"):
         stored = _read_array(path)
     else:
         stored = read_stored(path, data, _page(path, data, page, page_option))
-    _require_values(path, stored.values)
+    missing = _count_missing(path, stored.values)
     found, source = _choose_encoding(path, stored, encoding)
     return Photograph(
         path, np.ascontiguousarray(stored.values), found, source, stored.white, stored.kind,
-        stored.orientation, stored.is_lossy, stored.exif, stored.notes,
+        stored.orientation, stored.is_lossy, stored.exif,
+        (*stored.notes, *_tell_missing(missing)),
     )  # fmt: skip
 
 
@@ -165,7 +180,7 @@ def _choose_encoding(
 
 def _page(path: Path, data: bytes, page: int | None, option: str) -> int:
     """Return the picture of a file to read, counted from 0."""
-    count = count_pages(data)
+    count = count_pages(path, data)
     if count > 1 and page is None:
         remedy = "Save the one that is meant as a file of its own."
         if option:
@@ -190,19 +205,29 @@ def _read_array(path: Path) -> StoredPicture:
     else:
         raise UserError(
             f"{path}: is {' x '.join(map(str, values.shape))}; give rows x columns, or rows x "
-            "columns x 3."
+            "columns x 3, and no further dimensions."
         )
     white = None if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
     told = "arrays are proportional to light"
     return StoredPicture(bands, "array", white, LINEAR, told)
 
 
-def _require_values(path: Path, values: NDArray[Any]) -> None:
-    """Raise UserError for a picture without a single number."""
+def _tell_missing(count: int) -> tuple[str, ...]:
+    """Say in words that a picture has missing pixels."""
+    told = f"{count} of its numbers are infinite or NaN, and count as missing pixels"
+    return (told,) if count else ()
+
+
+def _count_missing(path: Path, values: NDArray[Any]) -> int:
+    """Return how many numbers aren't finite; raise UserError for a picture of no others."""
     if not values.size:
-        raise UserError(f"{path}: has no pixels.")
-    if values.dtype.kind == "f" and not np.isfinite(values).any():
+        raise UserError(f"{path}: has no pixels. Give a picture.")
+    if values.dtype.kind != "f":
+        return 0
+    finite = int(np.count_nonzero(np.isfinite(values)))
+    if not finite:
         raise UserError(f"{path}: has no finite value. Give a picture.")
+    return values.size - finite
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:

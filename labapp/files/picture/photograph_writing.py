@@ -38,13 +38,13 @@ def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: floa
         write_float_tiff(buffer, light)
         return buffer.getvalue()
     if ending == ".exr":
-        from labapp.files.picture.open_exr import encode_open_exr
+        from labapp.files.picture.exr_library import encode_open_exr
 
-        return encode_open_exr(path, light)
+        return encode_open_exr(light)
     if ending == ".hdr":
         from labapp.files.picture.radiance import encode_radiance
 
-        return encode_radiance(path, light)
+        return encode_radiance(light)[0]
     shown = _pixels(light) / white_level
     return encode_png(path, encode_srgb(shown) if in_srgb else _encode_16_bit(shown), in_srgb)
 

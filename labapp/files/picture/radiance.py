@@ -46,6 +46,12 @@ _BIAS = 136
 _LEAST, _MOST = 1e-32, 255 * 2.0**119
 """Light below which Radiance's programs write black, and the highest that fits, 1.7e38."""
 
+_MOST_IN_RUN = 64
+"""Bytes that a byte can stand for: 2 bytes are a run of up to 127."""
+
+_BLOCK = 1 << 18
+"""Pixels that are rounded at once, to bound the memory used in between to some 10 MB. Chosen."""
+
 _HEADER = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n"
 
 
@@ -65,8 +71,8 @@ def read_radiance(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     rows, columns = int(found[3]), int(found[6])
     if not rows * columns:
         raise _damaged(path, "it has no pixels")
-    # Runs of pixels stand for 64 times their bytes at most.
-    require_memory(path, len(data), 4 * rows * columns, "its picture")
+    pixels = rows * columns
+    require_memory(path, len(data), 12 * pixels, "its picture", pixels=pixels)
     light = np.moveaxis(_decode_pixels(path, body, rows, columns), -1, 0)
     scale, encoding, notes = _read_variables(path, lines[:-1])
     if (scale != 1).any():
@@ -97,24 +103,32 @@ def encode_radiance(light: NDArray[np.float32]) -> tuple[bytes, tuple[str, ...]]
             f"Radiance HDR holds numbers up to {_MOST:.2g}, and the picture has others. Write "
             "OpenEXR or TIFF."
         )
-    colours = np.moveaxis(np.broadcast_to(light, (3, *light.shape[1:])), 0, -1)
-    negative = float((colours < 0).mean())
-    rounded = _round_pixels(np.maximum(colours, 0).astype(np.float64))
+    negative = float((light < 0).mean())
     rows, columns = light.shape[1:]
+    rounded = np.empty((rows, columns, 3), np.float32)
+    step = max(1, _BLOCK // columns)
+    for start in range(0, rows, step):
+        part = slice(start, start + step)
+        rounded[part] = _round_pixels(np.moveaxis(np.maximum(light[:, part], 0), 0, -1))
     # It cuts mantissas off, which does nothing to numbers that fit.
-    pixels = imagecodecs.rgbe_encode(np.ascontiguousarray(rounded), header=False, rle=True)
+    pixels = imagecodecs.rgbe_encode(rounded, header=False, rle=True)
     told = f"{100 * negative:.3g} % of its numbers are negative, and 0 in Radiance HDR"
     return _HEADER + b"-Y %d +X %d\n" % (rows, columns) + pixels, (told,) if negative else ()
 
 
-def _round_pixels(colours: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the nearest numbers that 8 bits with a shared exponent hold, (rows, columns, 3)."""
+def _round_pixels(colours: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the nearest numbers that 8 bits with a shared exponent hold; colours are last."""
     brightest = colours.max(axis=-1, keepdims=True)
-    _, exponent = np.frexp(brightest)
+    _, exponent = np.frexp(np.maximum(brightest, np.float32(_LEAST)))
     # A mantissa that rounds up to 256 takes the next exponent.
-    exponent += np.rint(np.ldexp(brightest, 8 - exponent)) > 255
-    rounded = np.ldexp(np.rint(np.ldexp(colours, 8 - exponent)), exponent - 8)
-    return np.where(brightest < _LEAST, 0, rounded).astype(np.float32)
+    exponent += np.rint(brightest * _power(8 - exponent)) > 255
+    rounded = np.rint(colours * _power(8 - exponent)) * _power(exponent - 8)
+    return np.where(brightest < _LEAST, np.float32(0), rounded)
+
+
+def _power(exponent: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return powers of two, by which float32 is multiplied without rounding."""
+    return np.ldexp(np.float32(1), exponent)
 
 
 def _split_header(path: Path, data: bytes) -> tuple[list[bytes], bytes]:
@@ -181,6 +195,8 @@ def _decode_runs(path: Path, body: bytes, rows: int, columns: int) -> NDArray[np
     """Return the light of pixels that are stored colour by colour, in runs."""
     import imagecodecs
 
+    if 4 * rows * columns > _MOST_IN_RUN * len(body):
+        raise _damaged(path, "its pixels end early")
     try:
         found = imagecodecs.rgbe_decode(_HEADER + b"-Y %d +X %d\n" % (rows, columns) + body)
     except (imagecodecs.RgbeError, ValueError, RuntimeError) as error:

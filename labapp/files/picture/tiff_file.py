@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import imagecodecs
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
@@ -34,9 +35,16 @@ _REDUCED, _MASK = 1, 4
 _LOSSY = frozenset({6, 7, 33003, 33004, 33005, 33007, 34712, 34887, 34892, 50001, 50002, 52546})
 """Compressions that lose something or may: JPEG in its kinds, JPEG 2000, LERC, WebP, JPEG XL."""
 
+_JPEGS = frozenset({7, 33007, 34892})
+"""Those of them that are JPEG, whose decoders see to subsampled chroma."""
+
+_OLD_JPEG = 6
+"""JPEG as TIFF 6.0 had it, before its technical note 2; decoders differ on its colours."""
+
 _DEPTH, _ICC, _TRANSFER = 32997, 34675, 301
 
-logging.getLogger("tifffile").addHandler(logging.NullHandler())
+# What it says is either harmless or followed by an exception, which is told.
+logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)
 
 
 def count_tiff_pages(data: bytes) -> int:
@@ -59,11 +67,13 @@ def read_tiff(path: Path, data: bytes, page: int = 0) -> StoredPicture:
         found = _pages(file)
         count = _count(file)
         if not found:
-            raise refuse_picture(path, "a TIFF without a picture")
+            what = "a TIFF without a picture, cut short or damaged"
+            raise refuse_picture(path, what, "Get the original.")
         part = found[page] if len(found) == count else found[0]
+        others = len(file.pages) - len(found) + len(part.subifds or ())
         header = _header(path, part)
         _require_readable(path, part, len(data), header)
-        values = part.asarray(squeeze=False, maxworkers=1)
+        values = _decode(part, data)
         if len(found) != count:
             values = _hidden_frame(file, page, values.shape)
         _require_shape(path, part, values)
@@ -79,8 +89,14 @@ def read_tiff(path: Path, data: bytes, page: int = 0) -> StoredPicture:
             exif=exif_of_tiff(data, part.offset),
             is_lossy=int(part.compression) in _LOSSY,
             kind=_kind(part),
-            notes=(*samples.notes, *notes),
+            notes=(*samples.notes, *notes, *_tell_others(others)),
         )
+
+
+def _tell_others(count: int) -> tuple[str, ...]:
+    """Say in words that a file has pages that aren't pictures in their own right."""
+    told = f"{count} of its pages are smaller copies or masks, and were passed over"
+    return (told,) if count else ()
 
 
 @contextmanager
@@ -94,7 +110,8 @@ def _damage_told(path: Path) -> Iterator[None]:
         raise refuse_picture(path, "a TIFF for which there is too little memory") from error
     except Exception as error:
         reason = " ".join(str(error).split())[:160] or type(error).__name__
-        raise refuse_picture(path, f"a TIFF that is damaged, or cut short ({reason})") from error
+        what = "of a kind that isn't read" if "not supported" in reason else "damaged, or cut short"
+        raise refuse_picture(path, f"a TIFF that is {what} ({reason})") from error
 
 
 def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
@@ -127,6 +144,22 @@ def _hidden_frames(file: tifffile.TiffFile) -> int:
     return frames if frames > 1 else 0
 
 
+def _decode(part: tifffile.TiffPage, data: bytes) -> NDArray[Any]:
+    """Decode a page to (planes, depth, rows, columns, samples)."""
+    if part.is_subsampled and int(part.compression) not in _JPEGS:
+        return _decode_subsampled(part, data)
+    return part.asarray(squeeze=False, maxworkers=1)
+
+
+def _decode_subsampled(part: tifffile.TiffPage, data: bytes) -> NDArray[Any]:
+    """Decode subsampled chroma by libtiff, which gives red, green and blue, partly turned."""
+    rgba = imagecodecs.tiff_decode(data, index=part.index, asrgb=True)
+    turned = _orientation(part)
+    rows = rgba[::-1] if turned in (3, 4, 7, 8) else rgba
+    columns = rows[:, ::-1] if turned in (2, 3, 6, 7) else rows
+    return columns[None, None, ..., :3]
+
+
 def _hidden_frame(file: tifffile.TiffFile, page: int, shape: tuple[int, ...]) -> NDArray[Any]:
     """Return one of the frames behind a single page."""
     every = file.series[0].asarray(squeeze=False)
@@ -137,10 +170,13 @@ def _header(path: Path, part: tifffile.TiffPage) -> TiffSamples:
     """Return what the tags of a page say about its samples."""
     if int(part.imagedepth) > 1 or (_DEPTH in part.tags and part.tags[_DEPTH].value > 1):
         raise refuse_picture(path, "a TIFF of a volume, with several planes of depth")
+    if int(part.compression) == _OLD_JPEG:
+        raise refuse_picture(path, "a TIFF of old-style JPEG (compression 6)")
     bits = part.bitspersample
     if not isinstance(bits, int):
         bits = bits[0] if len(set(bits)) == 1 else 0
-    if part.dtype is None or bits == 0:
+    # Whole numbers of 24 bits are decoded wrongly; floating-point ones aren't.
+    if part.dtype is None or bits == 0 or (bits == 24 and part.dtype.kind != "f"):
         told = "x".join(map(str, np.atleast_1d(part.bitspersample)))
         raise refuse_picture(path, f"a TIFF with samples of {told} bits, {_number_kind(part)}")
     return TiffSamples(
@@ -152,6 +188,7 @@ def _header(path: Path, part: tifffile.TiffPage) -> TiffSamples:
         compression=int(part.compression),
         colour_map=part.colormap,
         is_planar=int(part.planarconfig) == 2,
+        is_decoded=part.is_subsampled,
         tags={tag.code: tag.value for tag in part.tags if tag.code in TiffSamples.NEEDED},
     )
 
@@ -167,11 +204,11 @@ def _require_readable(
 ) -> None:
     """Raise UserError for a page without all its data, or that would take too much memory."""
     tile = max(int(part.tilewidth), 1) * max(int(part.tilelength), 1)
-    size = max(math.prod(part.shaped), tile * header.samples) * part.dtype.itemsize
+    count = max(math.prod(part.shaped), tile * header.samples)
     what = f"a picture of {part.imagewidth} x {part.imagelength} pixels by its header"
-    require_memory(path, stored, size, what, pixels=size // part.dtype.itemsize)
+    require_memory(path, stored, count * header.dtype.itemsize, what, pixels=count)
     needed = math.prod(part.chunked)
-    ends = [at + count for at, count in zip(part.dataoffsets, part.databytecounts, strict=False)]
+    ends = [sum(one) for one in zip(part.dataoffsets, part.databytecounts, strict=False)]
     if len(ends) < needed or not all(part.databytecounts[:needed]):
         raise refuse_picture(path, "a TIFF some of whose strips or tiles are missing")
     if max(ends[:needed]) > stored:

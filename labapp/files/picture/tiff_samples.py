@@ -17,12 +17,17 @@ from labapp.files.picture.refusal import refuse_picture
 
 Samples = NDArray[Any]
 
-_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE, _INKS, _YCBCR, _LAB = 0, 1, 2, 3, 5, 6, 8
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PALETTE, _INKS, _YCBCR, _LAB, _ICC_LAB = (
+    *range(4),
+    5,
+    6,
+    8,
+    9,
+)
 """Values of the tag PhotometricInterpretation."""
 
 _UNREADABLE = {
     4: "a mask of transparency",
-    9: "in ICC L*a*b*",
     10: "in ITU L*a*b*",
     32803: "a RAW mosaic that isn't a DNG's",
     32844: "in LogL",
@@ -35,17 +40,20 @@ _UNREADABLE = {
 _JPEG, _WEBP = 7, 50001
 """Compressions whose decoders turn YCbCr into red, green and blue themselves."""
 
-_UNSPECIFIED, _ASSOCIATED = 0, 1
-"""Values of the tag ExtraSamples; 2 is alpha that isn't multiplied into the colours."""
+_ASSOCIATED, _UNASSOCIATED = 1, 2
+"""Values of the tag ExtraSamples: alpha that is multiplied into the colours, and that isn't."""
 
 _COEFFICIENTS, _REFERENCE, _INK_SET = 529, 532, 332
+
+_INKS_TURNED = "its inks (CMYK) were turned into red, green and blue without their profile"
 
 
 @dataclass(frozen=True, eq=False)
 class TiffSamples:
     """What the tags of a TIFF page say about its samples.
 
-    bits: of each sample. extra: what samples beyond those of the colours are. colour_map: (3,
+    bits: of each sample. is_decoded: whether chroma was turned into colours with its decoding.
+    extra: what samples beyond those of the colours are. colour_map: (3,
     colours) of 16 bits, or None. tags: values of the tags in NEEDED.
     """
 
@@ -59,6 +67,7 @@ class TiffSamples:
     compression: int
     colour_map: Samples | None
     is_planar: bool
+    is_decoded: bool
     tags: dict[int, Any]
 
     @property
@@ -91,22 +100,22 @@ def to_light(path: Path, header: TiffSamples, samples: Samples) -> TiffLight:
     """
     if header.photometric in _UNREADABLE:
         raise refuse_picture(path, f"a TIFF that is {_UNREADABLE[header.photometric]}")
-    colours, alpha, notes = _without_extra(path, header, samples)
+    if header.dtype.kind == "b":
+        samples = samples.astype(np.uint8)
+    colours, notes = _without_extra(path, header, samples)
     white = header.white
     if header.photometric == _PALETTE:
         return _from_palette(path, header, colours[0], notes)
-    if header.photometric == _LAB:
+    if header.photometric in (_LAB, _ICC_LAB):
         return _from_lab(path, header, colours, notes)
     if header.photometric == _INKS:
-        colours = _from_inks(path, header, colours)
-        notes += ("its inks were turned into red, green and blue without their profile",)
-    elif header.photometric == _WHITE_IS_ZERO:
+        inks = _at_eight_bits(_from_inks(path, header, colours), white)
+        told = "inks stand for colours of a screen"
+        return TiffLight(*inks, SRGB, told, (*notes, _INKS_TURNED))
+    if header.photometric == _WHITE_IS_ZERO:
         colours = _inverse(path, header, colours)
     elif header.photometric == _YCBCR and _is_ycbcr(header):
         colours = _from_ycbcr(path, header, colours)
-    if alpha is not None:
-        colours = _without_alpha(colours, alpha, white)
-        notes += ("colours were divided by the alpha that was multiplied into them",)
     return TiffLight(*_at_eight_bits(colours, white), notes=notes)
 
 
@@ -114,50 +123,40 @@ def _colour_count(header: TiffSamples) -> int:
     """Return how many samples of a TIFF page are colours by its photometric interpretation."""
     if header.photometric == _INKS:
         return 4
-    if header.photometric in (_RGB, _YCBCR, _LAB):
+    if header.photometric in (_RGB, _YCBCR, _LAB, _ICC_LAB):
         return 3
-    # Three planes without a word on their colours are red, green and blue for most programs.
+    # Three planes without a word on what they are: red, green and blue for most programs.
     grey = header.photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO)
-    return 3 if grey and header.samples == 3 and not any(header.extra) else 1
+    return 3 if grey and header.samples == 3 and not header.extra else 1
 
 
 def _without_extra(
     path: Path, header: TiffSamples, samples: Samples
-) -> tuple[Samples, Samples | None, tuple[str, ...]]:
-    """Return the colours of a TIFF page, the alpha that is multiplied into them, and remarks."""
+) -> tuple[Samples, tuple[str, ...]]:
+    """Return the colours of a TIFF page without alpha and other samples, and remarks."""
     count = _colour_count(header)
     if len(samples) < count:
         raise refuse_picture(path, f"a TIFF of {len(samples)} samples a pixel, and needs {count}")
-    extra = header.extra[-(len(samples) - count) :] if len(samples) > count else ()
-    if len(samples) > count + 1 or (extra and extra[0] == _UNSPECIFIED and len(samples) > 4):
+    if len(samples) > 4 and count == 1:
         raise refuse_picture(
             path, f"a TIFF of {len(samples)} bands a pixel",
             "Save the band that is meant, or red, green and blue, as a picture of its own.",
         )  # fmt: skip
-    notes: tuple[str, ...] = ()
-    if count == 3 and header.photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO):
-        notes = ("its three samples a pixel were taken as red, green and blue",)
     if len(samples) == count:
-        return samples, None, notes
-    if extra and extra[0] == _ASSOCIATED:
-        return samples[:count], samples[count], notes
-    return samples[:count], None, (*notes, "its alpha was left out: colours are as they're stored")
-
-
-def _without_alpha(colours: Samples, alpha: Samples, white: float | None) -> Samples:
-    """Divide colours by the alpha that was multiplied into them; 0 where nothing is seen."""
-    share = np.maximum(alpha.astype(np.float64), 0) / (white or 1.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        whole = np.where(share > 0, colours / share, 0)
-    if white is None:
-        return whole.astype(colours.dtype)
-    return np.rint(np.clip(whole, 0, white)).astype(colours.dtype)
+        is_told = count != 3 or header.photometric not in (_WHITE_IS_ZERO, _BLACK_IS_ZERO)
+        return samples, () if is_told else ("its three samples were taken as red, green and blue",)
+    extra = header.extra[: len(samples) - count]
+    if len(samples) == count + 1 and extra in ((_ASSOCIATED,), (_UNASSOCIATED,)):
+        over = " over black" if extra == (_ASSOCIATED,) else ""
+        return samples[:count], (f"its alpha was left out: colours are as they're stored{over}",)
+    told = (
+        f"{len(samples) - count} samples a pixel beside its colours, alpha or others, were left out"
+    )
+    return samples[:count], (told,)
 
 
 def _inverse(path: Path, header: TiffSamples, grey: Samples) -> Samples:
     """Return numbers that grow with light from those of WhiteIsZero."""
-    if header.dtype.kind == "b":
-        return ~grey
     if header.white is not None:
         # Bits that are the other way round, for signed numbers too.
         lowest = -header.white - 1 if header.dtype.kind == "i" else 0.0
@@ -199,7 +198,9 @@ def _from_inks(path: Path, header: TiffSamples, inks: Samples) -> Samples:
 
 def _is_ycbcr(header: TiffSamples) -> bool:
     """Return whether decoded samples of a TIFF page are still luma and chroma."""
-    return header.compression != _WEBP and (header.compression != _JPEG or header.is_planar)
+    if header.is_decoded or header.compression == _WEBP:
+        return False
+    return header.compression != _JPEG or header.is_planar
 
 
 def _from_ycbcr(path: Path, header: TiffSamples, samples: Samples) -> Samples:
@@ -243,21 +244,25 @@ _D50_TO_SRGB = np.array(
 
 
 def _from_lab(path: Path, header: TiffSamples, lab: Samples, notes: tuple[str, ...]) -> TiffLight:
-    """Return linear sRGB of CIE L*a*b* (section 23)."""
+    """Return linear sRGB of CIE L*a*b* (section 23, and ICC's of the technical note)."""
     if header.bits not in (8, 16) or header.dtype.kind not in "ui":
         raise refuse_picture(
             path, f"a TIFF of CIELab with {header.bits}-bit {header.dtype} numbers"
         )
-    full, unit = header.dtype.itemsize == 1, 1 if header.dtype.itemsize == 1 else 256
-    unsigned = lab.astype(np.uint8 if full else np.uint16)
-    lightness = unsigned[0] * (100 / (255 * (1 if full else 257)))
-    chroma = unsigned[1:].view(np.int8 if full else np.int16) / unit
+    unit = 1 if header.bits == 8 else 256
+    unsigned = lab.view(f"u{header.bits // 8}")
+    if header.photometric == _LAB:
+        lightness = unsigned[0] * (100 / (2**header.bits - 1))
+        chroma = unsigned[1:].view(f"i{header.bits // 8}") / unit
+    else:
+        lightness = unsigned[0] * (100 / (255 * unit))
+        chroma = unsigned[1:] / unit - 128
     middle = (lightness + 16) / 116
     roots = np.stack([middle + chroma[0] / 500, middle, middle - chroma[1] / 200])
     xyz = np.where(roots > 6 / 29, roots**3, 3 * (6 / 29) ** 2 * (roots - 4 / 29))
     light = np.einsum("ij,jyx->iyx", _D50_TO_SRGB, xyz * _D50[:, None, None])
-    clipped = np.clip(light, 0, 1).astype(np.float32)
     told = "CIELab was turned into linear sRGB"
+    clipped = np.clip(light, 0, 1).astype(np.float32)
     return TiffLight(clipped, None, LINEAR, told, (*notes, f"its {told}"))
 
 

@@ -19,7 +19,8 @@ from labapp.files.guarded_reading import require_memory
 from labapp.files.raw import dng_levels as levels
 from labapp.files.raw.directories import Directory
 from labapp.files.raw.dng_page import BITS, LOSSLESS, find_raw_page, page_shape
-from labapp.files.raw.libraw import UNSUPPORTED, decode_by_libraw, require_undamaged
+from labapp.files.raw.jpeg_parts import find_damaged_parts
+from labapp.files.raw.libraw import decode_by_libraw, require_undamaged
 from labapp.files.raw.photograph import RawPhotograph, order_channels
 from labapp.files.raw.recognition import COMPRESSION, MAKE
 
@@ -73,34 +74,25 @@ def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotogra
 def _decode(path: Path, data: bytes, page: Directory) -> tuple[NDArray[np.uint16], list[str]]:
     """Decode all numbers of a DNG by tifffile and by LibRaw, made linear, with remarks.
 
-    Raises UserError if neither can, or if they differ where numbers are compressed.
+    Raises UserError if neither can, or if they differ where one of them must be wrong.
     """
-    own = _decode_by_tags(data, page)
-    other = decode_by_libraw(path, data)
-    if own is None:
+    numbers, other = _decode_by_tags(data, page), decode_by_libraw(path, data)
+    if numbers is None:
         if isinstance(other, str) or other.mosaic is None:
             raise _damaged(path, other if isinstance(other, str) else "it has no mosaic")
         require_undamaged(path, other)
         return _require_shape(path, other.mosaic, page), []
-    is_jpeg = page.number(COMPRESSION, 1) == _JPEG
-    if isinstance(other, str) or other.mosaic is None:
-        # LibRaw knows neither deflate nor BigTIFF nor small pictures. Only JPEG has no sum of its
-        # own by which its decoder finds damage.
-        if is_jpeg and isinstance(other, str) and UNSUPPORTED not in other:
-            raise _damaged(path, f"LibRaw: {other}")
+    table = levels.linear_table(page)
+    own = numbers if table is None else table[np.minimum(numbers, len(table) - 1)]
+    theirs = None if isinstance(other, str) else other.mosaic
+    if theirs is not None and np.array_equal(own, theirs):
         return own, []
-    if other.mosaic.shape != own.shape:
-        raise _damaged(path, "LibRaw and its tags find other sizes in it")
-    differ = own != other.mosaic
-    if not differ.any():
-        return own, []
-    # LibRaw leaves strips and some tiles undecoded, as 0.
-    if is_jpeg and other.mosaic[differ].any():
-        raise _damaged(path, "LibRaw and tifffile read different numbers in it")
-    return own, [
-        f"LibRaw reads {differ.sum()} of the {own.size} pixels otherwise; they are taken as the "
-        "file's tags say"
-    ]
+    # Other kinds have a sum of their own, or nothing that can be misread.
+    if page.number(COMPRESSION, 1) == _JPEG:
+        damaged = find_damaged_parts(path, page, numbers)
+        if damaged:
+            raise _damaged(path, f"from row {damaged[0][0]}, column {damaged[0][1]} on")
+    return own, []
 
 
 def _damaged(path: Path, reason: str) -> UserError:
@@ -112,7 +104,7 @@ def _damaged(path: Path, reason: str) -> UserError:
 
 
 def _decode_by_tags(data: bytes, page: Directory) -> NDArray[np.uint16] | None:
-    """Decode a page of a DNG by tifffile, and make it linear; None if that isn't possible."""
+    """Decode a page of a DNG by tifffile; None if that isn't possible."""
     import tifffile
 
     try:
@@ -124,9 +116,7 @@ def _decode_by_tags(data: bytes, page: Directory) -> NDArray[np.uint16] | None:
         return None
     if found.dtype.kind != "u" or found.squeeze().shape != page_shape(page):
         return None
-    numbers = found.reshape(page_shape(page)).astype(np.uint16)
-    table = levels.linear_table(page)
-    return numbers if table is None else table[np.minimum(numbers, len(table) - 1)]
+    return found.reshape(page_shape(page)).astype(np.uint16)
 
 
 def _require_shape(path: Path, mosaic: NDArray[np.uint16], page: Directory) -> NDArray[np.uint16]:

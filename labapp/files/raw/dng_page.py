@@ -26,7 +26,12 @@ _LOSSY = {
 _INTERLEAVED, _BLOCKS = (50975, 52547), 50974
 """Tags of rows and columns in another order (DNG 1.7), and of pixels stored in blocks."""
 
+_TILE_WIDTH, _TILE_LENGTH = 322, 323
+
 _MOST_BITS = 16
+
+_MOST_PADDING = 1.1
+"""Bytes stored over those that are needed. Chosen: less than 14 bits in words of 16 bits."""
 
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """JPEG's markers of a frame (ITU-T T.81, table B.1)."""
@@ -127,6 +132,7 @@ def _require_mosaic(path: Path, page: Directory) -> None:
         raise UserError(f"{path}: is a DNG whose pixels are stored in another order. {_HOW}")
     require_whole(path, page)
     _require_lossless(path, page)
+    _require_size(path, page)
 
 
 def _require_lossless(path: Path, page: Directory) -> None:
@@ -152,6 +158,26 @@ def _require_lossless(path: Path, page: Directory) -> None:
                 f"{path}: is a DNG compressed by JPEG, which keeps the sensor's numbers only "
                 f"nearly. {_HOW}"
             )
+
+
+def _require_size(path: Path, page: Directory) -> None:
+    """Raise UserError if a DNG's numbers, stored as they are, take more or less room than stated.
+
+    A few bytes more fill up parts. Numbers of 12 bits in words of 16 bits are such a contradiction.
+    """
+    if page.number(COMPRESSION, 1) != 1:
+        return
+    bits, (rows, columns) = page.number(BITS, 1), page_shape(page)
+    down, along = page.number(_TILE_LENGTH, 0), page.number(_TILE_WIDTH, 0)
+    if down and along:
+        rows, columns = -(-rows // down) * down * -(-columns // along), along
+    needed, stored = rows * (-(-columns * bits // 8)), sum(size for _, size in page.parts)
+    if not needed <= stored < needed * _MOST_PADDING:
+        raise UserError(
+            f"{path}: is a DNG of {bits} bits a pixel by its tags, which take {needed} bytes, and "
+            f"{stored} are stored: it is cut, or its tags are wrong. Convert the camera's file "
+            "again."
+        )
 
 
 def _jpeg_frame(data: bytes) -> int | None:

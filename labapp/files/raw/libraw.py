@@ -7,13 +7,7 @@ error. Such a line is what tells a damaged file from a sound one.
 from __future__ import annotations
 
 import io
-import os
 import re
-import sys
-import tempfile
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,22 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.common.library_text import collect_library_text
 from labapp.files.guarded_reading import require_memory
 
 if TYPE_CHECKING:
     import rawpy
 
-_MESSAGE = re.compile(rb"^[^\n]*: (Unexpected end of file|data corrupted at -?\d+)\s*$", re.M)
+MESSAGE = re.compile(rb"^[^\n]*: (Unexpected end of file|data corrupted at -?\d+)\s*$", re.M)
 """Lines that LibRaw writes to standard error."""
 
 _ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 """Orientation in EXIF by LibRaw's flips: 1 mirrors columns, 2 rows, and 4 exchanges both."""
-
-UNSUPPORTED = "Unsupported file format"
-"""What LibRaw says of files that may be sound, but which it doesn't know."""
-
-_ONE_AT_A_TIME = threading.Lock()
-"""Standard error belongs to the whole process."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +83,7 @@ def decode_by_libraw(path: Path, data: bytes) -> LibRawPicture | str:
     """
     import rawpy
 
-    with collect_messages() as messages:
+    with collect_library_text(MESSAGE) as messages:
         try:
             with rawpy.RawPy() as raw:
                 raw.open_buffer(io.BytesIO(data))
@@ -106,35 +95,6 @@ def decode_by_libraw(path: Path, data: bytes) -> LibRawPicture | str:
         except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError, RuntimeError) as error:
             return _words_of(error)
     return LibRawPicture(**found, messages=tuple(messages))
-
-
-@contextmanager
-def collect_messages() -> Iterator[list[str]]:
-    """Collect the lines that LibRaw writes to standard error within the block.
-
-    Other lines go to standard error when the block ends. The list is filled by then.
-    """
-    messages: list[str] = []
-    with _ONE_AT_A_TIME, tempfile.TemporaryFile() as held:
-        sys.stderr.flush()
-        try:
-            usual = os.dup(2)
-        except OSError:
-            # Standard error is closed: nothing can come out of it.
-            yield messages
-            return
-        os.dup2(held.fileno(), 2)
-        try:
-            yield messages
-        finally:
-            sys.stderr.flush()
-            os.dup2(usual, 2)
-            os.close(usual)
-            held.seek(0)
-            written = held.read()
-            messages += [one.group(1).decode() for one in _MESSAGE.finditer(written)]
-            if others := _MESSAGE.sub(b"", written).strip(b"\n"):
-                os.write(2, others + b"\n")
 
 
 def _words_of(error: Exception) -> str:

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.picture.encoding import LINEAR, SRGB, Encoding
+from labapp.files.picture.encoding import Encoding
 from labapp.files.picture.photograph import Photograph, read_photograph
 from labapp.files.sensor_file import read_sensor
+from labapp.pictures.merging.bracket_pages import read_frames
+from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
 from optics.camera import Sensor
 
 Frame = NDArray[Any]
@@ -49,7 +51,8 @@ class BracketFiles:
     mean; infinite for a level. defects: (rows, columns), pixels that don't measure light, or None.
     is_coded: whether frames are 8-bit pictures whose response curve isn't known; of the sensor only
     the full scale is. sensor_source: what the sensor's numbers rest on, in words. doubts: why they
-    may not hold.
+    may not hold. notes: what was done in reading. may_move: whether frames may have moved against
+    each other.
     """
 
     names: list[str]
@@ -62,58 +65,63 @@ class BracketFiles:
     is_coded: bool = False
     sensor_source: str = ""
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    may_move: bool = False
 
 
 def read_bracket_files(
     paths: Sequence[Path],
-    exposures: Sequence[float],
+    exposures: Sequence[float] | None,
     darks: Sequence[Path],
     sensor_file: Path | None,
     numbers: SensorNumbers,
-    linear: bool | None,
+    encoding: Encoding | None,
 ) -> BracketFiles:
-    """Read a bracket's frames and darks from picture files.
+    """Read a bracket's frames and darks from picture files, or from the pages of one.
 
-    Raises UserError for files that don't fit together, and for a sensor of which too little is
-    known.
+    exposures: seconds; None for those that the files tell. Raises UserError for files that don't
+    fit together, and for a sensor of which too little is known.
     """
-    if len(exposures) != len(paths):
+    photographs, names = read_frames(paths, encoding)
+    if exposures is not None and len(exposures) != len(names):
+        kind = "files" if len(paths) == len(names) else "pages"
         raise UserError(
-            f"--exposures has {len(exposures)} times for {len(paths)} files. Give one for each, in "
-            "the files' order, as in --exposures 0.001,0.004,0.016."
+            f"--exposures has {len(exposures)} times for {len(names)} {kind}. Give one for each, "
+            "in their order, as in --exposures 0.001,0.004,0.016."
         )
-    wrong = [one for one in exposures if not 0 < one < math.inf]
-    if wrong:
-        raise UserError(f"--exposures: {wrong[0]:g} s can't be; all must be positive.")
-    encoding = _encoding(linear)
-    photographs = [read_photograph(path, encoding=encoding) for path in paths]
     _require_one_kind(photographs)
-    told = sensor_file is not None or numbers != SensorNumbers() or darks or linear is not None
-    is_coded = not told and all(one.is_coded for one in photographs)
+    told = sensor_file is not None or numbers != SensorNumbers() or darks or encoding is not None
+    is_coded = not told and all(_has_response(one) for one in photographs)
+    if exposures is None:
+        (times, notes), doubts = times_of_files(photographs, is_coded), []
+    else:
+        times, notes, doubts = list(exposures), [], contradictions(photographs, exposures)
     frames = [one.levels if is_coded else _numbers(one) for one in photographs]
-    for path, frame in zip(paths, frames, strict=True):
+    for name, frame in zip(names, frames, strict=True):
         if frame.shape != frames[0].shape:
             raise UserError(
-                f"{path}: is {_size(frame)} and {paths[0]} is {_size(frames[0])}. All frames of a "
+                f"{name}: is {_size(frame)} and {names[0]} is {_size(frames[0])}. All frames of a "
                 "bracket have one size."
             )
-    names, times = [path.name for path in paths], list(exposures)
     if is_coded:
         levels: list[Frame | float] = [0.0] * len(frames)
         return BracketFiles(
-            names, frames, times, levels, [math.inf] * len(frames), _CODED, is_coded=True
-        )
+            names, frames, times, levels, [math.inf] * len(frames), _CODED, is_coded=True,
+            doubts=tuple(doubts), notes=tuple(notes), may_move=True,
+        )  # fmt: skip
     sensor = _sensor(sensor_file, numbers, photographs, frames[0].shape[1:])
-    means, counts = _mean_darks(darks, frames[0], len(frames), sensor, linear)
+    means, counts = _mean_darks(darks, frames[0], len(frames), sensor, encoding)
     return BracketFiles(
         names, frames, times, means, counts, sensor,
         sensor_source=_sensor_source(sensor_file, numbers),
-        doubts=(*_equal_times(times), *_other_full_scale(frames, times, sensor)),
+        doubts=(*doubts, *_equal_times(times), *_other_full_scale(frames, times, sensor)),
+        notes=tuple(notes), may_move=True,
     )  # fmt: skip
 
 
-def _encoding(linear: bool | None) -> Encoding | None:
-    return {None: None, True: LINEAR, False: SRGB}[linear]
+def _has_response(photograph: Photograph) -> bool:
+    """Return whether a bracket's file has 8-bit levels of a response curve, a camera's own."""
+    return photograph.is_coded and photograph.levels.dtype == np.uint8
 
 
 def _equal_times(times: Sequence[float]) -> list[str]:
@@ -232,12 +240,12 @@ def _described_sensor(numbers: SensorNumbers, photographs: Sequence[Photograph])
 
 
 def _mean_darks(
-    paths: Sequence[Path], frame: Frame, count: int, sensor: Sensor, linear: bool | None
+    paths: Sequence[Path], frame: Frame, count: int, sensor: Sensor, encoding: Encoding | None
 ) -> tuple[list[Frame | float], list[float]]:
     """Return the mean dark of each of a bracket's files, and how many darks are in it."""
     if not paths:
         return [sensor.black_level] * count, [float("inf")] * count
-    darks = [_numbers(read_photograph(path, encoding=_encoding(linear))) for path in paths]
+    darks = [_numbers(read_photograph(path, encoding=encoding)) for path in paths]
     for path, dark in zip(paths, darks, strict=True):
         if dark.shape != frame.shape:
             raise UserError(f"{path}: is {_size(dark)} and the frames {_size(frame)}.")

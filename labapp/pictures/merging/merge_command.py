@@ -9,6 +9,7 @@ from labapp.common.console import print_json, print_message, print_table, termin
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.files.cube_paths import HDF5_ENDINGS
+from labapp.files.picture.encoding import parse_encoding
 from labapp.files.writing import make_folder, require_all_writable, write_atomically
 from labapp.pictures.merging.bracket_files import BracketFiles, SensorNumbers, read_bracket_files
 from labapp.pictures.merging.bracket_record import RecordedFrames, read_recorded_bracket
@@ -37,10 +38,11 @@ class MergeRequest:
     sensor: Path | None
     numbers: SensorNumbers
     frames: RecordedFrames
-    linear: bool | None
+    encoding: str | None
     method: hdr.Method
     budget: float | None
     refine: bool
+    align: bool
     out: Path
     force: bool
 
@@ -58,7 +60,7 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
     source = _read(request)
     with terminal_progress() as progress:
         method = _method(request, source)
-        merged = merge_files(source, method, request.refine, progress)
+        merged = merge_files(source, method, request.refine, progress, request.align)
         progress.report(0.9, "writing")
         make_folder(request.out.parent)
         shown = write_merged(merged, paths)
@@ -71,6 +73,8 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
     if merged.accuracy is not None:
         print_message(f"sensor: {source.sensor_source}")
         print_message(accuracy_words(merged.method, merged.accuracy))
+    for words in merged.notes:
+        print_message(f"note: {words}")
     for words in merged.told:
         print_message(f"warning: {words}")
     print_message("wrote " + ", ".join(str(path) for path in paths.values()))
@@ -99,15 +103,12 @@ def _read(request: MergeRequest) -> BracketFiles:
             raise UserError("several files, one of them a record: give a record by itself.")
         if request.exposures is not None or request.darks:
             raise UserError("--exposures, --dark: a record has its own exposures and dark frames.")
+        if request.align:
+            raise UserError("--align: registers files; the frames of a record don't move.")
         return read_recorded_bracket(request.files[0], request.frames)
     if request.frames != RecordedFrames():
         raise UserError("--target, --pattern, --wavelength-nm: choose frames of a record only.")
-    if request.exposures is None:
-        raise UserError(
-            "--exposures is missing: give the exposure time of each file in seconds, in their "
-            "order, as in --exposures 0.001,0.004."
-        )
     return read_bracket_files(
         request.files, request.exposures, request.darks, request.sensor, request.numbers,
-        request.linear,
+        parse_encoding(request.encoding) if request.encoding else None,
     )  # fmt: skip

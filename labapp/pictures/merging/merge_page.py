@@ -33,7 +33,7 @@ def exposure_rows(merged: MergedFiles) -> list[list[str]]:
     for number, (name, time) in enumerate(
         zip(merged.source.names, merged.source.exposures, strict=True)
     ):
-        factor = "taken as 1"
+        factor = _coded_factor(merged, number)
         if merged.factors is not None:
             found, deviation = merged.factors.factors[number], merged.factors.deviations[number]
             factor = f"{found:.4f} ± {deviation:.4f}" if deviation < 1 else "can't be told"
@@ -41,6 +41,16 @@ def exposure_rows(merged: MergedFiles) -> list[list[str]]:
             [str(number + 1), name, f"{time:.4g} s", factor, f"{merged.clipped[number]:.2%}"]
         )
     return rows
+
+
+def _coded_factor(merged: MergedFiles, number: int) -> str:
+    """Return the factor of an 8-bit frame of a merged bracket in words; others are taken as 1."""
+    found = merged.coded_times
+    if found is None or number not in found.suspects:
+        return "taken as 1"
+    if len(found.suspects) > 1:
+        return f"{found.factors[number]:.4f}, or others'"
+    return f"{found.factors[number]:.4f} ± {found.deviations[number]:.4f}"
 
 
 def state_rows(merged: MergedFiles) -> list[list[str]]:
@@ -69,9 +79,11 @@ def sensor_rows(merged: MergedFiles) -> list[list[str]]:
 def merge_page(merged: MergedFiles, shown: bytes) -> str:
     """Return the report of a merged bracket as an HTML page; shown: PNG of its light."""
     warnings = "".join(f"<p><strong>{escape(one)}</strong></p>" for one in merged.told)
+    notes = "".join(f"<p>{escape(one)}</p>" for one in merged.notes)
     parts = [
         heading("Merged bracket", ()),
         warnings,
+        notes,
         html_figure(shown, "Light, compressed for looking"),
         "<h2>Exposures</h2>",
         html_table(EXPOSURE_COLUMNS, exposure_rows(merged)),

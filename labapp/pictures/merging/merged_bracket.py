@@ -5,15 +5,21 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labapp.common.errors import UserError
 from labapp.pictures.merging.bracket_files import BracketFiles
+from labapp.pictures.merging.bracket_motion import (
+    align_band,
+    bracket_motions,
+    explain_alignment,
+    explain_motions,
+)
+from labapp.pictures.merging.coded_bracket import merge_coded_bands
 from optics import hdr
 from optics.progress import Progress
 
@@ -34,9 +40,6 @@ _CUT, _ROUNDED = 3.0, 0.5
 """Standard deviations of the noise below which a black level cuts it, and digital numbers of noise
 above which it isn't rounding that makes zeros. Chosen."""
 
-_FULL = 255
-"""Highest number of an 8-bit picture."""
-
 _BRIGHT = 10.0
 """Standard deviations of its noise from which on a pixel is bright, so that the dark ones around it
 may be the scene's own, as around a star. Chosen: chance reaches six in ten megapixels."""
@@ -49,7 +52,9 @@ class MergedFiles:
     rate, variance, state: (bands, rows, columns). factors: light of each frame over that of its
     exposure time, or None where it wasn't measured. told: what is wrong with exposures, in words.
     clipped: share of each frame's pixels at full scale. accuracy: of such a merge, by simulation;
-    None for 8-bit pictures, whose response curves are given instead, one for each band.
+    None for 8-bit pictures, whose response curves are given instead, one for each band, and the
+    check of their exposure times, unless these are trusted. motions: of frames from files.
+    is_aligned: whether these were undone. notes: what was done, in words.
     """
 
     source: BracketFiles
@@ -62,6 +67,10 @@ class MergedFiles:
     clipped: list[float]
     accuracy: hdr.ExpectedAccuracy | None
     curves: tuple[hdr.ResponseCurve, ...] = ()
+    coded_times: hdr.CodedTimes | None = None
+    motions: hdr.FrameMotions | None = None
+    is_aligned: bool = False
+    notes: tuple[str, ...] = ()
 
     def share(self, state: hdr.PixelState) -> float:
         """Return the share of a merged bracket's pixels in a state."""
@@ -69,18 +78,26 @@ class MergedFiles:
 
 
 def merge_files(
-    source: BracketFiles, method: hdr.Method, refine: bool, progress: Progress
+    source: BracketFiles, method: hdr.Method, refine: bool, progress: Progress, align: bool = False
 ) -> MergedFiles:
     """Merge a bracket of files, each band by itself, with one factor for each frame.
 
-    refine: whether exposures are measured; those that surely differ are corrected. 8-bit pictures
-    are merged by their response curve instead.
+    refine: whether exposures are measured; those that surely differ are corrected. align: whether
+    frames that moved are registered. 8-bit pictures are merged by their response curve instead.
     """
     if source.is_coded:
-        return merge_coded_files(source, progress)
+        return _merge_coded(source, refine, align, progress)
+    told, notes, motions = list(source.doubts), list(source.notes), None
+    if source.may_move and len(source.frames) > 1:
+        progress.report(0.0, "comparing frames")
+        motions = bracket_motions(source)
+        if align:
+            source = _aligned(source, motions)
+            notes += explain_alignment(motions)
+        else:
+            told += explain_motions(motions)
     bands = [file_bracket(source, number) for number in range(len(source.frames[0]))]
     factors: hdr.ExposureFactors | None = None
-    told = list(source.doubts)
     if refine and len(source.frames) > 1:
         progress.report(0.0, "measuring exposures")
         factors, words = _measured_factors(bands)
@@ -104,7 +121,34 @@ def merge_files(
         source, method, rate, variance, state, factors, told,
         [float((frame >= full).mean()) for frame in source.frames],
         hdr.expected_accuracy(bands[0], _told_rates(bands[0]), method),
+        motions=motions, is_aligned=align, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _aligned(source: BracketFiles, motions: hdr.FrameMotions) -> BracketFiles:
+    """Return the bracket of files with frames that moved at the places of the reference.
+
+    What darks and defects are of a sensor's pixels, so that they are taken off before.
+    """
+    full, found = source.sensor.full_scale, []
+    floor = -float(full)
+    level = source.sensor.black_level
+    for number in range(len(source.frames[0])):
+        band = file_bracket(source, number)
+        defects = hdr.find_defects(band).mask
+        if source.defects is not None:
+            defects = defects | source.defects
+        lit = [
+            np.asarray(frame, np.float32) - np.asarray(dark, np.float32) + np.float32(level)
+            for frame, dark in zip(band.frames, band.darks, strict=True)
+        ]
+        unknown = [(frame >= full) | defects for frame in band.frames]
+        lit = [
+            np.where(mask, np.float32(full), one) for one, mask in zip(lit, unknown, strict=True)
+        ]
+        found.append(align_band(lit, motions, unknown, full, floor)[0])
+    frames = [np.stack([band[number] for band in found]) for number in range(len(source.frames))]
+    return replace(source, frames=frames, darks=[level] * len(frames), defects=None)
 
 
 def _useless_light(
@@ -150,46 +194,28 @@ def _cut_noise(bands: Sequence[hdr.Bracket]) -> list[str]:
     ]
 
 
-def merge_coded_files(source: BracketFiles, progress: Progress) -> MergedFiles:
+def _merge_coded(
+    source: BracketFiles, refine: bool, align: bool, progress: Progress
+) -> MergedFiles:
     """Merge a bracket of 8-bit pictures, each band by the response curve that it shows."""
-    found, curves, count = [], [], len(source.frames[0])
-    _require_order(source)
-    for number in range(count):
-        frames = [frame[number] for frame in source.frames]
-        try:
-            curves.append(hdr.fit_response(frames, source.exposures))
-        except ValueError as error:
-            raise UserError(
-                f"{source.names[0]} and the others: {error}; or say what the numbers are by "
-                "--linear or --srgb, with --gain and --read-noise."
-            ) from error
-        part = progress.part(0.8 * number / count, 0.8 * (number + 1) / count)
-        report = functools.partial(part.report, message="merging")
-        found.append(hdr.merge_by_response(frames, source.exposures, curves[-1], report))
-    rate, variance, state = (_join_bands(every) for every in zip(*found, strict=True))
+    found = merge_coded_bands(source, refine, align, progress)
+    rate, variance, state = (_join_bands(every) for every in zip(*found.bands, strict=True))
     told = [
         "the response curve of these 8-bit pictures was measured on them. If numbers are sRGB's, "
-        "or proportional to light, say so by --srgb or --linear, with --gain and --read-noise"
+        "or linear, say so by --encoding srgb or linear, with --gain and --read-noise",
+        *source.doubts,
+        *found.told,
     ]
     clipped = [float((frame > hdr.HIGHEST).mean()) for frame in source.frames]
+    notes = list(source.notes)
+    if align:
+        notes += explain_alignment(found.motions)
+    if refine and len(source.frames) == 2:
+        notes.append("two frames of 8-bit pictures can't tell whether exposure times are right")
     return MergedFiles(
-        source, "response curve", rate, variance, state, None, told, clipped, None, tuple(curves)
-    )
-
-
-def _require_order(source: BracketFiles) -> None:
-    """Raise UserError for 8-bit frames that aren't brighter the longer they were exposed.
-
-    A response curve of a merged bracket without order would be no camera's.
-    """
-    shares = [np.asarray(frame, dtype=np.float32) / _FULL for frame in source.frames]
-    light = np.array([one.mean(dtype=np.float64) for one in shares])
-    # Rounding is the least noise.
-    noise = np.full(len(shares), 1 / math.sqrt(12 * shares[0].size) / _FULL)
-    disordered = hdr.find_disorder(light, noise, np.array(source.exposures))
-    if disordered:
-        names = ", ".join(source.names[one] for one in disordered)
-        raise UserError(f"{names}: {hdr.explain_disorder(disordered)}.")
+        source, "response curve", rate, variance, state, None, told, clipped, None, found.curves,
+        found.times, found.motions, align, tuple(notes),
+    )  # fmt: skip
 
 
 def _join_bands(bands: Sequence[torch.Tensor]) -> NDArray[Any]:

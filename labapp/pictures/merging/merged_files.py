@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from labapp.files.picture.photograph_writing import encode_srgb, write_float_tiff
 from labapp.files.writing import draft_of, encode_image, write_atomically
+from labapp.pictures.merging.bracket_motion import describe_motions
 from labapp.pictures.merging.merged_bracket import MergedFiles
 from optics import hdr
 
@@ -55,9 +56,27 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
         "factor_deviations": None if factors is None else _known_deviations(factors.deviations),
         "noise_scatter": None if factors is None else factors.scatter,
         "warnings": merged.told,
+        "notes": list(merged.notes),
+        "motion": None
+        if merged.motions is None
+        else describe_motions(merged.motions, merged.is_aligned),
+        "time_check": None if merged.coded_times is None else _describe_times(merged.coded_times),
         "clipped_share": merged.clipped,
         "states": {state.name: merged.share(state) for state in hdr.PixelState},
     } | _describe_trust(merged)
+
+
+def _describe_times(found: hdr.CodedTimes) -> dict[str, Any]:
+    """Return the check of a merged 8-bit bracket's exposure times for JSON.
+
+    factors: light of each frame over that of its time, if this one alone is wrong.
+    """
+    return {
+        "suspects": [one + 1 for one in found.suspects],
+        "factors": found.factors.tolist(),
+        "deviations": _known_deviations(found.deviations),
+        "corrections": found.corrections.tolist(),
+    }
 
 
 def _known_deviations(deviations: NDArray[np.float64]) -> list[float | None]:

@@ -92,6 +92,7 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
     colours = [] if problem.filters is None else [["colours", _describe_colours(problem.filters)]]
     rows = [
         *colours,
+        *([["encoding", problem.encoding]] if problem.encoding else []),
         ["PSF", problem.psf_source + _refined_scale(outcome)],
         ["method", outcome.method],
         ["noise", f"{_join_values([b.noise for b in bands])} {problem.unit}, {told}"],
@@ -159,6 +160,7 @@ def _as_data(
         "psf": problem.psf_source,
         "method": outcome.method,
         "unit": problem.unit,
+        "encoding": problem.encoding or None,
         "noise": [band.noise for band in bands],
         "noise_told": problem.noise is not None,
         "variance_map": [asdict(one) for one in outcome.variance_uses] or None,

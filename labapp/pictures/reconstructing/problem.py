@@ -41,6 +41,8 @@ class RestorationProblem:
         Where picture and PSF are from, in words.
     unit : str
         Unit of the light, in words.
+    encoding : str
+        How the file's numbers stand for light, and who says so, in words; empty for records.
     full_scale : float or None
         Light of the highest level of a written .png; None for white.
     is_srgb : bool
@@ -81,6 +83,7 @@ class RestorationProblem:
     planned_iterations: Mapping[str, int] = field(default_factory=dict)
     filters: ColourFilters | None = None
     variance: NDArray[np.floating] | None = None
+    encoding: str = ""
 
     def observations(self) -> list[Observation]:
         """Return what each band of the picture to restore shows: light, PSF and noise.

@@ -9,6 +9,7 @@ import numpy as np
 from labapp.common.errors import UserError
 from labapp.files.picture.encoding import LINEAR
 from labapp.files.picture.photograph import Light, read_photograph
+from labapp.pictures.analysis.psf_place import place_psf
 from labapp.pictures.reconstructing.recorded_photograph import (
     RecordSelection,
     is_record,
@@ -52,7 +53,8 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
     sums = psf.sum((1, 2), keepdims=True, dtype=np.float64)
     if not (sums > 0).all():
         raise UserError(f"{path}: sums to {sums.min():g}. A PSF must send light somewhere.")
-    return (psf / sums).astype(np.float32), _psf_warnings(path, psf)
+    psf, said = place_psf(path, psf)
+    return (psf / sums).astype(np.float32), [*said, *_psf_warnings(path, psf)]
 
 
 def _psf_warnings(path: Path, psf: Light) -> list[str]:

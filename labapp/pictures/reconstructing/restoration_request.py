@@ -109,7 +109,7 @@ class RestorationRequest:
     def reference(self) -> ReferencePicture | None:
         """Return the true picture for scoring the restored photograph, if one is given.
 
-        Its white is 1, or its brightest value if that exceeds 1.
+        Its white is 1 for sRGB, and else its brightest value, whatever its unit is.
         """
         path = self.truth
         if path is None:
@@ -126,7 +126,7 @@ class RestorationRequest:
         brightest = float(np.nanmax(light))
         if not brightest > 0:
             raise UserError(f"--truth {path}: is dark. Give the picture that was blurred.")
-        return ReferencePicture(light, 1.0 if brightest <= 1 else brightest, 1.0, str(path))
+        return ReferencePicture(light, 1.0 if read.is_srgb else brightest, 1.0, str(path))
 
     def _require_reference_shape(self, shape: tuple[int, ...]) -> None:
         """Raise UserError if the true picture has another shape than the photograph to restore.
@@ -177,6 +177,7 @@ class RestorationRequest:
             self.border,
             (*read.remarks, *notes),
             reference=self.reference,
+            encoding=f"{read.encoding.name}, {read.encoding_source}",
         )
 
     def read_record(self, progress: Progress, *, star: bool) -> RecordedPhotograph:
@@ -210,8 +211,11 @@ class RestorationRequest:
                 raise UserError(
                     f"--{name} {value}: {self.source} is one RAW photograph. Leave it out."
                 )
-        if self.linear is False:
-            raise UserError(f"--srgb: {self.source} is RAW, which is proportional to light.")
+        if self.encoding not in (None, "linear"):
+            raise UserError(
+                f"--encoding {self.encoding}: {self.source} is RAW, which is proportional to "
+                "light. Leave it out."
+            )
         progress.report(0, f"reading {self.source.name}")
         found = prepare_raw(
             self.source, data, is_grey=self.choice.grey, clip=self.clip, dark=self.dark
@@ -221,6 +225,7 @@ class RestorationRequest:
 
     def _problem_from_raw(self, raw: RawToRestore, progress: Progress) -> RestorationProblem:
         """Build the problem of restoring a RAW photograph."""
+        notes: Sequence[str]
         if self.psf is not None:
             psf, notes = read_psf_file(self.psf, raw.band_count, self.choice)
             told = str(self.psf)

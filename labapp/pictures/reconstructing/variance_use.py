@@ -82,7 +82,7 @@ def choose_variance(
     tuple of Observation and VarianceUse
         The band as it is to be restored, and why.
     """
-    given = torch.from_numpy(variance).to(observation.image)
+    given = torch.from_numpy(variance).to(torch.float64)
     varied = with_doubted_variance(observation, given)
     if varied.variance is None:
         stated = float(given[torch.isfinite(given)].mean()) ** 0.5

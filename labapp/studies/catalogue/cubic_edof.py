@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.studies.contract import Study, StudySettings
 
 
@@ -18,7 +18,7 @@ class CubicEdofSettings(StudySettings):
     strength_rad: Annotated[
         Positive, Field(description="cubic phase at the panel's longer half")
     ] = 40.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    wavelength_nm: Annotated[Nanometres, Field(description="of the filter")] = 550.0
     star_ms: Annotated[
         tuple[Positive, ...], Field(min_length=1, description="bracket of the stars")
     ] = (4.0, 64.0, 512.0)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from labapp.files.phase_table import Iterations
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.studies.contract import Study, StudySettings
 
 
@@ -20,7 +20,7 @@ class DeconvolutionSettings(StudySettings):
         Positive, Field(description="of the heart that a point becomes; 27 um are 16 pixels across")
     ] = 27.0
     width_um: Annotated[Positive, Field(description="of its stroke, standard deviation")] = 5.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    wavelength_nm: Annotated[Nanometres, Field(description="of the filter")] = 550.0
     iterations: Annotated[Iterations, Field(description="of phase retrieval")] = 30
     lucy: Annotated[Iterations, Field(description="of Richardson-Lucy, at most")] = 100
     blind: Annotated[

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.studies.contract import Study, StudySettings
 
 DISTANCES = (0.5, 0.62, 0.75, 0.8, 1.0, 1.5, 2.0, 3.5, 5.0, 50.0)
@@ -31,7 +31,7 @@ class EdofSettings(StudySettings):
         tuple[Positive, ...],
         Field(min_length=1, description="of targets star-50cm, photograph-50cm and so on"),
     ] = DISTANCES
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 520.0
+    wavelength_nm: Annotated[Nanometres, Field(description="of the filter")] = 520.0
     star_ms: Annotated[
         tuple[Positive, ...], Field(min_length=1, description="bracket of the stars")
     ] = (5.0, 20.0, 80.0, 320.0, 1280.0, 5120.0, 20000.0)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from labapp.files.phase_table import Iterations
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.studies.contract import Study, StudySettings
 
 Shape = Literal["eye", "letters", "heart", "infinity", "spiral", "ring"]
@@ -28,7 +28,7 @@ class ShapesSettings(StudySettings):
     text: Annotated[str, Field(min_length=1, max_length=8, description="of the letters")] = "EI"
     radius_um: Annotated[Positive, Field(description="of the shapes on the sensor")] = 100.0
     width_um: Annotated[Positive, Field(description="of their strokes, standard deviation")] = 8.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    wavelength_nm: Annotated[Nanometres, Field(description="of the filter")] = 550.0
     iterations: Annotated[Iterations, Field(description="of phase retrieval")] = 60
     exposures_ms: Annotated[
         tuple[Positive, ...], Field(min_length=1, description="bracket of the star")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, model_validator
 
 from labapp.files.phase_table import Iterations
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.studies.contract import Study, StudySettings
 
 Frames = Annotated[int, Field(ge=1, le=600)]
@@ -35,7 +35,7 @@ class StabilitySettings(StudySettings):
     ] = 8
     radius_um: Annotated[Positive, Field(description="of the spiral on the sensor")] = 80.0
     width_um: Annotated[Positive, Field(description="of its stroke, standard deviation")] = 8.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    wavelength_nm: Annotated[Nanometres, Field(description="of the filter")] = 550.0
     iterations: Annotated[Iterations, Field(description="of phase retrieval, a frame")] = 30
     neutral_ms: Annotated[
         tuple[Positive, ...], Field(min_length=1, description="bracket without a pattern")

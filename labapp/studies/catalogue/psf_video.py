@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from labapp.files.phase_table import Iterations
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.studies.contract import Study, StudySettings
 
 
@@ -24,7 +24,7 @@ class VideoSettings(StudySettings):
     )
     width_um: Annotated[Positive, Field(description="of its stroke, standard deviation")] = 6.0
     turns: Annotated[float, Field(gt=0, le=10, description="of the spiral")] = 2.0
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    wavelength_nm: Annotated[Nanometres, Field(description="of the filter")] = 550.0
     iterations: Annotated[Iterations, Field(description="of phase retrieval, a frame")] = 60
     exposures_ms: Annotated[
         tuple[Positive, ...], Field(min_length=1, description="bracket of each frame")

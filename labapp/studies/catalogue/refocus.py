@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.studies.contract import Study, StudySettings
 
 
@@ -26,7 +26,7 @@ class RefocusSettings(StudySettings):
     bricks: Annotated[
         bool, Field(description="photograph them too; a simulated bench takes minutes a frame")
     ] = False
-    wavelength_nm: Annotated[Positive, Field(description="of the filter")] = 550.0
+    wavelength_nm: Annotated[Nanometres, Field(description="of the filter")] = 550.0
     star_ms: Annotated[
         tuple[Positive, ...], Field(min_length=1, description="bracket of the stars")
     ] = (1.0, 16.0, 256.0)

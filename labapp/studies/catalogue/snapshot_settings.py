@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from labapp.files.phase_table import Iterations
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres, Positive
 from labapp.studies.contract import StudySettings
 
 Bands = Annotated[
@@ -33,7 +33,7 @@ class PSFStackSettings(StudySettings):
         Positive, Field(description="of the PSF on the sensor, at wavelength_nm")
     ] = 116.0
     width_um: Annotated[Positive, Field(description="of its stroke, standard deviation")] = 6.0
-    wavelength_nm: Annotated[Positive, Field(description="for which patterns are retrieved")] = (
+    wavelength_nm: Annotated[Nanometres, Field(description="for which patterns are retrieved")] = (
         550.0
     )
     iterations: Annotated[Iterations, Field(description="of phase retrieval")] = 30

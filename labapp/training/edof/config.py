@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.edof.design_request import STARTS, EdofRequest
-from labapp.files.quantities import Positive
+from labapp.files.quantities import Nanometres
 from labapp.files.reading import FileModel, bundled_path, read_file
 from labapp.training.edof.config_tables import (
     CaptureTable,
@@ -38,7 +38,7 @@ class EdofTrainingConfig(FileModel):
     version: Literal[1] = 1
     seed: Annotated[int, Field(ge=0)] = 1
     bench: str | None = None
-    wavelength_nm: Positive = 520.0
+    wavelength_nm: Nanometres = 520.0
     far_dioptre: _Dioptre = 0.0
     near_dioptre: _Dioptre = 2.0
     pattern: PatternTable = PatternTable()

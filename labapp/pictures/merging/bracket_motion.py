@@ -1,0 +1,124 @@
+"""Find and undo how the frames of a bracket of files moved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.pictures.merging.bracket_files import BracketFiles
+from optics import hdr
+from optics.alignment import RigidMotion, resample_moved
+
+_ALMOST_FULL = 0.98
+"""Part of the full scale from which on a number doesn't count in registering. Chosen."""
+
+_TURN = 0.02
+"""Degrees from which on a turn is told. Chosen."""
+
+Mask = NDArray[np.bool_]
+
+
+def bracket_motions(source: BracketFiles) -> hdr.FrameMotions:
+    """Return how the frames of a bracket of files moved."""
+    levels, clipped = [], []
+    for frame, dark in zip(source.frames, source.darks, strict=True):
+        if source.is_coded:
+            levels.append([np.asarray(band, np.float32) for band in frame])
+            clipped.append([band > hdr.HIGHEST for band in frame])
+            continue
+        full = source.sensor.full_scale
+        room = np.float32(full) - np.asarray(dark, np.float32)
+        # The square root of light has like noise everywhere (Anscombe).
+        share = np.clip((frame - np.asarray(dark, np.float32)) / room, 0, 1)
+        levels.append(list(255 * np.sqrt(share, dtype=np.float32)))
+        clipped.append([band >= _ALMOST_FULL * full for band in frame])
+    return hdr.find_motions(levels, clipped)
+
+
+def explain_motions(motions: hdr.FrameMotions) -> list[str]:
+    """Say in words which frames of a bracket moved, and what to do."""
+    if not motions.moved:
+        return []
+    each = "; ".join(
+        f"frame {one + 1} {_way(motions.motions[one])}, {motions.distances[one]:.2g} px at the "
+        "corners"
+        for one in motions.moved
+    )
+    return [
+        f"frames don't show the scene at the same places: against frame {motions.reference + 1}, "
+        f"{each}. Give --align to register them"
+    ]
+
+
+def explain_alignment(motions: hdr.FrameMotions) -> list[str]:
+    """Say in words how frames of a bracket were aligned."""
+    if not motions.shifted:
+        return ["--align: no frame moved, and none was changed"]
+    found = [
+        f"frames {', '.join(str(one + 1) for one in motions.shifted)} were registered to frame "
+        f"{motions.reference + 1} and interpolated: the noise of their pixels is at most as "
+        "stated, and neighbours share it"
+    ]
+    lost = [k + 1 for k, one in enumerate(motions.deviations) if math.isinf(one)]
+    if lost:
+        found.append(
+            f"frames {', '.join(map(str, lost))} share too little detail with the others to be "
+            "registered, and stay as they are"
+        )
+    return found
+
+
+def _way(motion: RigidMotion) -> str:
+    """Say in words how a frame of a bracket moved."""
+    turn = math.degrees(motion.turn)
+    turned = f" and turned by {turn:.2g}°" if abs(turn) >= _TURN else ""
+    return f"moved {motion.down:.2g} px down and {motion.right:.2g} px right{turned}"
+
+
+def describe_motions(motions: hdr.FrameMotions, aligned: bool) -> dict[str, Any]:
+    """Return how a bracket's frames moved, as plain data, for the JSON of a merge."""
+    rows = zip(motions.motions, motions.distances, motions.deviations, strict=True)
+    return {
+        "reference": motions.reference + 1,
+        "moved": [one + 1 for one in motions.moved],
+        "aligned": aligned,
+        "frames": [
+            {
+                "turn_deg": math.degrees(motion.turn),
+                "down_px": float(motion.down),
+                "right_px": float(motion.right),
+                "corner_px": distance,
+                "deviation_px": deviation if math.isfinite(deviation) else None,
+            }
+            for motion, distance, deviation in rows
+        ],
+    }
+
+
+def align_band(
+    frames: Sequence[NDArray[Any]],
+    motions: hdr.FrameMotions,
+    unknown: Sequence[Mask],
+    full: float,
+    floor: float,
+) -> tuple[list[NDArray[Any]], list[Mask]]:
+    """Return a band of a bracket's frames at the places of the reference, and where each is absent.
+
+    Frames that stand still stay as they are. unknown: pixels that are clipped, or defective. full:
+    number for those that rest on one. floor: the lowest number there is.
+    """
+    shown, absent = [], []
+    for number, (frame, mask) in enumerate(zip(frames, unknown, strict=True)):
+        if number not in motions.shifted:
+            shown.append(frame)
+            absent.append(np.zeros(frame.shape, dtype=bool))
+            continue
+        values, rests, outside = resample_moved(frame, motions.motions[number], mask)
+        values[rests | outside] = full
+        shown.append(np.clip(values, floor, full))
+        absent.append(outside)
+    return shown, absent

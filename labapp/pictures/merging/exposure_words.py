@@ -1,0 +1,53 @@
+"""Read the exposure times that a person gives for a bracket: seconds, fractions or EV steps."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from labapp.common.errors import UserError
+
+_EV = re.compile(r"([+-]?[0-9.]+)\s*ev", re.IGNORECASE)
+_FRACTION = re.compile(r"([0-9.]+)\s*/\s*([0-9.]+)\s*s?")
+_SECONDS = re.compile(r"([+-]?[0-9.]+(?:e[+-]?[0-9]+)?)\s*s?", re.IGNORECASE)
+
+_FORMS = (
+    "are seconds with commas between them, as in 0.001,0.008 or 1/250,1/60,0.25; or steps of EV, "
+    "as in -2ev,0ev,+2ev"
+)
+
+
+def parse_exposures(text: str) -> list[float]:
+    """Return the exposure times of a bracket in seconds, from a person's words.
+
+    "1/250,1/60,0.25" are seconds; "-2ev,0ev,+2ev" are powers of two, of one second. Raises
+    UserError that names the value that isn't understood.
+    """
+    parts = [one.strip() for one in text.split(",")]
+    steps = [_EV.fullmatch(one) for one in parts]
+    if any(steps) and not all(steps):
+        other = next(part for part, step in zip(parts, steps, strict=True) if not step)
+        raise UserError(
+            f"--exposures {text}: {other!r} isn't in EV, as others are. Give EV for all frames, or "
+            "seconds for all."
+        )
+    return [_seconds(part, text) for part in parts]
+
+
+def _seconds(part: str, text: str) -> float:
+    """Return one of a bracket's exposure times in seconds."""
+    value = math.nan
+    try:
+        if step := _EV.fullmatch(part):
+            value = 2.0 ** float(step[1])
+        elif fraction := _FRACTION.fullmatch(part):
+            value = float(fraction[1]) / float(fraction[2])
+        elif seconds := _SECONDS.fullmatch(part):
+            value = float(seconds[1])
+    except (ValueError, ZeroDivisionError, OverflowError):
+        value = math.nan
+    if math.isnan(value):
+        raise UserError(f"--exposures {text}: {part!r} isn't a time. They {_FORMS}.")
+    if not 0 < value < math.inf:
+        raise UserError(f"--exposures: {part} can't be; all must be positive.")
+    return value

@@ -1,0 +1,270 @@
+"""Register two pictures of one scene to a small part of a pixel: shift and turn.
+
+Both show the scene in like numbers, up to a smooth curve near a straight line. The motion that makes them equal is
+found by Gauss and Newton's steps with the slopes of one of them, from coarse pictures to the finest
+(Lucas and Kanade, IJCAI 1981; Baker and Matthews, Int. J. Comput. Vis. 56, 2004, doi
+10.1023/B:VISI.0000011205.11775.fd), with small weights where they differ much (Geman and McClure).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from optics.alignment.rigid_motion import RigidMotion
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Picture = NDArray[np.float32]
+
+_BLUR = 0.7
+"""Standard deviation of the blur before slopes are taken, pixels. Chosen: it lessens the noise, and
+what compression leaves at the edges of its blocks, more than the detail."""
+
+_COARSEST = 40
+"""Least rows and columns of the coarsest picture. Chosen: what moved by a tenth of the picture is
+within a few of its pixels."""
+
+_POINTS = 150_000
+"""Pixels that are compared in each picture of the pyramid, those of the steepest slopes in each of
+the regions below. Chosen: more change corners by less than .01 pixel."""
+
+_REGIONS = 8
+"""Regions along each side, all of which tell the turn."""
+
+_STEPS, _STILL = 12, 2e-3
+"""Gauss-Newton steps in each picture of the pyramid, at most, and the change of the corners in
+pixels at which they end."""
+
+_STRAY = 2.0
+"""Robust deviations at which a pixel's weight is a fourth."""
+
+_POWERS = 4
+"""Powers of the moving picture's numbers by which they may differ from the fixed one's. Chosen: where
+light but rises from one side to the other, a shift is no more than another curve, and isn't known.
+"""
+
+_LEAST_POINTS = 200
+"""Pixels that two pictures share from which on their motion is told. Chosen."""
+
+_CORRELATED = 3.0
+"""Deviation of the motion over what residuals would give if each pixel's was by itself. Chosen on
+photographs: blur, compression and interpolation make neighbours alike."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """How a picture moved against another, and how well that is known.
+
+    motion: from the fixed picture to the moving one. deviation: standard deviation at the corners,
+    pixels; infinite if the pictures share too little detail.
+    """
+
+    motion: RigidMotion
+    deviation: float
+
+
+def register_pictures(
+    fixed: Sequence[Picture],
+    moving: Sequence[Picture],
+    fixed_valid: Sequence[Mask],
+    moving_valid: Sequence[Mask],
+    start: RigidMotion | None = None,
+) -> Registration:
+    """Find the shift and turn between two pictures of one scene.
+
+    Parameters
+    ----------
+    fixed, moving : sequence of NDArray
+        Bands, each (rows, columns), of one size. Each band shows the scene in numbers that differ
+        by a smooth curve only, near a straight line.
+    fixed_valid, moving_valid : sequence of NDArray of bool
+        Where they do: clipped pixels aren't.
+    start : RigidMotion, optional
+        To begin with; none moved by default.
+
+    Returns
+    -------
+    Registration
+
+    Raises
+    ------
+    ValueError
+        For pictures of different sizes.
+    """
+    shapes = {np.shape(one) for one in (*fixed, *moving, *fixed_valid, *moving_valid)}
+    if len(shapes) != 1 or len(fixed) != len(moving):
+        raise ValueError(f"pictures are {sorted(shapes)} pixels; give bands of one size")
+    (shape,) = shapes
+    levels = _pyramid(fixed, moving, fixed_valid, moving_valid)
+    found = Registration(start or RigidMotion(), math.inf)
+    for number in reversed(range(len(levels))):
+        found = _register_level(levels[number], number, shape, found.motion)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """Pictures of one size of the pyramid, (bands, rows, columns), to be registered."""
+
+    fixed: Picture
+    moving: Picture
+    fixed_valid: Mask
+    moving_valid: Mask
+
+
+def _pyramid(
+    fixed: Sequence[Picture],
+    moving: Sequence[Picture],
+    fixed_valid: Sequence[Mask],
+    moving_valid: Sequence[Mask],
+) -> list[_Level]:
+    """Return pictures to register, and each halved until it is small, the finest first."""
+    level = _Level(
+        *(np.stack([np.asarray(band, np.float32) for band in one]) for one in (fixed, moving)),
+        *(np.stack(list(one)) for one in (fixed_valid, moving_valid)),
+    )
+    found = [level]
+    while min(level.fixed.shape[1:]) >= 2 * _COARSEST:
+        level = _Level(
+            _halved(level.fixed), _halved(level.moving),
+            _halved(level.fixed_valid) == 1, _halved(level.moving_valid) == 1,
+        )  # fmt: skip
+        found.append(level)
+    return found
+
+
+def _halved(bands: NDArray[np.generic]) -> Picture:
+    """Return bands of a picture to register, with the means of 2 x 2 pixels."""
+    count, rows, columns = (n // side for n, side in zip(bands.shape, (1, 2, 2), strict=True))
+    even = bands[:, : 2 * rows, : 2 * columns].reshape(count, rows, 2, columns, 2)
+    return np.asarray(even.mean(axis=(2, 4), dtype=np.float32))
+
+
+def _register_level(
+    level: _Level, number: int, shape: tuple[int, ...], start: RigidMotion
+) -> Registration:
+    """Register the pictures of a level of the pyramid, halved so many times."""
+    parts = [
+        _BandPoints(*one, number, shape)
+        for one in zip(
+            level.fixed, level.moving, level.fixed_valid, level.moving_valid, strict=True
+        )
+    ]
+    motion, deviation = start, math.inf
+    for _ in range(_STEPS):
+        systems = [one.system(motion) for one in parts]
+        matrix, wanted = (np.sum([one[k] for one in systems], axis=0) for k in (0, 1))
+        if sum(one[2] for one in systems) < _LEAST_POINTS or np.linalg.cond(matrix) > 1e12:
+            return Registration(start, math.inf)
+        covariance = np.linalg.inv(matrix)
+        step = covariance @ wanted
+        before = motion
+        motion = RigidMotion(
+            motion.turn + float(step[0]) / _radius(shape),
+            motion.down + float(step[1]),
+            motion.right + float(step[2]),
+        )
+        deviation = _CORRELATED * math.sqrt(np.trace(covariance))
+        if motion.corner_distance(before, shape) < _STILL * 2**number:
+            break
+    return Registration(motion, deviation)
+
+
+def _radius(shape: tuple[int, ...]) -> float:
+    """Return the distance of a registered picture's corners from its centre, pixels."""
+    return math.hypot(*((n - 1) / 2 for n in shape))
+
+
+class _BandPoints:
+    """The pixels of one band by which pictures are registered, with slopes of the fixed one."""
+
+    def __init__(
+        self, fixed: Picture, moving: Picture, fixed_valid: Mask, moving_valid: Mask,
+        number: int, shape: tuple[int, ...],
+    ) -> None:  # fmt: skip
+        self._scale, self._radius = 2.0**number, _radius(shape)
+        # Place of a halved picture's first pixel in the finest one, from its centre.
+        self._first = np.array([(self._scale - 1) / 2 - (n - 1) / 2 for n in shape])[:, None]
+        smooth = ndimage.gaussian_filter(fixed, _BLUR, mode="nearest")
+        reach = np.ones((5, 5) if number == 0 else (3, 3), dtype=bool)
+        valid = ndimage.binary_erosion(fixed_valid, reach)
+        slopes = np.array([_slope(smooth, axis) for axis in (0, 1)])
+        at = _steepest(np.hypot(*slopes), valid)
+        self._at = np.array(at, dtype=np.float64)
+        self._fixed, self._slopes = smooth[at], slopes[(slice(None), *at)] / self._scale
+        blurred = ndimage.gaussian_filter(moving, _BLUR, mode="nearest")
+        self._moving = ndimage.spline_filter(blurred, 3, np.float32, mode="mirror")
+        self._valid = ndimage.binary_erosion(moving_valid, reach)
+
+    def system(self, motion: RigidMotion) -> tuple[Array, Array, int]:
+        """Return normal equations of the motion's change, over the variance, and their pixels.
+
+        Unknowns are turn times the picture's radius, down and right, all in pixels.
+        """
+        place = self._at * self._scale + self._first
+        seen = (motion.places(place) - self._first) / self._scale
+        nearest = np.rint(seen).astype(np.intp)
+        shape = np.array(self._valid.shape)[:, None]
+        inside = ((nearest >= 1) & (nearest < shape - 1)).all(axis=0)
+        inside[inside] = self._valid[tuple(nearest[:, inside])]
+        count = int(inside.sum())
+        if count < _LEAST_POINTS:
+            return np.zeros((3, 3)), np.zeros(3), 0
+        values = ndimage.map_coordinates(
+            self._moving, seen[:, inside], np.float32, order=3, mode="mirror", prefilter=False
+        )
+        place, slopes = place[:, inside], motion.matrix @ self._slopes[:, inside]
+        turned = np.stack([-place[1], place[0]])
+        turning = np.einsum("ij,ij->j", slopes, motion.matrix @ turned) / self._radius
+        share = (values - values.mean()) / max(float(values.std()), 1e-6)
+        curve = [share**power for power in range(_POWERS)]
+        design = np.stack([turning, *slopes, *curve])
+        wanted = self._fixed[inside].astype(np.float64)
+        weight = np.ones(count)
+        for _ in range(2):
+            # The moving picture's gain, level and curve are found with the motion.
+            matrix = (design * weight) @ design.T
+            unknown = np.linalg.lstsq(matrix, (design * weight) @ wanted, rcond=None)[0]
+            left = wanted - unknown[3:] @ design[3:]
+            spread = max(1.4826 * float(np.median(np.abs(left))), 1e-6)
+            weight = 1 / (1 + (left / (_STRAY * spread)) ** 2) ** 2
+        matrix = (design * weight) @ design.T
+        right = (design * weight) @ wanted
+        # The curve is eliminated.
+        other = matrix[:3, 3:] @ np.linalg.pinv(matrix[3:, 3:], hermitian=True)
+        variance = float(weight @ left**2 / weight.sum()) + 1e-9
+        return (
+            (matrix[:3, :3] - other @ matrix[3:, :3]) / variance,
+            (right[:3] - other @ right[3:]) / variance,
+            count,
+        )
+
+
+def _slope(picture: Picture, axis: int) -> Picture:
+    """Return a registered picture's slope along an axis: central, smoothed across (Scharr's)."""
+    along = ndimage.correlate1d(picture, [-0.5, 0, 0.5], axis, mode="nearest")
+    return np.asarray(ndimage.correlate1d(along, [3 / 16, 10 / 16, 3 / 16], 1 - axis))
+
+
+def _steepest(slope: Picture, valid: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows and columns of the steepest valid pixels of each region to register."""
+    if valid.sum() <= _POINTS:
+        return np.nonzero(valid)
+    chosen = np.zeros_like(valid)
+    edges = [np.linspace(0, n, _REGIONS + 1).astype(int) for n in valid.shape]
+    each = _POINTS // _REGIONS**2
+    for row in range(_REGIONS):
+        for column in range(_REGIONS):
+            part = np.s_[edges[0][row] : edges[0][row + 1], edges[1][column] : edges[1][column + 1]]
+            found = np.where(valid[part], slope[part], -1).ravel()
+            few = np.argpartition(found, -min(each, found.size))[-min(each, found.size) :]
+            flags = np.zeros(found.size, dtype=bool)
+            flags[few] = found[few] >= 0
+            chosen[part] = flags.reshape(chosen[part].shape)
+    return np.nonzero(chosen)

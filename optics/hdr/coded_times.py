@@ -1,0 +1,278 @@
+"""Check the exposure times of 8-bit pictures whose response curve isn't known, by the frames alone.
+
+Response curve and exposures are fitted together, to the numbers that pairs of frames have at the
+same places. What can be known: a curve and its power with all times to that power make the same
+pictures, so that two frames tell nothing, and of three frames nothing tells which time is wrong,
+but only that one is. Of four and more, one wrong time is known if the others stand: no smooth curve
+explains it (Grossberg and Nayar, IEEE Trans. Pattern Anal. Mach. Intell. 25, 2003, doi
+10.1109/TPAMI.2003.1240119).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+
+from optics.alignment import RigidMotion
+from optics.hdr.level_pairs import compare_levels, frame_patches
+from optics.hdr.nominal_times import is_rounding
+
+Array = NDArray[np.float64]
+
+_KNOTS = np.array([0.0] * 4 + [20, 40, 64, 96, 128, 160, 192, 216, 236] + [255.0] * 4)
+"""Knots of the curve's cubic spline, numbers. A logarithm is added to it, which is the curve of any
+gamma. Chosen: closer where the curve bends."""
+
+_BEND = 2.4
+"""Weight of the square of the curve's relative bend, its second derivative over the first, at each
+of the levels below. Chosen on photographs: a tenth of it, or ten times as much, change a factor by
+.5 %."""
+
+_LEVELS = np.linspace(12, 250, 100)
+
+_MISFIT = 0.01
+"""Deviation of light's logarithm between a smooth curve and a pair of numbers. Chosen: pictures
+without fault leave .2 to 1.5 %."""
+
+_FIRST_POWER = 2.2
+"""Power of the curve with which fitting begins: a usual gamma."""
+
+_PASSES = 4
+"""Fits, each with weights by the curve and the residuals before. Chosen."""
+
+_STRAY = 3.0
+"""Robust deviations at which the weight of a pair of numbers is halved."""
+
+_LOOSE = 0.3
+"""Deviation of all times' logarithms in the fit by which residuals are weighted. Chosen: a time may
+be half too long."""
+
+_NOTABLE, _SURE, _KNOWN = 0.06, 5.0, 0.03
+"""Logarithm of a factor from which on it is named, standard deviations by which it differs from 1,
+and the deviation up to which it is known. Chosen: times that are 10 % wrong are to be named; those
+of sound photographs are found to 1 %, of films to 3 %."""
+
+_GAIN, _GAINED = 0.3, 0.015
+"""Part of the misfit that another time takes away, and how much it is in the logarithm of light,
+root mean square, from which on the time is wrong. Chosen on photographs."""
+
+_LIKELY = 0.05
+"""Part of the best time's gain within which another frame's may as well be the wrong one."""
+
+_LEAST_CHANGE = 0.025
+"""Logarithm of a factor of such another frame, at least. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class CodedTimes:
+    """Whether the exposure times of a bracket of 8-bit pictures fit together.
+
+    factors: for each frame, light over that of its time if only this one is wrong. deviations:
+    standard deviations of their logarithms; infinite for frames that share too little with others.
+    suspects: indices of frames one of which has another time; one if it is known which.
+    """
+
+    times: Array
+    factors: Array
+    deviations: Array
+    suspects: tuple[int, ...] = ()
+
+    @property
+    def corrections(self) -> Array:
+        """Return the factor of the 8-bit frame whose time is known to be wrong; 1 for others."""
+        factors = np.ones(len(self.times))
+        if len(self.suspects) == 1:
+            factors[self.suspects[0]] = self.factors[self.suspects[0]]
+        return factors
+
+    def explain(self) -> list[str]:
+        """Say in words which exposure time of the 8-bit pictures is wrong; nothing if none is."""
+        if not self.suspects:
+            return []
+        if len(self.suspects) == 1:
+            (one,) = self.suspects
+            time, factor = self.times[one], self.factors[one]
+            return [
+                f"frame {one + 1} has {factor:.3g} times the light of {time:.3g} s, as of "
+                f"{factor * time:.3g} s: it was exposed otherwise, or something changed in all of "
+                "the picture"
+            ]
+        each = ", or ".join(
+            f"frame {one + 1} of {self.factors[one] * self.times[one]:.3g} s for "
+            f"{self.times[one]:.3g} s"
+            for one in self.suspects
+        )
+        return [
+            f"the exposure times don't fit together, whatever the response curve is: {each}. These "
+            "frames don't tell which; check the times, or add a frame"
+        ]
+
+
+def check_coded_times(
+    frames: Sequence[Sequence[NDArray[Any]]],
+    exposures: ArrayLike,
+    motions: Sequence[RigidMotion] | None = None,
+) -> CodedTimes:
+    """Check the exposure times of a bracket of 8-bit pictures.
+
+    Parameters
+    ----------
+    frames : sequence of sequence of NDArray
+        Bands of each frame, (rows, columns), uint8.
+    exposures : array_like
+        Seconds, one for each frame.
+    motions : sequence of RigidMotion, optional
+        How frames moved against one of them; none by default.
+
+    Returns
+    -------
+    CodedTimes
+        Without suspects for fewer than three frames that share numbers, which tell nothing.
+    """
+    times = np.asarray(exposures, dtype=np.float64)
+    pairs = _pairs(frames, motions or [RigidMotion()] * len(frames))
+    if len(times) < 3 or not pairs.size:
+        return CodedTimes(times, np.ones(len(times)), np.full(len(times), math.inf))
+    return _Fit(pairs, np.log(times)).checked()
+
+
+def _pairs(frames: Sequence[Sequence[NDArray[Any]]], motions: Sequence[RigidMotion]) -> Array:
+    """Return pairs of an 8-bit bracket's numbers: frames, band, numbers, deviation, (6, pairs)."""
+    order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
+    found = []
+    for band in range(len(frames[0])):
+        patches = [
+            frame_patches(np.asarray(one[band]), motion)
+            for one, motion in zip(frames, motions, strict=True)
+        ]
+        # Of neighbours in brightness, and the next ones.
+        for place, step in itertools.product(range(len(frames)), (1, 2)):
+            if place + step < len(frames):
+                one, other = order[place], order[place + step]
+                few = compare_levels(patches[one], patches[other])
+                known = np.array([[one], [other], [band]]) * np.ones((1, few.shape[1]))
+                found.append(np.concatenate([known, few]))
+    return np.concatenate(found, axis=1) if found else np.zeros((6, 0))
+
+
+class _Fit:
+    """Curves of an 8-bit bracket's bands, and times, by least squares of pairs of numbers."""
+
+    def __init__(self, pairs: Array, told: Array) -> None:
+        one, other, band = pairs[:3].astype(np.intp)
+        self._told, self._band, (self._low, self._high, known) = told, band, pairs[3:]
+        self._width = len(_basis(np.ones(1))[0])
+        curves, count = self._width * (int(band.max()) + 1), pairs.shape[1]
+        self._curves = np.arange(curves)
+        self._design = np.zeros((count, curves + len(told)))
+        steps = _basis(self._high) - _basis(self._low)
+        for number in np.unique(band):
+            self._design[band == number, self._part(number)] = steps[band == number]
+        # The light's logarithm rises by that of the times, and of the factors.
+        self._design[np.arange(count), curves + other] = -1
+        self._design[np.arange(count), curves + one] = 1
+        self._wanted = told[other] - told[one]
+        self._weight, self._penalty = self._weights(known)
+
+    def _part(self, band: int) -> slice:
+        return slice(band * self._width, (band + 1) * self._width)
+
+    def _weights(self, known: Array) -> tuple[Array, Array]:
+        """Return weights of the 8-bit pairs, and the penalty of the curves' bends.
+
+        They are those of a fit in which every time is free, so that a wrong one makes no strays.
+        """
+        size, first = self._design.shape[1], len(self._curves)
+        found, stray = np.zeros(size), np.ones(len(self._wanted))
+        found[0 : first : self._width] = _FIRST_POWER
+        for _ in range(_PASSES):
+            penalty = self._bends(found)
+            slope = np.zeros(len(self._wanted))
+            for numbers in (self._low, self._high):
+                slope += self._slopes(found, numbers) / 2
+            variance = (slope * known) ** 2 + _MISFIT**2
+            weight = stray / variance
+            loose = penalty + np.diag(np.where(np.arange(size) < first, 0, 1 / _LOOSE**2))
+            matrix = (self._design.T * weight) @ self._design + loose
+            found = np.linalg.solve(matrix, (self._design.T * weight) @ self._wanted)
+            away = np.abs(self._wanted - self._design @ found) / np.sqrt(variance)
+            scale = max(1.0, 1.4826 * float(np.median(away)))
+            stray = 1 / (1 + (away / (_STRAY * scale)) ** 2)
+        return weight, penalty
+
+    def _slopes(self, found: Array, numbers: Array) -> Array:
+        """Return the slope of the 8-bit pairs' curves at numbers."""
+        steps, slope = _basis(numbers + 0.5) - _basis(numbers - 0.5), np.zeros(len(numbers))
+        for band in np.unique(self._band):
+            at = self._band == band
+            slope[at] = steps[at] @ found[self._part(band)]
+        return np.maximum(slope, 1e-3)
+
+    def _bends(self, found: Array) -> Array:
+        """Return the penalty of the 8-bit curves' relative bends, by the slopes of a fit."""
+        size = self._design.shape[1]
+        penalty = np.zeros((size, size))
+        step = 2.0
+        bend = (_basis(_LEVELS + step) - 2 * _basis(_LEVELS) + _basis(_LEVELS - step)) / step**2
+        slope = (_basis(_LEVELS + 0.5) - _basis(_LEVELS - 0.5)) @ np.stack(
+            [found[self._part(band)] for band in range(len(self._curves) // self._width)], axis=1
+        )
+        for band, one in enumerate(np.maximum(slope, 2e-3).T):
+            relative = bend / one[:, None]
+            few = self._part(band)
+            penalty[few, few] = _BEND * relative.T @ relative + 1e-6 * np.eye(self._width)
+        return penalty
+
+    def _solve(self, columns: NDArray[np.intp]) -> tuple[float, Array, Array]:
+        """Return misfit, unknowns and their covariance of the 8-bit curves and some factors."""
+        design, few = self._design[:, columns], np.ix_(columns, columns)
+        matrix = (design.T * self._weight) @ design + self._penalty[few]
+        covariance = np.linalg.pinv(matrix, rcond=1e-12, hermitian=True)
+        found = covariance @ ((design.T * self._weight) @ self._wanted)
+        left = self._wanted - design @ found
+        misfit = self._weight @ left**2 + found @ self._penalty[few] @ found
+        return float(misfit), found, covariance
+
+    def checked(self) -> CodedTimes:
+        """Return which of the 8-bit frames' times are wrong, each by itself."""
+        count, first = len(self._told), len(self._curves)
+        misfit, _, _ = self._solve(self._curves)
+        logs, deviations = np.zeros(count), np.full(count, math.inf)
+        gains = np.zeros(count)
+        linked = np.abs(self._design[:, first:]).sum(axis=0) > 0
+        for frame in np.flatnonzero(linked):
+            one, found, covariance = self._solve(np.append(self._curves, first + frame))
+            gains[frame], logs[frame] = misfit - one, found[-1]
+            deviations[frame] = math.sqrt(max(covariance[-1, -1], 0.0))
+        suspects: tuple[int, ...] = ()
+        best = int(np.argmax(gains))
+        gained = math.sqrt(max(gains[best], 0.0) / self._weight.sum())
+        if gains[best] > _GAIN * misfit and gained > _GAINED:
+            suspects = _suspects(np.exp(self._told), gains, logs, deviations)
+        return CodedTimes(np.exp(self._told), np.exp(logs), deviations, suspects)
+
+
+def _suspects(times: Array, gains: Array, logs: Array, deviations: Array) -> tuple[int, ...]:
+    """Return 8-bit frames one of which has a wrong time, by what each alone would explain."""
+    best = int(np.argmax(gains))
+    known = (deviations < _KNOWN) & (np.abs(logs) > _SURE * deviations)
+    likely = known & (gains > (1 - _LIKELY) * gains[best]) & (np.abs(logs) > _LEAST_CHANGE)
+    if not known[best] or not likely.any() or np.abs(logs[likely]).max() < _NOTABLE:
+        return ()
+    few = np.flatnonzero(likely)
+    if any(is_rounding(times[one], math.exp(logs[one])) for one in few):
+        return ()
+    return tuple(few.tolist())
+
+
+def _basis(numbers: Array) -> Array:
+    """Return the functions of which an 8-bit response curve is made, (numbers, functions)."""
+    spline = BSpline.design_matrix(np.clip(numbers, 0, 254.999), _KNOTS, 3).toarray()
+    return np.column_stack([np.log(numbers + 1.0), spline])

@@ -1,0 +1,194 @@
+"""Find how the frames of a hand-held exposure bracket moved against each other.
+
+Neighbours in exposure are registered to each other: the longer one's numbers are brought to the
+shorter one's by their histograms, which neither the response curve nor a wrong exposure time
+matters to (Grossberg and Nayar, IEEE Trans. Pattern Anal. Mach. Intell. 25, 2003, doi
+10.1109/TPAMI.2003.1240119). Clipped pixels don't count.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.alignment import Registration, RigidMotion, register_pictures
+
+Levels = NDArray[Any]
+Mask = NDArray[np.bool_]
+
+_NOTABLE, _SURE = 0.5, 5.0
+"""Distance at the corners in pixels, and standard deviations, from which on a frame has moved.
+Chosen: half a pixel is what sampling allows by itself."""
+
+_LEAST = 0.05
+"""Distance at the corners in pixels from which on aligning a frame gains. Chosen."""
+
+_MOST = 3_000_000
+"""Pixels of a frame that are compared: larger ones are averaged down. Chosen: their corners are
+still known to .1 pixel."""
+
+_BINS = 4
+"""Bins of a histogram for each level. Chosen: levels of 8-bit pictures are whole."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMotions:
+    """How a bracket's frames moved against the one that most of the others stand still with.
+
+    motions: from the reference to each frame. deviations: standard deviations at the corners,
+    pixels; infinite, with no motion, for frames that share too little detail with the others.
+    """
+
+    reference: int
+    motions: tuple[RigidMotion, ...]
+    deviations: tuple[float, ...]
+    shape: tuple[int, int]
+
+    @property
+    def distances(self) -> list[float]:
+        """Return how far each frame of the bracket moved at the corners, pixels."""
+        return [one.corner_distance(RigidMotion(), self.shape) for one in self.motions]
+
+    @property
+    def moved(self) -> list[int]:
+        """Return the indices of the bracket's frames that surely moved."""
+        pairs = enumerate(zip(self.distances, self.deviations, strict=True))
+        return [k for k, (far, deviation) in pairs if _is_moved(far, deviation)]
+
+    @property
+    def shifted(self) -> list[int]:
+        """Return the indices of the bracket's frames that are better aligned: less is known."""
+        pairs = enumerate(zip(self.distances, self.deviations, strict=True))
+        return [k for k, (far, deviation) in pairs if far > max(_LEAST, _SURE * deviation)]
+
+
+def find_motions(
+    frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]]
+) -> FrameMotions:
+    """Find how the frames of an exposure bracket moved against each other.
+
+    Parameters
+    ----------
+    frames : sequence of sequence of NDArray
+        Bands of each frame, (rows, columns), from 0 to 255, of like noise everywhere: numbers of
+        8-bit pictures, or the square root of light.
+    clipped : sequence of sequence of NDArray of bool
+        Where they are clipped.
+
+    Returns
+    -------
+    FrameMotions
+    """
+    shape = (int(frames[0][0].shape[0]), int(frames[0][0].shape[1]))
+    side = math.ceil(math.sqrt(math.prod(shape) / _MOST))
+    if side > 1:
+        small = find_motions(
+            [[_averaged(band, side) for band in one] for one in frames],
+            [[_averaged(band, side) > 0 for band in one] for one in clipped],
+        )
+        return _enlarged(small, side, shape)
+    order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
+    motions, deviations = [RigidMotion()], [0.0]
+    for darker, brighter in itertools.pairwise(order):
+        found = _register_pair(frames[darker], frames[brighter], clipped[darker], clipped[brighter])
+        motions.append(found.motion.after(motions[-1]))
+        deviations.append(found.deviation)
+    return _against_reference(motions, deviations, order, shape)
+
+
+def _averaged(band: NDArray[Any], side: int) -> NDArray[np.float32]:
+    """Return a band of a bracket's frame with the means of side x side pixels."""
+    rows, columns = (n // side for n in band.shape)
+    parts = band[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    return np.asarray(parts.mean(axis=(1, 3), dtype=np.float32))
+
+
+def _enlarged(small: FrameMotions, side: int, shape: tuple[int, int]) -> FrameMotions:
+    """Return the motions of a bracket's frames from those of frames that were averaged down."""
+    # The middle of what was averaged, from that of the frame.
+    middle = np.array([(n // side * side - n) / 2 for n in shape])
+    motions = []
+    for one in small.motions:
+        shift = side * one.shift + middle - one.matrix @ middle
+        motions.append(RigidMotion(one.turn, float(shift[0]), float(shift[1])))
+    deviations = tuple(side * one for one in small.deviations)
+    return FrameMotions(small.reference, tuple(motions), deviations, shape)
+
+
+def _register_pair(
+    darker: Sequence[Levels],
+    brighter: Sequence[Levels],
+    darker_clipped: Sequence[Mask],
+    brighter_clipped: Sequence[Mask],
+) -> Registration:
+    """Return how the brighter frame of a bracket moved against the darker one."""
+    # Numbers of 0 are clipped, too, or those of a border that was filled.
+    valid = [~one & (levels > 0) for one, levels in zip(brighter_clipped, brighter, strict=True)]
+    brought = [
+        _with_histogram_of(bright, dark) for bright, dark in zip(brighter, darker, strict=True)
+    ]
+    found = register_pictures(brought, list(darker), valid, [~one for one in darker_clipped])
+    return Registration(found.motion.inverse(), found.deviation)
+
+
+def _with_histogram_of(levels: Levels, other: Levels) -> Levels:
+    """Return a frame with its levels exchanged for those that as many pixels of another have."""
+    own, theirs = (
+        np.bincount(np.clip(one.ravel() * _BINS, 0, 256 * _BINS - 1).astype(np.intp),
+                    minlength=256 * _BINS)
+        for one in (levels, other)
+    )  # fmt: skip
+    # The mean of their levels between the ranks of each level's first and last pixel.
+    ranks = np.concatenate([[0], np.cumsum(own)])
+    value = (np.arange(256 * _BINS) + 0.5) / _BINS
+    theirs_ranks = np.concatenate([[0], np.cumsum(theirs)])
+    theirs_sums = np.concatenate([[0], np.cumsum(theirs * value)])
+    sums = np.interp(ranks, theirs_ranks, theirs_sums)
+    seen = own > 0
+    table = np.interp(value, value[seen], np.diff(sums)[seen] / own[seen])
+    place = np.clip(levels * _BINS, 0, 256 * _BINS - 1).astype(np.intp)
+    return np.asarray(table[place], dtype=np.float32)
+
+
+def _against_reference(
+    chain: Sequence[RigidMotion],
+    links: Sequence[float],
+    order: NDArray[np.intp],
+    shape: tuple[int, int],
+) -> FrameMotions:
+    """Return motions against the frame that most others stand still with.
+
+    chain: motions of the frames against the darkest one, in the order of brightness. links:
+    standard deviations of each against the one before.
+    """
+    count = len(order)
+    away, spread = np.zeros((count, count)), np.full((count, count), math.inf)
+    for one in range(count):
+        for other in range(count):
+            away[one, other] = chain[one].corner_distance(chain[other], shape)
+            low, high = sorted((one, other))
+            if all(math.isfinite(link) for link in links[low + 1 : high + 1]):
+                spread[one, other] = math.sqrt(sum(link**2 for link in links[low + 1 : high + 1]))
+    linked = np.isfinite(spread)
+    still = linked & (away <= _NOTABLE)
+    # Of frames with as many still ones, and as many linked ones, the best known is the reference.
+    known = -np.where(linked, spread, 0.0).sum(axis=1)
+    best = int(np.lexsort((known, linked.sum(axis=1), still.sum(axis=1)))[-1])
+    motions, deviations = [RigidMotion()] * count, [math.inf] * count
+    back = chain[best].inverse()
+    for place in range(count):
+        if linked[best, place]:
+            motions[order[place]] = chain[place].after(back)
+            deviations[order[place]] = float(spread[best, place])
+    return FrameMotions(int(order[best]), tuple(motions), tuple(deviations), shape)
+
+
+def _is_moved(far: Any, deviation: Any) -> Any:
+    """Return whether a frame of the bracket surely moved so far."""
+    return (far > _NOTABLE) & (far > _SURE * deviation)
