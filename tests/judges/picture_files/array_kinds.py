@@ -51,12 +51,6 @@ def _structured(light: Numbers) -> Numbers:
     return out
 
 
-def _with_hole(light: Numbers) -> Numbers:
-    out = light[0].astype(np.float32)
-    out[3, 4] = np.inf
-    return out
-
-
 def _npz(count: int) -> Maker:
     def make(rng: np.random.Generator, path: Path) -> PictureFile:
         numbers = scene(rng, count).astype(np.float32)
@@ -123,7 +117,6 @@ for _name, _maker in {
     "NPY, structured": _npy(_structured, words=("structured", "fields", "light", "record")),
     "NPY, objects": _npy(lambda a: a[0].astype(object), words=("object", "pickle")),
     "NPY, letters": _npy(lambda a: a[0].astype("U4"), words=("<u4", "str", "text", "letters")),
-    "NPY, infinite light": _npy(_with_hole, words=("inf", "finite")),
     "NPY, four dimensions": _npy(lambda a: a[None], words=("dimension", "shape", "1 x 1", "axes")),
     "NPY, no pixels": _npy(lambda a: a[0][:0], words=("empty", "no pixel", "shape", "0 x", "0,")),
     "NPZ of one array": _npz(1),

