@@ -1,9 +1,10 @@
 """Register two pictures of one scene to a small part of a pixel: shift and turn.
 
-Both show the scene in like numbers, up to a smooth curve near a straight line. The motion that makes them equal is
-found by Gauss and Newton's steps with the slopes of one of them, from coarse pictures to the finest
-(Lucas and Kanade, IJCAI 1981; Baker and Matthews, Int. J. Comput. Vis. 56, 2004, doi
-10.1023/B:VISI.0000011205.11775.fd), with small weights where they differ much (Geman and McClure).
+Both show the scene in like numbers, up to a smooth curve near a straight line. The motion that
+makes them equal is found by Gauss and Newton's steps with the slopes of one of them, from coarse
+pictures to the finest (Lucas and Kanade, IJCAI 1981; Baker and Matthews, Int. J. Comput. Vis. 56,
+2004, doi 10.1023/B:VISI.0000011205.11775.fd), with small weights where they differ much (Geman and
+McClure).
 """
 
 from __future__ import annotations
@@ -44,10 +45,13 @@ pixels at which they end."""
 _STRAY = 2.0
 """Robust deviations at which a pixel's weight is a fourth."""
 
+_NOISE = 0.32
+"""Variance of the slopes that white noise makes after the blur, over that of the noise: the sum of
+the squares of both kernels' product. It's no detail."""
+
 _POWERS = 4
-"""Powers of the moving picture's numbers by which they may differ from the fixed one's. Chosen: where
-light but rises from one side to the other, a shift is no more than another curve, and isn't known.
-"""
+"""Powers of the moving picture's numbers by which they may differ from the fixed one's. Chosen:
+where light but rises from one side to the other, a shift is but another curve, and isn't known."""
 
 _LEAST_POINTS = 200
 """Pixels that two pictures share from which on their motion is told. Chosen."""
@@ -162,18 +166,24 @@ def _register_level(
         matrix, wanted = (np.sum([one[k] for one in systems], axis=0) for k in (0, 1))
         if sum(one[2] for one in systems) < _LEAST_POINTS or np.linalg.cond(matrix) > 1e12:
             return Registration(start, math.inf)
-        covariance = np.linalg.inv(matrix)
-        step = covariance @ wanted
+        step = np.linalg.solve(matrix, wanted)
         before = motion
         motion = RigidMotion(
             motion.turn + float(step[0]) / _radius(shape),
             motion.down + float(step[1]),
             motion.right + float(step[2]),
         )
-        deviation = _CORRELATED * math.sqrt(np.trace(covariance))
+        deviation = _deviation(matrix - np.sum([one[3] for one in systems], axis=0))
         if motion.corner_distance(before, shape) < _STILL * 2**number:
             break
-    return Registration(motion, deviation)
+    return Registration(motion if math.isfinite(deviation) else start, deviation)
+
+
+def _deviation(information: Array) -> float:
+    """Return the standard deviation of registered corners; infinite without enough information."""
+    if np.linalg.eigvalsh(information)[0] <= 0:
+        return math.inf
+    return _CORRELATED * math.sqrt(np.trace(np.linalg.inv(information)))
 
 
 def _radius(shape: tuple[int, ...]) -> float:
@@ -202,10 +212,11 @@ class _BandPoints:
         self._moving = ndimage.spline_filter(blurred, 3, np.float32, mode="mirror")
         self._valid = ndimage.binary_erosion(moving_valid, reach)
 
-    def system(self, motion: RigidMotion) -> tuple[Array, Array, int]:
+    def system(self, motion: RigidMotion) -> tuple[Array, Array, int, Array]:
         """Return normal equations of the motion's change, over the variance, and their pixels.
 
-        Unknowns are turn times the picture's radius, down and right, all in pixels.
+        Unknowns are turn times the picture's radius, down and right, all in pixels. The last value
+        is what the slopes of mere noise would add to the matrix.
         """
         place = self._at * self._scale + self._first
         seen = (motion.places(place) - self._first) / self._scale
@@ -215,7 +226,7 @@ class _BandPoints:
         inside[inside] = self._valid[tuple(nearest[:, inside])]
         count = int(inside.sum())
         if count < _LEAST_POINTS:
-            return np.zeros((3, 3)), np.zeros(3), 0
+            return np.zeros((3, 3)), np.zeros(3), 0, np.zeros((3, 3))
         values = ndimage.map_coordinates(
             self._moving, seen[:, inside], np.float32, order=3, mode="mirror", prefilter=False
         )
@@ -243,6 +254,8 @@ class _BandPoints:
             (matrix[:3, :3] - other @ matrix[3:, :3]) / variance,
             (right[:3] - other @ right[3:]) / variance,
             count,
+            np.diag([weight @ (turned**2).sum(axis=0) / self._radius**2, *[weight.sum()] * 2])
+            * _NOISE,
         )
 
 

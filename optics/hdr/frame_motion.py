@@ -93,6 +93,7 @@ def find_motions(
             [[_averaged(band, side) > 0 for band in one] for one in clipped],
         )
         return _enlarged(small, side, shape)
+    frames = [[np.asarray(band, np.float32) for band in one] for one in frames]
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
     motions, deviations = [RigidMotion()], [0.0]
     for darker, brighter in itertools.pairwise(order):

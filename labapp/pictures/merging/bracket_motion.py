@@ -31,7 +31,7 @@ def bracket_motions(source: BracketFiles) -> hdr.FrameMotions:
             clipped.append([band > hdr.HIGHEST for band in frame])
             continue
         full = source.sensor.full_scale
-        room = np.float32(full) - np.asarray(dark, np.float32)
+        room = np.maximum(np.float32(full) - np.asarray(dark, np.float32), 1)
         # The square root of light has like noise everywhere (Anscombe).
         share = np.clip((frame - np.asarray(dark, np.float32)) / room, 0, 1)
         levels.append(list(255 * np.sqrt(share, dtype=np.float32)))
