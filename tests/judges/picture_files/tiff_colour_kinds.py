@@ -69,7 +69,7 @@ def _uncompressed_ycbcr(subsampling: tuple[int, int], compression: int = t.NONE)
             photometric=6, subsampling=subsampling, compression=compression, tags={532: (5, levels)}
         )
         path = save(path, ".tif", tiff_file([tiff_page(last(_ycbcr(rgb)), layout)]))
-        return PictureFile(path, rgb, ("srgb",), 255, loss=0.012, must_name=("ycbcr",))
+        return PictureFile(path, rgb, ("srgb",), 255, loss=0.02, must_name=("ycbcr",))
 
     return make
 

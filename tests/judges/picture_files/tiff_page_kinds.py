@@ -178,7 +178,7 @@ def _dng(bits: int = 16, below: bool = True, lossless: bool = False, fault: str 
         if fault:
             names = {"cut": DAMAGED, "linear": ("linear",), "empty": ("empty", "zero", "dark")}
             names |= {"float": ("float",)}
-            return PictureFile(path, None, valid=False, must_name=names[fault])
+            return PictureFile(path, None, valid=False, must_name=(*names[fault], "raw"))
         return PictureFile(
             path, mosaic[None], ("linear",), None, is_mosaic=True, must_name=words, must_tell=()
         )
@@ -276,7 +276,9 @@ for _name, _maker in {
     "smaller copy before": _with_reduced(True, True),
     "smaller copy below": _with_reduced(False, False),
     "mask as page": _with_mask,
-    "tifffile's default of three frames": _by_tifffile(3, False),
+    "tifffile's default of three frames": _by_tifffile(
+        3, False, photometric="rgb", planarconfig="separate"
+    ),
     "tifffile's default of four frames": _by_tifffile(4, True, photometric="minisblack"),
     "OME, three planes": _by_tifffile(3, True, ome=True),
     "OME, one plane, zlib": _by_tifffile(1, False, ome=True, compression="zlib"),
