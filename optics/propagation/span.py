@@ -9,7 +9,7 @@ from typing import Any, TypedDict, cast
 
 from optics.accuracy import Budget
 from optics.plane import Plane
-from optics.validation import as_number, needs_gradient, require_wavelength, to_plain_numbers
+from optics.validation import as_number, needs_gradient, require_positive, to_plain_numbers
 
 Scalar = Any
 """A number, or a 0-d tensor in which the result is differentiable."""
@@ -106,7 +106,7 @@ class FreeSpaceSpan:
                 f"distance is {distance:g} m; the target must lie before or behind the source, "
                 "at a finite distance"
             )
-        require_wavelength("wavelength", self.wavelength)
+        require_positive("wavelength", self.wavelength, "m")
         for name, pair in (("carrier", self.carrier), ("tilt", self.tilt)):
             if not all(math.isfinite(value) for value in pair):
                 raise ValueError(f"{name} is {pair}; give two finite numbers")

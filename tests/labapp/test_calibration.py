@@ -370,7 +370,7 @@ def test_cancelling_leaves_a_record_and_no_calibration(files, tmp_path):
         (["--regions", "5x5"], "--regions 5x5: .*choose fewer regions"),
         (["--only", "everything"], "everything"),
         (["--levels", "3"], "levels"),
-        (["--wavelength-nm", "-1"], "wavelengths_nm"),
+        (["--wavelength-nm", "-1"], "--wavelength-nm is -1: give a wavelength"),
         (["--star", "sun"], "--star sun: this bench has no such target"),
         (["--dark", "night"], "--dark night: this bench has no such target"),
         (["--plan-only"], "Give --exposure-ms"),

@@ -1,4 +1,7 @@
-"""A wavelength in nanometres or micrometres, where metres are meant, is asked about in words."""
+"""A wavelength in nanometres or micrometres, where metres are meant, is asked about in words.
+
+Free space knows no unit: there, all lengths may be scaled (tests/hard_cases/propagation_laws.py).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from optics import edof, multispectral, patterns, propagation, psf, retrieval, slm, targets
+from optics import edof, multispectral, patterns, psf, retrieval, slm, targets
 from optics.camera import Camera
 from optics.light import Spectrum, monochromatic
 from optics.plane import Plane
@@ -22,7 +25,6 @@ FLAT = torch.zeros(24, 32)
 FACES = {
     "spectrum": lambda w: Spectrum((w, 2 * w), (1.0, 1.0)),
     "line": monochromatic,
-    "free space": lambda w: propagation.propagate(torch.ones(16, 16), PLANE, PLANE, 0.1, w),
     "psf": lambda w: psf.psf(CAMERA, FLAT, distance=math.inf, wavelength=w, pixels=PLANE),
     "stack": lambda w: psf.PSFStack(CAMERA, [2.0], [w], PLANE),
     "lens": lambda w: patterns.fresnel_lens(PANEL, 1.0, w),
