@@ -27,8 +27,8 @@ def reconstruct(
         typer.Argument(
             metavar="RUN.h5|MERGED.h5|RAW|IMAGE",
             callback=readable_path,
-            help="Record of a run, a bracket that labapp merge wrote, a camera's RAW file (DNG, CR2, "
-            "NEF and others), or a PNG, TIFF, JPEG or NPY picture.",
+            help="Record of a run, a bracket that labapp merge wrote, a camera's RAW file (DNG, "
+            "CR2, NEF and others), or a PNG, TIFF, JPEG or NPY picture.",
         ),
     ],
     psf: Annotated[
@@ -213,8 +213,8 @@ def reconstruct(
 
     Colours of a picture are restored band by band. Those of a RAW file, or of a record whose sensor
     has colour filters, are restored together from the bare pixels; a record's with the PSF of the
-    star in each colour. Their .tiff and .npy hold the filters' bands, in which white is equal, and a
-    .png holds sRGB.
+    star in each colour. Their .tiff and .npy hold the filters' bands, in which white is equal, and
+    a .png holds sRGB.
     Without options the noise is estimated and the weight chosen.
     The scene beyond the frame, clipped pixels and dead ones (NaN) count as unknown. The verdict
     says whether photograph, PSF and noise fit together, and what doesn't: a PSF of a wrong scale
