@@ -172,9 +172,7 @@ def restored_image(
     )
 
 
-def _residual_within_bounds(
-    step: PictureStep, picture: torch.Tensor, upper: float
-) -> float | None:
+def _residual_within_bounds(step: PictureStep, picture: torch.Tensor, upper: float) -> float | None:
     """Return the rms residual of a deconvolved picture after its frame is cut to its bounds.
 
     The scene around the frame stays as it explains the photograph, or is made dark where it is
