@@ -25,7 +25,7 @@ def read_scene_picture(path: Path, encoding: Encoding | None = None) -> NDArray[
     light = picture.relative_light
     _require_light(path, light)
     colours = np.broadcast_to(light, (3, *light.shape[1:]))
-    return np.ascontiguousarray(np.moveaxis(colours, 0, -1))
+    return np.array(np.moveaxis(colours, 0, -1), order="C")
 
 
 def read_screen_colours(path: Path) -> Colours:
@@ -45,7 +45,8 @@ def read_screen_colours(path: Path) -> Colours:
                 "hold. Scale it to at most 1."
             )
         levels = np.rint(255 * encode_srgb(light)).astype(np.uint8)
-    return np.ascontiguousarray(np.broadcast_to(levels, (3, *levels.shape[1:])))
+    # A copy, which may be written to.
+    return np.array(np.broadcast_to(levels, (3, *levels.shape[1:])))
 
 
 def read_drawing(path: Path) -> NDArray[np.uint8]:
