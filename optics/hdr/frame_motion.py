@@ -67,6 +67,13 @@ class FrameMotions:
         pairs = enumerate(zip(self.distances, self.deviations, strict=True))
         return [k for k, (far, deviation) in pairs if far > max(_LEAST, _SURE * deviation)]
 
+    @property
+    def lost(self) -> list[int]:
+        """Return the indices of frames whose motion isn't known where most of the others moved."""
+        unknown = [k for k, one in enumerate(self.deviations) if math.isinf(one)]
+        others = len(self.motions) - len(unknown) - 1
+        return unknown if 2 * len(self.moved) > others > 0 else []
+
 
 def find_motions(
     frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]]
@@ -131,10 +138,14 @@ def _register_pair(
     """Return how the brighter frame of a bracket moved against the darker one."""
     # Numbers of 0 are clipped, too, or those of a border that was filled.
     valid = [~one & (levels > 0) for one, levels in zip(brighter_clipped, brighter, strict=True)]
-    brought = [
-        _with_histogram_of(bright, dark) for bright, dark in zip(brighter, darker, strict=True)
-    ]
-    found = register_pictures(brought, list(darker), valid, [~one for one in darker_clipped])
+    fixed, moving = [], []
+    for bright, dark, mask in zip(brighter, darker, valid, strict=True):
+        brought = _with_histogram_of(bright, dark)
+        # What is clipped in the brighter frame is so in both.
+        top = brought[mask].max(initial=0)
+        fixed.append(np.minimum(brought, top))
+        moving.append(np.minimum(dark, top))
+    found = register_pictures(fixed, moving, valid, [~one for one in darker_clipped])
     return Registration(found.motion.inverse(), found.deviation)
 
 

@@ -63,11 +63,12 @@ def explain_alignment(motions: hdr.FrameMotions) -> list[str]:
         f"{motions.reference + 1} and interpolated: the noise of their pixels is at most as "
         "stated, and neighbours share it"
     ]
-    lost = [k + 1 for k, one in enumerate(motions.deviations) if math.isinf(one)]
-    if lost:
+    unknown = [k for k, one in enumerate(motions.deviations) if math.isinf(one)]
+    if unknown:
+        done = "are left out" if motions.lost else "stay as they are, like most of the others"
         found.append(
-            f"frames {', '.join(map(str, lost))} share too little detail with the others to be "
-            "registered, and stay as they are"
+            f"frames {', '.join(str(one + 1) for one in unknown)} share too little detail with the "
+            f"others to be registered, and {done}"
         )
     return found
 
@@ -108,11 +109,15 @@ def align_band(
 ) -> tuple[list[NDArray[Any]], list[Mask]]:
     """Return a band of a bracket's frames at the places of the reference, and where each is absent.
 
-    Frames that stand still stay as they are. unknown: pixels that are clipped, or defective. full:
-    number for those that rest on one. floor: the lowest number there is.
+    Frames that stand still stay as they are, and lost ones are absent. unknown: pixels that are
+    clipped, or defective. full: number for those that rest on one. floor: the lowest number.
     """
     shown, absent = [], []
     for number, (frame, mask) in enumerate(zip(frames, unknown, strict=True)):
+        if number in motions.lost:
+            shown.append(np.full(frame.shape, full, np.float32))
+            absent.append(np.ones(frame.shape, dtype=bool))
+            continue
         if number not in motions.shifted:
             shown.append(frame)
             absent.append(np.zeros(frame.shape, dtype=bool))

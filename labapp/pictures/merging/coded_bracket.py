@@ -20,9 +20,9 @@ from optics.progress import Progress
 _FULL = 255
 """Highest number of an 8-bit picture."""
 
-_BLOCK, _MOST = 16, 0.3
+_BLOCK, _MOST = 16, 0.8
 """Side of a block in pixels, and part of it that contradicts itself from which on something moved
-there. Chosen: at the edges of what stands still, fewer do."""
+there. Chosen: at edges, up to half of them do that were interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +41,20 @@ class CodedMerge:
 
 
 def merge_coded_bands(
-    source: BracketFiles, refine: bool, align: bool, progress: Progress
+    source: BracketFiles,
+    refine: bool,
+    align: bool,
+    progress: Progress,
+    motions: hdr.FrameMotions | None = None,
 ) -> CodedMerge:
     """Merge each band of 8-bit pictures by the response curve that it shows.
 
     refine: whether exposure times are checked, and a wrong one is corrected. align: whether frames
-    that moved are aligned. Raises UserError for frames out of order, and if nothing tells a curve.
+    that moved are aligned. motions: of the frames; by default, they are found. Raises UserError for frames out of order, and if nothing tells a curve.
     """
     _require_order(source)
     progress.report(0.0, "comparing frames")
-    motions = bracket_motions(source)
+    motions = motions or bracket_motions(source)
     told = [] if align else explain_motions(motions)
     times, checked = np.array(source.exposures), None
     if refine:
