@@ -159,11 +159,13 @@ def _first_light(numbers: NDArray[Any], used: Mask, times: Array, curve: Respons
     """Return the logarithm of an 8-bit HDR bracket's light, by what each good number says."""
     level = np.arange(len(curve.logs))
     steep = np.gradient(curve.logs) ** -2.0 * ((level >= LOWEST) & (level <= HIGHEST)) + 1e-9
+    # Numbers beyond the upper end are no light's.
+    light = np.minimum(curve.logs, curve.logs[curve.ends[1]])
     above, below = (np.zeros(numbers.shape[1:]) for _ in range(2))
     for frame, one, time in zip(numbers, used, times, strict=True):
         nearest = frame if frame.dtype == np.uint8 else np.rint(frame).astype(np.uint8)
         weight = steep[nearest] * one
-        above += weight * (curve.logs[nearest] - time)
+        above += weight * (light[nearest] - time)
         below += weight
     return np.asarray(above / np.maximum(below, 1e-12))
 

@@ -236,7 +236,7 @@ def _aligned_figures(rng: np.random.Generator) -> list[Figure]:
             "8-bit brackets aligned, pixels within 2 % of the light, over those by the true motion",
             ">= .95",
             f"{ratio:.3f}",
-            ratio >= 0.95,
+            bool(ratio >= 0.95),
         ),
     ]
 

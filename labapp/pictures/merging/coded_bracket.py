@@ -50,7 +50,8 @@ def merge_coded_bands(
     """Merge each band of 8-bit pictures by the response curve that it shows.
 
     refine: whether exposure times are checked, and a wrong one is corrected. align: whether frames
-    that moved are aligned. motions: of the frames; by default, they are found. Raises UserError for frames out of order, and if nothing tells a curve.
+    that moved are aligned. motions: of the frames; by default, they are found. Raises UserError for
+    frames out of order, and if nothing tells a curve.
     """
     _require_order(source)
     progress.report(0.0, "comparing frames")
