@@ -4,7 +4,7 @@
 `optics.deconvolution.restore` solves.
 """
 
-from optics.demosaicing.demosaic import demosaic
+from optics.demosaicing.demosaic import demosaic, demosaicing_weight
 from optics.demosaicing.mosaic_builder import build_mosaic_observation
 
-__all__ = ["build_mosaic_observation", "demosaic"]
+__all__ = ["build_mosaic_observation", "demosaic", "demosaicing_weight"]

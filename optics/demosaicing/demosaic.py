@@ -89,7 +89,9 @@ def demosaic(
         require_positive("weight", weight, "")
     require_count("iterations", iterations)
     unit, observation = observation.unit, observation.in_own_unit
-    used = weight / unit if weight else _default_weight(observation.scene_noise, observation.scale)
+    used = (
+        weight / unit if weight else demosaicing_weight(observation.scene_noise, observation.scale)
+    )
     prior = DerivativePenalty(
         BandCoupling.luminance_chrominance(observation.bands, _SETTINGS.luminance),
         observation.period_shape, _SETTINGS.curvature_threshold * observation.scale,
@@ -101,6 +103,19 @@ def demosaic(
     return bands.numpy() if observation.is_numpy else bands
 
 
-def _default_weight(noise: float, scale: float) -> float:
-    """Return the demosaicing prior's default weight for a noise and a scale of the light."""
+def demosaicing_weight(noise: float, scale: float) -> float:
+    """Return the regularisation weight that demosaicing takes by default.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of a pixel.
+    scale : float
+        Standard deviation of the light over the picture, in the same unit.
+
+    Returns
+    -------
+    float
+        In that unit. Parts of a picture that are demosaiced by themselves need one in common.
+    """
     return scale * (_SETTINGS.noiseless_weight + _SETTINGS.noise_weight * (noise / scale) ** 2)

@@ -3,9 +3,10 @@
 The files are in the order of the work: what a merged picture is, the bracket with its noise, the
 samples of some pixels and their weighted mean, pixels in which exposures contradict each other or
 may be clipped, the merge itself, how accurate it is, exposures that differ from what they were said
-to be, defective pixels, 8-bit pictures whose response curve isn't known, their exposure times, and
-frames that moved. A bracket is chosen before it is taken: the scene is metered, the exposures are
-searched for, and a scene that has changed since is told.
+to be, the noise that the frames themselves show, defective pixels, 8-bit pictures whose response
+curve isn't known, their exposure times, and frames that moved. A bracket is chosen before it is
+taken: the scene is metered, the exposures are searched for, and a scene that has changed since is
+told.
 """
 
 from optics.hdr.bracket import Bracket
@@ -16,6 +17,7 @@ from optics.hdr.bracket_choice import (
     choose_bracket,
 )
 from optics.hdr.bracket_ladders import LADDER_RATIOS, choose_ladder
+from optics.hdr.bracket_noise import BracketNoise, estimate_bracket_noise
 from optics.hdr.coded_times import CodedTimes, check_coded_times
 from optics.hdr.defects import Defects, find_defects
 from optics.hdr.expected_accuracy import (
@@ -58,6 +60,7 @@ __all__ = [
     "MOVED",
     "VALID",
     "Bracket",
+    "BracketNoise",
     "ChosenBracket",
     "CodedTimes",
     "Defects",
@@ -81,6 +84,7 @@ __all__ = [
     "choose_method",
     "common_period",
     "cramer_rao_variance",
+    "estimate_bracket_noise",
     "expected_accuracy",
     "explain_disorder",
     "find_defects",

@@ -72,16 +72,17 @@ def find_defects(bracket: Bracket) -> Defects:
     Parameters
     ----------
     bracket : Bracket
-        Hot pixels are found where its darks are frames, and stuck ones in three exposure times or
-        more.
+        Hot pixels are found where its darks are measured frames, and stuck ones in three exposure
+        times or more.
 
     Returns
     -------
     Defects
     """
     hot, stuck = (np.zeros(bracket.shape, dtype=bool) for _ in range(2))
-    dark = bracket.darks[bracket.exposures[-1].frames[0]]
-    if np.ndim(dark):
+    longest = bracket.exposures[-1]
+    dark = bracket.darks[longest.frames[0]]
+    if np.ndim(dark) and math.isfinite(longest.darks):
         hot = _is_hot(np.asarray(dark))
     exposures = bracket.exposures
     ratio = exposures[-1].time / exposures[0].time

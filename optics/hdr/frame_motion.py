@@ -76,7 +76,7 @@ class FrameMotions:
 
 
 def find_motions(
-    frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]]
+    frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]], period: int = 1
 ) -> FrameMotions:
     """Find how the frames of an exposure bracket moved against each other.
 
@@ -87,13 +87,16 @@ def find_motions(
         8-bit pictures, or the square root of light.
     clipped : sequence of sequence of NDArray of bool
         Where they are clipped.
+    period : int, default 1
+        Pixels after which the sensor's colour filters repeat, along both axes: so many are
+        averaged, since filters stay where they are, whatever moves.
 
     Returns
     -------
     FrameMotions
     """
     shape = (int(frames[0][0].shape[0]), int(frames[0][0].shape[1]))
-    side = math.ceil(math.sqrt(math.prod(shape) / _MOST))
+    side = period * math.ceil(math.sqrt(math.prod(shape) / _MOST) / period)
     if side > 1:
         small = find_motions(
             [[_averaged(band, side) for band in one] for one in frames],

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.picture.encoding import Encoding
 from labapp.files.picture.photograph import Photograph, read_photograph
+from labapp.files.raw import RawPhotograph
 from labapp.files.sensor_file import read_sensor
 from labapp.pictures.merging.bracket_pages import read_frames
 from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
@@ -52,7 +53,7 @@ class BracketFiles:
     is_coded: whether frames are 8-bit pictures whose response curve isn't known; of the sensor only
     the full scale is. sensor_source: what the sensor's numbers rest on, in words. doubts: why they
     may not hold. notes: what was done in reading. may_move: whether frames may have moved against
-    each other.
+    each other. raw: the first of RAW files, which says what the colours are; None for others.
     """
 
     names: list[str]
@@ -67,6 +68,13 @@ class BracketFiles:
     doubts: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     may_move: bool = False
+    raw: RawPhotograph | None = None
+
+    @property
+    def period(self) -> tuple[int, int]:
+        """Return the (rows, columns) after which the colour filters of a bracket's files repeat."""
+        pattern = None if self.raw is None else self.raw.pattern
+        return (1, 1) if pattern is None else (len(pattern), len(pattern[0]))
 
 
 def read_bracket_files(
@@ -83,12 +91,7 @@ def read_bracket_files(
     fit together, and for a sensor of which too little is known.
     """
     photographs, names = read_frames(paths, encoding)
-    if exposures is not None and len(exposures) != len(names):
-        kind = "files" if len(paths) == len(names) else "pages"
-        raise UserError(
-            f"--exposures has {len(exposures)} times for {len(names)} {kind}. Give one for each, "
-            "in their order, as in --exposures 0.001,0.004,0.016."
-        )
+    require_times(exposures, len(names), "files" if len(paths) == len(names) else "pages")
     _require_one_kind(photographs)
     told = sensor_file is not None or numbers != SensorNumbers() or darks or encoding is not None
     is_coded = not told and all(_has_response(one) for one in photographs)
@@ -109,14 +112,24 @@ def read_bracket_files(
             names, frames, times, levels, [math.inf] * len(frames), CODED_SENSOR, is_coded=True,
             doubts=tuple(doubts), notes=tuple(notes), may_move=True,
         )  # fmt: skip
-    sensor = _sensor(sensor_file, numbers, photographs, frames[0].shape[1:])
+    bits = 8 if frames[0].dtype == np.uint8 else 16
+    sensor = build_sensor(sensor_file, numbers, bits, frames[0].shape[1:])
     means, counts = _mean_darks(darks, frames[0], len(frames), sensor, encoding)
     return BracketFiles(
         names, frames, times, means, counts, sensor,
-        sensor_source=_sensor_source(sensor_file, numbers),
-        doubts=(*doubts, *_equal_times(times), *_other_full_scale(frames, times, sensor)),
+        sensor_source=sensor_source(sensor_file, numbers),
+        doubts=(*doubts, *equal_times(times), *other_full_scale(frames, times, sensor)),
         notes=tuple(notes), may_move=True,
     )  # fmt: skip
+
+
+def require_times(exposures: Sequence[float] | None, count: int, kind: str) -> None:
+    """Raise UserError unless there is a time for each of a bracket's files, if any is told."""
+    if exposures is not None and len(exposures) != count:
+        raise UserError(
+            f"--exposures has {len(exposures)} times for {count} {kind}. Give one for each, in "
+            "their order, as in --exposures 0.001,0.004,0.016."
+        )
 
 
 def _has_response(photograph: Photograph) -> bool:
@@ -124,7 +137,7 @@ def _has_response(photograph: Photograph) -> bool:
     return photograph.is_coded and photograph.levels.dtype == np.uint8
 
 
-def _equal_times(times: Sequence[float]) -> list[str]:
+def equal_times(times: Sequence[float]) -> list[str]:
     """Say in words if a bracket's files have one exposure time."""
     if len(times) == 1 or len(set(times)) > 1:
         return []
@@ -134,7 +147,7 @@ def _equal_times(times: Sequence[float]) -> list[str]:
     ]
 
 
-def _other_full_scale(frames: Sequence[Frame], times: Sequence[float], sensor: Sensor) -> list[str]:
+def other_full_scale(frames: Sequence[Frame], times: Sequence[float], sensor: Sensor) -> list[str]:
     """Say in words if the numbers of a bracket's files end below the sensor's full scale."""
     longest = frames[int(np.argmax(times))]
     top = float(longest.max())
@@ -150,7 +163,7 @@ def _other_full_scale(frames: Sequence[Frame], times: Sequence[float], sensor: S
     ]
 
 
-def _sensor_source(path: Path | None, numbers: SensorNumbers) -> str:
+def sensor_source(path: Path | None, numbers: SensorNumbers) -> str:
     """Say in words what the numbers of a sensor of bracket files rest on."""
     given = (
         ("--gain", numbers.gain), ("--read-noise", numbers.read_noise), ("--black", numbers.black),
@@ -195,17 +208,17 @@ def _size(frame: Frame) -> str:
     return f"{columns} x {rows} pixels" + (f" in {bands} colours" if bands > 1 else "")
 
 
-def _sensor(
-    path: Path | None,
-    numbers: SensorNumbers,
-    photographs: Sequence[Photograph],
-    shape: tuple[int, ...],
+def build_sensor(
+    path: Path | None, numbers: SensorNumbers, bits: int, shape: tuple[int, ...]
 ) -> Sensor:
-    """Return the sensor of a bracket's files: of its own file, or of the numbers that are given."""
+    """Return the sensor of a bracket's files: of its own file, or of the numbers that are given.
+
+    bits: of the files' numbers. Raises UserError if too little is known.
+    """
     if path is not None:
         known = read_sensor(path.name, path.parent).build()
     else:
-        known = _described_sensor(numbers, photographs)
+        known = _described_sensor(numbers, bits)
     changes: dict[str, Any] = {
         name: value
         for name, value in (
@@ -226,16 +239,14 @@ def _sensor(
     return known
 
 
-def _described_sensor(numbers: SensorNumbers, photographs: Sequence[Photograph]) -> Sensor:
+def _described_sensor(numbers: SensorNumbers, bits: int) -> Sensor:
     """Return the sensor that --gain and --read-noise describe; its well never fills first."""
-    first = photographs[0]
     if numbers.gain is None or numbers.read_noise is None:
         raise UserError(
             "the noise of the sensor isn't known: give --sensor FILE, or --gain (electrons per "
             "digital number) and --read-noise (electrons). labapp calibrate --camera "
             "measures them."
         )
-    bits = 16 if first.is_coded or first.levels.dtype != np.uint8 else 8
     return Sensor(bits=bits, full_well=1e9, dark_current=0.0, black_level=0.0)
 
 
@@ -249,12 +260,21 @@ def _mean_darks(
     for path, dark in zip(paths, darks, strict=True):
         if dark.shape != frame.shape:
             raise UserError(f"{path}: is {_size(dark)} and the frames {_size(frame)}.")
+    means, counts = group_darks(darks, count)
+    return list(means), counts
+
+
+def group_darks(darks: Sequence[Frame], count: int) -> tuple[list[Frame], list[float]]:
+    """Return the mean dark of each of a bracket's frames, and how many darks are in it.
+
+    Of as many for each frame, each has its own, in their order; otherwise all have all.
+    """
     each, rest = divmod(len(darks), count)
     if each and not rest:
         groups = [darks[number * each : (number + 1) * each] for number in range(count)]
     else:
         groups = [darks] * count
-    means: list[Frame | float] = []
+    means: list[Frame] = []
     for group in groups:
         mean = np.asarray(np.mean(np.stack(group), axis=0, dtype=np.float64))
         means.append(mean.astype(np.float32))

@@ -16,6 +16,8 @@ from optics.alignment import RigidMotion, resample_moved
 _ALMOST_FULL = 0.98
 """Part of the full scale from which on a number doesn't count in registering. Chosen."""
 
+_REGISTER = "Give --align to register them"
+
 _TURN = 0.02
 """Degrees from which on a turn is told. Chosen."""
 
@@ -36,11 +38,11 @@ def bracket_motions(source: BracketFiles) -> hdr.FrameMotions:
         share = np.clip((frame - np.asarray(dark, np.float32)) / room, 0, 1)
         levels.append(list(255 * np.sqrt(share, dtype=np.float32)))
         clipped.append([band >= _ALMOST_FULL * full for band in frame])
-    return hdr.find_motions(levels, clipped)
+    return hdr.find_motions(levels, clipped, math.lcm(*source.period))
 
 
-def explain_motions(motions: hdr.FrameMotions) -> list[str]:
-    """Say in words which frames of a bracket moved, and what to do."""
+def explain_motions(motions: hdr.FrameMotions, remedy: str = _REGISTER) -> list[str]:
+    """Say in words which frames of a bracket moved, and what to do: the remedy."""
     if not motions.moved:
         return []
     each = "; ".join(
@@ -50,7 +52,7 @@ def explain_motions(motions: hdr.FrameMotions) -> list[str]:
     )
     return [
         f"frames don't show the scene at the same places: against frame {motions.reference + 1}, "
-        f"{each}. Give --align to register them"
+        f"{each}. {remedy}"
     ]
 
 

@@ -22,6 +22,7 @@ from labapp.pictures.merging.merge_page import (
 )
 from labapp.pictures.merging.merged_bracket import file_bracket, merge_files
 from labapp.pictures.merging.merged_files import describe_merged, merged_paths, write_merged
+from labapp.pictures.merging.raw_bracket import find_raw_files, read_raw_bracket
 from optics import hdr
 
 
@@ -108,7 +109,15 @@ def _read(request: MergeRequest) -> BracketFiles:
         return read_recorded_bracket(request.files[0], request.frames)
     if request.frames != RecordedFrames():
         raise UserError("--target, --pattern, --wavelength-nm: choose frames of a record only.")
-    return read_bracket_files(
-        request.files, request.exposures, request.darks, request.sensor, request.numbers,
-        parse_encoding(request.encoding) if request.encoding else None,
-    )  # fmt: skip
+    raws = find_raw_files(request.files)
+    encoding = parse_encoding(request.encoding) if request.encoding else None
+    rest = (request.exposures, request.darks, request.sensor, request.numbers, encoding)
+    if raws is None:
+        return read_bracket_files(request.files, *rest)
+    source = read_raw_bracket(raws, *rest)
+    if request.align and source.period != (1, 1):
+        raise UserError(
+            "--align: pixels of RAW files have other colours than their neighbours, and can't be "
+            "moved. Leave it out, or develop the files to linear 16-bit TIFFs first."
+        )
+    return source

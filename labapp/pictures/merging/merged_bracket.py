@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.merging.bracket_files import BracketFiles
 from labapp.pictures.merging.bracket_motion import (
     align_band,
@@ -20,8 +21,14 @@ from labapp.pictures.merging.bracket_motion import (
     explain_motions,
 )
 from labapp.pictures.merging.coded_bracket import merge_coded_bands
+from labapp.pictures.merging.mosaic_colours import bracket_filters, merged_colours
 from optics import hdr
 from optics.progress import Progress
+
+_KEEP_STILL = (
+    "RAW frames behind colour filters can't be registered: keep the camera still, or develop them "
+    "to linear 16-bit TIFFs, and merge these with --align"
+)
 
 _RATES_PER_DECADE = 2
 """Rates for which the accuracy of a merge is told. Chosen."""
@@ -54,7 +61,9 @@ class MergedFiles:
     clipped: share of each frame's pixels at full scale. accuracy: of such a merge, by simulation;
     None for 8-bit pictures, whose response curves are given instead, one for each band, and the
     check of their exposure times, unless these are trusted. motions: of frames from files.
-    is_aligned: whether these were undone. notes: what was done, in words.
+    is_aligned: whether these were undone. notes: what was done, in words. filters: colour filters
+    of RAW files, behind which rate, variance and state are. colours: linear sRGB, (3, rows,
+    columns), as these show it.
     """
 
     source: BracketFiles
@@ -71,6 +80,13 @@ class MergedFiles:
     motions: hdr.FrameMotions | None = None
     is_aligned: bool = False
     notes: tuple[str, ...] = ()
+    filters: ColourFilters | None = None
+    colours: NDArray[np.float32] | None = None
+
+    @property
+    def shown(self) -> NDArray[np.float32]:
+        """Return a merged bracket's light to look at: grey, or of three colours."""
+        return self.rate if self.colours is None else self.colours
 
     def share(self, state: hdr.PixelState) -> float:
         """Return the share of a merged bracket's pixels in a state."""
@@ -101,7 +117,7 @@ def merge_files(
             source = _aligned(source, motions)
             notes += explain_alignment(motions)
         else:
-            told += explain_motions(motions)
+            told += explain_motions(motions, *([] if source.period == (1, 1) else [_KEEP_STILL]))
     bands = [file_bracket(source, number) for number in range(len(source.frames[0]))]
     factors: hdr.ExposureFactors | None = None
     if refine and len(source.frames) > 1:
@@ -123,11 +139,18 @@ def merge_files(
     full = source.sensor.full_scale
     rate, variance, state = (_join_bands(every) for every in zip(*found, strict=True))
     told += _useless_light(rate, variance, state) + _cut_noise(bands)
+    filters, colours = None, None
+    if source.raw is not None:
+        filters, said, doubts = bracket_filters(source.raw)
+        notes, told = notes + said, told + doubts
+    if filters is not None:
+        report = functools.partial(progress.part(0.8, 0.9).report, message="finding colours")
+        colours = merged_colours(rate[0], variance[0], state[0], filters, report)
     return MergedFiles(
         source, method, rate, variance, state, factors, told,
         [float((frame >= full).mean()) for frame in source.frames],
         hdr.expected_accuracy(bands[0], _told_rates(bands[0]), method),
-        motions=motions, is_aligned=align, notes=tuple(notes),
+        motions=motions, is_aligned=align, notes=tuple(notes), filters=filters, colours=colours,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.files.picture.photograph_writing import encode_srgb, write_float_tiff
+from labapp.files.raw import RawPhotograph
 from labapp.files.writing import draft_of, encode_image, write_atomically
 from labapp.pictures.merging.bracket_motion import describe_motions
 from labapp.pictures.merging.merged_bracket import MergedFiles
@@ -39,8 +40,8 @@ def write_merged(merged: MergedFiles, paths: dict[str, Path]) -> bytes:
     with draft_of(paths["data"]) as draft:
         _write_hdf5(merged, draft)
     with draft_of(paths["light"]) as draft:
-        write_float_tiff(draft, merged.rate)
-    shown = encode_image(paths["picture"], picture_to_look_at(merged.rate)[..., ::-1])
+        write_float_tiff(draft, merged.shown)
+    shown = encode_image(paths["picture"], picture_to_look_at(merged.shown)[..., ::-1])
     write_atomically(paths["picture"], shown)
     return shown
 
@@ -63,7 +64,31 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
         "time_check": None if merged.coded_times is None else _describe_times(merged.coded_times),
         "clipped_share": merged.clipped,
         "states": {state.name: merged.share(state) for state in hdr.PixelState},
+        "raw": None if source.raw is None else _describe_raw(merged, source.raw),
     } | _describe_trust(merged)
+
+
+def _describe_raw(merged: MergedFiles, raw: RawPhotograph) -> dict[str, Any]:
+    """Return what a merged bracket's RAW files say of sensor and colours, as plain data."""
+    filters = merged.filters
+    return (
+        {
+            "camera": " ".join(one for one in (raw.maker, raw.model) if one),
+            "orientation": raw.orientation,
+            "black": raw.black.tolist(),
+            "white": raw.white,
+        }
+        | ({} if raw.pattern is None else {"pattern": "/".join(raw.pattern)})
+        | (
+            {}
+            if filters is None or filters.matrix is None
+            else {
+                "channels": filters.channels,
+                "white_balance": filters.gains.tolist(),
+                "matrix_to_linear_srgb": filters.matrix.tolist(),
+            }
+        )
+    )
 
 
 def _describe_times(found: hdr.CodedTimes) -> dict[str, Any]:
@@ -125,6 +150,8 @@ def _write_hdf5(merged: MergedFiles, path: Path) -> None:
         file["rate"].attrs["unit"] = f"{unit} and pixel"
         file["variance"].attrs["unit"] = f"({unit} and pixel)²; infinite: unknown"
         file["state"].attrs["states"] = json.dumps({one.value: one.name for one in hdr.PixelState})
+        if merged.source.raw is not None:
+            file["rate"].attrs.update(_describe_raw(merged, merged.source.raw))
         file["description"] = json.dumps(describe_merged(merged))
 
 

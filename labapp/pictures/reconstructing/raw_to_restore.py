@@ -136,11 +136,13 @@ def prepare_raw(
             "above. Expose more briefly, or give the level of a full well: --clip LEVEL."
         )
     filters, said = (None, []) if raw.pattern is None else raw_filters(raw, is_grey=is_grey)
-    notes = (_levels(raw, clip, dark), *_turned(raw), *raw.notes, *said)
+    notes = (describe_levels(raw, clip, dark), *describe_turn(raw), *raw.notes, *said)
     return RawToRestore(raw, raw.light(dark)[None], clipped[None], filters, notes)
 
 
-def _levels(raw: RawPhotograph, clip: float | None, dark: float | None) -> str:
+def describe_levels(
+    raw: RawPhotograph, clip: float | None = None, dark: float | None = None
+) -> str:
     """Say what a RAW photograph is, and between which levels its light lies."""
     low, high = float(raw.dark_levels.min()), float(raw.dark_levels.max())
     black = f"{low:g}" if low == high else f"{low:g} to {high:g}"
@@ -154,7 +156,7 @@ def _levels(raw: RawPhotograph, clip: float | None, dark: float | None) -> str:
     return f"{raw.kind}: black {black}, white {raw.white:g}{full}"
 
 
-def _turned(raw: RawPhotograph) -> list[str]:
+def describe_turn(raw: RawPhotograph) -> list[str]:
     """Say how a RAW photograph is to be turned to be upright, if it is."""
     if raw.orientation == 1:
         return []

@@ -241,9 +241,11 @@ class RestorationRequest:
             if getattr(self.choice, name) is not None:
                 raise UserError(f"--{name}: {self.source} is one merged picture. Leave it out.")
         progress.report(0, f"reading {self.source.name}")
-        found = read_merged(self.source)
-        self._require_reference_shape(found.light.shape)
-        psf, told, notes = self._given_psf(found.light, found.clipped, progress)
+        found = read_merged(self.source, is_grey=self.choice.grey)
+        self._require_reference_shape((found.band_count, *found.light.shape[1:]))
+        bands = found.bands(self.noise) if self.psf is None and self.blind else found.light
+        clipped = np.broadcast_to(found.clipped, bands.shape)
+        psf, told, notes = self._given_psf(bands, clipped, progress, found.band_count)
         return RestorationProblem(
             found.light,
             psf,
@@ -256,18 +258,20 @@ class RestorationRequest:
             notes=tuple(notes),
             noise_floor=found.least_noise,
             reference=self.reference,
+            filters=found.filters,
             variance=found.variance,
         )
 
     def _given_psf(
-        self, light: Light, clipped: NDArray[np.bool_], progress: Progress
+        self, light: Light, clipped: NDArray[np.bool_], progress: Progress, bands: int | None = None
     ) -> tuple[Light, str, Sequence[str]]:
         """Return the PSF of a picture to restore, its source in words, and remarks.
 
-        Raises UserError if it is neither given nor to be estimated.
+        bands: of the restored picture, by default those of its light. Raises UserError if the PSF
+        is neither given nor to be estimated.
         """
         if self.psf is not None:
-            psf, notes = read_psf_file(self.psf, len(light), self.choice)
+            psf, notes = read_psf_file(self.psf, bands or len(light), self.choice)
             return psf, str(self.psf), notes
         if self.blind is None:
             raise UserError(

@@ -1,0 +1,189 @@
+"""Read an exposure bracket of RAW files: mosaics of one sensor, with the levels that they state.
+
+Pixels of a cell, rows and columns have levels of darkness of their own. All pixels are raised to
+the highest of them, so that one number means one light, and clips, everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.common.errors import UserError
+from labapp.files.guarded_reading import read_bytes
+from labapp.files.picture.encoding import Encoding
+from labapp.files.picture.exif import Exif
+from labapp.files.raw import RawPhotograph, is_raw, read_raw
+from labapp.pictures.merging.bracket_files import (
+    BracketFiles,
+    Frame,
+    SensorNumbers,
+    build_sensor,
+    equal_times,
+    group_darks,
+    require_times,
+)
+from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
+from labapp.pictures.merging.raw_noise import find_noise
+from labapp.pictures.reconstructing.raw_to_restore import describe_levels, describe_turn
+
+_HIGHEST = 65535
+"""Highest number of a RAW file's pixels."""
+
+_OTHER_WHITE = 0.01
+"""Relative difference from which on white balances of a bracket's files differ. Chosen."""
+
+Numbers = NDArray[np.uint16]
+
+
+class _Facts:
+    """What a bracket's RAW file tells of its exposure, as other pictures tell it."""
+
+    def __init__(self, raw: RawPhotograph) -> None:
+        self.path, told = raw.path, raw.exposure
+        self.exposure = Exif(exposure_time=told.time, f_number=told.f_number, iso=told.iso)
+
+
+def find_raw_files(paths: Sequence[Path]) -> list[RawPhotograph] | None:
+    """Return the RAW photographs of a bracket's files; None if none of them is RAW.
+
+    Raises UserError if only some are.
+    """
+    found: list[RawPhotograph] = []
+    other: list[Path] = []
+    for path in paths:
+        data = b"" if path.suffix.lower() in (".npy", ".npz") else read_bytes(path)
+        if data and is_raw(data, path):
+            found.append(read_raw(path, data))
+        else:
+            other.append(path)
+    if found and other:
+        raise UserError(
+            f"{other[0]}: is a picture and {found[0].path} a RAW file. Give the RAW files of all "
+            "frames, or pictures of all, developed alike."
+        )
+    return found or None
+
+
+def read_raw_bracket(
+    raws: Sequence[RawPhotograph],
+    exposures: Sequence[float] | None,
+    darks: Sequence[Path],
+    sensor_file: Path | None,
+    numbers: SensorNumbers,
+    encoding: Encoding | None,
+) -> BracketFiles:
+    """Return the bracket of RAW files: numbers, darkness, exposure times and noise.
+
+    As `read_bracket_files` otherwise. Noise that isn't told is what the files state, or what the
+    frames show.
+    """
+    if encoding is not None and encoding.name != "linear":
+        raise UserError(
+            f"--encoding {encoding.name}: RAW files are proportional to light. Leave it out."
+        )
+    names = [one.path.name for one in raws]
+    require_times(exposures, len(names), "files")
+    _require_one_sensor(raws)
+    facts = [_Facts(one) for one in raws]
+    if exposures is None:
+        (times, notes), doubts = times_of_files(facts, is_coded=False), []
+    else:
+        times, notes, doubts = list(exposures), [], contradictions(facts, exposures)
+    frames, levels = _raised(raws, numbers.black)
+    means, counts = _darkness(darks, raws, frames, levels)
+    top = float(max(np.max(one) for one in levels))
+    full = numbers.full_scale or math.ceil(_full_scale(raws))
+    told = SensorNumbers(numbers.gain, numbers.read_noise, top, full)
+    noise = find_noise(raws, [one[0] for one in frames], means, times, told, sensor_file)
+    sensor = build_sensor(sensor_file, noise.numbers, 16, frames[0].shape[1:])
+    said = [describe_levels(raws[0], dark=numbers.black), *describe_turn(raws[0])]
+    return BracketFiles(
+        names, frames, times, means, counts, sensor, sensor_source=noise.source,
+        doubts=(*doubts, *equal_times(times), *noise.doubts),
+        notes=(*said, *raws[0].notes, *notes, *_other_white(raws)), may_move=True, raw=raws[0],
+    )  # fmt: skip
+
+
+def _require_one_sensor(raws: Sequence[RawPhotograph]) -> None:
+    """Raise UserError unless a bracket's RAW files are of one sensor, read out alike."""
+    first = raws[0]
+    for one in raws[1:]:
+        for what, own, other in (
+            ("camera", f"{one.maker} {one.model}", f"{first.maker} {first.model}"),
+            ("size", "{} x {}".format(*one.mosaic.shape), "{} x {}".format(*first.mosaic.shape)),
+            ("pattern of filters", _letters(one), _letters(first)),
+            ("white level", f"{one.white:g}", f"{first.white:g}"),
+        ):
+            if own != other:
+                raise UserError(
+                    f"{one.path}: has the {what} {own.strip() or 'unknown'} and {first.path} "
+                    f"{other.strip() or 'unknown'}. Give frames of one camera, with one setting "
+                    "but for the exposure time."
+                )
+
+
+def _letters(raw: RawPhotograph) -> str:
+    return "grey" if raw.pattern is None else "/".join(raw.pattern)
+
+
+def _full_scale(raws: Sequence[RawPhotograph]) -> float:
+    """Return the level from which pixels of a bracket's RAW files are clipped.
+
+    The frame with the highest number tells it: a level that another frame exceeds is none.
+    """
+    return max(raws, key=lambda one: int(one.mosaic.max())).clip_level
+
+
+def _raised(
+    raws: Sequence[RawPhotograph], black: float | None
+) -> tuple[list[Numbers], list[Frame | float]]:
+    """Return the numbers of a bracket's RAW files with one level of darkness, and that level.
+
+    Parts of a number can't be raised: where there are any, the level is one for each pixel. black:
+    takes the place of the files' levels.
+    """
+    if black is not None:
+        return [one.mosaic[None] for one in raws], [black] * len(raws)
+    top = max(float(np.rint(one.dark_levels).max()) for one in raws)
+    frames, levels = [], list[Frame | float]()
+    for one in raws:
+        whole = np.rint(one.dark_levels)
+        rest = one.dark_levels - whole
+        raised = one.mosaic + (top - whole).astype(np.uint32)
+        frames.append(np.minimum(raised, _HIGHEST).astype(np.uint16)[None])
+        levels.append((top + rest).astype(np.float32)[None] if rest.any() else top)
+    return frames, levels
+
+
+def _darkness(
+    paths: Sequence[Path],
+    raws: Sequence[RawPhotograph],
+    frames: Sequence[Numbers],
+    levels: list[Frame | float],
+) -> tuple[list[Frame | float], list[float]]:
+    """Return the darkness of each of a bracket's RAW files, and how many dark frames tell it."""
+    if not paths:
+        return levels, [math.inf] * len(raws)
+    darks = find_raw_files([raws[0].path, *paths])
+    assert darks is not None
+    _require_one_sensor(darks)
+    means, counts = group_darks([one.mosaic[None] for one in darks[1:]], len(raws))
+    # Dark frames are raised as the frames are.
+    raised = (
+        frame - raw.mosaic.astype(np.float32) for frame, raw in zip(frames, raws, strict=True)
+    )
+    return [mean + one for mean, one in zip(means, raised, strict=True)], counts
+
+
+def _other_white(raws: Sequence[RawPhotograph]) -> list[str]:
+    """Say in words if a bracket's RAW files have different white balances."""
+    found = [one.colour.white for one in raws]
+    known = [one / one.max() for one in found if one is not None]
+    if not known or all(np.allclose(one, known[0], rtol=_OTHER_WHITE) for one in known):
+        return []
+    return [f"white balances of the files differ: that of {raws[0].path.name} is taken"]

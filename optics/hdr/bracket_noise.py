@@ -1,0 +1,255 @@
+"""Estimate a sensor's gain and read noise from an exposure bracket itself.
+
+Frames of one scene differ by their exposure times and by noise. The longer of two, scaled to the
+shorter, takes the scene off, and what is left has the variance of both frames: photon transfer
+(Janesick, Photon Transfer, SPIE Press 2007) without evenly lit frames. A pixel of s digital numbers
+above darkness has the variance s / g + σ², with g electrons per digital number.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+from optics.validation import require_unmasked
+
+Array = NDArray[np.float64]
+
+_SIDE = 8
+"""Side in pixels of the blocks in which variances are taken. Chosen: blocks in which something
+moved can be left out, and a block tells its variance to 18 %."""
+
+_BLOCKS = 20_000
+"""Blocks of a pair of frames that are looked at. Chosen: gains are right to some tenths of a
+percent."""
+
+_OPEN = 0.9
+"""Share of the range up to which pixels count, far enough from the clip level. Chosen."""
+
+_BINS, _QUIET = 20, 0.25
+"""Levels of light, and quantile of their blocks' variances, that the fit starts from. Chosen: up to
+half of the blocks may hold what moved."""
+
+_STRAY = 3.5
+"""Standard deviations of a block's variance beyond which it doesn't count. Chosen."""
+
+_PASSES = 8
+"""Passes of the fit; the last ones change the gain by less than 1e-3."""
+
+_FEWEST, _LEAST_SHARE, _SURE = 50, 0.3, 5.0
+"""Blocks, their share of all, and standard deviations of the gain, that an estimate needs. Chosen.
+"""
+
+_ROUNDING = 1 / 12
+"""Variance of rounding to whole numbers, DN²."""
+
+
+@dataclass(frozen=True)
+class BracketNoise:
+    """Noise of a sensor as an exposure bracket shows it.
+
+    gain: electrons per digital number. read_noise: electrons, without that of rounding. Both with
+    standard deviations. blocks: that told it.
+    """
+
+    gain: float
+    read_noise: float
+    gain_deviation: float
+    read_noise_deviation: float
+    blocks: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Blocks of pairs of an exposure bracket's frames, less darkness, DN, (blocks, pixels)."""
+
+    shorter: Array
+    longer: Array
+
+    def ratio(self, kept: NDArray[np.bool_] | None = None) -> float:
+        """Return the light of the shorter frame over that of the longer one."""
+        below = self.longer.sum(1)
+        above = self.shorter.sum(1)
+        if kept is not None and below[kept].sum() > 0:
+            return float(above[kept].sum() / below[kept].sum())
+        bright = below >= max(float(np.median(below)), 1e-9)
+        return float(np.median(above[bright] / below[bright])) if bright.any() else math.nan
+
+
+def estimate_bracket_noise(
+    frames: Sequence[Any],
+    darks: Sequence[Any],
+    times: Sequence[float],
+    full_scale: float,
+    period: tuple[int, int] = (1, 1),
+) -> BracketNoise:
+    """Estimate gain and read noise of the sensor that took an exposure bracket, from its frames.
+
+    Parameters
+    ----------
+    frames : sequence of NDArray
+        (rows, columns) digital numbers, proportional to light above their darkness.
+    darks : sequence of NDArray or float
+        Darkness of each frame, digital numbers.
+    times : sequence of float
+        Exposure times in seconds, which order the frames. Their ratios are measured.
+    full_scale : float
+        Digital number from which pixels are clipped.
+    period : tuple of int, default (1, 1)
+        (rows, columns) after which the sensor's colour filters repeat.
+
+    Returns
+    -------
+    BracketNoise
+
+    Raises
+    ------
+    ValueError
+        If the frames don't tell: there is only one, they are dark or clipped, or more than noise
+        differs between them.
+    """
+    require_unmasked(frames, darks)
+    order = np.argsort(np.asarray(times, dtype=np.float64), kind="stable")
+    pairs = []
+    for one, other in itertools.pairwise(order):
+        found = _read_blocks(
+            (frames[one], frames[other]), (darks[one], darks[other]), full_scale, period
+        )
+        if len(found.longer) >= _FEWEST and found.ratio() > 0:
+            pairs.append(found)
+    if not pairs:
+        raise ValueError("no two frames show the same light without clipping")
+    return _fit(pairs)
+
+
+def _read_blocks(
+    frames: tuple[Any, Any], darks: tuple[Any, Any], full: float, period: tuple[int, int]
+) -> _Blocks:
+    """Read blocks of a bracket's pair of frames in which neither is clipped."""
+    down, along = period
+    share = down * along
+    found: tuple[list[Array], list[Array]] = ([], [])
+    for y, x in itertools.product(range(down), range(along)):
+        both = []
+        for frame, dark in zip(frames, darks, strict=True):
+            level = dark[y::down, x::along] if np.ndim(dark) else dark
+            both.append((frame[y::down, x::along], level))
+        rows, columns = (n // _SIDE for n in both[0][0].shape)
+        every = max(1, math.ceil(rows * columns * share / _BLOCKS))
+        parts = []
+        for numbers, level in both:
+            cut = [
+                _cut(one, rows, columns, every) if np.ndim(one) else one for one in (numbers, level)
+            ]
+            parts.append((cut[0] - cut[1], cut[0], cut[1]))
+        limit = [level + _OPEN * (full - level) for _, _, level in parts]
+        is_open = np.logical_and(
+            *(np.all(one[1] < top, axis=1) for one, top in zip(parts, limit, strict=True))
+        )
+        for kept, part in zip(found, parts, strict=True):
+            kept.append(part[0][is_open])
+    shorter, longer = (np.concatenate(one) for one in found)
+    return _Blocks(shorter, longer)
+
+
+def _cut(plane: NDArray[Any], rows: int, columns: int, every: int) -> Array:
+    """Return some blocks of a plane of a bracket's frame, (blocks, pixels), evenly over it."""
+    blocks = plane[: rows * _SIDE, : columns * _SIDE].reshape(rows, _SIDE, columns, _SIDE)
+    row, column = (n.ravel()[::every] for n in np.mgrid[:rows, :columns])
+    return blocks[row, :, column].reshape(len(row), -1).astype(np.float64)
+
+
+def _fit(pairs: Sequence[_Blocks]) -> BracketNoise:
+    """Fit gain and read noise to the variance that a bracket's pairs of frames leave."""
+    ratios, kept = [one.ratio() for one in pairs], None
+    law = np.zeros(2)
+    for number in range(_PASSES):
+        light, floor, variance = _points(pairs, ratios)
+        if number == 0:
+            law = _start(light, floor, variance)
+        expected = np.maximum(law[0] * light, 0) + law[1] * floor
+        kept = _is_regular(pairs, ratios, law)
+        law = _weighted_fit(light, floor, variance, expected, kept)
+        ends = np.cumsum([len(one.longer) for one in pairs])
+        parts = np.split(kept, ends[:-1])
+        ratios = [
+            one.ratio(part) if part.sum() >= _FEWEST else ratio
+            for one, part, ratio in zip(pairs, parts, ratios, strict=True)
+        ]
+    assert kept is not None
+    return _judged(light[kept], floor[kept], expected[kept], law, float(kept.mean()))
+
+
+def _points(pairs: Sequence[_Blocks], ratios: Sequence[float]) -> tuple[Array, Array, Array]:
+    """Return what multiplies 1 / g and σ² in each block of a bracket, and the block's variance."""
+    light, floor, variance = [], [], []
+    for one, ratio in zip(pairs, ratios, strict=True):
+        light.append(ratio * (1 + ratio) * one.longer.mean(1))
+        floor.append(np.full(len(one.longer), 1 + ratio**2))
+        variance.append(np.var(one.shorter - ratio * one.longer, axis=1, ddof=1))
+    return np.concatenate(light), np.concatenate(floor), np.concatenate(variance)
+
+
+def _start(light: Array, floor: Array, variance: Array) -> Array:
+    """Return 1 / g and σ² of a bracket by the quiet blocks at each level of light."""
+    freedom = _SIDE**2 - 1
+    quiet = float(stats.chi2.ppf(_QUIET, freedom)) / freedom
+    groups = np.array_split(np.argsort(light), _BINS)
+    level = np.array([[light[one].mean(), floor[one].mean()] for one in groups])
+    seen = np.array([np.quantile(variance[one], _QUIET) / quiet for one in groups])
+    weight = 1 / np.maximum(seen, 1e-12)
+    law: Array = optimize.nnls(np.maximum(level, 0) * weight[:, None], seen * weight)[0]
+    return law
+
+
+def _is_regular(pairs: Sequence[_Blocks], ratios: Sequence[float], law: Array) -> NDArray[np.bool_]:
+    """Return in which blocks of a bracket nothing but noise differs, by the law of the noise."""
+    found = []
+    for one, ratio in zip(pairs, ratios, strict=True):
+        light = ratio * (1 + ratio) * np.maximum(one.longer, 0)
+        expected = np.maximum(law[0] * light + law[1] * (1 + ratio**2), 1e-12)
+        left = one.shorter - ratio * one.longer
+        left -= left.mean(1, keepdims=True)
+        found.append((left**2 / expected).mean(1))
+    shown = np.concatenate(found)
+    middle = float(np.median(shown))
+    limit = _STRAY * math.sqrt(2 / (_SIDE**2 - 1))
+    return np.asarray(np.abs(shown - middle) <= limit * middle)
+
+
+def _weighted_fit(
+    light: Array, floor: Array, variance: Array, expected: Array, kept: NDArray[np.bool_]
+) -> Array:
+    """Return 1 / g and σ² of a bracket by least squares with weights, neither below 0."""
+    weight = 1 / np.maximum(expected[kept], 1e-12)
+    design = np.stack([light[kept], floor[kept]], axis=1) * weight[:, None]
+    law: Array = optimize.nnls(design, variance[kept] * weight)[0]
+    return law
+
+
+def _judged(light: Array, floor: Array, expected: Array, law: Array, share: float) -> BracketNoise:
+    """Return a bracket's noise with its deviations; ValueError if the frames don't tell it."""
+    if len(light) < _FEWEST or share < _LEAST_SHARE:
+        raise ValueError("more than noise differs between the frames")
+    weight = 1 / np.maximum(expected, 1e-12)
+    design = np.stack([light, floor], axis=1) * weight[:, None]
+    spread = np.sqrt(2 / (_SIDE**2 - 1) * np.diag(np.linalg.pinv(design.T @ design)))
+    if not law[0] > _SURE * spread[0]:
+        raise ValueError(
+            "the frames don't tell photons' noise from the readout's: they are too small, or of "
+            "too even a light"
+        )
+    gain = 1 / float(law[0])
+    noise = math.sqrt(max(float(law[1]) - _ROUNDING, 0.0))
+    # Where hardly any is seen, its square is uncertain, and not its own slope.
+    uncertain = math.sqrt(noise**2 + float(spread[1])) - noise
+    return BracketNoise(
+        gain, gain * noise, gain**2 * float(spread[0]), gain * uncertain, len(light)
+    )
