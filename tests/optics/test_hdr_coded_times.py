@@ -105,8 +105,9 @@ def test_the_frame_that_moved_is_found_among_those_that_stand_still():
 
 
 def test_what_moved_within_the_picture_is_left_out():
-    scene = light()
-    every = frames(TIMES)
+    rise = np.linspace(-0.9, 1.1, SHAPE[0])[:, None]
+    scene = 10 ** (rise + 0.2 * np.sin(np.arange(SHAPE[1]) / 9))
+    every = frames(TIMES, scene=scene)
     moved = scene.copy()
     moved[40:70, 50:90] = 6.0
     every[1] = frames(TIMES, scene=moved)[1]
@@ -118,7 +119,8 @@ def test_what_moved_within_the_picture_is_left_out():
     assert (state[~differs] == MOVED).mean() < 0.02
     still = ~differs & (state == 0)
     unit = np.median((rate / scene)[still])
-    assert np.median(np.abs(np.log(rate / scene / unit))[differs]) < 0.05
+    # The curve itself is known to some percent.
+    assert np.median(np.abs(np.log(rate / scene / unit))[differs]) < 0.06
 
 
 def test_pixels_that_a_frame_does_not_show_are_told_by_the_others():
