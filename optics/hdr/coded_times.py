@@ -116,7 +116,7 @@ class CodedTimes:
 
 
 def check_coded_times(
-    frames: Sequence[Sequence[NDArray[Any]]],
+    frames: Sequence[Sequence[NDArray[Any]] | NDArray[Any]],
     exposures: ArrayLike,
     motions: Sequence[RigidMotion] | None = None,
 ) -> CodedTimes:
@@ -150,7 +150,9 @@ def check_coded_times(
     return found
 
 
-def _pairs(frames: Sequence[Sequence[NDArray[Any]]], motions: Sequence[RigidMotion]) -> Array:
+def _pairs(
+    frames: Sequence[Sequence[NDArray[Any]] | NDArray[Any]], motions: Sequence[RigidMotion]
+) -> Array:
     """Return pairs of an 8-bit bracket's numbers: frames, band, numbers, deviation, (6, pairs)."""
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
     found = []
@@ -241,7 +243,9 @@ class _Fit:
         """Return misfit, unknowns and their covariance of the 8-bit curves and some factors."""
         design, few = self._design[:, columns], np.ix_(columns, columns)
         matrix = (design.T * self._weight) @ design + self._penalty[few]
-        covariance = np.linalg.pinv(matrix, rcond=1e-12, hermitian=True)
+        covariance: Array = np.asarray(
+            np.linalg.pinv(matrix, rcond=1e-12, hermitian=True), dtype=np.float64
+        )
         found = covariance @ ((design.T * self._weight) @ self._wanted)
         left = self._wanted - design @ found
         misfit = self._weight @ left**2 + found @ self._penalty[few] @ found

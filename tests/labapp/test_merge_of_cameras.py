@@ -15,10 +15,15 @@ from labapp.pictures.merging.exposure_words import parse_exposures
 TIMES = (0.01, 0.03, 0.09, 0.27)
 
 
-def scene(shape=(120, 160)):
-    rng = np.random.default_rng(1)
-    patches = np.kron(rng.uniform(-0.6, 1.1, (16, 20)), np.ones((8, 8)))[: shape[0], : shape[1]]
-    return 10 ** ((patches + np.roll(patches, 1, 0) + np.roll(patches, 1, 1)) / 3)
+def scene():
+    """A rise of two decades, and waves in all directions, which tell a shift."""
+    rows, columns = np.indices((120, 160))
+    rng, light = np.random.default_rng(1), np.linspace(-0.9, 1.1, 120)[:, None] * np.ones((1, 160))
+    for _ in range(12):
+        way, period = rng.uniform(0, np.pi), rng.uniform(9, 30)
+        place = rows * np.sin(way) + columns * np.cos(way)
+        light = light + 0.06 * np.sin(2 * np.pi * place / period + rng.uniform(0, 6.3))
+    return 10**light
 
 
 def write_pictures(folder, change=lambda light, number: light):
@@ -61,7 +66,7 @@ def test_the_time_that_is_not_understood_is_named(text, words):
 def told(*exposures):
     return [
         SimpleNamespace(path=SimpleNamespace(name=f"{k}.jpg"), exposure=SimpleNamespace(
-            time=time, f_number=number, iso=iso))
+            exposure_time=time, f_number=number, iso=iso))
         for k, (time, number, iso) in enumerate(exposures)
     ]  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,19 +26,23 @@ Mask = NDArray[np.bool_]
 
 def bracket_motions(source: BracketFiles) -> hdr.FrameMotions:
     """Return how the frames of a bracket of files moved."""
-    levels, clipped = [], []
+    return hdr.find_motions(_levels(source), math.lcm(*source.period))
+
+
+def _levels(source: BracketFiles) -> Iterator[tuple[list[NDArray[Any]], list[Mask]]]:
+    """Yield bands of like noise of each frame of a bracket, and where they are clipped."""
+    full = source.sensor.full_scale
     for frame, dark in zip(source.frames, source.darks, strict=True):
         if source.is_coded:
-            levels.append([np.asarray(band, np.float32) for band in frame])
-            clipped.append([band > hdr.HIGHEST for band in frame])
+            yield list(frame), [band > hdr.HIGHEST for band in frame]
             continue
-        full = source.sensor.full_scale
-        room = np.maximum(np.float32(full) - np.asarray(dark, np.float32), 1)
-        # The square root of light has like noise everywhere (Anscombe).
-        share = np.clip((frame - np.asarray(dark, np.float32)) / room, 0, 1)
-        levels.append(list(255 * np.sqrt(share, dtype=np.float32)))
-        clipped.append([band >= _ALMOST_FULL * full for band in frame])
-    return hdr.find_motions(levels, clipped, math.lcm(*source.period))
+        bands = []
+        for number, band in enumerate(frame):
+            level = np.asarray(dark[number] if isinstance(dark, np.ndarray) else dark, np.float32)
+            share = (band - level) / np.maximum(np.float32(full) - level, 1)
+            # The square root of light has like noise everywhere (Anscombe).
+            bands.append(255 * np.sqrt(np.clip(share, 0, 1)))
+        yield bands, [band >= _ALMOST_FULL * full for band in frame]
 
 
 def explain_motions(motions: hdr.FrameMotions, remedy: str = _REGISTER) -> list[str]:

@@ -70,11 +70,10 @@ def merge_coded_bands(
         aligned, outside = align_band(frames, motions, clipped, _FULL, 0)
         aligned = [one.astype(np.float32) for one in aligned]
         curves.append(_curve(source, aligned, times))
-        if not align:
-            aligned, outside = frames, None
         part = progress.part(0.1 + 0.8 * number / count, 0.1 + 0.8 * (number + 1) / count)
         report = functools.partial(part.report, message="merging")
-        found.append(hdr.merge_by_response(aligned, times, curves[-1], report, outside))
+        shown, absent = (aligned, outside) if align else (frames, None)
+        found.append(hdr.merge_by_response(shown, times, curves[-1], report, absent))
     if align or not motions.moved:
         told += _explain_ghosts([one.state.numpy() for one in found])
     return CodedMerge(found, tuple(curves), checked, motions, told)
