@@ -70,11 +70,12 @@ class Photograph:
             light = self.levels.astype(np.float32)
         if self.levels.dtype.kind == "f":
             limits = np.finfo(np.float32)
+            least, most = float(limits.tiny), float(limits.max)
             brightest = float(np.abs(self.levels[np.isfinite(self.levels)]).max())
-            if brightest > limits.max or 0 < brightest < limits.tiny:
+            if brightest > most or 0 < brightest < least:
                 raise UserError(
                     f"{self.path}: its largest value is {brightest:.3g}, and single precision "
-                    f"holds {limits.tiny:.2g} to {limits.max:.2g}. Give its light in another unit."
+                    f"holds {least:.2g} to {most:.2g}. Give its light in another unit."
                 )
         return light
 
