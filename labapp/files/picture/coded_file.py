@@ -89,6 +89,7 @@ _DECODERS: dict[str, Callable[[bytes], Samples]] = {
     "JPEG XR": imagecodecs.jpegxr_decode,
     "JPEG-LS": imagecodecs.jpegls_decode,
     "QOI": imagecodecs.qoi_decode,
+    "Sun raster": _decode_by_opencv,
 }
 """What decodes each format to (rows, columns[, samples]), red first."""
 
