@@ -43,7 +43,6 @@ def test_what_moves_in_a_part_of_the_frames_is_left_out(scene):
     for number in (1, 3):
         every[number][:100] = other[number][:100]
     found = hdr.estimate_bracket_noise(every, [64.0] * 4, TIMES, 4095)
-    # Without that, the gain would be less than a tenth: the difference is the scene's.
     assert found.gain == pytest.approx(1.5, rel=0.1)
     assert found.read_noise == pytest.approx(4, rel=0.1)
     assert found.share < 0.8
