@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter
 
+from labapp.common.drawing_mark import DRAWING
 from labapp.common.plain_text import printable
 
 
@@ -16,7 +17,7 @@ def figure_to_png(figure: Figure) -> bytes:
     """Encode a figure as the bytes of a PNG file, for all packages of labapp."""
     show_plain_text(figure)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=figure.dpi)
+    figure.savefig(buffer, format="png", dpi=figure.dpi, metadata={"Description": DRAWING})
     return buffer.getvalue()
 
 

@@ -18,6 +18,7 @@ from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.files.bench_file import read_camera
 from labapp.files.grey_table import read_grey_pattern
+from labapp.files.picture.stated_encoding import mark_drawing
 from labapp.files.writing import encode_image, write_atomically
 from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Account, Budget, MachineSpeed, account_as_dict
@@ -220,7 +221,8 @@ def _write(path: Path, psf: NDArray[Any]) -> None:
     """
     ending = path.suffix.lower()
     if ending == ".png":
-        psf = _log_picture(psf)
+        write_atomically(path, mark_drawing(encode_image(path, _log_picture(psf))))
+        return
     write_atomically(path, encode_image(path, psf.astype(np.float32) if ending == ".tiff" else psf))
 
 

@@ -130,8 +130,10 @@ def _pyramid(
 ) -> list[_Level]:
     """Return pictures to register, and each halved until it is small, the finest first."""
     level = _Level(
-        *(np.stack([np.asarray(band, np.float32) for band in one]) for one in (fixed, moving)),
-        *(np.stack(list(one)) for one in (fixed_valid, moving_valid)),
+        np.stack([np.asarray(band, np.float32) for band in fixed]),
+        np.stack([np.asarray(band, np.float32) for band in moving]),
+        np.stack(list(fixed_valid)),
+        np.stack(list(moving_valid)),
     )
     found = [level]
     while min(level.fixed.shape[1:]) >= 2 * _COARSEST:
@@ -162,9 +164,9 @@ def _register_level(
     ]
     motion, deviation = start, math.inf
     for _ in range(_STEPS):
-        systems = [one.system(motion) for one in parts]
-        matrix, wanted = (np.sum([one[k] for one in systems], axis=0) for k in (0, 1))
-        if sum(one[2] for one in systems) < _LEAST_POINTS or np.linalg.cond(matrix) > 1e12:
+        matrices, vectors, counts, noises = zip(*(one.system(motion) for one in parts), strict=True)
+        matrix, wanted = np.sum(matrices, axis=0), np.sum(vectors, axis=0)
+        if sum(counts) < _LEAST_POINTS or np.linalg.cond(matrix) > 1e12:
             return Registration(start, math.inf)
         step = np.linalg.solve(matrix, wanted)
         before = motion
@@ -173,7 +175,7 @@ def _register_level(
             motion.down + float(step[1]),
             motion.right + float(step[2]),
         )
-        deviation = _deviation(matrix - np.sum([one[3] for one in systems], axis=0))
+        deviation = _deviation(matrix - np.sum(noises, axis=0))
         if motion.corner_distance(before, shape) < _STILL * 2**number:
             break
     return Registration(motion if math.isfinite(deviation) else start, deviation)
@@ -207,7 +209,7 @@ class _BandPoints:
         slopes = np.array([_slope(smooth, axis) for axis in (0, 1)])
         at = _steepest(np.hypot(*slopes), valid)
         self._at = np.array(at, dtype=np.float64)
-        self._fixed, self._slopes = smooth[at], slopes[(slice(None), *at)] / self._scale
+        self._fixed, self._slopes = smooth[at], np.array([one[at] for one in slopes]) / self._scale
         blurred = ndimage.gaussian_filter(moving, _BLUR, mode="nearest")
         self._moving = ndimage.spline_filter(blurred, 3, np.float32, mode="mirror")
         self._valid = ndimage.binary_erosion(moving_valid, reach)
@@ -265,10 +267,10 @@ def _slope(picture: Picture, axis: int) -> Picture:
     return np.asarray(ndimage.correlate1d(along, [3 / 16, 10 / 16, 3 / 16], 1 - axis))
 
 
-def _steepest(slope: Picture, valid: Mask) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _steepest(slope: Picture, valid: Mask) -> tuple[NDArray[np.intp], ...]:
     """Return rows and columns of the steepest valid pixels of each region to register."""
     if valid.sum() <= _POINTS:
-        return np.nonzero(valid)
+        return tuple(np.nonzero(valid))
     chosen = np.zeros_like(valid)
     edges = [np.linspace(0, n, _REGIONS + 1).astype(int) for n in valid.shape]
     each = _POINTS // _REGIONS**2
@@ -280,4 +282,4 @@ def _steepest(slope: Picture, valid: Mask) -> tuple[NDArray[np.intp], NDArray[np
             flags = np.zeros(found.size, dtype=bool)
             flags[few] = found[few] >= 0
             chosen[part] = flags.reshape(chosen[part].shape)
-    return np.nonzero(chosen)
+    return tuple(np.nonzero(chosen))

@@ -175,16 +175,15 @@ def restored_image(
 def _residual_within_bounds(step: PictureStep, picture: torch.Tensor, upper: float) -> float | None:
     """Return the rms residual of a deconvolved picture after its frame is cut to its bounds.
 
-    The scene around the frame stays as it explains the photograph. None if there is nothing to cut.
+    The scene around the frame stays as it explains the photograph, or is made dark where it is
+    known to be. None if there is nothing to cut.
     """
-    frame = step.observation.crop_to_picture(picture)
-    cut = frame.clamp(min=0, max=upper)
-    if torch.equal(cut, frame):
-        return None
-    offset = step.observation.offset
-    shown = picture.roll([-one for one in offset], (-2, -1))
-    step.observation.crop_to_frame(shown).copy_(cut)
-    return step.residual_of(shown.roll(offset, (-2, -1))) ** 0.5
+    seen, offset = step.observation, step.observation.offset
+    shown = picture if seen.support is None else picture * seen.support
+    shown = shown.roll([-one for one in offset], (-2, -1))
+    seen.crop_to_frame(shown).clamp_(min=0, max=upper)
+    shown = shown.roll(offset, (-2, -1))
+    return None if torch.equal(shown, picture) else step.residual_of(shown) ** 0.5
 
 
 def damped_weight(

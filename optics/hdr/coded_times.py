@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.interpolate import BSpline
 
 from optics.alignment import RigidMotion
 from optics.hdr.level_pairs import compare_levels, frame_patches
-from optics.hdr.nominal_times import is_rounding
+from optics.hdr.nominal_times import shutter_time
 
 Array = NDArray[np.float64]
 
@@ -116,7 +116,7 @@ class CodedTimes:
 
 
 def check_coded_times(
-    frames: Sequence[Sequence[NDArray[Any]]],
+    frames: Sequence[Sequence[NDArray[Any]] | NDArray[Any]],
     exposures: ArrayLike,
     motions: Sequence[RigidMotion] | None = None,
 ) -> CodedTimes:
@@ -134,16 +134,25 @@ def check_coded_times(
     Returns
     -------
     CodedTimes
-        Without suspects for fewer than three frames that share numbers, which tell nothing.
+        Without suspects for fewer than three frames that share numbers, which tell nothing, and if
+        the times are but those of cameras, rounded: 1/60 s for 1/64 s.
     """
     times = np.asarray(exposures, dtype=np.float64)
     pairs = _pairs(frames, motions or [RigidMotion()] * len(frames))
     if len(times) < 3 or not pairs.size:
         return CodedTimes(times, np.ones(len(times)), np.full(len(times), math.inf))
-    return _Fit(pairs, np.log(times)).checked()
+    found = _Fit(pairs, np.log(times)).checked()
+    meant = np.array([shutter_time(one) for one in times])
+    if found.suspects and (meant != times).any():
+        as_meant = _Fit(pairs, np.log(meant)).checked()
+        if not as_meant.suspects:
+            return replace(found, suspects=())
+    return found
 
 
-def _pairs(frames: Sequence[Sequence[NDArray[Any]]], motions: Sequence[RigidMotion]) -> Array:
+def _pairs(
+    frames: Sequence[Sequence[NDArray[Any]] | NDArray[Any]], motions: Sequence[RigidMotion]
+) -> Array:
     """Return pairs of an 8-bit bracket's numbers: frames, band, numbers, deviation, (6, pairs)."""
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
     found = []
@@ -234,7 +243,9 @@ class _Fit:
         """Return misfit, unknowns and their covariance of the 8-bit curves and some factors."""
         design, few = self._design[:, columns], np.ix_(columns, columns)
         matrix = (design.T * self._weight) @ design + self._penalty[few]
-        covariance = np.linalg.pinv(matrix, rcond=1e-12, hermitian=True)
+        covariance: Array = np.asarray(
+            np.linalg.pinv(matrix, rcond=1e-12, hermitian=True), dtype=np.float64
+        )
         found = covariance @ ((design.T * self._weight) @ self._wanted)
         left = self._wanted - design @ found
         misfit = self._weight @ left**2 + found @ self._penalty[few] @ found
@@ -255,21 +266,18 @@ class _Fit:
         best = int(np.argmax(gains))
         gained = math.sqrt(max(gains[best], 0.0) / self._weight.sum())
         if gains[best] > _GAIN * misfit and gained > _GAINED:
-            suspects = _suspects(np.exp(self._told), gains, logs, deviations)
+            suspects = _suspects(gains, logs, deviations)
         return CodedTimes(np.exp(self._told), np.exp(logs), deviations, suspects)
 
 
-def _suspects(times: Array, gains: Array, logs: Array, deviations: Array) -> tuple[int, ...]:
+def _suspects(gains: Array, logs: Array, deviations: Array) -> tuple[int, ...]:
     """Return 8-bit frames one of which has a wrong time, by what each alone would explain."""
     best = int(np.argmax(gains))
     known = (deviations < _KNOWN) & (np.abs(logs) > _SURE * deviations)
     likely = known & (gains > (1 - _LIKELY) * gains[best]) & (np.abs(logs) > _LEAST_CHANGE)
     if not known[best] or not likely.any() or np.abs(logs[likely]).max() < _NOTABLE:
         return ()
-    few = np.flatnonzero(likely)
-    if any(is_rounding(times[one], math.exp(logs[one])) for one in few):
-        return ()
-    return tuple(few.tolist())
+    return tuple(np.flatnonzero(likely).tolist())
 
 
 def _basis(numbers: Array) -> Array:

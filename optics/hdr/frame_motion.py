@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from optics.alignment import Registration, RigidMotion, register_pictures
 
-Levels = NDArray[Any]
+Levels = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _NOTABLE, _SURE = 0.5, 5.0
@@ -29,7 +29,7 @@ Chosen: half a pixel is what sampling allows by itself."""
 _LEAST = 0.05
 """Distance at the corners in pixels from which on aligning a frame gains. Chosen."""
 
-_MOST = 3_000_000
+_MOST = 1_500_000
 """Pixels of a frame that are compared: larger ones are averaged down. Chosen: their corners are
 still known to .1 pixel."""
 
@@ -67,19 +67,26 @@ class FrameMotions:
         pairs = enumerate(zip(self.distances, self.deviations, strict=True))
         return [k for k, (far, deviation) in pairs if far > max(_LEAST, _SURE * deviation)]
 
+    @property
+    def lost(self) -> list[int]:
+        """Return the indices of frames whose motion isn't known where most of the others moved."""
+        unknown = [k for k, one in enumerate(self.deviations) if math.isinf(one)]
+        others = len(self.motions) - len(unknown) - 1
+        return unknown if 2 * len(self.moved) > others > 0 else []
+
 
 def find_motions(
-    frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]], period: int = 1
+    frames: Iterable[tuple[Sequence[NDArray[Any]], Sequence[Mask]]],
+    period: int = 1,
 ) -> FrameMotions:
     """Find how the frames of an exposure bracket moved against each other.
 
     Parameters
     ----------
-    frames : sequence of sequence of NDArray
+    frames : iterable of (bands, clipped)
         Bands of each frame, (rows, columns), from 0 to 255, of like noise everywhere: numbers of
-        8-bit pictures, or the square root of light.
-    clipped : sequence of sequence of NDArray of bool
-        Where they are clipped.
+        8-bit pictures, or the square root of light; and where they are clipped. Large ones are
+        averaged down as they come, so that an iterator needs little memory.
     period : int, default 1
         Pixels after which the sensor's colour filters repeat, along both axes: so many are
         averaged, since filters stay where they are, whatever moves.
@@ -88,15 +95,21 @@ def find_motions(
     -------
     FrameMotions
     """
+    levels, clipped, shape, side = [], [], (0, 0), 1
+    for bands, masks in frames:
+        shape = (int(bands[0].shape[0]), int(bands[0].shape[1]))
+        side = period * math.ceil(math.sqrt(math.prod(shape) / _MOST) / period)
+        levels.append([_averaged(band, side) for band in bands])
+        clipped.append([_averaged(mask, side) > 0 for mask in masks])
+    found = _find_motions(levels, clipped)
+    return found if side == 1 else _enlarged(found, side, shape)
+
+
+def _find_motions(
+    frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]]
+) -> FrameMotions:
+    """Return how frames of a bracket moved, by neighbours in brightness."""
     shape = (int(frames[0][0].shape[0]), int(frames[0][0].shape[1]))
-    side = period * math.ceil(math.sqrt(math.prod(shape) / _MOST) / period)
-    if side > 1:
-        small = find_motions(
-            [[_averaged(band, side) for band in one] for one in frames],
-            [[_averaged(band, side) > 0 for band in one] for one in clipped],
-        )
-        return _enlarged(small, side, shape)
-    frames = [[np.asarray(band, np.float32) for band in one] for one in frames]
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
     motions, deviations = [RigidMotion()], [0.0]
     for darker, brighter in itertools.pairwise(order):
@@ -108,6 +121,8 @@ def find_motions(
 
 def _averaged(band: NDArray[Any], side: int) -> NDArray[np.float32]:
     """Return a band of a bracket's frame with the means of side x side pixels."""
+    if side == 1:
+        return band.astype(np.float32)
     rows, columns = (n // side for n in band.shape)
     parts = band[: rows * side, : columns * side].reshape(rows, side, columns, side)
     return np.asarray(parts.mean(axis=(1, 3), dtype=np.float32))
@@ -134,10 +149,14 @@ def _register_pair(
     """Return how the brighter frame of a bracket moved against the darker one."""
     # Numbers of 0 are clipped, too, or those of a border that was filled.
     valid = [~one & (levels > 0) for one, levels in zip(brighter_clipped, brighter, strict=True)]
-    brought = [
-        _with_histogram_of(bright, dark) for bright, dark in zip(brighter, darker, strict=True)
-    ]
-    found = register_pictures(brought, list(darker), valid, [~one for one in darker_clipped])
+    fixed, moving = [], []
+    for bright, dark, mask in zip(brighter, darker, valid, strict=True):
+        brought = _with_histogram_of(bright, dark)
+        # What is clipped in the brighter frame is so in both.
+        top = brought[mask].max(initial=0)
+        fixed.append(np.minimum(brought, top))
+        moving.append(np.minimum(dark, top))
+    found = register_pictures(fixed, moving, valid, [~one for one in darker_clipped])
     return Registration(found.motion.inverse(), found.deviation)
 
 

@@ -8,6 +8,7 @@ compression and what moves.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ Array = NDArray[np.float64]
 
 _SIDE = 4
 """Side of a patch in pixels. Chosen: its mean has a fourth of the noise, and few have edges."""
+
+_PATCHES = 100_000
+"""Patches of a frame, at most, evenly over it. Chosen."""
 
 _BORDER = 8
 """Pixels at the border in which no patch lies. Chosen: scans have rims."""
@@ -64,8 +68,9 @@ def frame_patches(numbers: NDArray[Any], motion: RigidMotion) -> Patches:
     numbers: (rows, columns). motion: of the frame.
     """
     middle = (np.array(numbers.shape)[:, None] - 1) / 2
+    step = max(_SIDE, round(math.sqrt(numbers.size / _PATCHES)))
     inside = [
-        np.arange(_BORDER, max(n - _BORDER - _SIDE, _BORDER + 1), _SIDE) for n in numbers.shape
+        np.arange(_BORDER, max(n - _BORDER - _SIDE, _BORDER + 1), step) for n in numbers.shape
     ]
     corner = np.array([one.ravel() for one in np.meshgrid(*inside, indexing="ij")])
     half = (_SIDE - 1) / 2

@@ -26,10 +26,6 @@ _SAME = 0.006
 """Relative difference up to which a time is a customary one. Chosen: .017 s is 1/60 s to 2 %, and
 isn't taken for it; .0167 s is."""
 
-_FOUND = 0.03
-"""Logarithm by which a measured factor may differ from that of the rounding. Chosen: three times
-what measuring errs."""
-
 
 def is_nominal(time: float) -> bool:
     """Return whether an exposure time in seconds is one of the customary numbers."""
@@ -44,9 +40,3 @@ def shutter_time(time: float) -> float:
     if not is_nominal(time):
         return time
     return float(2.0 ** (round(_STEPS_PER_STOP * math.log2(time)) / _STEPS_PER_STOP))
-
-
-def is_rounding(time: float, factor: float) -> bool:
-    """Return whether a measured factor of an exposure time is but the rounding of the latter."""
-    meant = shutter_time(time)
-    return meant != time and abs(math.log(factor * time / meant)) < _FOUND

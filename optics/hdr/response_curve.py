@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -52,6 +53,9 @@ _BEYOND = 10.0
 
 _BINS = 20
 """Ranges of slope in which the scatter of numbers is measured. Chosen."""
+
+_MOVED = 8.0
+"""Robust deviations of a misfit beyond which something moved in a pixel. Chosen."""
 
 _LEAST_SPAN = 20
 """Range of numbers from which on a curve can be told. Chosen."""
@@ -95,7 +99,9 @@ class ResponseCurve:
         return np.interp(logs, self.logs, levels), np.interp(logs, self.logs, slope)
 
 
-def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> ResponseCurve:
+def fit_response(
+    frames: Sequence[NDArray[Any]] | NDArray[Any], exposures: ArrayLike
+) -> ResponseCurve:
     """Recover the response curve of an exposure bracket of 8-bit pictures.
 
     Parameters
@@ -135,6 +141,8 @@ def fit_response(frames: Sequence[Numbers] | Numbers, exposures: ArrayLike) -> R
     curve = ResponseCurve(np.linspace(-2.0, 2.0, _LEVELS), *_FIRST_NOISE)
     for _ in range(_PASSES):
         curve = _fit(numbers, used, times, curve)
+        still = ~_contradicts(numbers, used, times, curve)
+        numbers, used = numbers[:, still], used[:, still]
     return _with_noise(numbers, used, times, curve)
 
 
@@ -147,7 +155,7 @@ def _missing_exposures(numbers: NDArray[np.intp]) -> str:
     return "exposures between them"
 
 
-def _sample(frames: Sequence[Numbers] | Numbers) -> NDArray[np.intp]:
+def _sample(frames: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[np.intp]:
     """Return the numbers of some of an 8-bit bracket's pixels, (frames, pixels)."""
     require_unmasked(frames)
     shape = np.shape(frames[0])
@@ -183,6 +191,21 @@ def _fit(
     free = np.linalg.solve(matrix, wanted)
     logs = _rising(free, middle)
     return ResponseCurve(logs - logs[middle], before.number_noise, before.light_noise)
+
+
+def _contradicts(
+    numbers: NDArray[np.intp], used: NDArray[np.bool_], times: Array, curve: ResponseCurve
+) -> NDArray[np.bool_]:
+    """Return pixels, (pixels,), in which frames contradict a response curve: something moved."""
+    slope = np.gradient(curve.logs)
+    level_weight = 1 / ((curve.number_noise * slope) ** 2 + curve.light_noise**2)
+    weight = level_weight[numbers] * used
+    whole = np.maximum(weight.sum(axis=0), 1e-12)
+    said = curve.logs[numbers] - times[:, None]
+    left = np.where(used, said - (weight * said).sum(axis=0) / whole, 0)
+    misfit = (weight * left**2).sum(axis=0)
+    counted = misfit[used.sum(axis=0) > 1]
+    return misfit > _MOVED**2 * (np.median(counted) if counted.size else np.inf)
 
 
 def _smoothness(times: Array) -> float:
@@ -233,10 +256,17 @@ def _with_noise(
     edges = np.quantile(flatness, np.linspace(0, 1, _BINS + 1)[1:-1])
     group = np.searchsorted(edges, flatness, side="right")
     bins = np.unique(group)
-    square = [np.mean(every[group == one] ** 2) for one in bins]
+    square = [_still_square(every[group == one]) for one in bins]
     mean = [np.median(flatness[group == one]) for one in bins]
     # The square is that of the number's noise times the flatness, and twice that of the light.
     relative = 1 / np.maximum(square, 1e-9)
     design = np.stack([np.array(mean) * relative, 2 * relative], axis=1)
     (own, light), _ = scipy.optimize.nnls(design, np.array(square) * relative)
     return ResponseCurve(curve.logs, max(own, 1 / 12) ** 0.5, max(light, 1e-6) ** 0.5)
+
+
+def _still_square(away: Array) -> float:
+    """Return the mean square of a response curve's misfits without those of what moved."""
+    spread = 1.4826 * float(np.median(np.abs(away)))
+    still = np.abs(away) <= max(_MOVED * spread, float(np.abs(away).min()))
+    return float(np.mean(away[still] ** 2))

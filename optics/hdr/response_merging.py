@@ -15,7 +15,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from optics.hdr.radiance import CLIPPED, DARK, MOVED, VALID, RadianceEstimate
-from optics.hdr.response_curve import HIGHEST, LOWEST, Numbers, ResponseCurve
+from optics.hdr.response_curve import HIGHEST, LOWEST, ResponseCurve
 from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
@@ -41,9 +41,13 @@ _CONTRADICTS, _EDGES = 6.0, 3.0
 """Standard deviations by which a frame contradicts the others where something moved, and numbers by
 which pixels at edges differ without it: compression and interpolation leave them. Chosen."""
 
+_LONGEST = 1.0
+"""Squared deviations by which a frame must contradict more, for each factor of e in time, to be
+left out in the place of a shorter one. Chosen."""
+
 
 def merge_by_response(
-    frames: Sequence[Numbers] | Numbers,
+    frames: Sequence[NDArray[Any]] | NDArray[Any],
     exposures: ArrayLike,
     curve: ResponseCurve,
     check: Callable[[float], None] = lambda share: None,
@@ -107,14 +111,15 @@ def _merge_rows(
     logs, information = _light(numbers, seen, times, curve)
     moved, used = np.zeros(logs.shape, dtype=bool), seen.copy()
     for _ in range(len(times) - 1):
-        stray = _strays(numbers, used, times, curve, logs)
-        again = np.nonzero(stray.any(axis=0))
+        away = _contradictions(numbers, used, times, curve, logs)
+        again = np.nonzero((away.max(axis=0) > _CONTRADICTS) & (used.sum(axis=0) > 1))
         if not again[0].size:
             break
-        moved[again] = True
-        used &= ~stray
-        few = (slice(None), *again)
-        logs[again], information[again] = _light(numbers[few], used[few], times, curve)
+        few, still = (np.stack([one[again] for one in every]) for every in (numbers, used))
+        still, logs[again], information[again] = _without_one(few, still, times, curve)
+        moved[again] |= (still != np.stack([one[again] for one in used])).any(axis=0)
+        for one, kept in zip(used, still, strict=True):
+            one[again] = kept
     rate, (lowest, highest) = np.exp(logs), curve.ends
     variance = rate**2 / np.maximum(information, _KNOWN**2)
     state = np.where(moved, MOVED, VALID).astype(np.uint8)
@@ -159,11 +164,13 @@ def _first_light(numbers: NDArray[Any], used: Mask, times: Array, curve: Respons
     """Return the logarithm of an 8-bit HDR bracket's light, by what each good number says."""
     level = np.arange(len(curve.logs))
     steep = np.gradient(curve.logs) ** -2.0 * ((level >= LOWEST) & (level <= HIGHEST)) + 1e-9
+    # Numbers beyond the upper end are no light's.
+    light = np.minimum(curve.logs, curve.logs[curve.ends[1]])
     above, below = (np.zeros(numbers.shape[1:]) for _ in range(2))
     for frame, one, time in zip(numbers, used, times, strict=True):
         nearest = frame if frame.dtype == np.uint8 else np.rint(frame).astype(np.uint8)
         weight = steep[nearest] * one
-        above += weight * (curve.logs[nearest] - time)
+        above += weight * (light[nearest] - time)
         below += weight
     return np.asarray(above / np.maximum(below, 1e-12))
 
@@ -191,26 +198,55 @@ def _expected(curve: ResponseCurve, logs: Array) -> tuple[Array, Array, Array]:
     return expected, steep, curve.number_noise**2 + (curve.light_noise * steep) ** 2
 
 
-def _strays(
+def _without_one(
+    numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve
+) -> tuple[Mask, Array, Array]:
+    """Return 8-bit HDR pixels without the frame whose absence leaves the least contradiction.
+
+    These are the frames that are still used, the logarithm of light, and the information on it.
+    """
+    found = []
+    for place in range(len(times)):
+        without = used.copy()
+        without[place] = False
+        logs, information = _light(numbers, without, times, curve)
+        away = _contradictions(numbers, without, times, curve, logs)
+        left = (away.astype(np.float64) ** 2).sum(axis=0)
+        # Of those that contradict each other alike, the longest tells most and is kept.
+        left += _LONGEST * (times[place] - times.min())
+        left[~used[place] | (information < _KNOWN**2)] = np.inf
+        found.append((left, without, logs, information))
+    left, without, logs, information = (np.stack(one) for one in zip(*found, strict=True))
+    best, every = left.argmin(axis=0), np.arange(used.shape[1])
+    nothing = ~np.isfinite(left.min(axis=0))
+    kept = without[best, :, every].T
+    # If nothing would be left, all stays.
+    whole, whole_information = _light(numbers, used, times, curve)
+    kept[:, nothing] = used[:, nothing]
+    return (
+        kept,
+        np.where(nothing, whole, logs[best, every]),
+        np.where(nothing, whole_information, information[best, every]),
+    )
+
+
+def _contradictions(
     numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve, logs: Array
-) -> Mask:
-    """Return the one frame that contradicts the others most, where it does, in 8-bit HDR pixels.
+) -> NDArray[np.float32]:
+    """Return by how many deviations frames contradict the others, in 8-bit HDR pixels.
 
     A clipped number contradicts if the light of the others is far from clipping.
     """
     away, information = (np.zeros(numbers.shape, dtype=np.float32) for _ in range(2))
     for place, (frame, one, time) in enumerate(zip(numbers, used, times, strict=True)):
         expected, steep, variance = _expected(curve, logs + time)
-        shown = np.minimum(expected, HIGHEST)
-        away[place] = one * np.abs(np.minimum(frame, HIGHEST) - shown)
+        # Numbers beyond the curve's ends are no light's.
+        shown = np.clip(frame, curve.ends[0], HIGHEST)
+        away[place] = one * np.abs(shown - np.clip(expected, curve.ends[0], HIGHEST))
         away[place] /= np.sqrt(variance + _EDGES**2)
         information[place] = one & (frame <= HIGHEST) & (expected <= HIGHEST)
         information[place] *= steep**2 / variance
     whole = np.maximum(information.sum(axis=0), np.float32(1e-9))
     # The light follows each frame by its share of the information.
     away /= np.sqrt(np.maximum(1 - information / whole, 0.05))
-    several = used.sum(axis=0) > 1
-    worst = away.argmax(axis=0)
-    stray = several & (away.max(axis=0) > _CONTRADICTS)
-    places = np.arange(len(numbers)).reshape(-1, *[1] * logs.ndim)
-    return np.asarray((places == worst) & stray)
+    return away

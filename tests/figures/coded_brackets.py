@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,17 +11,36 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from figures import Figure
+from labapp.common.errors import UserError
+from labapp.pictures.merging.bracket_files import CODED_SENSOR, BracketFiles
+from labapp.pictures.merging.merged_bracket import MergedFiles, merge_files
+from optics import hdr
+from optics.alignment import RigidMotion, resample_moved
+from optics.progress import Progress
+from optics.threads import single_threaded
+
 Array = NDArray[np.float64]
 
 _BESIDE = Path(__file__).parents[3] / "shared/data/natural"
 
-FAULTS = ("none", "time", "turned", "moved", "exchanged")
+FAULTS = {
+    "time": "one time 10 to 50 % wrong",
+    "turned": "one frame turned by .5 to 2°",
+    "moved": "one frame moved by 1 to 8 px",
+    "exchanged": "two frames exchanged",
+    "none": "nothing",
+}
+
+_BRACKETS = 40
+"""Of each kind."""
+
+_ALIGNED = 30
+
+_SEED = 20261128
 
 _MARGIN = 14
 """Pixels of the drawn picture that a moved frame may reach beyond the border."""
-
-_TOP = 0.6
-"""Light of white in the shortest frames over that of full scale: some are clipped everywhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,3 +172,121 @@ def _stored(numbers: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8
         return numbers
     _, data = cv2.imencode(".jpg", numbers, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return cv2.imdecode(data, cv2.IMREAD_COLOR)
+
+
+@single_threaded
+def coded_bracket_figures(folder: Path) -> list[Figure]:
+    """Brackets of photographs on which nothing was tuned: 3 to 9 frames, factors of 2 to 8."""
+    if not photographs("judge"):
+        return []
+    rng = np.random.default_rng(_SEED)
+    return [*_named_figures(rng), *_aligned_figures(rng)]
+
+
+def _named_figures(rng: np.random.Generator) -> list[Figure]:
+    """How many brackets of each fault are named, by a warning or a refusal."""
+    found, files = [], photographs("judge")
+    for fault, words in FAULTS.items():
+        named = sum(
+            bool(_words(draw_bracket(files[rng.integers(len(files))], rng, fault)))
+            for _ in range(_BRACKETS)
+        )
+        sound = fault == "none"
+        least = math.ceil(0.95 * _BRACKETS)
+        found.append(
+            Figure(
+                f"8-bit brackets, {words} wrong: named"
+                if sound
+                else f"8-bit brackets, {words}: named",
+                "<= 1 of 40" if sound else f">= {least} of {_BRACKETS}",
+                f"{named} of {_BRACKETS}",
+                named <= 1 if sound else named >= least,
+            )
+        )
+    return found
+
+
+def _aligned_figures(rng: np.random.Generator) -> list[Figure]:
+    """Corners of aligned frames, and pixels within 2 % of the light, beside the true motion's."""
+    errors: list[float] = []
+    good = np.zeros(2)
+    files = photographs("judge")
+    for number in range(_ALIGNED):
+        fault = ("turned", "moved", "held")[number % 3]
+        drawn = draw_bracket(files[rng.integers(len(files))], rng, fault)
+        merged = merge_drawn(drawn, align=True)
+        assert merged.motions is not None
+        true = true_motions(drawn, merged.motions)
+        errors += [
+            one.corner_distance(other, true.shape)
+            for k, (one, other) in enumerate(zip(merged.motions.motions, true.motions, strict=True))
+            if k != true.reference
+        ]
+        good += _within(drawn, merged), _within(drawn, merge_drawn(drawn, True, true))
+    share = float((np.array(errors) <= 0.25).mean())
+    ratio = good[0] / good[1]
+    return [
+        Figure(
+            "8-bit brackets aligned, frames with corners right to .25 px",
+            ">= 95 %",
+            f"{share:.1%} of {len(errors)}; median error {np.median(errors):.3f} px",
+            share >= 0.95,
+        ),
+        Figure(
+            "8-bit brackets aligned, pixels within 2 % of the light, over those by the true motion",
+            ">= .95",
+            f"{ratio:.3f}",
+            bool(ratio >= 0.95),
+        ),
+    ]
+
+
+def merge_drawn(
+    drawn: CodedBracket, align: bool = False, motions: hdr.FrameMotions | None = None
+) -> MergedFiles:
+    """Merge a drawn bracket as `labapp merge` does; motions: in the place of those found."""
+    frames = [np.ascontiguousarray(np.moveaxis(one[..., ::-1], -1, 0)) for one in drawn.frames]
+    count = len(frames)
+    source = BracketFiles(
+        [str(k) for k in range(count)], frames, list(drawn.told), [0.0] * count,
+        [math.inf] * count, CODED_SENSOR, is_coded=True, may_move=True,
+    )  # fmt: skip
+    return merge_files(source, "full", True, Progress(), align, motions)
+
+
+def _words(drawn: CodedBracket) -> list[str]:
+    """What the command says against a bracket."""
+    try:
+        return [one for one in merge_drawn(drawn).told if "was measured on them" not in one]
+    except UserError as error:
+        return [str(error)]
+
+
+def true_motions(drawn: CodedBracket, found: hdr.FrameMotions) -> hdr.FrameMotions:
+    """The motions that were drawn, against the frame that was found to stand still."""
+    moved = [
+        RigidMotion(turn, float(down), float(right))
+        for turn, (down, right) in zip(drawn.turns, drawn.shifts, strict=True)
+    ]
+    back = moved[found.reference].inverse()
+    true = tuple(one.after(back) for one in moved)
+    return hdr.FrameMotions(found.reference, true, (0.0,) * len(true), found.shape)
+
+
+def _within(drawn: CodedBracket, merged: MergedFiles) -> float:
+    """Pixels of the merged light within 2 % of the scene's, whose unit is that of the median."""
+    assert merged.motions is not None
+    reference = merged.motions.reference
+    moved = RigidMotion(drawn.turns[reference], *map(float, drawn.shifts[reference]))
+    count = 0
+    for number in range(3):
+        light = drawn.light[..., 2 - number]
+        nothing = np.zeros(light.shape, dtype=bool)
+        true, _, outside = resample_moved(light, moved.inverse(), nothing)
+        ratio = merged.rate[number] / np.maximum(true, 1e-9)
+        seen = ~outside & (merged.state[number] == hdr.VALID)
+        count += int((np.abs(ratio[seen] / np.median(ratio[seen]) - 1) < 0.02).sum())
+    return count
+
+
+MEASUREMENTS = {"coded-brackets": coded_bracket_figures}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -50,11 +51,7 @@ _TIMES, _TIMES_LZW = 1.1, 2.0
 
 def picture_files_figure(folder: Path) -> list[Figure]:
     """A file of every kind, and mixtures drawn at random, against the arrays that made them."""
-    from labapp.files.picture.photograph import read_photograph
-
-    def read(path: Path, page: int | None) -> Any:
-        return read_photograph(path, page=page)
-
+    read = _reader()
     listed = judge_kinds(read, KINDS, folder)
     drawn = judge_kinds(read, _mixtures(), folder, range(1, _DRAWN + 1))
     return [
@@ -62,6 +59,23 @@ def picture_files_figure(folder: Path) -> list[Figure]:
         *_count_figures(f"{2 * _DRAWN} mixtures of TIFF and PNG", drawn),
         *_cost_figures(folder, read),
     ]
+
+
+def _reader() -> Callable[[Path, int | None], Any]:
+    """As the commands read: RAW files by their mosaic, all others as photographs."""
+    from labapp.files.picture.photograph import read_photograph
+    from labapp.files.raw import is_raw, read_raw
+
+    def read(path: Path, page: int | None) -> Any:
+        if is_raw(path.read_bytes(), path):
+            raw = read_raw(path)
+            levels = raw.mosaic[None]
+            return SimpleNamespace(
+                levels=levels, light=levels, encoding="linear", mosaic=raw, remarks=raw.notes
+            )
+        return read_photograph(path, page=page)
+
+    return read
 
 
 def _mixtures() -> list[str]:

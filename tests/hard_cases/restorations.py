@@ -154,6 +154,15 @@ def many_passes(tol: float) -> None:
     assert abs(restored.sum() / sky.sum() - 1) <= 1e-2
 
 
+def far_units(restore: Restore, tol: float) -> None:
+    """The same picture, to the bit, though its squares are no numbers any more."""
+    image, psf = numbers(natural_image(24, 25, 7), tol), numbers(gaussian_psf(5, 1.0), tol)
+    expected = restore(image, psf)
+    for power in (-120, -60, 60, 120):
+        unit = image.dtype.type(2.0**power)
+        assert np.array_equal(restore(image * unit, psf) / unit, expected)
+
+
 def gradients(restore: Restore, tol: float) -> None:
     """Finite, and not zero."""
     image = torch.from_numpy(numbers(natural_image(12, 13, 5), tol))
@@ -197,6 +206,8 @@ CASES: list[Case] = [
               "33x33 on 1x1, 1x9, 8x9", a_psf_larger_than_the_picture, "the constant"),
     *for_each("negative data", "what is left after dark subtraction is noise around zero",
               "normal noise", negative_data, "its mean"),
+    *for_each("units far from 1", "1e-18 squared is no number in single precision",
+              "a picture times 2 to the power -120 to 120", far_units, "the same at 1"),
     *for_each("gradients of restorations", "clamps and zeros are on the path",
               "a zero in a picture", gradients, "finite, not zero", DIFFERENTIABLE),
     Holds("a picture that is negative everywhere", "nothing is left after clamping", "-2",

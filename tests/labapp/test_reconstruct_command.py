@@ -323,6 +323,70 @@ def test_nothing_is_replaced_without_leave(labapp, grey, tmp_path):
     assert (code, "exists already" in errors) == (1, True)
 
 
+def test_a_psf_with_its_origin_in_the_corner_is_put_right_and_told(labapp, grey, tmp_path):
+    centred = said(labapp, tmp_path, "--truth", tmp_path / "truth.npy")
+    assert centred["notes"] == []
+    for side in (21, 24):
+        stored = np.pad(disk(4), [(side // 2 - 4, side - side // 2 - 5)] * 2)
+        np.save(tmp_path / "psf.npy", np.fft.ifftshift(stored))
+        told = said(labapp, tmp_path, "--truth", tmp_path / "truth.npy", "--force")
+        assert told["score"]["psnr_db"][1] == pytest.approx(centred["score"]["psnr_db"][1], abs=0.1)
+        (note,) = told["notes"]
+        assert "wraps round the edges" in note
+
+
+def test_a_psf_that_is_off_its_middle_pixel_is_told_and_moves_the_picture(labapp, grey, tmp_path):
+    """An even array with an empty last row and column, and five pixels beside the middle."""
+    said(labapp, tmp_path)
+    usual = tifffile.imread(tmp_path / "frame_restored.tiff")
+    for psf, off, words in (
+        (np.pad(disk(4), (0, 1)), -1, "1.0 px up and 1.0 px left"),
+        (np.pad(disk(4), (10, 0)), 5, "5.0 px down and 5.0 px right"),
+    ):
+        np.save(tmp_path / "psf.npy", psf)
+        (note,) = said(labapp, tmp_path, "--force")["notes"]
+        assert words in note
+        found = tifffile.imread(tmp_path / "frame_restored.tiff")
+        both = slice(max(0, off), len(grey) + min(0, off))
+        own = slice(both.start - off, both.stop - off)
+        lost = psnr(usual[both, both], grey[both, both]) - psnr(found[own, own], grey[both, both])
+        assert lost <= 0.1
+
+
+@pytest.mark.parametrize("unit", [2.0**-60, 1e-18, 1e18])
+def test_the_unit_of_the_light_doesnt_matter(labapp, grey, tmp_path, unit):
+    """Noise, dark, full well and truth are told in the same unit."""
+    frame, told = np.load(tmp_path / "frame.npy"), []
+    for scale in (1.0, unit):
+        np.save(tmp_path / "frame.npy", ((frame + 0.1) * scale).astype(np.float32))
+        np.save(tmp_path / "truth.npy", (grey * scale).astype(np.float32))
+        options = {"noise": 0.005 * scale, "dark": 0.1 * scale, "clip": 1.05 * scale}
+        named = [one for name, value in options.items() for one in (f"--{name}", repr(value))]
+        told.append(said(labapp, tmp_path, *named, "--truth", tmp_path / "truth.npy", "--force"))
+    assert told[1]["score"]["psnr_db"] == pytest.approx(told[0]["score"]["psnr_db"], abs=0.02)
+    assert told[1]["noise"][0] == pytest.approx(0.005 * unit)
+    for same in ("verdict", "method", "iterations", "clipped_share"):
+        assert told[1][same] == told[0][same]
+
+
+@pytest.mark.parametrize("unit", [1e-300, 1e-42, 1e40])
+def test_light_that_single_precision_doesnt_hold_is_refused(labapp, grey, tmp_path, unit):
+    np.save(tmp_path / "frame.npy", np.load(tmp_path / "frame.npy").astype(float) * unit)
+    code, _, errors = labapp("reconstruct", tmp_path / "frame.npy", "--psf", tmp_path / "psf.npy")
+    assert code != 0
+    assert "its largest value is" in errors
+    assert "another unit" in errors
+
+
+def test_a_dark_level_that_is_too_high_is_named_with_its_option(labapp, grey, tmp_path):
+    told = said(labapp, tmp_path, "--dark", "0.3")
+    assert told["causes"] == ["dark"]
+    assert told["residual"] > 1.25
+    options = ["--psf", tmp_path / "psf.npy", "--dark", "0.3", "--force"]
+    _, printed, _ = labapp("reconstruct", tmp_path / "frame.npy", *options)
+    assert "(--dark LEVEL)" in " ".join(printed.split())
+
+
 def test_a_background_in_the_psf_is_mentioned(labapp, grey, tmp_path):
     np.save(tmp_path / "psf.npy", disk(4) + 0.1 * disk(4).max())
     (note,) = said(labapp, tmp_path)["notes"]

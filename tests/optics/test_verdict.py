@@ -10,6 +10,7 @@ from test_model_error import capture, disturb, photographs, shake
 
 from labapp.accuracy.blurs import disk
 from optics.deconvolution import build_observation, find_psf_scale, judge_restoration, restore
+from optics.deconvolution.residual_map import residual_map
 
 NOISE = 0.006
 
@@ -56,6 +57,50 @@ def test_a_wrong_shape_is_named_as_the_psfs_error():
 
 def test_few_iterations_are_named(frames):
     assert causes(frames[0], disk(5.0), NOISE, "richardson-lucy", 2) == ["iterations"]
+
+
+@pytest.mark.parametrize("method", ["total-variation", "wiener", "hyper-laplacian", "l-bfgs-b"])
+def test_a_dark_level_that_is_too_high_is_named(frames, method):
+    """Whatever the method makes of it, and not where nothing but noise lies below 0."""
+    frame = frames[0][:120, :120]
+    assert causes(frame - np.quantile(frame, 0.3), disk(5.0), NOISE, method) == ["dark"]
+    assert causes(frame - frame.min(), disk(5.0), NOISE, method) == []
+    dark = np.random.default_rng(1).normal(0, NOISE, frame.shape)
+    dark[60:90, 60:90] += fftconvolve(np.ones((30, 30)), disk(5.0), mode="same")
+    assert "dark" not in causes(dark, disk(5.0), NOISE, method)
+
+
+def test_the_residual_is_that_of_the_picture_that_is_returned():
+    """A few stars on black, whose rings below 0 are cut; scipy blurs what is left of them."""
+    rng = np.random.default_rng(2)
+    sky = np.zeros((96, 96))
+    sky[tuple(rng.integers(12, 84, (2, 40)))] = 1000 * rng.random(40)
+    psf, noise = disk(3.0), 0.5
+    frame = fftconvolve(sky, psf, mode="same") + rng.normal(0, noise, sky.shape)
+    seen = build_observation(frame, psf, noise, "dark")
+    for method in ("total-variation", "hyper-laplacian"):
+        found = restore(seen, method=method)
+        assert found.image.min() >= 0
+        left = frame - fftconvolve(found.image, psf, mode="same")
+        assert found.residual == pytest.approx(np.sqrt(np.mean(left**2)) / noise, rel=1e-3)
+        whole = residual_map(seen, found)
+        assert np.allclose(whole, left / noise, atol=0.1)
+
+
+def test_negative_light_that_was_cut_is_named_with_what_helps():
+    rng = np.random.default_rng(2)
+    sky = np.zeros((126, 126))
+    sky[tuple(rng.integers(12, 114, (2, 60)))] = 1000 * rng.random(60) ** 3
+    frame = fftconvolve(sky, disk(5.3), mode="same")[15:-15, 15:-15]
+    seen = build_observation(frame + rng.normal(0, 0.5, frame.shape), disk(5.3))
+    cut, kept = restore(seen), restore(seen, method="l-bfgs-b")
+    assert cut.residual > cut.uncut_residual
+    (one,) = judge_restoration(seen, cut).findings
+    assert one.cause == "negative"
+    assert "l-bfgs-b" in one.remedy
+    assert judge_restoration(seen, kept).is_good
+    truth = sky[15:-15, 15:-15]
+    assert np.mean((kept.image - truth) ** 2) < 0.5 * np.mean((cut.image - truth) ** 2)
 
 
 def test_levels_of_a_camera_that_arent_clipped_arent_named(frames):

@@ -31,7 +31,7 @@ from labapp.files.picture.heif import exif_of_heif, heif_encoding, orientation_o
 from labapp.files.picture.icc import icc_encoding
 from labapp.files.picture.jpeg_xl import exif_of_jpeg_xl, read_jpeg_xl_header
 from labapp.files.picture.refusal import refuse_picture
-from labapp.files.picture.stated_encoding import icc_of_jpeg, icc_of_webp, png_encoding
+from labapp.files.picture.stated_encoding import icc_of_jpeg, icc_of_webp, is_drawing, png_encoding
 from labapp.files.picture.stored import StoredPicture
 
 _MOST_SCANS = 100
@@ -89,6 +89,7 @@ _DECODERS: dict[str, Callable[[bytes], Samples]] = {
     "JPEG XR": imagecodecs.jpegxr_decode,
     "JPEG-LS": imagecodecs.jpegls_decode,
     "QOI": imagecodecs.qoi_decode,
+    "Sun raster": _decode_by_opencv,
 }
 """What decodes each format to (rows, columns[, samples]), red first."""
 
@@ -106,6 +107,9 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
     require_memory(path, len(data), size, what, pixels=header.width * header.height)
     if header.kind == "JPEG":
         _require_whole_jpeg(path, data)
+    if header.kind == "PNG" and is_drawing(data):
+        what = "a drawing that labapp made to look at, and holds no light"
+        raise refuse_picture(path, what, "Give the .npy, .tiff or .h5 of what it shows.")
     samples = _decode(path, data, header)
     values, notes = _colours(path, data, header, samples)
     encoding, source, told = _encoding(path, data, header)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.common.console import print_message
 from labapp.common.errors import UserError
 from labapp.files.picture.encoding import SRGB, Encoding, encode_srgb
 from labapp.files.picture.photograph import read_photograph
@@ -24,8 +25,13 @@ def read_scene_picture(path: Path, encoding: Encoding | None = None) -> NDArray[
     picture = read_photograph(path, encoding=encoding)
     light = picture.relative_light
     _require_light(path, light)
+    if picture.white is None and (brightest := float(light.max())) > 1:
+        print_message(
+            f"note: {path}: has light up to {brightest:.3g} times white, which is 1 in "
+            "floating-point pictures"
+        )
     colours = np.broadcast_to(light, (3, *light.shape[1:]))
-    return np.ascontiguousarray(np.moveaxis(colours, 0, -1))
+    return np.array(np.moveaxis(colours, 0, -1), order="C")
 
 
 def read_screen_colours(path: Path) -> Colours:
@@ -45,7 +51,8 @@ def read_screen_colours(path: Path) -> Colours:
                 "hold. Scale it to at most 1."
             )
         levels = np.rint(255 * encode_srgb(light)).astype(np.uint8)
-    return np.ascontiguousarray(np.broadcast_to(levels, (3, *levels.shape[1:])))
+    # A copy, which may be written to.
+    return np.array(np.broadcast_to(levels, (3, *levels.shape[1:])))
 
 
 def read_drawing(path: Path) -> NDArray[np.uint8]:

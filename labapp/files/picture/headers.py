@@ -96,6 +96,10 @@ def _gif(data: bytes) -> Header:
     return Header("GIF", *struct.unpack_from("<HH", data, 6))
 
 
+def _sun_raster(data: bytes) -> Header:
+    return Header("Sun raster", *struct.unpack_from(">II", data, 4))
+
+
 def _qoi(data: bytes) -> Header:
     return Header("QOI", *struct.unpack_from(">II", data, 4))
 
@@ -154,5 +158,6 @@ _READERS: tuple[tuple[Callable[[bytes], bool], Callable[[bytes], Header | None]]
     (lambda data: data[4:12] in (b"ftypavif", b"ftypavis"), _avif),
     (_begins(b"II\xbc\x01"), _jpeg_xr),
     (_begins(b"qoif"), _qoi),
+    (_begins(b"\x59\xa6\x6a\x95"), _sun_raster),
 )
 """How the files of each format begin, and what reads their header."""

@@ -10,7 +10,6 @@ _STARTS = (
     (b"DDS ", "a DirectDraw surface (DDS)"),
     (b"\0\0\1\0", "an icon (ICO)"),
     (b"\x0a\x05\x01", "a PCX picture"),
-    (b"\x59\xa6\x6a\x95", "a Sun raster picture"),
     (b"\x01\xda", "an SGI picture"),
     (b"BPG\xfb", "a BPG picture"),
     (b"FLIF", "a FLIF picture"),

@@ -70,11 +70,12 @@ class Photograph:
             light = self.levels.astype(np.float32)
         if self.levels.dtype.kind == "f":
             limits = np.finfo(np.float32)
+            least, most = float(limits.tiny), float(limits.max)
             brightest = float(np.abs(self.levels[np.isfinite(self.levels)]).max())
-            if brightest > limits.max or 0 < brightest < limits.tiny:
+            if brightest > most or 0 < brightest < least:
                 raise UserError(
                     f"{self.path}: its largest value is {brightest:.3g}, and single precision "
-                    f"holds {limits.tiny:.2g} to {limits.max:.2g}. Give its light in another unit."
+                    f"holds {least:.2g} to {most:.2g}. Give its light in another unit."
                 )
         return light
 
@@ -118,6 +119,7 @@ def read_photograph(
     path: Path,
     *,
     encoding: Encoding | None = None,
+    unstated: Encoding | None = None,
     page: int | None = None,
     page_option: str = "",
 ) -> Photograph:
@@ -128,8 +130,10 @@ def read_photograph(
     path : Path
         The file, of any format in `labapp.files.picture.opening.FORMATS`.
     encoding : Encoding, optional
-        How its numbers stand for light; by default what the file says, or else sRGB's curve for
-        8-bit pictures, and proportional for all other numbers.
+        How its numbers stand for light; by default what the file says.
+    unstated : Encoding, optional
+        How they do where the file doesn't say it; by default sRGB's curve in 8-bit pictures, and
+        proportional in all others.
     page : int, optional
         Which of several pictures is meant, from 0.
     page_option : str
@@ -148,7 +152,7 @@ def read_photograph(
     else:
         stored = read_stored(path, data, _page(path, data, page, page_option))
     missing = _count_missing(path, stored.values)
-    found, source = _choose_encoding(path, stored, encoding)
+    found, source = _choose_encoding(path, stored, encoding, unstated)
     return Photograph(
         path, np.ascontiguousarray(stored.values), found, source, stored.white, stored.kind,
         stored.orientation, stored.is_lossy, stored.exif,
@@ -157,7 +161,7 @@ def read_photograph(
 
 
 def _choose_encoding(
-    path: Path, stored: StoredPicture, given: Encoding | None
+    path: Path, stored: StoredPicture, given: Encoding | None, unstated: Encoding | None
 ) -> tuple[Encoding, str]:
     """Return the encoding that is given, or the file's, or that of its numbers; and who says so."""
     if given is not None:
@@ -173,6 +177,8 @@ def _choose_encoding(
         return LINEAR, "floating-point numbers are proportional to light"
     if stored.exif is not None and stored.exif.colour_space == SRGB_BY_EXIF:
         return SRGB, "its Exif block"
+    if unstated is not None:
+        return unstated, "as such files are without a word on it"
     if stored.white == 255 and stored.values.dtype == np.uint8:
         return SRGB, "8-bit pictures without a word on it are sRGB"
     return LINEAR, "numbers of more than 8 bits without a word on it are proportional to light"

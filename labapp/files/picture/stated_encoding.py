@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 
+from labapp.common.drawing_mark import DRAWING
 from labapp.common.errors import UserError
 from labapp.files.picture.encoding import (
     BT709,
@@ -101,6 +102,18 @@ def png_with_encoding(png: bytes, encoding: Encoding) -> bytes:
     png: bytes of a file without such chunks. Raises ValueError for an ICC profile's curves.
     """
     return png[:_AFTER_HEADER] + _chunks_of(encoding) + png[_AFTER_HEADER:]
+
+
+def mark_drawing(png: bytes) -> bytes:
+    """Return a PNG file that says that it is a drawing of numbers, which it doesn't hold."""
+    text = _chunk(b"tEXt", b"Description\0" + DRAWING.encode("latin-1"))
+    return png[:_AFTER_HEADER] + text + png[_AFTER_HEADER:]
+
+
+def is_drawing(png: bytes) -> bool:
+    """Return whether a PNG file says that it is a drawing that labapp made to look at."""
+    said = b"Description\0" + DRAWING.encode("latin-1")
+    return any(one.name == b"tEXt" and one.content == said for one in png_chunks(png))
 
 
 def _chunks_of(encoding: Encoding) -> bytes:

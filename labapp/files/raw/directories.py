@@ -120,6 +120,16 @@ class Directory:
             return found
         return tuple(a / b if b else math.nan for a, b in zip(found[::2], found[1::2], strict=True))
 
+    @property
+    def lost(self) -> list[int]:
+        """Tags whose values lie beyond the end of the file."""
+        known = _FORMS.keys() | _RATIONAL.keys()
+        return [
+            code
+            for code, (kind, count, _) in self._entries.items()
+            if kind in known and count and not self.numbers(code)
+        ]
+
     def number(self, code: int, default: int) -> int:
         """Return the first value of a tag as a whole number; `default` if it is missing."""
         found = self.numbers(code)

@@ -20,7 +20,7 @@ from labapp.files.raw import dng_levels as levels
 from labapp.files.raw.directories import Directory
 from labapp.files.raw.dng_page import BITS, LOSSLESS, find_raw_page, page_shape
 from labapp.files.raw.jpeg_parts import find_damaged_parts
-from labapp.files.raw.libraw import decode_by_libraw, require_undamaged
+from labapp.files.raw.libraw import LibRawPicture, decode_by_libraw, require_undamaged
 from labapp.files.raw.photograph import RawPhotograph, order_channels
 from labapp.files.raw.recognition import COMPRESSION, MAKE
 
@@ -44,7 +44,7 @@ def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotogra
     rows, columns = page_shape(page)
     require_memory(path, len(data), 2 * rows * columns, "its mosaic")
     pattern = levels.filter_pattern(path, page)
-    stored, notes = _decode(path, data, page)
+    stored = _decode(path, data, page)
     area = levels.active_area(path, page)
     mosaic = np.ascontiguousarray(stored[area])
     by_rows, by_columns = levels.black_changes(path, page, mosaic.shape)
@@ -65,14 +65,14 @@ def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotogra
         orientation if 1 <= orientation <= 8 else 1,
         first.text(MAKE),
         first.text(_MODEL),
-        (*notes, *_remarks(page, mosaic.shape)),
+        tuple(_remarks(page, mosaic.shape)),
     )
     _require_range(found)
     return found
 
 
-def _decode(path: Path, data: bytes, page: Directory) -> tuple[NDArray[np.uint16], list[str]]:
-    """Decode all numbers of a DNG by tifffile and by LibRaw, made linear, with remarks.
+def _decode(path: Path, data: bytes, page: Directory) -> NDArray[np.uint16]:
+    """Decode all numbers of a DNG by tifffile and by LibRaw, made linear.
 
     Raises UserError if neither can, or if they differ where one of them must be wrong.
     """
@@ -81,18 +81,22 @@ def _decode(path: Path, data: bytes, page: Directory) -> tuple[NDArray[np.uint16
         if isinstance(other, str) or other.mosaic is None:
             raise _damaged(path, other if isinstance(other, str) else "it has no mosaic")
         require_undamaged(path, other)
-        return _require_shape(path, other.mosaic, page), []
+        return _require_shape(path, other.mosaic, page)
     table = levels.linear_table(page)
     own = numbers if table is None else table[np.minimum(numbers, len(table) - 1)]
-    theirs = None if isinstance(other, str) else other.mosaic
-    if theirs is not None and np.array_equal(own, theirs):
-        return own, []
+    if isinstance(other, LibRawPicture) and _are_equal(own, other.mosaic):
+        return own
     # Other kinds have a sum of their own, or nothing that can be misread.
     if page.number(COMPRESSION, 1) == _JPEG:
         damaged = find_damaged_parts(path, page, numbers)
         if damaged:
             raise _damaged(path, f"from row {damaged[0][0]}, column {damaged[0][1]} on")
-    return own, []
+    return own
+
+
+def _are_equal(own: NDArray[np.uint16], other: NDArray[np.uint16] | None) -> bool:
+    """Return whether two decoders read the same numbers in a DNG."""
+    return other is not None and np.array_equal(own, other)
 
 
 def _damaged(path: Path, reason: str) -> UserError:

@@ -44,8 +44,9 @@ def active_area(path: Path, page: Directory) -> Area:
     Raises UserError if they lie outside the picture.
     """
     rows, columns = page_shape(page)
-    top, left, bottom, right = (page.numbers(_AREA) or (0, 0, rows, columns))[:4]
-    if not (0 <= top < bottom <= rows and 0 <= left < right <= columns):
+    area = page.numbers(_AREA)
+    top, left, bottom, right = area if len(area) == 4 else (0, 0, rows, columns)
+    if len(area) not in (0, 4) or not (0 <= top < bottom <= rows and 0 <= left < right <= columns):
         raise UserError(
             f"{path}: is a DNG whose active area, rows {top} to {bottom} and columns {left} to "
             f"{right}, isn't in its {rows} x {columns} pixels. Convert the camera's file again."
@@ -86,7 +87,12 @@ def black_cell(path: Path, page: Directory) -> NDArray[np.float64]:
     """
     shape = tuple(int(one) for one in page.numbers(_BLACK_REPEAT)) or (1, 1)
     levels = page.numbers(_BLACK) or (0.0,) * math.prod(shape)
-    if len(shape) != 2 or math.prod(shape) != len(levels) or not np.isfinite(levels).all():
+    if (
+        len(shape) != 2
+        or not levels
+        or math.prod(shape) != len(levels)
+        or not np.isfinite(levels).all()
+    ):
         raise UserError(
             f"{path}: is a DNG of {len(levels)} black levels for {' x '.join(map(str, shape))} "
             "places. Convert the camera's file again."

@@ -68,6 +68,7 @@ def find_raw_page(path: Path, pages: Sequence[Directory]) -> Directory:
             f"{path}: is a DNG with {len(found)} RAW pictures of equal size, and doesn't say which "
             "is the main one. Save each to a file of its own."
         )
+    _require_values(path, (pages[0], found[0]))
     _require_mosaic(path, found[0])
     return found[0]
 
@@ -101,6 +102,17 @@ def _require_all_pages(path: Path, pages: Sequence[Directory]) -> None:
                 f"{path}: is a RAW file that is cut: the description of a picture lies beyond its "
                 f"{len(page.data)} bytes. Copy it from the camera again."
             )
+
+
+def _require_values(path: Path, pages: Sequence[Directory]) -> None:
+    """Raise UserError if values of a DNG's tags lie beyond the end of the file."""
+    lost = [code for page in pages for code in page.lost]
+    if lost:
+        raise UserError(
+            f"{path}: is a RAW file that is cut or damaged: the values of its tags "
+            f"{', '.join(map(str, lost))} lie beyond its {len(pages[0].data)} bytes. Copy it from "
+            "the camera again."
+        )
 
 
 def _pixels(page: Directory) -> int:

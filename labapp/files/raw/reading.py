@@ -49,6 +49,17 @@ def read_raw(path: Path, data: bytes | None = None) -> RawPhotograph:
     data = read_bytes(path) if data is None else data
     if not data:
         raise UserError(f"{path}: is empty: it has no bytes. Copy it from the camera again.")
+    found = _read(path, data)
+    if not found.mosaic.any():
+        raise UserError(
+            f"{path}: is a RAW file whose numbers are all zero: it is empty, or a sample without "
+            "its picture. Copy it from the camera again."
+        )
+    return found
+
+
+def _read(path: Path, data: bytes) -> RawPhotograph:
+    """Read a RAW photograph by its tags if it is a DNG, else by LibRaw."""
     pages = read_directories(data)
     if pages and (pages[0].has(DNG_VERSION) or _is_plain_mosaic(pages)):
         return read_dng(path, data, pages)

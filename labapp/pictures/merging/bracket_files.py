@@ -22,7 +22,7 @@ from optics.camera import Sensor
 
 Frame = NDArray[Any]
 
-_CODED = Sensor(bits=8, full_well=1e9, dark_current=0.0, black_level=0.0)
+CODED_SENSOR = Sensor(bits=8, full_well=1e9, dark_current=0.0, black_level=0.0)
 """What is known of the sensor of 8-bit pictures without a word on their noise: the full scale."""
 
 _PILE, _PILE_RATIO = 1e-4, 10.0
@@ -109,7 +109,7 @@ def read_bracket_files(
     if is_coded:
         levels: list[Frame | float] = [0.0] * len(frames)
         return BracketFiles(
-            names, frames, times, levels, [math.inf] * len(frames), _CODED, is_coded=True,
+            names, frames, times, levels, [math.inf] * len(frames), CODED_SENSOR, is_coded=True,
             doubts=tuple(doubts), notes=tuple(notes), may_move=True,
         )  # fmt: skip
     bits = 8 if frames[0].dtype == np.uint8 else 16

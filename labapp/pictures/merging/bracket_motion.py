@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,19 +26,23 @@ Mask = NDArray[np.bool_]
 
 def bracket_motions(source: BracketFiles) -> hdr.FrameMotions:
     """Return how the frames of a bracket of files moved."""
-    levels, clipped = [], []
+    return hdr.find_motions(_levels(source), math.lcm(*source.period))
+
+
+def _levels(source: BracketFiles) -> Iterator[tuple[list[NDArray[Any]], list[Mask]]]:
+    """Yield bands of like noise of each frame of a bracket, and where they are clipped."""
+    full = source.sensor.full_scale
     for frame, dark in zip(source.frames, source.darks, strict=True):
         if source.is_coded:
-            levels.append([np.asarray(band, np.float32) for band in frame])
-            clipped.append([band > hdr.HIGHEST for band in frame])
+            yield list(frame), [band > hdr.HIGHEST for band in frame]
             continue
-        full = source.sensor.full_scale
-        room = np.maximum(np.float32(full) - np.asarray(dark, np.float32), 1)
-        # The square root of light has like noise everywhere (Anscombe).
-        share = np.clip((frame - np.asarray(dark, np.float32)) / room, 0, 1)
-        levels.append(list(255 * np.sqrt(share, dtype=np.float32)))
-        clipped.append([band >= _ALMOST_FULL * full for band in frame])
-    return hdr.find_motions(levels, clipped, math.lcm(*source.period))
+        bands = []
+        for number, band in enumerate(frame):
+            level = np.asarray(dark[number] if isinstance(dark, np.ndarray) else dark, np.float32)
+            share = (band - level) / np.maximum(np.float32(full) - level, 1)
+            # The square root of light has like noise everywhere (Anscombe).
+            bands.append(255 * np.sqrt(np.clip(share, 0, 1)))
+        yield bands, [band >= _ALMOST_FULL * full for band in frame]
 
 
 def explain_motions(motions: hdr.FrameMotions, remedy: str = _REGISTER) -> list[str]:
@@ -65,11 +69,12 @@ def explain_alignment(motions: hdr.FrameMotions) -> list[str]:
         f"{motions.reference + 1} and interpolated: the noise of their pixels is at most as "
         "stated, and neighbours share it"
     ]
-    lost = [k + 1 for k, one in enumerate(motions.deviations) if math.isinf(one)]
-    if lost:
+    unknown = [k for k, one in enumerate(motions.deviations) if math.isinf(one)]
+    if unknown:
+        done = "are left out" if motions.lost else "stay as they are, like most of the others"
         found.append(
-            f"frames {', '.join(map(str, lost))} share too little detail with the others to be "
-            "registered, and stay as they are"
+            f"frames {', '.join(str(one + 1) for one in unknown)} share too little detail with the "
+            f"others to be registered, and {done}"
         )
     return found
 
@@ -110,11 +115,15 @@ def align_band(
 ) -> tuple[list[NDArray[Any]], list[Mask]]:
     """Return a band of a bracket's frames at the places of the reference, and where each is absent.
 
-    Frames that stand still stay as they are. unknown: pixels that are clipped, or defective. full:
-    number for those that rest on one. floor: the lowest number there is.
+    Frames that stand still stay as they are, and lost ones are absent. unknown: pixels that are
+    clipped, or defective. full: number for those that rest on one. floor: the lowest number.
     """
     shown, absent = [], []
     for number, (frame, mask) in enumerate(zip(frames, unknown, strict=True)):
+        if number in motions.lost:
+            shown.append(np.full(frame.shape, full, np.float32))
+            absent.append(np.ones(frame.shape, dtype=bool))
+            continue
         if number not in motions.shifted:
             shown.append(frame)
             absent.append(np.zeros(frame.shape, dtype=bool))

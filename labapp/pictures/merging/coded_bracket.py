@@ -20,9 +20,9 @@ from optics.progress import Progress
 _FULL = 255
 """Highest number of an 8-bit picture."""
 
-_BLOCK, _MOST = 16, 0.3
+_BLOCK, _MOST = 16, 0.8
 """Side of a block in pixels, and part of it that contradicts itself from which on something moved
-there. Chosen: at the edges of what stands still, fewer do."""
+there. Chosen: at edges, up to half of them do that were interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +41,21 @@ class CodedMerge:
 
 
 def merge_coded_bands(
-    source: BracketFiles, refine: bool, align: bool, progress: Progress
+    source: BracketFiles,
+    refine: bool,
+    align: bool,
+    progress: Progress,
+    motions: hdr.FrameMotions | None = None,
 ) -> CodedMerge:
     """Merge each band of 8-bit pictures by the response curve that it shows.
 
     refine: whether exposure times are checked, and a wrong one is corrected. align: whether frames
-    that moved are aligned. Raises UserError for frames out of order, and if nothing tells a curve.
+    that moved are aligned. motions: of the frames; by default, they are found. Raises UserError for
+    frames out of order, and if nothing tells a curve.
     """
     _require_order(source)
     progress.report(0.0, "comparing frames")
-    motions = bracket_motions(source)
+    motions = motions or bracket_motions(source)
     told = [] if align else explain_motions(motions)
     times, checked = np.array(source.exposures), None
     if refine:
@@ -65,11 +70,10 @@ def merge_coded_bands(
         aligned, outside = align_band(frames, motions, clipped, _FULL, 0)
         aligned = [one.astype(np.float32) for one in aligned]
         curves.append(_curve(source, aligned, times))
-        if not align:
-            aligned, outside = frames, None
         part = progress.part(0.1 + 0.8 * number / count, 0.1 + 0.8 * (number + 1) / count)
         report = functools.partial(part.report, message="merging")
-        found.append(hdr.merge_by_response(aligned, times, curves[-1], report, outside))
+        shown, absent = (aligned, outside) if align else (frames, None)
+        found.append(hdr.merge_by_response(shown, times, curves[-1], report, absent))
     if align or not motions.moved:
         told += _explain_ghosts([one.state.numpy() for one in found])
     return CodedMerge(found, tuple(curves), checked, motions, told)

@@ -85,5 +85,5 @@ def contradictions(photographs: Sequence[Any], times: Sequence[float]) -> list[s
         f"--exposures says {times[k]:.4g} s for {photographs[k].path.name}, which itself tells "
         f"{own[k]:.4g} s; by the others' ratio to theirs, {times[k] / math.exp(away[k]):.4g} s are "
         "expected. Leave --exposures out to take the files' times"
-        for k in np.flatnonzero(np.abs(away) > _DIFFERENT)
+        for k in np.flatnonzero(np.abs(away) > _DIFFERENT).tolist()
     ]

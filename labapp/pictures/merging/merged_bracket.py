@@ -94,19 +94,25 @@ class MergedFiles:
 
 
 def merge_files(
-    source: BracketFiles, method: hdr.Method, refine: bool, progress: Progress, align: bool = False
+    source: BracketFiles,
+    method: hdr.Method,
+    refine: bool,
+    progress: Progress,
+    align: bool = False,
+    motions: hdr.FrameMotions | None = None,
 ) -> MergedFiles:
     """Merge a bracket of files, each band by itself, with one factor for each frame.
 
     refine: whether exposures are measured; those that surely differ are corrected. align: whether
-    frames that moved are registered. 8-bit pictures are merged by their response curve instead.
+    frames that moved are registered. motions: of the frames; by default, they are found. 8-bit
+    pictures are merged by their response curve instead.
     """
     if source.is_coded:
-        return _merge_coded(source, refine, align, progress)
-    told, notes, motions = list(source.doubts), list(source.notes), None
+        return _merge_coded(source, refine, align, progress, motions)
+    told, notes = list(source.doubts), list(source.notes)
     if source.may_move and len(source.frames) > 1:
         progress.report(0.0, "comparing frames")
-        motions = bracket_motions(source)
+        motions = motions or bracket_motions(source)
         if align:
             source = _aligned(source, motions)
             notes += explain_alignment(motions)
@@ -218,10 +224,14 @@ def _cut_noise(bands: Sequence[hdr.Bracket]) -> list[str]:
 
 
 def _merge_coded(
-    source: BracketFiles, refine: bool, align: bool, progress: Progress
+    source: BracketFiles,
+    refine: bool,
+    align: bool,
+    progress: Progress,
+    motions: hdr.FrameMotions | None,
 ) -> MergedFiles:
     """Merge a bracket of 8-bit pictures, each band by the response curve that it shows."""
-    found = merge_coded_bands(source, refine, align, progress)
+    found = merge_coded_bands(source, refine, align, progress, motions)
     rate, variance, state = (_join_bands(every) for every in zip(*found.bands, strict=True))
     told = [
         "the response curve of these 8-bit pictures was measured on them. If numbers are sRGB's, "

@@ -20,8 +20,8 @@ from labapp.pictures.reconstructing.recorded_photograph import (
 def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Light, list[str]]:
     """Read the PSF file for restoring a picture of `bands` bands, with warnings about it.
 
-    Levels of a picture are taken as light without conversion. `choice` selects the star of a
-    record.
+    Levels of a picture are taken as light unless the file says that they aren't. `choice` selects
+    the star of a record.
 
     Returns
     -------
@@ -40,8 +40,8 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
         if len(psf) not in (1, bands):
             psf = psf.mean(0, keepdims=True)
         return psf / psf.sum((1, 2), keepdims=True), []
-    # Files of PSFs hold light whatever their depth, and not levels for a screen.
-    psf = read_photograph(path, encoding=LINEAR).light
+    # Files of PSFs hold light whatever their depth, unless they say that they are for a screen.
+    psf = read_photograph(path, unstated=LINEAR).light
     if not np.isfinite(psf).all():
         raise UserError(f"{path}: has NaN or infinite values. Measure or compute the PSF again.")
     if len(psf) > 1 and bands == 1:

@@ -80,6 +80,7 @@ class RawToRestore:
             noise_floor=self._stated_noise,
             reference=self._reference_in_bands(reference),
             filters=self.filters,
+            encoding="linear, RAW numbers are proportional to light",
         )
 
     @property

@@ -229,14 +229,9 @@ class RestorationRequest:
 
     def _problem_from_raw(self, raw: RawToRestore, progress: Progress) -> RestorationProblem:
         """Build the problem of restoring a RAW photograph."""
-        notes: Sequence[str]
-        if self.psf is not None:
-            psf, notes = read_psf_file(self.psf, raw.band_count, self.choice)
-            told = str(self.psf)
-        else:
-            clipped = np.broadcast_to(raw.clipped, (raw.band_count, *raw.clipped.shape[1:]))
-            bands = raw.bands(self.noise) if self.blind is not None else raw.light
-            psf, told, notes = self._given_psf(bands, clipped, progress)
+        # A PSF is looked for in all bands; to read one, it is enough to count them.
+        bands = raw.bands(self.noise) if self.blind else raw.light.repeat(raw.band_count, 0)
+        psf, told, notes = self._given_psf(bands, raw.clipped.repeat(len(bands), 0), progress)
         return raw.build_problem(psf, told, self.noise, self.border, tuple(notes), self.reference)
 
     def _problem_from_merged(self, progress: Progress) -> RestorationProblem:

@@ -259,9 +259,7 @@ def _wrong_checksum(rng: np.random.Generator, path: Path) -> PictureFile:
     data = bytearray(png_bytes(np.moveaxis(numbers, 0, -1), 8, RGB, rng))
     data[-13] ^= 0x55
     words = (*DAMAGED, "crc", "checksum")
-    return PictureFile(
-        save(path, ".png", data), numbers, ("srgb",), 255, must_tell=words, must_name=words
-    )
+    return PictureFile(save(path, ".png", data), None, valid=False, must_name=words)
 
 
 def _huge(data: bytes) -> bytes:

@@ -35,7 +35,8 @@ _EXACT, _CURVE = 3e-6, 1e-4
 class Finding:
     """What became of a file. untold: right, but something that concerns the user isn't said.
 
-    leaked: what libraries wrote to the terminal meanwhile.
+    leaked: what libraries wrote to the terminal meanwhile. valid: whether the file holds one
+    picture that a reader of everything would read.
     """
 
     kind: str
@@ -103,7 +104,8 @@ def _single_pages(file: PictureFile) -> Iterator[PictureFile]:
 
 def _judge(read: Read, file: PictureFile) -> Finding:
     """Read a file, and class what comes."""
-    finding = Finding("", 0, RIGHT, valid=file.valid)
+    # Of several pages, none is the picture: to ask for one is as right as to take one.
+    finding = Finding("", 0, RIGHT, valid=file.valid and not file.pages)
     with _listening() as heard:
         try:
             photograph = read(file.path, file.page)
