@@ -30,8 +30,8 @@ def merge(
         typer.Argument(
             metavar="IMAGE...|RUN.h5",
             callback=readable_paths,
-            help="Frames of the bracket: TIFF, PNG or .npy, of 8 or 16 bits, grey or colour; one "
-            "TIFF of several pages; or the record of a run.",
+            help="Frames of the bracket: TIFF, PNG or .npy, of 8 or 16 bits, grey or colour; a "
+            "camera's RAW files; one TIFF of several pages; or the record of a run.",
         ),
     ],
     out: Annotated[
@@ -72,14 +72,16 @@ def merge(
     ] = None,
     black: Annotated[
         float | None,
-        typer.Option(metavar="DN", help="Digital number of no light.", show_default="0"),
+        typer.Option(
+            metavar="DN", help="Digital number of no light.", show_default="0, or RAW files'"
+        ),
     ] = None,
     full_scale: Annotated[
         int | None,
         typer.Option(
             metavar="DN",
             help="Digital number from which a pixel is clipped.",
-            show_default="the file's largest",
+            show_default="the file's largest, or RAW files' white",
         ),
     ] = None,
     target: Annotated[
@@ -143,6 +145,11 @@ def merge(
 
     **labapp merge a.tiff b.tiff c.tiff --exposures 0.001,0.008,0.064 --gain 2.6 --read-noise 2.4
     --black 64 --out merged.h5**
+
+    RAW files of one camera tell all of that, or show their noise. Their mosaic is merged, and .tiff
+    and .png beside it are in colour:
+
+    **labapp merge a.dng b.dng c.dng --out merged.h5**
     """
     from labapp.pictures.merging.bracket_files import SensorNumbers
     from labapp.pictures.merging.bracket_record import RecordedFrames

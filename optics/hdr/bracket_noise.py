@@ -34,11 +34,15 @@ _OPEN = 0.9
 """Share of the range up to which pixels count, far enough from the clip level. Chosen."""
 
 _BINS, _QUIET = 20, 0.25
-"""Levels of light, and quantile of their blocks' variances, that the fit starts from. Chosen: up to
-half of the blocks may hold what moved."""
+"""Levels of light that the fit starts from, and quantile of blocks' variances that is taken for
+that of noise alone. Chosen: a third of the blocks may hold what moved."""
 
-_STRAY = 3.5
-"""Standard deviations of a block's variance beyond which it doesn't count. Chosen."""
+_FREEDOM = _SIDE**2 - 1
+"""Degrees of freedom of a block's variance."""
+
+_STRAY = 2.0
+"""Standard deviations of a block's variance beyond which it doesn't count. Chosen: what moved in
+flat parts of the scene adds little."""
 
 _PASSES = 8
 """Passes of the fit; the last ones change the gain by less than 1e-3."""
@@ -56,7 +60,8 @@ class BracketNoise:
     """Noise of a sensor as an exposure bracket shows it.
 
     gain: electrons per digital number. read_noise: electrons, without that of rounding. Both with
-    standard deviations. blocks: that told it.
+    standard deviations. blocks: that told it. share: of all blocks that were looked at; of noise
+    alone it is 0.95.
     """
 
     gain: float
@@ -64,6 +69,7 @@ class BracketNoise:
     gain_deviation: float
     read_noise_deviation: float
     blocks: int
+    share: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,8 +205,7 @@ def _points(pairs: Sequence[_Blocks], ratios: Sequence[float]) -> tuple[Array, A
 
 def _start(light: Array, floor: Array, variance: Array) -> Array:
     """Return 1 / g and σ² of a bracket by the quiet blocks at each level of light."""
-    freedom = _SIDE**2 - 1
-    quiet = float(stats.chi2.ppf(_QUIET, freedom)) / freedom
+    quiet = _noise_quantile()
     groups = np.array_split(np.argsort(light), _BINS)
     level = np.array([[light[one].mean(), floor[one].mean()] for one in groups])
     seen = np.array([np.quantile(variance[one], _QUIET) / quiet for one in groups])
@@ -219,9 +224,21 @@ def _is_regular(pairs: Sequence[_Blocks], ratios: Sequence[float], law: Array) -
         left -= left.mean(1, keepdims=True)
         found.append((left**2 / expected).mean(1))
     shown = np.concatenate(found)
-    middle = float(np.median(shown))
-    limit = _STRAY * math.sqrt(2 / (_SIDE**2 - 1))
-    return np.asarray(np.abs(shown - middle) <= limit * middle)
+    noise = float(np.quantile(shown, _QUIET)) / _noise_quantile()
+    return np.asarray(np.abs(shown - noise) <= _STRAY * math.sqrt(2 / _FREEDOM) * noise)
+
+
+def _noise_quantile() -> float:
+    """Return the quiet quantile of a block's variance in a bracket, over the mean, of noise."""
+    return float(stats.chi2.ppf(_QUIET, _FREEDOM)) / _FREEDOM
+
+
+def _kept_mean() -> float:
+    """Return the mean variance of the blocks of a bracket that are kept, over that of all."""
+    ends = _FREEDOM * (1 + _STRAY * math.sqrt(2 / _FREEDOM) * np.array([-1, 1]))
+    # The mean of a chi-squared distribution between two values has the one of two freedoms more.
+    above, below = (np.diff(stats.chi2.cdf(ends, k)) for k in (_FREEDOM + 2, _FREEDOM))
+    return float(above[0] / below[0])
 
 
 def _weighted_fit(
@@ -230,7 +247,7 @@ def _weighted_fit(
     """Return 1 / g and σ² of a bracket by least squares with weights, neither below 0."""
     weight = 1 / np.maximum(expected[kept], 1e-12)
     design = np.stack([light[kept], floor[kept]], axis=1) * weight[:, None]
-    law: Array = optimize.nnls(design, variance[kept] * weight)[0]
+    law: Array = optimize.nnls(design, variance[kept] * weight / _kept_mean())[0]
     return law
 
 
@@ -240,7 +257,7 @@ def _judged(light: Array, floor: Array, expected: Array, law: Array, share: floa
         raise ValueError("more than noise differs between the frames")
     weight = 1 / np.maximum(expected, 1e-12)
     design = np.stack([light, floor], axis=1) * weight[:, None]
-    spread = np.sqrt(2 / (_SIDE**2 - 1) * np.diag(np.linalg.pinv(design.T @ design)))
+    spread = np.sqrt(2 / _FREEDOM * np.diag(np.linalg.pinv(design.T @ design)))
     if not law[0] > _SURE * spread[0]:
         raise ValueError(
             "the frames don't tell photons' noise from the readout's: they are too small, or of "
@@ -251,5 +268,5 @@ def _judged(light: Array, floor: Array, expected: Array, law: Array, share: floa
     # Where hardly any is seen, its square is uncertain, and not its own slope.
     uncertain = math.sqrt(noise**2 + float(spread[1])) - noise
     return BracketNoise(
-        gain, gain * noise, gain**2 * float(spread[0]), gain * uncertain, len(light)
+        gain, gain * noise, gain**2 * float(spread[0]), gain * uncertain, len(light), share
     )
