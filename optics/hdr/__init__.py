@@ -16,7 +16,6 @@ from optics.hdr.bracket_choice import (
     choose_bracket,
 )
 from optics.hdr.bracket_ladders import LADDER_RATIOS, choose_ladder
-from optics.hdr.bracket_noise import BracketNoise, estimate_bracket_noise
 from optics.hdr.coded_times import CodedTimes, check_coded_times
 from optics.hdr.defects import Defects, find_defects
 from optics.hdr.expected_accuracy import (
@@ -59,7 +58,6 @@ __all__ = [
     "MOVED",
     "VALID",
     "Bracket",
-    "BracketNoise",
     "ChosenBracket",
     "CodedTimes",
     "Defects",
@@ -83,7 +81,6 @@ __all__ = [
     "choose_method",
     "common_period",
     "cramer_rao_variance",
-    "estimate_bracket_noise",
     "expected_accuracy",
     "explain_disorder",
     "find_defects",
