@@ -65,8 +65,12 @@ photographs: blur, compression and interpolation make neighbours alike."""
 class Registration:
     """How a picture moved against another, and how well that is known.
 
-    motion: from the fixed picture to the moving one. deviation: standard deviation at the corners,
-    pixels; infinite if the pictures share too little detail.
+    Parameters
+    ----------
+    motion : RigidMotion
+        From the fixed picture to the moving one.
+    deviation : float
+        Standard deviation at the corners, pixels; infinite if the pictures share too little detail.
     """
 
     motion: RigidMotion
@@ -95,6 +99,7 @@ def register_pictures(
     Returns
     -------
     Registration
+        With the motion that it began with, if nothing better is known.
 
     Raises
     ------
