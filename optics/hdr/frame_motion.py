@@ -29,7 +29,7 @@ Chosen: half a pixel is what sampling allows by itself."""
 _LEAST = 0.05
 """Distance at the corners in pixels from which on aligning a frame gains. Chosen."""
 
-_MOST = 1_500_000
+_MOST = 1_000_000
 """Pixels of a frame that are compared: larger ones are averaged down. Chosen: their corners are
 still known to .1 pixel."""
 

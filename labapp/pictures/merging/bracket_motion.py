@@ -39,9 +39,11 @@ def _levels(source: BracketFiles) -> Iterator[tuple[list[NDArray[Any]], list[Mas
         bands = []
         for number, band in enumerate(frame):
             level = np.asarray(dark[number] if isinstance(dark, np.ndarray) else dark, np.float32)
-            share = (band - level) / np.maximum(np.float32(full) - level, 1)
-            # The square root of light has like noise everywhere (Anscombe).
-            bands.append(255 * np.sqrt(np.clip(share, 0, 1)))
+            # The square root of light has like noise everywhere (Anscombe); in place for memory.
+            share = np.subtract(band, level, dtype=np.float32)
+            share *= 255**2 / np.maximum(np.float32(full) - level, 1)
+            np.sqrt(np.clip(share, 0, 255**2, out=share), out=share)
+            bands.append(share)
         yield bands, [band >= _ALMOST_FULL * full for band in frame]
 
 
