@@ -252,8 +252,8 @@ def test_a_vendors_wrapped_correction_is_unwrapped(tmp_path):
     ("name", "data", "words"),
     [
         ("gone.png", None, "gone.png: cannot be read: there is no such file"),
-        ("bad.png", b"no picture", "bad.png: is no map"),
-        ("empty.png", b"", "empty.png: is no map"),
+        ("bad.png", b"no picture", "bad.png: is not a picture that can be read: it is text"),
+        ("empty.png", b"", "empty.png: is empty"),
         ("bad.npy", b"no array", "bad.npy: cannot be read as a NumPy array"),
     ],
 )
@@ -267,11 +267,11 @@ def test_a_bad_map_is_named(tmp_path, name, data, words):
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (np.ones(3), r"m.npy: a map's values are \(3,\)"),
-        (np.full((2, 2), np.nan), "m.npy: a map has 4 NaN"),
+        (np.ones(3), "m.npy: is 3; give rows x columns"),
+        (np.full((2, 2), np.nan), "m.npy: has no finite value"),
         (np.zeros((2, 2)), "small: illumination goes from 0 to 0"),
-        (np.array([["a"]]), "m.npy: is no map"),
-        (np.ones((2, 2), dtype=complex), "m.npy: is no map"),
+        (np.array([["a"]]), "m.npy: holds <U1 values. Give real numbers"),
+        (np.ones((2, 2), dtype=complex), "m.npy: holds complex128 values"),
     ],
 )
 def test_a_map_of_nonsense_is_refused(tmp_path, values, words):

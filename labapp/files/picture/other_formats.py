@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 _STARTS = (
+    (b"\xff\xd8\xff", "a damaged JPEG"),
+    (b"\x89PNG", "a damaged PNG"),
     (b"8BPS", "a Photoshop document (PSD)"),
     (b"%PDF", "a PDF"),
     (b"%!PS", "PostScript"),
