@@ -1,4 +1,4 @@
-"""Restoration in terms of the photograph itself: its own unit of light, and a centred PSF.
+"""Restoration in terms of the photograph itself: its unit, and a centred PSF.
 
 The unit of the light and the place of the PSF's origin are conventions, on which no restored detail
 may depend. Restorations are therefore decorated by `in_own_unit` and `with_centred_psf`.
@@ -14,9 +14,8 @@ from typing import Any, ParamSpec
 
 import torch
 
-from optics.deconvolution.observation import Observation
+from optics.deconvolution.observation import Observation, shifted_window
 from optics.deconvolution.restored_image import RestoredImage
-from optics.plane import centred_crop, centred_pad
 
 Given = ParamSpec("Given")
 
@@ -100,30 +99,25 @@ def with_centred_psf(solve: Callable[Given, RestoredImage]) -> Callable[Given, R
     """Decorate a restoration so that a PSF whose light is off its origin only moves the picture.
 
     The restoration gets a PSF with its light about the origin, and the frame in which the picture
-    stands where the given PSF puts it. What is dark or unknown beyond the photograph's frame, and
-    the picture from which iterations start, thereby fit the photograph. A map of bounds of the
-    picture's frame leaves all where it is.
+    stands where the given PSF puts it. So the picture from which iterations start, and what is dark
+    or unknown beyond the frame, fit the photograph. A map of bounds of the picture's frame leaves
+    all where it is.
     """
 
     @functools.wraps(solve)
     def wrapper(*args: Given.args, **kwargs: Given.kwargs) -> RestoredImage:
         seen: Any = args[0]
         maps = [one for one in kwargs.values() if isinstance(one, torch.Tensor) and one.ndim > 1]
-        if seen.psf_offset == (0, 0) or maps:
+        own = seen if maps else _fresh(seen).with_centred_psf()
+        if own.offset == seen.offset:
             return solve(*args, **kwargs)
-        seen = _fresh(seen)
-        found = solve(seen.moved_psf(seen.psf_offset), *args[1:], **kwargs)  # type: ignore[arg-type]
-        return replace(found, period_image=_on_given_period(found.period_image, seen))
+        found = solve(own, *args[1:], **kwargs)  # type: ignore[arg-type]
+        whole = shifted_window(
+            found.period_image, own.offset, seen.period_shape, seen.border == "periodic"
+        )
+        return replace(found, period_image=whole)
 
     return wrapper
-
-
-def _on_given_period(whole: torch.Tensor, seen: Observation) -> torch.Tensor:
-    """Return a picture that was restored with a centred PSF on the period of the given PSF."""
-    down, along = seen.psf_offset
-    whole = whole.roll((-down, -along), (-2, -1))
-    smaller = [min(n, m) for n, m in zip(whole.shape[-2:], seen.period_shape, strict=True)]
-    return centred_pad(centred_crop(whole, smaller), seen.period_shape)
 
 
 def _fresh(observation: Observation) -> Observation:

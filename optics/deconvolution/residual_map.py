@@ -35,7 +35,7 @@ def residual_map(observation: Observation, restored: RestoredImage) -> torch.Ten
         whole = torch.as_tensor(known).clone()
     # Beyond the frame, the picture is as the restoration left it: what is negative wasn't cut.
     observation.crop_to_frame(whole).copy_(torch.as_tensor(restored.image))
-    if observation.support is not None:
+    if known is not None and observation.support is not None:
         # The photograph's frame, beyond which all is dark, stands off that of the picture.
         whole *= observation.support.roll([-one for one in observation.psf_offset], (-2, -1))
     whole /= unit

@@ -178,11 +178,10 @@ def _residual_within_bounds(step: PictureStep, picture: torch.Tensor, upper: flo
     The scene around the frame stays as it explains the photograph, or is made dark where it is
     known to be. None if there is nothing to cut.
     """
-    seen, offset = step.observation, step.observation.offset
-    shown = picture if seen.support is None else picture * seen.support
-    shown = shown.roll([-one for one in offset], (-2, -1))
-    seen.crop_to_frame(shown).clamp_(min=0, max=upper)
-    shown = shown.roll(offset, (-2, -1))
+    seen = step.observation
+    shown = picture.clone() if seen.support is None else picture * seen.support
+    rows, columns = seen.picture_window
+    shown[..., rows, columns].clamp_(min=0, max=upper)
     return None if torch.equal(shown, picture) else step.residual_of(shown) ** 0.5
 
 

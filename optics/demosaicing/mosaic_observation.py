@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import torch
 
 from optics.deconvolution.border import extend_periodically
 from optics.deconvolution.noise import PowerLaw, flat_block_noise
-from optics.deconvolution.observation import Observation, moved, require_psf
+from optics.deconvolution.observation import Observation, about_offset, require_psf
 from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_pad
 from optics.validation import needs_gradient, require_finite
@@ -75,9 +76,11 @@ class MosaicObservation(Observation):
     def bands(self) -> int:
         return len(self.filters)
 
-    def moved_psf(self, offset: tuple[int, int]) -> MosaicObservation:
-        psf, psfs = (moved(one, offset) for one in (self.psf, self.psfs))
-        return replace(self, psf=psf, psfs=psfs, offset=offset)
+    def with_centred_psf(self) -> Self:
+        if self.psf_offset == (0, 0) or self.psfs.requires_grad or self.psf.requires_grad:
+            return self
+        psfs = about_offset(self.psfs, self.psf_offset)
+        return replace(self, psf=psfs.mean(0), psfs=psfs, offset=self.psf_offset)
 
     @property
     def needs_filters(self) -> bool:

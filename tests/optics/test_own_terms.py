@@ -221,6 +221,12 @@ def test_a_mosaic_is_restored_with_psfs_off_their_origin(frame):
 
 
 def test_a_measured_psfs_own_place_is_left_to_it():
-    """Sound kernels have their centroid up to 3.5 pixels off their origin."""
-    assert build_observation(np.ones((9, 9)), moved(disk(2.0), 4, -4)).psf_offset == (0, 0)
-    assert build_observation(np.ones((9, 9)), moved(disk(2.0), 5, -1)).psf_offset == (5, -1)
+    """Sound kernels have their centroid up to 3.5 pixels off their origin; an array that only has
+    a dark line more than an odd one hasn't."""
+    for down, along, offset in ((3, -3, (0, 0)), (5, -1, (5, -1)), (0, -4, (0, -4))):
+        seen = build_observation(np.ones((9, 9)), moved(disk(2.0), down, along))
+        assert seen.psf_offset == offset
+    even = np.pad(disk(2.0), (0, 1))
+    assert build_observation(np.ones((9, 9)), even).psf_offset == (-1, -1)
+    assert build_observation(np.ones((9, 9)), even[:, :-1]).psf_offset == (-1, 0)
+    assert build_observation(np.ones((9, 9)), np.roll(even, 1, (0, 1))).psf_offset == (0, 0)
