@@ -6,9 +6,11 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
+from judges.picture_files import make_file
 from test_merge_command import NOISE, merged
 
 from labapp.common.errors import UserError
+from labapp.pictures.merging.bracket_files import SensorNumbers, read_bracket_files
 from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
 from labapp.pictures.merging.exposure_words import parse_exposures
 
@@ -155,3 +157,11 @@ def test_linear_frames_that_moved_are_named_and_aligned(tmp_path):
     aligned = merged([*arguments, "--align", "--force"])
     assert not aligned["warnings"]
     assert aligned["states"].get("MOVED", 0) < 0.2 * said["states"]["MOVED"]
+
+
+def test_a_file_of_12_bits_is_full_at_4095(tmp_path):
+    """Packed 12-bit numbers keep their range, and with it the level of clipped pixels."""
+    path = make_file("TIFF, grey of 12 bits", 0, tmp_path).path
+    noise = SensorNumbers(gain=2.0, read_noise=3.0)
+    bracket = read_bracket_files([path, path], [0.01, 0.02], [], None, noise, None)
+    assert bracket.sensor.full_scale == 4095

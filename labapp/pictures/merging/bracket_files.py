@@ -112,8 +112,7 @@ def read_bracket_files(
             names, frames, times, levels, [math.inf] * len(frames), CODED_SENSOR, is_coded=True,
             doubts=tuple(doubts), notes=tuple(notes), may_move=True,
         )  # fmt: skip
-    bits = 8 if frames[0].dtype == np.uint8 else 16
-    sensor = build_sensor(sensor_file, numbers, bits, frames[0].shape[1:])
+    sensor = build_sensor(sensor_file, numbers, _bits(photographs[0]), frames[0].shape[1:])
     means, counts = _mean_darks(darks, frames[0], len(frames), sensor, encoding)
     return BracketFiles(
         names, frames, times, means, counts, sensor,
@@ -183,6 +182,13 @@ def _require_one_kind(photographs: Sequence[Photograph]) -> None:
                 f"{one.path}: has {one.levels.dtype} numbers and {first.path} {first.levels.dtype} "
                 "ones. Give frames of one kind, as the sensor made them."
             )
+
+
+def _bits(photograph: Photograph) -> int:
+    """Return the bits of the numbers that a bracket is merged in: of the file, 16 at most."""
+    if photograph.is_coded or photograph.white is None:
+        return 16
+    return min(16, int(photograph.white).bit_length())
 
 
 def _numbers(photograph: Photograph) -> Frame:
