@@ -103,7 +103,7 @@ def test_a_photograph_is_restored_compared_and_saved(bench, person, qtbot, monke
     file = tmp_path / "sharp.gif"
     person.clicks(view.save)
     person.waits(lambda: window.message.is_error)
-    assert "choose .tiff, .npy or .png" in window.message.text
+    assert "choose .tiff, .npy, .exr, .hdr or .png" in window.message.text
 
 
 def light_of(levels: np.ndarray) -> np.ndarray:
