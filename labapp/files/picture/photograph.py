@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.array_file import read_npy
+from labapp.files.array_file import read_npy, read_npz
 from labapp.files.guarded_reading import read_bytes
 from labapp.files.picture.encoding import LINEAR, SRGB, Encoding, decode_levels
 from labapp.files.picture.exif import SRGB as SRGB_BY_EXIF
@@ -147,7 +147,7 @@ def read_photograph(
     data = read_bytes(path)
     if not data:
         raise UserError(f"{path}: is empty. Give a picture.")
-    if path.suffix.lower() == ".npy" or data.startswith(b"\x93NUMPY"):
+    if path.suffix.lower() in (".npy", ".npz") or data.startswith(b"\x93NUMPY"):
         stored = _read_array(path)
     else:
         stored = read_stored(path, data, _page(path, data, page, page_option))
@@ -201,7 +201,7 @@ def _page(path: Path, data: bytes, page: int | None, option: str) -> int:
 
 def _read_array(path: Path) -> StoredPicture:
     """Read a photograph from an array of NumPy, whose numbers are proportional to light."""
-    values = read_npy(path)
+    values = _only_array(path) if path.suffix.lower() == ".npz" else read_npy(path)
     if values.dtype.kind not in "iuf":
         raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
     if values.ndim == 2:
@@ -222,6 +222,17 @@ def _tell_missing(count: int) -> tuple[str, ...]:
     """Say in words that a picture has missing pixels."""
     told = f"{count} of its numbers are infinite or NaN, and count as missing pixels"
     return (told,) if count else ()
+
+
+def _only_array(path: Path) -> NDArray[Any]:
+    """Return the array of an .npz file; raise UserError if it holds several."""
+    arrays = read_npz(path)
+    if len(arrays) != 1:
+        raise UserError(
+            f"{path}: is an .npz of {len(arrays)} arrays: {', '.join(arrays) or 'none'}. Save the "
+            "one that is meant as .npy."
+        )
+    return next(iter(arrays.values()))
 
 
 def _count_missing(path: Path, values: NDArray[Any]) -> int:
