@@ -14,7 +14,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from labapp.files.picture.exif import UNCALIBRATED, Exif, read_exif
+from labapp.files.exif import UNCALIBRATED, Exif, read_exif
 from labapp.files.picture.exif_in_files import (
     exif_of_jpeg,
     exif_of_png,

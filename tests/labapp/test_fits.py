@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from labapp.common.errors import UserError
-from labapp.files.picture.exif import Exif
+from labapp.files.exif import Exif
 from labapp.files.picture.fits import count_fits_pages, read_fits
 
 PATH = Path("a.fits")

@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 
 from labapp.common.errors import UserError
-from labapp.files.picture.exif import Exif
+from labapp.files.exif import Exif
 from labapp.files.picture.exr_library import encode_open_exr
 from labapp.files.picture.open_exr import count_exr_pages, read_open_exr
 

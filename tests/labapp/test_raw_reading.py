@@ -126,7 +126,8 @@ def test_what_the_camera_states_is_read_and_orientation_is_not_applied():
     found = read_raw(PATH, dng(mosaic, camera=camera, tags={51041: ("d", (1e-4, 1e-6))}))
     np.testing.assert_array_equal(found.mosaic, mosaic)
     assert found.orientation == 6
-    assert (found.exposure.time, found.exposure.f_number, found.exposure.iso) == (0.008, 2.8, 400)
+    told = found.exposure
+    assert (told.exposure_time, told.f_number, told.iso) == (0.008, 2.8, 400)
     assert (found.maker, found.model) == ("Judge", "Box")
     np.testing.assert_allclose(found.colour.matrix, CAMERA, atol=1e-6)
     np.testing.assert_allclose(found.colour.white, [0.5, 1, 0.7], atol=1e-6)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.library_text import collect_library_text
+from labapp.files.exif import Exif
 from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import Statement
-from labapp.files.picture.exif import Exif
 from labapp.files.picture.exif_in_files import (
     exif_of_jpeg,
     exif_of_png,

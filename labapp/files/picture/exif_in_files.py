@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from labapp.files.picture.exif import Exif, read_exif
+from labapp.files.exif import Exif, read_exif
 from labapp.files.picture.file_parts import (
     expand,
     jpeg_segments,

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import printable_line, quote
+from labapp.files.exif import Exif
 from labapp.files.picture.encoding import LINEAR
-from labapp.files.picture.exif import Exif
 from labapp.files.picture.fits_units import (
     TYPES,
     FitsUnit,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import struct
 
+from labapp.files.exif import Exif
 from labapp.files.picture.encoding import Statement
-from labapp.files.picture.exif import Exif
 from labapp.files.picture.exif_in_files import exif_after_offset
 from labapp.files.picture.file_parts import boxes
 from labapp.files.picture.icc import icc_encoding

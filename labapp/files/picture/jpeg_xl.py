@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from labapp.files.picture.exif import Exif
+from labapp.files.exif import Exif
 from labapp.files.picture.exif_in_files import exif_after_offset
 from labapp.files.picture.file_parts import boxes
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import printable_line, quote
+from labapp.files.exif import Exif
 from labapp.files.guarded_reading import require_memory
 from labapp.files.picture.encoding import LINEAR
-from labapp.files.picture.exif import Exif
 from labapp.files.picture.exr_library import damaged_exr, open_exr
 from labapp.files.picture.stored import StoredPicture
 

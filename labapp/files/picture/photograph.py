@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.array_file import read_npy, read_npz
+from labapp.files.exif import SRGB as SRGB_BY_EXIF
+from labapp.files.exif import Exif
 from labapp.files.guarded_reading import read_bytes
 from labapp.files.picture.encoding import LINEAR, SRGB, Encoding, decode_levels
-from labapp.files.picture.exif import SRGB as SRGB_BY_EXIF
-from labapp.files.picture.exif import Exif
 from labapp.files.picture.opening import count_pages, read_stored
 from labapp.files.picture.stored import StoredPicture
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from labapp.files.exif import Exif
 from labapp.files.picture.encoding import Encoding
-from labapp.files.picture.exif import Exif
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.exif import Exif, read_exif
 from labapp.files.guarded_reading import require_memory
 from labapp.files.raw import dng_levels as levels
 from labapp.files.raw.directories import Directory
@@ -61,7 +62,7 @@ def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotogra
         by_columns,
         None,
         levels.camera_colour(page, first, order_channels(pattern or ())),
-        levels.read_exposure(first),
+        read_exif(data, first.offset) or Exif(),
         orientation if 1 <= orientation <= 8 else 1,
         first.text(MAKE),
         first.text(_MODEL),

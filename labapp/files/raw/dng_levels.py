@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.raw.directories import Directory
 from labapp.files.raw.dng_page import BITS, page_shape
-from labapp.files.raw.photograph import CameraColour, Exposure
+from labapp.files.raw.photograph import CameraColour
 from labapp.files.raw.recognition import CFA, PHOTOMETRIC
 
 _LETTERS = "RGBCMYW"
@@ -33,7 +33,6 @@ _MATRICES = ((50721, 50778), (50722, 50779), (52531, 52529))
 _REPEAT, _PATTERN, _PLANES, _LAYOUT = 33421, 33422, 50710, 50711
 _BLACK_REPEAT, _BLACK, _BLACK_COLUMNS, _BLACK_ROWS = 50713, 50714, 50715, 50716
 _WHITE, _TABLE, _AREA, _NEUTRAL, _WHITE_XY, _NOISE = 50717, 50712, 50829, 50728, 50729, 51041
-_EXIF, _TIME, _F_NUMBER, _ISO = 34665, 33434, 33437, 34855
 
 Area = tuple[slice, slice]
 
@@ -177,14 +176,3 @@ def _noise_profile(page: Directory, order: Sequence[int]) -> NDArray[np.float64]
         return None
     pairs = values.reshape(-1, 2)
     return np.repeat(pairs, len(order), 0) if len(pairs) == 1 else pairs[order]
-
-
-def read_exposure(first: Directory) -> Exposure:
-    """Return exposure time, aperture and sensitivity that a file of tags states."""
-    exif = first.sub_directory(_EXIF)
-    found: list[float | None] = []
-    for code in (_TIME, _F_NUMBER, _ISO):
-        values = (exif.numbers(code) if exif else ()) or first.numbers(code)
-        sound = bool(values) and math.isfinite(values[0]) and values[0] > 0
-        found.append(float(values[0]) if sound else None)
-    return Exposure(*found)

@@ -9,26 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.files.exif import Exif
+
 Light = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Exposure:
-    """How a photograph was exposed; None where its file doesn't say.
-
-    Attributes
-    ----------
-    time : float or None
-        Exposure time in seconds.
-    f_number : float or None
-        Focal length over the diameter of the aperture.
-    iso : float or None
-        Sensitivity that was set.
-    """
-
-    time: float | None = None
-    f_number: float | None = None
-    iso: float | None = None
 
 
 @dataclass(frozen=True)
@@ -82,7 +65,7 @@ class RawPhotograph:
         `white`.
     colour : CameraColour
         The camera's colours.
-    exposure : Exposure
+    exposure : Exif
         Exposure time, aperture and sensitivity.
     orientation : int
         How to turn the picture for people to see, 1 to 8 as in EXIF. It isn't applied.
@@ -102,7 +85,7 @@ class RawPhotograph:
     black_columns: NDArray[np.float64] | None = None
     linear_limit: float | None = None
     colour: CameraColour = field(default_factory=CameraColour)
-    exposure: Exposure = field(default_factory=Exposure)
+    exposure: Exif = field(default_factory=Exif)
     orientation: int = 1
     maker: str = ""
     model: str = ""

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from labapp.common.errors import UserError
+from labapp.files.exif import Exif, read_exif
 from labapp.files.guarded_reading import read_bytes
 from labapp.files.raw.directories import PANASONIC_OFFSET, Directory, read_directories
 from labapp.files.raw.dng import read_dng
-from labapp.files.raw.dng_levels import read_exposure
 from labapp.files.raw.dng_page import require_whole
 from labapp.files.raw.libraw import LibRawPicture, decode_by_libraw, require_undamaged
-from labapp.files.raw.photograph import CameraColour, Exposure, RawPhotograph, order_channels
+from labapp.files.raw.photograph import CameraColour, RawPhotograph, order_channels
 from labapp.files.raw.recognition import CFA, DNG_VERSION, MAKE, PHOTOMETRIC
 
 _MODEL = 272
@@ -73,7 +74,7 @@ def _read(path: Path, data: bytes) -> RawPhotograph:
             "camera that LibRaw doesn't know. Copy it again, or convert it to DNG."
         )
     require_undamaged(path, found)
-    return _photograph(path, found, pages)
+    return _photograph(path, data, found, pages)
 
 
 def _is_plain_mosaic(pages: list[Directory]) -> bool:
@@ -82,7 +83,9 @@ def _is_plain_mosaic(pages: list[Directory]) -> bool:
     return bool(mosaics) and not pages[0].has(MAKE)
 
 
-def _photograph(path: Path, found: LibRawPicture, pages: list[Directory]) -> RawPhotograph:
+def _photograph(
+    path: Path, data: bytes, found: LibRawPicture, pages: list[Directory]
+) -> RawPhotograph:
     """Return the photograph of a maker's RAW file, for which LibRaw's word is taken.
 
     Raises UserError for pictures that aren't a mosaic.
@@ -100,7 +103,7 @@ def _photograph(path: Path, found: LibRawPicture, pages: list[Directory]) -> Raw
         )
     filters = "grey" if found.pattern is None else "/".join(found.pattern)
     time, f_number, iso = (value if value > 0 else None for value in found.exposure)
-    exposure = read_exposure(pages[0]) if pages else Exposure()
+    told = (read_exif(data, pages[0].offset) if pages else None) or Exif()
     return RawPhotograph(
         path,
         f"RAW of {mosaic.shape[0]} x {mosaic.shape[1]} pixels, {filters}",
@@ -110,8 +113,11 @@ def _photograph(path: Path, found: LibRawPicture, pages: list[Directory]) -> Raw
         found.white,
         linear_limit=found.linear_limit,
         colour=_camera_colour(found),
-        exposure=Exposure(
-            exposure.time or time, exposure.f_number or f_number, exposure.iso or iso
+        exposure=replace(
+            told,
+            exposure_time=told.exposure_time or time,
+            f_number=told.f_number or f_number,
+            iso=told.iso or iso,
         ),
         orientation=found.orientation,
         maker=pages[0].text(MAKE) if pages else "",

@@ -17,7 +17,7 @@ from labapp.files.picture.photograph import Photograph, read_photograph
 from labapp.files.raw import RawPhotograph
 from labapp.files.sensor_file import read_sensor
 from labapp.pictures.merging.bracket_pages import read_frames
-from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
+from labapp.pictures.merging.exposure_facts import choose_times
 from optics.camera import Sensor
 
 Frame = NDArray[Any]
@@ -95,10 +95,7 @@ def read_bracket_files(
     _require_one_kind(photographs)
     told = sensor_file is not None or numbers != SensorNumbers() or darks or encoding is not None
     is_coded = not told and all(_has_response(one) for one in photographs)
-    if exposures is None:
-        (times, notes), doubts = times_of_files(photographs, is_coded), []
-    else:
-        times, notes, doubts = list(exposures), [], contradictions(photographs, exposures)
+    times, notes, doubts = choose_times(photographs, exposures, is_coded)
     frames = [one.levels if is_coded else _numbers(one) for one in photographs]
     for name, frame in zip(names, frames, strict=True):
         if frame.shape != frames[0].shape:

@@ -24,6 +24,16 @@ def _facts(photograph: Any, name: str) -> float | None:
     return float(value) if value is not None and 0 < value < math.inf else None
 
 
+def choose_times(
+    photographs: Sequence[Any], told: Sequence[float] | None, is_coded: bool
+) -> tuple[list[float], list[str], list[str]]:
+    """Return a bracket's exposure times, told or of its files, with notes and doubts in words."""
+    if told is None:
+        times, notes = times_of_files(photographs, is_coded)
+        return times, notes, []
+    return list(told), [], contradictions(photographs, told)
+
+
 def times_of_files(photographs: Sequence[Any], is_coded: bool) -> tuple[list[float], list[str]]:
     """Return the exposure times that a bracket's files tell, and notes in words.
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.files.guarded_reading import read_bytes
 from labapp.files.picture.encoding import Encoding
-from labapp.files.picture.exif import Exif
 from labapp.files.raw import RawPhotograph, is_raw, read_raw
 from labapp.pictures.merging.bracket_files import (
     BracketFiles,
@@ -27,7 +26,7 @@ from labapp.pictures.merging.bracket_files import (
     group_darks,
     require_times,
 )
-from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
+from labapp.pictures.merging.exposure_facts import choose_times
 from labapp.pictures.merging.raw_noise import find_noise
 from labapp.pictures.reconstructing.raw_to_restore import describe_levels, describe_turn
 
@@ -38,14 +37,6 @@ _OTHER_WHITE = 0.01
 """Relative difference from which on white balances of a bracket's files differ. Chosen."""
 
 Numbers = NDArray[np.uint16]
-
-
-class _Facts:
-    """What a bracket's RAW file tells of its exposure, as other pictures tell it."""
-
-    def __init__(self, raw: RawPhotograph) -> None:
-        self.path, told = raw.path, raw.exposure
-        self.exposure = Exif(exposure_time=told.time, f_number=told.f_number, iso=told.iso)
 
 
 def find_raw_files(paths: Sequence[Path]) -> list[RawPhotograph] | None:
@@ -89,11 +80,7 @@ def read_raw_bracket(
     names = [one.path.name for one in raws]
     require_times(exposures, len(names), "files")
     _require_one_sensor(raws)
-    facts = [_Facts(one) for one in raws]
-    if exposures is None:
-        (times, notes), doubts = times_of_files(facts, is_coded=False), []
-    else:
-        times, notes, doubts = list(exposures), [], contradictions(facts, exposures)
+    times, notes, doubts = choose_times(raws, exposures, is_coded=False)
     frames, levels = _raised(raws, numbers.black)
     means, counts = _darkness(darks, raws, frames, levels)
     top = float(max(np.max(one) for one in levels))

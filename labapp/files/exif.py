@@ -25,6 +25,10 @@ _MOST_VALUES = 256
 _MOST_APEX = 40.0
 """Highest magnitude of an APEX value: 2^40 s are longer than any exposure. Chosen."""
 
+_CLASSIC = (42, 0x55, 0x4F52, 0x5352)
+"""Versions of TIFF (TIFF 6.0, section 2), and of Panasonic's and Olympus' RAW, which differ from it
+in this number only."""
+
 _BYTE_ORDERS = {b"II": "<", b"MM": ">"}
 _TEXT, _RATIONALS = 2, (5, 10)
 _TYPES = {1: "B", 2: "s", 3: "H", 4: "I", 5: "II", 6: "b", 7: "B", 8: "h", 9: "i", 10: "ii"}
@@ -106,7 +110,8 @@ def _read_header(data: bytes) -> tuple[_Layout, int]:
     """Return the layout of a TIFF structure, and the place of its first directory."""
     order = _BYTE_ORDERS[bytes(data[:2])]
     (version,) = struct.unpack_from(order + "H", data, 2)
-    layout = {42: _Layout(order, "H", "I", 4), 43: _Layout(order, "Q", "Q", 8)}[version]
+    classic = dict.fromkeys(_CLASSIC, _Layout(order, "H", "I", 4))
+    layout = {**classic, 43: _Layout(order, "Q", "Q", 8)}[version]
     (first,) = struct.unpack_from(order + layout.offset, data, layout.width)
     return layout, first
 
