@@ -13,7 +13,8 @@ from scipy.signal import fftconvolve
 from skimage import data
 
 from labapp.files.raw import read_raw
-from labapp.pictures.analysis.raw_colours import raw_to_colours
+from labapp.pictures.analysis.raw_colours import raw_filters
+from labapp.pictures.merging.mosaic_colours import merged_colours
 
 SIDE, REACH = 96, 4
 WHITE_LEVEL, LEVELS = 4000, np.array([[100, 140], [180, 220]])
@@ -216,6 +217,8 @@ def test_merged_light_becomes_the_colours_of_the_scene(tmp_path):
     colour = np.array([0.6, 0.2, 0.3])[:, None, None] * np.ones((1, 40, 44))
     (tmp_path / "even.dng").write_bytes(exposed(colour, noise=0))
     raw = read_raw(tmp_path / "even.dng")
-    found = raw_to_colours(1000 * raw.light(), raw)
+    light = 1000 * raw.light()
+    state = np.zeros(light.shape, np.uint8)
+    found = merged_colours(light, np.ones_like(light), state, raw_filters(raw)[0])
     assert found.shape == (3, 40, 44)
     np.testing.assert_allclose(found / 1000, colour, atol=0.002)

@@ -10,8 +10,6 @@ from labapp.files.raw import RawPhotograph
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.camera_colours import camera_to_linear_srgb, daylight_white
 
-Light = NDArray[np.float32]
-
 
 def raw_filters(raw: RawPhotograph, *, is_grey: bool = False) -> tuple[ColourFilters, list[str]]:
     """Return the colour filters of a RAW photograph, and remarks on its white and its matrix.
@@ -43,44 +41,6 @@ def raw_filters(raw: RawPhotograph, *, is_grey: bool = False) -> tuple[ColourFil
         matrix, said = _matrix_to_srgb(raw)
         notes += said
     return ColourFilters(raw.pattern, raw.channels, gains, matrix, None, is_grey), notes
-
-
-def raw_to_colours(
-    light: Light,
-    raw: RawPhotograph,
-    noise: float | None = None,
-    clipped: NDArray[np.bool_] | None = None,
-) -> Light:
-    """Demosaic light that is behind the filters of a RAW photograph, and turn it into linear sRGB.
-
-    Parameters
-    ----------
-    light : NDArray, (rows, columns)
-        Light of each pixel, dark level subtracted, in any unit; for example that of a bracket of
-        such photographs, merged. NaN where it isn't known.
-    raw : RawPhotograph
-        The photograph, or one of the bracket.
-    noise : float, optional
-        Standard deviation of a pixel. Estimated if None.
-    clipped : NDArray of bool, (rows, columns), optional
-        Pixels whose light is at least what is given.
-
-    Returns
-    -------
-    NDArray, (3, rows, columns) or (1, rows, columns), float32
-        Linear sRGB in the unit of `light`, in which white has the light of the brightest channel;
-        one band for a sensor without filters.
-
-    Raises
-    ------
-    UserError
-        If the colours of its filters aren't known.
-    """
-    if raw.pattern is None:
-        return light[None].astype(np.float32)
-    filters, _ = raw_filters(raw)
-    at = np.zeros(light.shape, dtype=bool) if clipped is None else clipped
-    return filters.to_screen(filters.separate(light, noise, at)).astype(np.float32)
 
 
 def _gains(raw: RawPhotograph) -> tuple[NDArray[np.float64], list[str]]:

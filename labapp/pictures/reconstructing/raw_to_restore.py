@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.guarded_reading import read_bytes
+from labapp.files.picture.photograph import Light
 from labapp.files.raw import RawPhotograph, is_raw, read_raw
 from labapp.pictures.analysis.colour_filters import ColourFilters
-from labapp.pictures.analysis.raw_colours import Light, raw_filters
+from labapp.pictures.analysis.raw_colours import raw_filters
 from labapp.pictures.analysis.score import ReferencePicture
 from labapp.pictures.reconstructing.problem import RestorationProblem
 from optics.operators.blur import Border
