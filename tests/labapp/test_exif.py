@@ -18,7 +18,6 @@ from labapp.files.exif import UNCALIBRATED, Exif, read_exif
 from labapp.files.picture.exif_in_files import (
     exif_of_jpeg,
     exif_of_png,
-    exif_of_tiff,
     exif_of_webp,
 )
 from labapp.files.picture.heif import exif_of_heif, orientation_of_heif
@@ -71,7 +70,7 @@ def assert_same(found: Exif | None, expected: Exif) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "read"),
-    [("JPEG", exif_of_jpeg), ("PNG", exif_of_png), ("WEBP", exif_of_webp), ("TIFF", exif_of_tiff)],
+    [("JPEG", exif_of_jpeg), ("PNG", exif_of_png), ("WEBP", exif_of_webp), ("TIFF", read_exif)],
 )
 def test_exif_is_found_where_pillow_writes_it(kind, read):
     assert_same(read(saved(kind, exif=SHOT_BY_PILLOW)), SHOT)
@@ -81,7 +80,7 @@ def test_exif_is_found_where_pillow_writes_it(kind, read):
 @pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP", "TIFF"])
 def test_the_wrong_format_holds_no_exif(kind):
     data = saved(kind, exif=SHOT_BY_PILLOW)
-    readers = {"JPEG": exif_of_jpeg, "PNG": exif_of_png, "WEBP": exif_of_webp, "TIFF": exif_of_tiff}
+    readers = {"JPEG": exif_of_jpeg, "PNG": exif_of_png, "WEBP": exif_of_webp, "TIFF": read_exif}
     for other, read in readers.items():
         if other != kind:
             assert read(data) is None
@@ -189,10 +188,10 @@ def test_a_page_of_a_tiff_is_named_by_its_directory():
     with tifffile.TiffFile(io.BytesIO(data)) as read:
         places = [page.offset for page in read.pages]
     for k, place in zip((1, 3), places, strict=True):
-        found = exif_of_tiff(data, place)
+        found = read_exif(data, place)
         assert found is not None
         assert (found.orientation, found.exposure_time, found.f_number) == (k, 0.01 / k, 2.8)
-    assert exif_of_tiff(data) == exif_of_tiff(data, places[0])
+    assert read_exif(data) == read_exif(data, places[0])
 
 
 @pytest.mark.parametrize("order", "<>")
@@ -227,7 +226,7 @@ def test_what_is_damaged_is_left_out():
 def test_files_that_are_cut_or_hurt_end_in_nothing_worse():
     generator = random.Random(8)
     files = [saved(kind, exif=SHOT_BY_PILLOW) for kind in ("JPEG", "PNG", "WEBP", "TIFF", "AVIF")]
-    readers = (exif_of_jpeg, exif_of_png, exif_of_webp, exif_of_tiff, exif_of_heif)
+    readers = (exif_of_jpeg, exif_of_png, exif_of_webp, read_exif, exif_of_heif)
     for data, read in zip(files, readers, strict=True):
         for _ in range(150):
             hurt = bytearray(data[: generator.randrange(1, len(data) + 1)])

@@ -10,11 +10,12 @@ import colour
 import imagecodecs
 import numpy as np
 import pytest
-from PIL import ImageCms
+from PIL import Image, ImageCms
 
 from labapp.common.errors import UserError
 from labapp.files.picture.encoding import LINEAR, SRGB, Encoding
 from labapp.files.picture.icc import PRIMARIES, icc_encoding, icc_profile
+from labapp.files.picture.photograph import read_photograph
 
 SRGB_PRIMARIES = [0.64, 0.33, 1.0, 0.3, 0.6, 1.0, 0.15, 0.06, 1.0]
 """x, y and Y of the primaries (IEC 61966-2-1)."""
@@ -150,6 +151,20 @@ def test_a_profile_of_tables_alone_is_refused_by_its_name():
     profile = with_tags(pillow_srgb(), {**without, b"A2B0": b"mft2" + bytes(60)})
     with pytest.raises(UserError, match=r'ICC profile ".*" has a table of colours .* name its enc'):
         icc_encoding(profile)
+
+
+def test_whoever_names_the_encoding_needs_no_profile(tmp_path):
+    """The remedy that the refusal prints helps, in TIFF as in PNG."""
+    without = dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"))
+    profile = with_tags(pillow_srgb(), {**without, b"A2B0": b"mft2" + bytes(60)})
+    levels = np.full((4, 5, 3), 188, np.uint8)
+    for name in ("a.tiff", "a.png"):
+        Image.fromarray(levels).save(tmp_path / name, icc_profile=profile)
+        with pytest.raises(UserError, match=rf"{name}: .*has a table of colours"):
+            read_photograph(tmp_path / name)
+        # Level 188 is half the light of white (IEC 61966-2-1).
+        light = read_photograph(tmp_path / name, encoding=SRGB).light
+        assert light == pytest.approx(0.5, abs=3e-3)
 
 
 @pytest.mark.parametrize(

@@ -15,24 +15,24 @@ import imagecodecs
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.common.errors import UserError
 from labapp.common.library_text import collect_library_text
 from labapp.files.exif import Exif
 from labapp.files.guarded_reading import require_memory
-from labapp.files.picture.encoding import Statement
+from labapp.files.picture.encoding import Statement, statement_of
 from labapp.files.picture.exif_in_files import (
     exif_of_jpeg,
     exif_of_png,
     exif_of_webp,
 )
-from labapp.files.picture.file_parts import count_gif_frames, jpeg_segments
+from labapp.files.picture.file_parts import count_gif_frames, jpeg_segments, riff_chunks
 from labapp.files.picture.headers import Header
 from labapp.files.picture.heif import exif_of_heif, heif_encoding, orientation_of_heif
 from labapp.files.picture.icc import icc_encoding
+from labapp.files.picture.inks import INKS_TURNED, inks_to_colours
 from labapp.files.picture.jpeg_xl import exif_of_jpeg_xl, read_jpeg_xl_header
 from labapp.files.picture.refusal import refuse_picture
 from labapp.files.picture.stated_encoding import icc_of_jpeg, icc_of_webp, is_drawing, png_encoding
-from labapp.files.picture.stored import StoredPicture
+from labapp.files.picture.stored import ALPHA_LEFT_OUT, StoredPicture
 
 _MOST_SCANS = 100
 """Scans of a progressive JPEG, each of which goes over the whole picture. Encoders write about 10
@@ -112,21 +112,22 @@ def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
         raise refuse_picture(path, what, "Give the .npy, .tiff or .h5 of what it shows.")
     samples = _decode(path, data, header)
     values, notes = _colours(path, data, header, samples)
-    encoding, source, told = _encoding(path, data, header)
+    stated = statement_of(lambda: _encoding(data, header))
     exif = _EXIF[header.kind](data) if header.kind in _EXIF else None
     bits = values.dtype.itemsize * 8 if header.bits is None else max(header.bits, 8)
     white = None if values.dtype.kind == "f" else float(2**bits - 1)
     return StoredPicture(
         values=values,
         white=white,
-        encoding=encoding,
-        encoding_source=source,
+        encoding=stated.encoding,
+        encoding_source=stated.source,
+        encoding_refusal=stated.refusal,
         pages=1,
         orientation=_orientation(data, header, exif),
         exif=exif,
         is_lossy=header.is_lossy is not False,
         kind=header.kind if header.bits in (None, 8) else f"{header.bits}-bit {header.kind}",
-        notes=(*notes, *told, *_further_pictures(data, header)),
+        notes=(*notes, *stated.notes, *_further_pictures(data, header)),
     )
 
 
@@ -186,14 +187,15 @@ def _colours(
     """Return a picture's samples as (1 or 3, rows, columns), and what was done with others."""
     bands = samples[None] if samples.ndim == 2 else np.moveaxis(samples, -1, 0)
     if header.kind == "JPEG" and len(bands) == 4:
-        told = "its inks (CMYK) were turned into red, green and blue without their profile"
-        return _from_inks(bands, is_inverse=b"Adobe" in data[:4096]), (told,)
-    if len(bands) in (1, 3) and header.kind == "PNG" and b"tRNS" in data[: 1 << 16]:
-        return bands, ("its alpha was left out: colours are as they're stored",)
+        # Adobe's files store 255 for no ink.
+        paper = bands if b"Adobe" in data[:4096] else 255 - bands
+        return inks_to_colours(paper, 255), (INKS_TURNED,)
+    if len(bands) in (1, 3) and header.kind == "PNG" and b"tRNS" in data[:_HEAD]:
+        return bands, (ALPHA_LEFT_OUT,)
     if header.kind == "GIF" and len(bands) == 4:
         raise refuse_picture(path, "a GIF with transparent pixels, which have no colour")
     if len(bands) in (2, 4):
-        return bands[:-1], ("its alpha was left out: colours are as they're stored",)
+        return bands[:-1], (ALPHA_LEFT_OUT,)
     if len(bands) not in (1, 3):
         raise refuse_picture(path, f"a {header.kind} of {len(bands)} bands a pixel")
     return bands, ()
@@ -201,37 +203,37 @@ def _colours(
 
 def _further_pictures(data: bytes, header: Header) -> tuple[str, ...]:
     """Say in words what a file holds beside the picture that was read."""
-    head = data[: 1 << 16]
+    head = data[:_HEAD]
     if header.kind == "JPEG" and (b"hdrgm" in head or b"21496-1" in head):
         return ("its gain map for brighter screens was left out",)
     if header.kind == "JPEG" and b"MPF\0" in head:
         return ("it holds two pictures or more (MPO), of which the first was read",)
-    moves = {
-        "PNG": b"acTL" in head, "WebP": b"ANMF" in data,
-        "GIF": header.kind == "GIF" and count_gif_frames(data) > 1, "AVIF": data[8:12] == b"avis",
-    }  # fmt: skip
-    return ("it is an animation, of which the first picture was read",) * moves.get(
-        header.kind, False
-    )
+    if header.kind in _MOVES and _MOVES[header.kind](data):
+        return ("it is an animation, of which the first picture was read",)
+    return ()
 
 
-def _from_inks(inks: Samples, *, is_inverse: bool) -> Samples:
-    """Return red, green and blue of CMYK; Adobe's files store 255 for no ink."""
-    left = (inks if is_inverse else 255 - inks).astype(np.float64)
-    return np.rint(left[:3] * left[3] / 255).astype(np.uint8)
+_HEAD = 1 << 16
+"""Bytes at a file's beginning that are searched for names of its parts. Chosen: a JPEG's segment
+has at most these."""
+
+_MOVES: dict[str, Callable[[bytes], bool]] = {
+    "PNG": lambda data: b"acTL" in data[:_HEAD],
+    "WebP": lambda data: any(name == b"ANMF" for name, _ in riff_chunks(data)),
+    "GIF": lambda data: count_gif_frames(data) > 1,
+    "AVIF": lambda data: data[8:12] == b"avis",
+}
+"""Whether a file of each format is an animation."""
 
 
-def _encoding(path: Path, data: bytes, header: Header) -> Statement:
+def _encoding(data: bytes, header: Header) -> Statement:
     """Return the encoding that a picture's file says, with remarks."""
-    try:
-        if header.kind == "PNG":
-            return png_encoding(data)
-        if header.kind == "AVIF":
-            return heif_encoding(data)
-        profile = {"JPEG": icc_of_jpeg, "WebP": icc_of_webp}.get(header.kind, _no_profile)(data)
-        return Statement(None) if profile is None else icc_encoding(profile)
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+    if header.kind == "PNG":
+        return png_encoding(data)
+    if header.kind == "AVIF":
+        return heif_encoding(data)
+    profile = {"JPEG": icc_of_jpeg, "WebP": icc_of_webp}.get(header.kind, _no_profile)(data)
+    return Statement(None) if profile is None else icc_encoding(profile)
 
 
 def _no_profile(data: bytes) -> None:

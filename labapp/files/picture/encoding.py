@@ -72,11 +72,26 @@ class Encoding:
 
 
 class Statement(NamedTuple):
-    """What a file says of its encoding: None where it says nothing; `source` is who says it."""
+    """What a file says of its encoding: None where it says nothing; `source` is who says it.
+
+    refusal: why what it says can't be turned into light, in words; empty if it can.
+    """
 
     encoding: Encoding | None
     source: str = ""
     notes: tuple[str, ...] = ()
+    refusal: str = ""
+
+
+def statement_of(read: Callable[[], Statement]) -> Statement:
+    """Return what a file says of its encoding; what can't be turned into light is a refusal.
+
+    Whoever names the encoding needs no word of the file's.
+    """
+    try:
+        return read()
+    except UserError as error:
+        return Statement(None, refusal=str(error))
 
 
 LINEAR, SRGB, BT709, PQ, HLG = (Encoding(name) for name in ("linear", "srgb", "bt709", "pq", "hlg"))

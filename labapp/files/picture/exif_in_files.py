@@ -45,15 +45,6 @@ def exif_of_webp(data: bytes) -> Exif | None:
     return next((read_exif(one) for one in found), None)
 
 
-def exif_of_tiff(data: bytes, directory: int | None = None) -> Exif | None:
-    """Return the Exif of a page of a TIFF file.
-
-    directory: place of the page's directory in the file (tifffile's `page.offset`), by default the
-    first page's.
-    """
-    return read_exif(data, directory)
-
-
 def _text_profile(name: bytes, content: bytes) -> Exif | None:
     """Return the Exif that a text of a PNG file holds as hexadecimal digits."""
     keyword, _, text = content.partition(b"\0")

@@ -166,6 +166,8 @@ def _choose_encoding(
     """Return the encoding that is given, or the file's, or that of its numbers; and who says so."""
     if given is not None:
         return given, "as told"
+    if stored.encoding_refusal:
+        raise UserError(f"{path}: {stored.encoding_refusal}")
     found = stored.encoding
     if found is not None:
         if found.curves is not None and len(found.curves) not in (1, len(stored.values)):

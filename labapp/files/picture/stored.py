@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from labapp.files.exif import Exif
 from labapp.files.picture.encoding import Encoding
 
+ALPHA_LEFT_OUT = "its alpha was left out: colours are as they're stored"
+"""What is said of a picture with transparency."""
+
 
 @dataclass(frozen=True, eq=False)
 class StoredPicture:
@@ -20,6 +23,8 @@ class StoredPicture:
     the file has none. encoding: None where the file doesn't say; `encoding_source` is who says it.
     pages: pictures in the file. orientation: 1 to 8, as Exif counts them; 1 is upright. is_lossy:
     whether the compression changed the numbers. notes: what was done or left out, in words.
+    encoding_refusal: why what the file says of its encoding can't be turned into light; empty if it
+    can.
     """
 
     values: NDArray[Any]
@@ -32,3 +37,4 @@ class StoredPicture:
     exif: Exif | None = None
     is_lossy: bool = False
     notes: tuple[str, ...] = ()
+    encoding_refusal: str = ""

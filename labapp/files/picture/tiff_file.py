@@ -20,9 +20,9 @@ import tifffile
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.files.exif import read_exif
 from labapp.files.guarded_reading import require_memory
-from labapp.files.picture.encoding import Statement
-from labapp.files.picture.exif_in_files import exif_of_tiff
+from labapp.files.picture.encoding import Statement, statement_of
 from labapp.files.picture.icc import icc_encoding
 from labapp.files.picture.refusal import refuse_picture
 from labapp.files.picture.stored import StoredPicture
@@ -51,7 +51,7 @@ def count_tiff_pages(data: bytes) -> int:
     """Return how many pictures the bytes of a TIFF file hold, without smaller copies and masks."""
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
-            return _count(file)
+            return max(len(_pages(file)), _hidden_frames(file))
     # A damaged file makes tifffile raise whatever its numbers lead to.
     except Exception:
         return 1
@@ -65,7 +65,7 @@ def read_tiff(path: Path, data: bytes, page: int = 0) -> StoredPicture:
     """
     with _damage_told(path), tifffile.TiffFile(io.BytesIO(data)) as file:
         found = _pages(file)
-        count = _count(file)
+        count = max(len(found), _hidden_frames(file))
         if not found:
             what = "a TIFF without a picture, cut short or damaged"
             raise refuse_picture(path, what, "Get the original.")
@@ -78,18 +78,19 @@ def read_tiff(path: Path, data: bytes, page: int = 0) -> StoredPicture:
             values = _hidden_frame(file, page, values.shape)
         _require_shape(path, part, values)
         samples = to_light(path, header, _as_bands(values))
-        encoding, source, notes = _encoding(part)
+        stated = statement_of(lambda: _encoding(part))
         return StoredPicture(
             values=samples.values,
             white=samples.white,
-            encoding=samples.encoding or encoding,
-            encoding_source=samples.encoding_source or source,
+            encoding=samples.encoding or stated.encoding,
+            encoding_source=samples.encoding_source or stated.source,
+            encoding_refusal="" if samples.encoding else stated.refusal,
             pages=count,
             orientation=_orientation(part),
-            exif=exif_of_tiff(data, part.offset),
+            exif=read_exif(data, part.offset),
             is_lossy=int(part.compression) in _LOSSY,
             kind=_kind(part),
-            notes=(*samples.notes, *notes, *_tell_others(others)),
+            notes=(*samples.notes, *stated.notes, *_tell_others(others)),
         )
 
 
@@ -125,11 +126,6 @@ def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
 def _whole_page(page: Any) -> tifffile.TiffPage:
     """Return a page with all its tags; tifffile keeps only some of those that look alike."""
     return page.aspage() if isinstance(page, tifffile.TiffFrame) else page
-
-
-def _count(file: tifffile.TiffFile) -> int:
-    """Return the number of pictures of an open TIFF file."""
-    return max(len(_pages(file)), _hidden_frames(file))
 
 
 def _hidden_frames(file: tifffile.TiffFile) -> int:

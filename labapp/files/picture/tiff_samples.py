@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.files.picture.encoding import LINEAR, SRGB, Encoding
+from labapp.files.picture.inks import INKS_TURNED, inks_to_colours
 from labapp.files.picture.refusal import refuse_picture
+from labapp.files.picture.stored import ALPHA_LEFT_OUT
 
 Samples = NDArray[Any]
 
@@ -44,8 +46,6 @@ _ASSOCIATED, _UNASSOCIATED = 1, 2
 """Values of the tag ExtraSamples: alpha that is multiplied into the colours, and that isn't."""
 
 _COEFFICIENTS, _REFERENCE, _INK_SET = 529, 532, 332
-
-_INKS_TURNED = "its inks (CMYK) were turned into red, green and blue without their profile"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ def to_light(path: Path, header: TiffSamples, samples: Samples) -> TiffLight:
     if header.photometric == _INKS:
         inks = _at_eight_bits(_from_inks(path, header, colours), white)
         told = "inks stand for colours of a screen"
-        return TiffLight(*inks, SRGB, told, (*notes, _INKS_TURNED))
+        return TiffLight(*inks, SRGB, told, (*notes, INKS_TURNED))
     if header.photometric == _WHITE_IS_ZERO:
         colours = _inverse(path, header, colours)
     elif header.photometric == _YCBCR and _is_ycbcr(header):
@@ -148,7 +148,7 @@ def _without_extra(
     extra = header.extra[: len(samples) - count]
     if len(samples) == count + 1 and extra in ((_ASSOCIATED,), (_UNASSOCIATED,)):
         over = " over black" if extra == (_ASSOCIATED,) else ""
-        return samples[:count], (f"its alpha was left out: colours are as they're stored{over}",)
+        return samples[:count], (ALPHA_LEFT_OUT + over,)
     told = (
         f"{len(samples) - count} samples a pixel beside its colours, alpha or others, were left out"
     )
@@ -192,8 +192,9 @@ def _from_inks(path: Path, header: TiffSamples, inks: Samples) -> Samples:
     """Return red, green and blue of cyan, magenta, yellow and black by plain subtraction."""
     if header.tags.get(_INK_SET, 1) != 1 or header.white is None:
         raise refuse_picture(path, "a TIFF of inks that aren't CMYK of whole numbers")
-    left = header.white - inks.astype(np.float64)
-    return np.rint(left[:3] * left[3] / header.white).astype(inks.dtype)
+    return inks_to_colours(
+        (header.white - inks.astype(np.float64)).astype(inks.dtype), header.white
+    )
 
 
 def _is_ycbcr(header: TiffSamples) -> bool:
