@@ -11,15 +11,13 @@ from labapp.files.picture.netpbm import is_netpbm
 from labapp.files.picture.other_formats import name_format
 from labapp.files.picture.stored import StoredPicture
 from labapp.files.raw.recognition import is_raw
+from labapp.files.tiff_directories import is_tiff
 
 FORMATS = (
     "JPEG, PNG, TIFF, DNG and other RAW, OpenEXR, Radiance HDR, FITS, JPEG 2000, JPEG XL, AVIF, "
     "WebP, GIF, BMP, PGM, PPM, PFM, QOI, JPEG XR, JPEG-LS and .npy"
 )
 """Formats of pictures that are read, in words."""
-
-_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-"""First bytes of TIFF (Adobe, TIFF 6.0, section 2) and of BigTIFF, in both orders of bytes."""
 
 _FITS, _OPEN_EXR = b"SIMPLE  =", b"\x76\x2f\x31\x01"
 _RADIANCE = (b"#?RADIANCE", b"#?RGBE", b"#?AUTOPANO")
@@ -82,11 +80,6 @@ def count_pages(path: Path, data: bytes) -> int:
 
         return count_netpbm_pages(path, data)
     return 1
-
-
-def is_tiff(data: bytes) -> bool:
-    """Return whether the bytes of a picture file begin as TIFF does."""
-    return data.startswith(_TIFF)
 
 
 def _other_reader(data: bytes) -> Callable[[Path, bytes, int], StoredPicture] | None:

@@ -18,12 +18,12 @@ from labapp.common.errors import UserError
 from labapp.files.exif import Exif, read_exif
 from labapp.files.guarded_reading import require_memory
 from labapp.files.raw import dng_levels as levels
-from labapp.files.raw.directories import Directory
 from labapp.files.raw.dng_page import BITS, LOSSLESS, find_raw_page, page_shape
 from labapp.files.raw.jpeg_parts import find_damaged_parts
 from labapp.files.raw.libraw import LibRawPicture, decode_by_libraw, require_undamaged
 from labapp.files.raw.photograph import RawPhotograph, order_channels
 from labapp.files.raw.recognition import COMPRESSION, MAKE
+from labapp.files.tiff_directories import Directory
 
 _MODEL, _ORIENTATION, _CROP_ORIGIN, _CROP_SIZE, _SCALE = 272, 274, 50719, 50720, 50718
 _OPCODES = (51008, 51009, 51022)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.files.raw.directories import Directory
 from labapp.files.raw.dng_page import BITS, page_shape
 from labapp.files.raw.photograph import CameraColour
 from labapp.files.raw.recognition import CFA, PHOTOMETRIC
+from labapp.files.tiff_directories import Directory
 
 _LETTERS = "RGBCMYW"
 """Letters of the colours of filters, by TIFF/EP's numbers."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from labapp.common.errors import UserError
-from labapp.files.raw.directories import SUB_DIRECTORIES, Directory
 from labapp.files.raw.recognition import CFA, COMPRESSION, LINEAR_RAW, PHOTOMETRIC
+from labapp.files.tiff_directories import SUB_DIRECTORIES, Directory
 
 NEW_SUBFILE_TYPE, SAMPLE_FORMAT, SAMPLES, BITS = 254, 339, 277, 258
 """Tags of TIFF, by their names in its specification."""

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.files.raw.directories import Directory
 from labapp.files.raw.dng_page import BITS, page_shape
 from labapp.files.raw.libraw import LibRawPicture, decode_by_libraw
+from labapp.files.tiff_directories import Directory
 
 _TILE_WIDTH, _TILE_LENGTH, _ROWS_PER_STRIP = 322, 323, 278
 

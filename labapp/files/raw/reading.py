@@ -8,12 +8,12 @@ from pathlib import Path
 from labapp.common.errors import UserError
 from labapp.files.exif import Exif, read_exif
 from labapp.files.guarded_reading import read_bytes
-from labapp.files.raw.directories import PANASONIC_OFFSET, Directory, read_directories
 from labapp.files.raw.dng import read_dng
 from labapp.files.raw.dng_page import require_whole
 from labapp.files.raw.libraw import LibRawPicture, decode_by_libraw, require_undamaged
 from labapp.files.raw.photograph import CameraColour, RawPhotograph, order_channels
 from labapp.files.raw.recognition import CFA, DNG_VERSION, MAKE, PHOTOMETRIC
+from labapp.files.tiff_directories import PANASONIC_OFFSET, Directory, read_directories
 
 _MODEL = 272
 _NOT_MOSAIC = (

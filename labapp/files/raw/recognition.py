@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from labapp.files.raw.directories import Directory, is_tiff_like, read_directories
+from labapp.files.tiff_directories import Directory, is_tiff_like, read_directories
 
 DNG_VERSION, PHOTOMETRIC, MAKE, COMPRESSION = 50706, 262, 271, 259
 """Tags of TIFF and DNG, by their names in the specifications."""

@@ -1,4 +1,4 @@
-"""Read the directories of tags of TIFF files, and of RAW files that are built like them."""
+"""Read the directories of tags of TIFF files, and of Exif and RAW files that are built alike."""
 
 from __future__ import annotations
 
@@ -10,12 +10,20 @@ from functools import cached_property
 
 Number = int | float
 
-_CLASSIC = {b"II*\0", b"MM\0*", b"IIU\0", b"IIRO", b"IIRS", b"MMOR"}
-"""First bytes of TIFF (Adobe, TIFF 6.0, section 2), and of Panasonic's and Olympus' RAW, which
-differ from it in these bytes only."""
-
 _BIG = {b"II+\0", b"MM\0+"}
 """First bytes of BigTIFF, whose offsets have 64 bits."""
+
+_TIFF = {b"II*\0", b"MM\0*"} | _BIG
+"""First bytes of TIFF (Adobe, TIFF 6.0, section 2)."""
+
+_TIFF_LIKE = _TIFF | {b"IIU\0", b"IIRO", b"IIRS", b"MMOR"}
+"""Those of Panasonic's and Olympus' RAW, too, which differ from TIFF in these bytes only."""
+
+_MOST_ENTRIES = 1 << 16
+"""Tags of a directory that are looked at, as many as TIFF can count; BigTIFF could have more."""
+
+_TEXT = 2
+"""Type of a tag's value that is text."""
 
 _MOST_DIRECTORIES = 100
 """Directories that are looked at. Chosen: cameras write up to ten; a chain in a circle ends."""
@@ -84,9 +92,10 @@ class Directory:
         room = (len(self.data) - start) // entry.size
         rows = (
             entry.unpack_from(self.data, start + number * entry.size)
-            for number in range(min(count, room))
+            for number in range(min(count, room, _MOST_ENTRIES))
         )
-        return {code: (kind, n, value) for code, kind, n, value in rows}
+        # Of a tag that is there twice, the first counts.
+        return {code: (kind, n, value) for code, kind, n, value in reversed(list(rows))}
 
     @property
     def next_offset(self) -> int:
@@ -101,8 +110,11 @@ class Directory:
         """Return whether the directory has a tag."""
         return code in self._entries
 
-    def numbers(self, code: int) -> tuple[Number, ...]:
-        """Return the values of a tag; none if it is missing, or isn't wholly in the file."""
+    def numbers(self, code: int, most: int | None = None) -> tuple[Number, ...]:
+        """Return the values of a tag; none if it is missing, or isn't wholly in the file.
+
+        most: values that are read; None for all.
+        """
         kind, count, held = self._entries.get(code, (0, 0, b""))
         form = _FORMS.get(kind) or _RATIONAL.get(kind)
         if form is None or count > len(self.data):
@@ -115,6 +127,8 @@ class Directory:
             source, at = self.data, int(self.layout.offset.unpack(held)[0])
         if at + layout.size > len(source):
             return ()
+        if most is not None and count > most:
+            layout = struct.Struct(f"{self.layout.order}{parts // count * most}{form}")
         found: tuple[Number, ...] = layout.unpack_from(source, at)
         if kind not in _RATIONAL:
             return found
@@ -135,10 +149,16 @@ class Directory:
         found = self.numbers(code)
         return int(found[0]) if found and math.isfinite(found[0]) else default
 
-    def text(self, code: int) -> str:
-        """Return the text of a tag, without what ends it; empty if it is missing."""
-        held = bytes(one for one in self.numbers(code) if isinstance(one, int) and 0 <= one < 256)
-        return held.split(b"\0")[0].decode("ascii", "replace").strip()
+    def is_text(self, code: int) -> bool:
+        """Return whether a tag's value is text."""
+        return code in self._entries and self._entries[code][0] == _TEXT
+
+    def text(self, code: int, most: int | None = None) -> str:
+        """Return the text of a tag, of `most` bytes; empty if it is missing, or is no text."""
+        if not self.is_text(code):
+            return ""
+        held = bytes(int(one) for one in self.numbers(code, most))
+        return held.partition(b"\0")[0].decode("utf-8", "replace").strip()
 
     def sub_directory(self, code: int) -> Directory | None:
         """Return the directory that a tag leads to; None if there is none."""
@@ -159,9 +179,20 @@ class Directory:
         return []
 
 
+def is_tiff(data: bytes) -> bool:
+    """Return whether a file begins as TIFF does."""
+    return data[:4] in _TIFF
+
+
 def is_tiff_like(data: bytes) -> bool:
     """Return whether a file begins as TIFF does, or as RAW files that are built like it."""
-    return data[:4] in _CLASSIC | _BIG
+    return data[:4] in _TIFF_LIKE
+
+
+def read_directory(data: bytes, offset: int | None = None) -> Directory | None:
+    """Return the directory at an offset of a file, by default the first; None if there is none."""
+    layout, first = _read_header(data)
+    return None if layout is None else _collect(data, offset or first, layout, {}, is_sub=False)
 
 
 def read_directories(data: bytes) -> list[Directory]:
@@ -169,18 +200,26 @@ def read_directories(data: bytes) -> list[Directory]:
 
     What is damaged is left out; the list is empty for files of another kind.
     """
-    if not is_tiff_like(data):
+    layout, first = _read_header(data)
+    if layout is None:
         return []
+    found: dict[int, Directory] = {}
+    for page in _chain(data, first, layout, found):
+        for at in page.numbers(SUB_DIRECTORIES):
+            _collect(data, int(at), layout, found)
+    return list(found.values())
+
+
+def _read_header(data: bytes) -> tuple[_Layout | None, int]:
+    """Return the layout of a file's numbers and the offset of its first page, or None and 0."""
+    if not is_tiff_like(data):
+        return None, 0
     layout = _Layout("<" if data[:2] == b"II" else ">", data[:4] in _BIG)
     try:
         (first,) = layout.offset.unpack_from(data, 8 if layout.is_big else 4)
     except struct.error:
-        return []
-    found: dict[int, Directory] = {}
-    for page in _chain(data, int(first), layout, found):
-        for at in page.numbers(SUB_DIRECTORIES):
-            _collect(data, int(at), layout, found)
-    return list(found.values())
+        return None, 0
+    return layout, int(first)
 
 
 def _chain(
