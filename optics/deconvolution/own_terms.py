@@ -14,7 +14,8 @@ from typing import Any, ParamSpec
 
 import torch
 
-from optics.deconvolution.observation import Observation, shifted_window
+from optics.deconvolution.observation import Observation
+from optics.deconvolution.psf_centring import shifted_window
 from optics.deconvolution.restored_image import RestoredImage
 
 Given = ParamSpec("Given")

@@ -11,7 +11,8 @@ import torch
 
 from optics.deconvolution.border import extend_periodically
 from optics.deconvolution.noise import PowerLaw, flat_block_noise
-from optics.deconvolution.observation import Observation, about_offset, require_psf
+from optics.deconvolution.observation import Observation, require_psf
+from optics.deconvolution.psf_centring import about_offset
 from optics.operators.blur import blur_shape, transfer_function
 from optics.plane import centred_pad
 from optics.validation import needs_gradient, require_finite

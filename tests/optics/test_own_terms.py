@@ -22,7 +22,7 @@ from optics.deconvolution import (
 )
 from optics.deconvolution.layered_restoration import restore_layers
 from optics.deconvolution.method_names import RESTORATIONS
-from optics.deconvolution.observation import centroid_offset
+from optics.deconvolution.psf_centring import centroid_offset
 from optics.deconvolution.residual_map import residual_map
 from optics.deconvolution.richardson_lucy import richardson_lucy
 from optics.deconvolution.separable import restore_separable

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.deconvolution.observation import centroid_offset
+from optics.deconvolution.psf_centring import centroid_offset
 from optics.deconvolution.psf_origin import has_origin_in_corner
 
 _TOLD_OFFSET = 0.45
