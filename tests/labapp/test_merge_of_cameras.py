@@ -10,6 +10,7 @@ from judges.picture_files import make_file
 from test_merge_command import NOISE, merged
 
 from labapp.common.errors import UserError
+from labapp.files.picture.photograph_writing import encode_png
 from labapp.pictures.merging.bracket_files import SensorNumbers, read_bracket_files
 from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
 from labapp.pictures.merging.exposure_words import parse_exposures
@@ -165,3 +166,16 @@ def test_a_file_of_12_bits_is_full_at_4095(tmp_path):
     noise = SensorNumbers(gain=2.0, read_noise=3.0)
     bracket = read_bracket_files([path, path], [0.01, 0.02], [], None, noise, None)
     assert bracket.sensor.full_scale == 4095
+
+
+def test_frames_of_two_encodings_are_refused_and_one_is_told(tmp_path):
+    """Half of them would be made linear, in another unit."""
+    levels = np.arange(48, dtype=np.uint8).reshape(6, 8)
+    for name, in_srgb in (("a.png", False), ("b.png", True), ("c.png", False)):
+        (tmp_path / name).write_bytes(encode_png(tmp_path / name, levels, in_srgb))
+    noise, times = SensorNumbers(gain=2.0, read_noise=3.0), [0.01, 0.02]
+    with pytest.raises(UserError, match=r"b\.png: is srgb .*a\.png linear .* --encoding"):
+        read_bracket_files([tmp_path / "a.png", tmp_path / "b.png"], times, [], None, noise, None)
+    both = [tmp_path / "a.png", tmp_path / "c.png"]
+    bracket = read_bracket_files(both, times, [], None, noise, None)
+    assert any(note.startswith("numbers are linear: its chunk") for note in bracket.notes)

@@ -96,6 +96,7 @@ def read_bracket_files(
     told = sensor_file is not None or numbers != SensorNumbers() or darks or encoding is not None
     is_coded = not told and all(_has_response(one) for one in photographs)
     times, notes, doubts = choose_times(photographs, exposures, is_coded)
+    notes += _reading_notes(photographs, is_coded)
     frames = [one.levels if is_coded else _numbers(one) for one in photographs]
     for name, frame in zip(names, frames, strict=True):
         if frame.shape != frames[0].shape:
@@ -126,6 +127,13 @@ def require_times(exposures: Sequence[float] | None, count: int, kind: str) -> N
             f"--exposures has {len(exposures)} times for {count} {kind}. Give one for each, in "
             "their order, as in --exposures 0.001,0.004,0.016."
         )
+
+
+def _reading_notes(photographs: Sequence[Photograph], is_coded: bool) -> list[str]:
+    """Say in words how a bracket's files were read, each thing once."""
+    first = photographs[0]
+    told = [] if is_coded else [f"numbers are {first.encoding.name}: {first.encoding_source}"]
+    return [*told, *dict.fromkeys(note for one in photographs for note in one.remarks)]
 
 
 def _has_response(photograph: Photograph) -> bool:
@@ -178,6 +186,12 @@ def _require_one_kind(photographs: Sequence[Photograph]) -> None:
             raise UserError(
                 f"{one.path}: has {one.levels.dtype} numbers and {first.path} {first.levels.dtype} "
                 "ones. Give frames of one kind, as the sensor made them."
+            )
+        if one.encoding.name != first.encoding.name:
+            raise UserError(
+                f"{one.path}: is {one.encoding.name} ({one.encoding_source}) and {first.path} "
+                f"{first.encoding.name} ({first.encoding_source}). Give frames of one kind, or "
+                "name the encoding of all: --encoding."
             )
 
 
