@@ -160,7 +160,9 @@ def far_units(restore: Restore, tol: float) -> None:
     expected = restore(image, psf)
     for power in (-120, -60, 60, 120):
         unit = image.dtype.type(2.0**power)
-        assert np.array_equal(restore(image * unit, psf) / unit, expected)
+        assert np.array_equal(image * unit / unit, image)
+        # Dark restored pixels may be below the least normal number, and are rounded there.
+        assert np.array_equal(restore(image * unit, psf), expected * unit)
 
 
 def gradients(restore: Restore, tol: float) -> None:
