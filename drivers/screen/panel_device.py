@@ -103,10 +103,12 @@ class PanelDevice:
         return told
 
     def prepare_to_show(self, command: str) -> None:
-        """Stop the video on the SLM's screen before another pattern is shown."""
+        """Stop the video on the SLM's screen, and set right what is sent, before a new pattern."""
         self._require_screen(command)
         self._raise_pending_error()
         self._stop()
+        with self._translate_x_errors(command):
+            self._open_stage.prepare_signal(command)
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> float:
         """Show a pattern on the SLM's screen and read it back.
@@ -234,10 +236,8 @@ class PanelDevice:
             self._shown = ""
             self._frames = frames
             self._images = [grey_image(frame) for frame in frames]
-            # The neutral pattern is shown in any case.
-            dark = 0.0 if identifier == _NEUTRAL else self._open_stage.prepare_signal(command)
             self._open_stage.draw(self._images[0])
-            seen = time.monotonic() + self.frame_time + dark
+            seen = max(time.monotonic() + self.frame_time, self._open_stage.dark_until)
             self._open_stage.verify(command, frames[0])
             self._shown = identifier
             return seen

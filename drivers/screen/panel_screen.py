@@ -43,6 +43,7 @@ class PanelScreen:
         self._reader: ScreenReader | None = None
         self._band = 0
         self._lost = False
+        self.dark_until = 0.0
         self._verified: tuple[NDArray[np.uint8], NDArray[np.uint32]]
         self.x = connect_display(model, display)
         self.output = choose_screen(request, list_outputs(self.x))
@@ -80,17 +81,18 @@ class PanelScreen:
             raise
         self._read_changes()
         lost, self._lost = self._lost, False
-        if self._canvas is not None and there.region == self.output.region and not lost:
-            self.output = there
-            return True
+        stayed = self._canvas is not None and there.region == self.output.region and not lost
         self.output = there
         self.signal.follow(there)
+        if stayed:
+            return True
         self._cover()
         return False
 
-    def prepare_signal(self, command: str) -> float:
-        """Set right what is sent to the SLM; return the seconds for which it may then be dark."""
-        return _RESYNC if self.signal.prepare(command) else 0.0
+    def prepare_signal(self, command: str) -> None:
+        """Set right what is sent to the SLM, which may be dark until `dark_until` afterwards."""
+        if self.signal.prepare(command):
+            self.dark_until = time.monotonic() + _RESYNC
 
     def check_signal(self, command: str) -> None:
         """Raise DeviceError if what is sent to the SLM changed since its pattern was shown."""

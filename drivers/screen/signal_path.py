@@ -60,7 +60,7 @@ class SignalPath:
         if was_off:
             switch_on(self._x)
             self.notes.append("the screen was switched off to save power, and is switched on")
-        altering = self._altering(self._properties.read())
+        altering = self._altering(self._properties.read(anew=True))
         for given, rule in altering:
             wanted = rule.plain_value(given)
             if wanted is None or given.is_immutable or not self._properties.change(given, wanted):
@@ -124,8 +124,11 @@ class SignalPath:
 
     def describe(self) -> str:
         """Describe the known properties of the SLM's connector."""
-        known = (p for p in self._standing.values() if rule_of(p.name) is not None)
-        return ", ".join(f"{p.name} {_words(p.value)}" for p in known) or "none known"
+        known = [p for p in self._standing.values() if rule_of(p.name) is not None]
+        words = [f"{p.name} {_words(p.value)}" for p in known] or ["no known properties"]
+        if self._x.has("NV-CONTROL"):
+            words.append("colour range, dithering and vibrance: see nvidia-settings")
+        return ", ".join(words)
 
     def _altering(
         self, found: dict[str, OutputProperty]

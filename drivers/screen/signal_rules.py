@@ -85,23 +85,23 @@ def _matrix(given: OutputProperty) -> Value | None:
     """Return the identity in the layout of a property that is a matrix of colours.
 
     CTM has nine numbers of sign and magnitude with 32 binary places, as 18 words from the lowest
-    on; CscMatrix has three rows of four numbers with 16 binary places.
+    on; CscMatrix has three rows of four numbers with 16 binary places. Of other fixed points, only
+    identities are known: a power of two in the diagonal.
     """
     value = given.value
     if isinstance(value, str) or not any(value):
         return value
     if len(value) == 18:
-        plain: tuple[int, ...] = (0, 1, 0, 0, 0, 0, 0, 0) * 2 + (0, 1)
         # Minus zero is zero, too.
-        kept = tuple(
-            0 if place % 2 and word == -(1 << 31) else word for place, word in enumerate(value)
-        )
-    else:
-        plain = (1 << 16, 0, 0, 0, 0) * 2 + (1 << 16, 0)
-        kept = value
-    if len(plain) != len(value):
-        return None
-    return value if kept == plain else plain
+        low, high = value[::2], (0 if word == -(1 << 31) else word for word in value[1::2])
+        plain = (0, 1, 0, 0, 0, 0, 0, 0) * 2 + (0, 1)
+        return value if (*low, *high) == (*plain[::2], *plain[1::2]) else plain
+    columns = len(value) // 3
+    one = value[0]
+    plain = ((one, *(0,) * columns) * 3)[: len(value)]
+    if len(value) in (9, 12) and value == plain and one > 0 and one & one - 1 == 0:
+        return value
+    return ((1 << 16, 0, 0, 0, 0) * 3)[:12] if len(value) == 12 else None
 
 
 def _table(given: OutputProperty) -> Value | None:

@@ -67,7 +67,7 @@ class OutputProperty:
 class OutputProperties:
     """Read and change the properties of one output of an X server.
 
-    The names of atoms and the allowed values are asked only once, because they don't change.
+    The names of atoms are asked only once, because they don't change; the allowed values seldom do.
     """
 
     def __init__(self, x: XConnection, output: int) -> None:
@@ -75,8 +75,13 @@ class OutputProperties:
         self._names: dict[int, str] = {}
         self._kinds: dict[int, tuple[tuple[int, ...], bool, bool]] = {}
 
-    def read(self) -> dict[str, OutputProperty]:
-        """Read all properties of the output by their names; XError if the output has gone."""
+    def read(self, *, anew: bool = False) -> dict[str, OutputProperty]:
+        """Read all properties of the output by their names; XError if the output has gone.
+
+        anew: whether the allowed values are read again, too.
+        """
+        if anew:
+            self._kinds.clear()
         told = self._x.query_extension("RANDR", _PropertyRequest.LIST, "I", self._output)
         (count,) = struct.unpack_from("<H", told, 8)
         atoms = struct.unpack_from(f"<{count}I", told, 32)
