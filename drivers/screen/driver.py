@@ -127,6 +127,7 @@ class ScreenSLM:
         self.shape = (height, width)
         self.settling = settling_ms * 1e-3
         self._window: HostedDevice | None = None
+        self._notices: tuple[str, ...] = ()
         self._lookout = ScreenWatcher(wanted, display)
         self._identity = Identity(self._model, "", simulated=False)
         self.frame_time = 1 / refresh_hz
@@ -181,6 +182,11 @@ class ScreenSLM:
 
     def health(self) -> dict[str, str]:
         return self._ask("health", lambda window: window.health())
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """Return what was set at the SLM's connector since it was opened; see Device."""
+        return self._notices
 
     def make_safe(self) -> None:
         """Show grey level 0 on the SLM's whole screen."""
@@ -242,7 +248,9 @@ class ScreenSLM:
 
     def _log_notes(self, window: Any) -> None:
         """Log what was set at the SLM's screen, or happened to it, since the last call."""
-        for note in window.notes():
+        if notes := window.notes():
+            self._notices = window.settings()
+        for note in notes:
             log.warning("%s: %s", self._model, note)
 
     def _drop(self) -> None:

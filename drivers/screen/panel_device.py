@@ -95,6 +95,10 @@ class PanelDevice:
                     self._open_stage.check(f"show {self._shown}", self._frames[0])
         return self._shown
 
+    def settings(self) -> tuple[str, ...]:
+        """Return what was set at the SLM's connector since it was opened."""
+        return tuple(self._open_stage.signal.settings.values())
+
     def notes(self) -> list[str]:
         """Return what was set at the SLM's screen or happened to it, each once."""
         if self._stage is None:

@@ -32,7 +32,7 @@ class SignalPath:
 
     model: the device's name in errors. allow_ramp: whether the gamma ramp may alter levels.
     allowed: names of properties that may, and are left as they are. `notes` holds what was set and
-    hasn't been told yet.
+    hasn't been told yet, `settings` what was set by the property's name.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class SignalPath:
         self._standing: dict[str, OutputProperty] = {}
         self._ramp: NDArray[np.uint16] = np.zeros((3, 0), np.uint16)
         self._at_first = self._properties.read()
-        self._set: set[str] = set()
+        self.settings: dict[str, str] = {}
         self._fault = ""
         self.has_linear_ramp = True
         self.notes: list[str] = []
@@ -65,9 +65,10 @@ class SignalPath:
             wanted = rule.plain_value(given)
             if wanted is None or given.is_immutable or not self._properties.change(given, wanted):
                 raise self._property_error(command, given, rule)
-            self._set.add(given.name)
             step = _step(given.value, wanted)
-            self.notes.append(f"{given.name} is set{step}: as it was, {rule.effect}")
+            note = f"{given.name} is set{step}: as it was, {rule.effect}"
+            self.settings[given.name] = note
+            self.notes.append(note)
         return was_off or bool(altering)
 
     def begin(self, command: str) -> None:
@@ -111,13 +112,13 @@ class SignalPath:
         if output.number != self._output.number:
             self.restore()
             self._properties = OutputProperties(self._x, output.number)
-            self._at_first, self._set = self._properties.read(), set()
+            self._at_first, self.settings = self._properties.read(), {}
         self._output = output
 
     def restore(self) -> None:
         """Give the SLM's connector its old properties back, unless others have set them since."""
         now = self._properties.read()
-        for name in self._set & self._at_first.keys() & now.keys():
+        for name in self.settings.keys() & self._at_first.keys() & now.keys():
             seen, first, rule = now[name], self._at_first[name], rule_of(name)
             if rule is not None and is_plain(seen, rule) and seen.value != first.value:
                 self._properties.change(seen, first.value)

@@ -94,7 +94,7 @@ def _matrix(given: OutputProperty) -> Value | None:
     if len(value) == 18:
         # Minus zero is zero, too.
         low, high = value[::2], (0 if word == -(1 << 31) else word for word in value[1::2])
-        plain = (0, 1, 0, 0, 0, 0, 0, 0) * 2 + (0, 1)
+        plain: tuple[int, ...] = (0, 1, 0, 0, 0, 0, 0, 0) * 2 + (0, 1)
         return value if (*low, *high) == (*plain[::2], *plain[1::2]) else plain
     columns = len(value) // 3
     one = value[0]

@@ -36,6 +36,7 @@ def test_a_frame_whose_levels_were_altered_is_named_and_taken_again(tmp_path, is
             number = list_outputs(x)[0].number
         with connector(display, number) as made, listening() as ear:
             made.make("Broadcast RGB", BROADCAST, "Full")
+            made.make("max bpc", [6, 16], [6], is_range=True)
 
             def spoil():
                 changed.append(time.monotonic())
@@ -54,4 +55,6 @@ def test_a_frame_whose_levels_were_altered_is_named_and_taken_again(tmp_path, is
     assert outcome.state is State.COMPLETE
     with Record(outcome.path) as record:
         assert list(record.column("attempts")) == [1, 2, 1, 1]
+        # What was set when the bench was opened, before the run began, is in its record.
+        assert len([line for line in record.log if "max bpc is set from 6 to 8" in line[1]]) == 1
     assert ear.named("Broadcast RGB", changed[0], accepted[1])
