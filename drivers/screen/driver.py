@@ -84,7 +84,7 @@ class ScreenSLM:
     allow_primary : bool
         Whether the screen may be the operator's own (primary) screen, or the only one.
     allow_ramp : bool
-        Whether the graphics card's gamma ramp may change grey levels.
+        Whether the graphics card's gamma ramp may change grey levels, the same ones all the time.
     allow_properties : sequence of str
         Names of the connector's properties that are left as they are, such as "max bpc". With
         "native size", the monitor may tell another size than the panel's.

@@ -73,12 +73,18 @@ def _at_least(least: int) -> PlainValue:
 
 
 def _middle(given: OutputProperty) -> Value | None:
-    """Return the middle of a property's range, where drivers put "unchanged" by convention."""
+    """Return the middle of what a property takes, where drivers put "unchanged" by convention.
+
+    Without such a range, only 0 counts as unchanged.
+    """
+    if isinstance(given.value, str):
+        return None
     numbers = [one for one in given.valid if isinstance(one, int)]
-    if isinstance(given.value, str) or not given.is_range or len(numbers) != 2:
-        return given.value
-    middle = int(sum(numbers) / 2)
-    return given.value if abs(2 * given.value[0] - sum(numbers)) <= 1 else (middle,)
+    if len(numbers) < 2:
+        return None if any(given.value) else given.value
+    ends = min(numbers) + max(numbers)
+    # The middle of -1024 to 1023 is 0.
+    return given.value if abs(2 * given.value[0] - ends) <= 1 else (int(ends / 2),)
 
 
 def _matrix(given: OutputProperty) -> Value | None:

@@ -36,6 +36,7 @@ class _AtomType(IntEnum):
 
     ATOM = 4
     INTEGER = 19
+    STRING = 31
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,8 @@ class OutputProperties:
         numbers = parse_integers(data, width)
         is_word = kind == _AtomType.ATOM and len(numbers) == 1 and numbers[0] != 0
         value: Value = self.name(numbers[0]) if is_word else numbers
+        if kind == _AtomType.STRING:
+            value = data.rstrip(b"\0").decode("latin-1")
         words = kind == _AtomType.ATOM and not is_range
         valid = tuple(self.name(one) if words else one for one in allowed)
         name = self.name(atom)
