@@ -150,6 +150,9 @@ class ActiveRun:
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
             for doubt in self._bench.calibration_warnings_at({shot.wavelength for shot in listed}):
                 log.warning("%s", doubt)
+            for role, device in self._bench.supervised_devices.items():
+                for notice in device.notices:
+                    log.warning("%s: %s", role, notice)
             for block in self._plan.acquire:
                 if block.chosen is not None:
                     log.info("chosen: %s", block.chosen.describe())
