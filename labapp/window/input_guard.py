@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from labapp.window.commit_fields import PRESSES, was_dragged
+from labapp.window.commit_fields import PRESSES, finish_typing, was_dragged
 
 _WHEEL_FIELDS = (QAbstractSpinBox, QComboBox, QSlider)
 """Widgets whose value the wheel changes, in Qt also where the mouse only passes over them."""
@@ -31,8 +31,8 @@ class InputGuard(QObject):
 
     The wheel changes a field only if the field has the focus and Ctrl is held; else it scrolls
     what the field lies in. Letters typed in a list search there. A button that the mouse was
-    dragged over isn't clicked, and a click doesn't leave the focus on it, where Space would click
-    it again.
+    dragged over isn't clicked, nor one that is pressed while a typed text can't be set. A click
+    doesn't leave the focus on it, where Space would click it again.
     """
 
     def __init__(self, window: QWidget) -> None:
@@ -60,6 +60,8 @@ class InputGuard(QObject):
             return self._keeps_letter(event)
         if isinstance(watched, QAbstractButton) and isinstance(event, QMouseEvent):
             self._watch_drag(watched, event)
+            # Nothing begins beside a typed text that was refused.
+            return event.type() in PRESSES and not finish_typing(watched.window())
         return False
 
     def _stops_wheel(self, field: QWidget, event: QWheelEvent) -> bool:
