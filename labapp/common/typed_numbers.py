@@ -19,6 +19,12 @@ _GROUP_SIGNS = "\u00a0\u202f\u2009\t'’_`\u066c"
 """Signs that languages and programs write between groups of digits, besides point and comma."""
 
 _FURTHER_SIGNS = re.compile(rf"[0-9][{_GROUP_SIGNS} ]+[0-9]")
+_GROUPED = (
+    re.compile(r"[+\-−]?[0-9]{1,3}(?:\.[0-9]{3})+,[0-9]+"),
+    re.compile(r"[+\-−]?[0-9]{1,3}(?:,[0-9]{3})+\.[0-9]+"),
+)
+"""Numbers with signs between groups of digits and a decimal sign, as in 1.234,5 and 1,234.5."""
+
 _LONGEST = 400
 """Characters of a number: the digits of the largest double are 309."""
 
@@ -61,32 +67,29 @@ def parse_decimal(text: str, unit: str = "") -> Decimal:
 def parse_list(text: str, count: int | None = None) -> list[float]:
     """Return the numbers of a list that a person typed; `count` is how many there must be.
 
-    Semicolons separate them, or else commas, or else blanks. Beside commas that separate, the
-    decimal sign is a point. Raises ValueError for a single comma that may be either, and for what
-    parse_number refuses.
+    Semicolons separate them, or else commas; beside those, the decimal sign is a point. Raises
+    ValueError for a single comma that may be a decimal sign, too, and as parse_number does.
     """
     parts = split_list(text)
     if count is not None and len(parts) != count:
         raise ValueError(f"{quote(text)} has {len(parts)} numbers, and must have {count}")
-    if count is None and may_be_decimal(text):
-        either = text.strip().replace(",", ".")
+    if count is None and _may_be_one(text):
         raise ValueError(
-            f"{quote(text)} may be one number or two: write {either}, or "
-            f"{text.strip().replace(',', ';')}"
+            f"{quote(text)} may be one number or two: type one with a point and no other sign, or "
+            f"two as {text.strip().replace(',', ';')}"
         )
     return [parse_number(one) for one in parts]
 
 
 def split_list(text: str) -> list[str]:
-    """Return the parts of a list that a person typed, by semicolons, commas or blanks."""
-    if ";" in text:
-        return text.split(";")
-    return text.split(",") if "," in text else text.split()
+    """Return the parts of a list that a person typed, by semicolons, or else by commas."""
+    return text.split(";" if ";" in text else ",")
 
 
-def may_be_decimal(text: str) -> bool:
-    """Return whether a text is one number with a comma, which could also separate two."""
-    return "," in text and _NUMBER.fullmatch(text.strip()) is not None
+def _may_be_one(text: str) -> bool:
+    """Return whether the comma of a typed list may be a decimal sign or stand between groups."""
+    bare = text.strip()
+    return bare.count(",") == 1 and any(one.fullmatch(bare) for one in (_NUMBER, *_GROUPED))
 
 
 def _without_unit(text: str, unit: str) -> str:

@@ -133,6 +133,8 @@ def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
     if blades and rectangular:
         raise UserError("--blades and --rectangle: a stop is one or the other.")
     sides = _numbers("--rectangle", rectangular, "x", 2) if rectangular else []
+    if sides and min(sides) <= 0:
+        raise UserError(f"--rectangle {rectangular}: give two positive sides, as in 0.5x0.7.")
     if not 0 <= obscuration < 1:
         raise UserError(f"--obscuration {obscuration:g}: it must lie from 0 to below 1.")
     from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon

@@ -66,16 +66,16 @@ class _NumberInput(_Spin):
         # A unit that is typed stands before the one that the field writes.
         bare = text.removeprefix(self.prefix()).removesuffix(self.suffix())
         number = parse_decimal(bare, self.suffix())
-        rounded = round(number, self.places) + 0
         unit, shown = self.suffix(), quote(bare.strip())
+        low, high = self._written(self.minimum()), self._written(self.maximum())
+        if not Decimal(low) <= number <= Decimal(high):
+            raise ValueError(f"{shown} is out of range: type a number from {low} to {high}{unit}")
+        rounded = round(number, self.places) + 0
         if rounded != number:
             near = f"type {rounded:f}{unit}, for instance"
             if self.places:
                 raise ValueError(f"{shown} has more than {self.places} decimals: {near}")
             raise ValueError(f"{shown} isn't a whole number: {near}")
-        low, high = self._written(self.minimum()), self._written(self.maximum())
-        if not Decimal(low) <= number <= Decimal(high):
-            raise ValueError(f"{shown} is out of range: type a number from {low} to {high}{unit}")
         return rounded
 
     def validate(self, text: str, place: int) -> tuple[QValidator.State, str, int]:  # type: ignore[override]
