@@ -15,7 +15,7 @@ from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QApplication, QComboBox, QWidget
 
-from labapp.window.number_fields import NumberBox, NumberField
+from labapp.window.number_fields import NumberBox, number_fields
 from labapp.window.widgets import mark_property
 
 PRESSES = (QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick)
@@ -263,16 +263,15 @@ def leave_field(field: QWidget) -> None:
 
 
 def finish_typing(window: QWidget) -> bool:
-    """Set what is typed into the window's field that has the focus, unless only Enter sets it.
+    """Set what is typed into the window's fields, but not into those that only Enter sets.
 
-    Returns whether that is done; if not, the field has refused the text.
+    Returns whether that is done; if not, a field has refused its text.
     """
-    field = window.focusWidget()
-    if not isinstance(field, NumberField) or isinstance(field, CommitSpinBox):
-        return True
-    fault = field.fault
-    field.interpretText()
-    return not fault
+    is_done = True
+    for field in number_fields(window):
+        if not isinstance(field, CommitSpinBox):
+            is_done &= field.finish_typing()
+    return is_done
 
 
 def was_dragged(pressed_at: QPoint, event: QMouseEvent) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QEvent, QObject, QPoint, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt, QTimer
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.commit_fields import PRESSES, finish_typing, was_dragged
+from labapp.window.number_fields import number_fields
 
 _WHEEL_FIELDS = (QAbstractSpinBox, QComboBox, QSlider)
 """Widgets whose value the wheel changes, in Qt also where the mouse only passes over them."""
@@ -37,7 +38,7 @@ class InputGuard(QObject):
 
     def __init__(self, window: QWidget) -> None:
         super().__init__(window)
-        self._pressed_at = QPoint()
+        self._pressed_at, self._refused = QPoint(), False
         self.watch(window)
 
     def watch(self, part: QWidget) -> None:
@@ -49,6 +50,8 @@ class InputGuard(QObject):
                 field.setFocusPolicy(Qt.FocusPolicy.TabFocus)
             if isinstance(field, (*_WHEEL_FIELDS, *_LISTS, QAbstractButton)):
                 field.installEventFilter(self)
+        for number in number_fields(part):
+            number.refused.connect(self._note_refusal)
         for box in part.findChildren(QComboBox):
             box.view().installEventFilter(self)
 
@@ -60,9 +63,18 @@ class InputGuard(QObject):
             return self._keeps_letter(event)
         if isinstance(watched, QAbstractButton) and isinstance(event, QMouseEvent):
             self._watch_drag(watched, event)
-            # Nothing begins beside a typed text that was refused.
-            return event.type() in PRESSES and not finish_typing(watched.window())
+            # Nothing begins beside a typed text that was refused, by this press or by the focus
+            # that left its field just before.
+            if event.type() in PRESSES:
+                return not finish_typing(watched.window()) or self._refused
         return False
+
+    def _note_refusal(self) -> None:
+        self._refused = True
+        QTimer.singleShot(0, self._forget_refusal)
+
+    def _forget_refusal(self) -> None:
+        self._refused = False
 
     def _stops_wheel(self, field: QWidget, event: QWheelEvent) -> bool:
         meant = event.modifiers() & Qt.KeyboardModifier.ControlModifier

@@ -39,6 +39,7 @@ class _NumberInput(_Spin):
         self.setKeyboardTracking(False)
         self._fresh_text, self._sentence = False, ""
         self.lineEdit().textEdited.connect(self._note_typing)
+        self.editingFinished.connect(self._note_end)
         self.valueChanged.connect(lambda _: mark_property(self, "refused", False))
 
     @property
@@ -92,6 +93,14 @@ class _NumberInput(_Spin):
             self.refuse(text)
         return text
 
+    def finish_typing(self) -> bool:
+        """Set what is typed into the window's field; return False if the text is refused."""
+        fault = self._fresh_text and bool(self.fault)
+        if self._fresh_text:
+            self.interpretText()
+        self._fresh_text = False
+        return not fault
+
     def refuse(self, text: str) -> None:
         """Say beside the window's field why a text isn't set, and what the value stays."""
         self._fresh_text = False
@@ -120,6 +129,9 @@ class _NumberInput(_Spin):
 
     def _written(self, value: float) -> str:
         return f"{value:.{self.places}f}"
+
+    def _note_end(self) -> None:
+        self._fresh_text = False
 
     def _note_typing(self) -> None:
         self._fresh_text = True
