@@ -76,7 +76,7 @@ def parse_list(text: str, count: int | None = None) -> list[float]:
     if count is None and _may_be_one(text):
         raise ValueError(
             f"{quote(text)} may be one number or two: type one with a point and no other sign, or "
-            f"two as {text.strip().replace(',', ';')}"
+            f'two with a semicolon, in quotes, as "{text.strip().replace(",", ";")}"'
         )
     return [parse_number(one) for one in parts]
 

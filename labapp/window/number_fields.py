@@ -7,6 +7,7 @@ shows the value that it had.
 from __future__ import annotations
 
 from decimal import Decimal
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QPoint, QTimer, Signal
@@ -20,8 +21,23 @@ from labapp.window.widgets import mark_property, plain_tip
 _TOLD_MS = 8000
 """Milliseconds for which a field's reason stays beside it; the log keeps it. Chosen."""
 
+_TIP_WIDTH = 60
+"""Characters of a line of the reason, which else is as wide as the screen."""
+
 if TYPE_CHECKING:
-    _Spin = QDoubleSpinBox
+
+    class _Spin(QAbstractSpinBox):
+        """What Qt's fields for numbers and for whole numbers have alike."""
+
+        minimum: Any
+        maximum: Any
+        value: Any
+        decimals: Any
+        prefix: Any
+        suffix: Any
+        valueChanged: Any
+        refused: Any
+
 else:
     _Spin = object
 
@@ -45,7 +61,8 @@ class _NumberInput(_Spin):
     @property
     def places(self) -> int:
         """Return how many digits after the decimal sign the window's field has."""
-        return self.decimals()
+        decimals: int = self.decimals()
+        return decimals
 
     @property
     def fault(self) -> str:
@@ -79,7 +96,7 @@ class _NumberInput(_Spin):
             raise ValueError(f"{shown} isn't a whole number: {near}")
         return rounded
 
-    def validate(self, text: str, place: int) -> tuple[QValidator.State, str, int]:  # type: ignore[override]
+    def validate(self, text: str, place: int) -> tuple[QValidator.State, str, int]:
         """Let any text stand while it is typed, so that no key is swallowed."""
         try:
             self.read_text(text)
@@ -87,7 +104,7 @@ class _NumberInput(_Spin):
             return QValidator.State.Intermediate, text, place
         return QValidator.State.Acceptable, text, place
 
-    def fixup(self, text: str) -> str:  # type: ignore[override]
+    def fixup(self, text: str) -> str:
         """Refuse a text that can't be set; Qt shows the former value again."""
         if self._fresh_text:
             self.refuse(text)
@@ -121,7 +138,8 @@ class _NumberInput(_Spin):
     def _show_sentence(self) -> None:
         if self.isVisible():
             below = self.mapToGlobal(QPoint(0, self.height()))
-            QToolTip.showText(below, plain_tip(self._sentence), self, self.rect(), _TOLD_MS)
+            tip = plain_tip(fill(self._sentence, _TIP_WIDTH))
+            QToolTip.showText(below, tip, self, self.rect(), _TOLD_MS)
 
     def textFromValue(self, value: float) -> str:
         """Write a number as it is typed: with a point, and nothing between groups of digits."""

@@ -10,7 +10,7 @@ from PySide6.QtCore import QByteArray, QSettings, QStandardPaths, SignalInstance
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QWidget
 
 from labapp.window.commit_fields import CommitSpinBox
-from labapp.window.number_fields import NumberField
+from labapp.window.number_fields import NumberBox, NumberField, WholeNumberBox
 
 log = logging.getLogger(__name__)
 
@@ -84,7 +84,7 @@ def changes(field: QWidget) -> SignalInstance | None:
 
 def _set(field: QWidget, text: str) -> None:
     """Set a field of the window to its saved value."""
-    if isinstance(field, NumberField):
+    if isinstance(field, NumberBox) or isinstance(field, WholeNumberBox):
         field.setValue(field.valueFromText(text))
     elif isinstance(field, QLineEdit):
         field.setText(text)
