@@ -15,7 +15,7 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.commit_fields import PRESSES, finish_typing, was_dragged
-from labapp.window.number_fields import number_fields
+from labapp.window.number_fields import NumberField, number_fields
 
 _WHEEL_FIELDS = (QAbstractSpinBox, QComboBox, QSlider)
 """Widgets whose value the wheel changes, in Qt also where the mouse only passes over them."""
@@ -25,6 +25,9 @@ _LISTS = (QComboBox, QAbstractItemView)
 
 _COMMANDS = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier
 """Keys that make a letter a command."""
+
+
+_FUNCTION_KEYS = range(Qt.Key.Key_F1.value, Qt.Key.Key_F35.value + 1)
 
 
 class InputGuard(QObject):
@@ -58,9 +61,10 @@ class InputGuard(QObject):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if isinstance(event, QWheelEvent) and isinstance(watched, _WHEEL_FIELDS):
             return self._stops_wheel(watched, event)
-        if event.type() == QEvent.Type.ShortcutOverride and isinstance(watched, _LISTS):
-            assert isinstance(event, QKeyEvent)
-            return self._keeps_letter(event)
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            if isinstance(watched, NumberField):
+                return self._keeps_command(watched, event)
+            return isinstance(watched, _LISTS) and self._keeps_letter(event)
         if isinstance(watched, QAbstractButton) and isinstance(event, QMouseEvent):
             self._watch_drag(watched, event)
             # Nothing begins beside a typed text that was refused, by this press or by the focus
@@ -82,6 +86,13 @@ class InputGuard(QObject):
             return False
         # An ignored wheel goes on to the field's parent, which may scroll.
         event.ignore()
+        return True
+
+    def _keeps_command(self, field: QWidget, event: QKeyEvent) -> bool:
+        """Keep a function key from its shortcut if a field refuses what is typed into it."""
+        if event.key() not in _FUNCTION_KEYS or finish_typing(field.window()):
+            return False
+        event.accept()
         return True
 
     def _keeps_letter(self, event: QKeyEvent) -> bool:

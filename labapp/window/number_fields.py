@@ -96,6 +96,10 @@ class _NumberInput(_Spin):
             raise ValueError(f"{shown} isn't a whole number: {near}")
         return rounded
 
+    def set_from_text(self, text: str) -> None:
+        """Set the number in a text that the program kept; raise ValueError as read_text does."""
+        self.setValue(type(self.value())(self.read_text(text)))
+
     def validate(self, text: str, place: int) -> tuple[QValidator.State, str, int]:
         """Let any text stand while it is typed, so that no key is swallowed."""
         try:

@@ -10,7 +10,7 @@ from PySide6.QtCore import QByteArray, QSettings, QStandardPaths, SignalInstance
 from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QWidget
 
 from labapp.window.commit_fields import CommitSpinBox
-from labapp.window.number_fields import NumberBox, NumberField, WholeNumberBox
+from labapp.window.number_fields import NumberField
 
 log = logging.getLogger(__name__)
 
@@ -84,8 +84,8 @@ def changes(field: QWidget) -> SignalInstance | None:
 
 def _set(field: QWidget, text: str) -> None:
     """Set a field of the window to its saved value."""
-    if isinstance(field, NumberBox) or isinstance(field, WholeNumberBox):
-        field.setValue(field.valueFromText(text))
+    if isinstance(field, NumberField):
+        field.set_from_text(text)
     elif isinstance(field, QLineEdit):
         field.setText(text)
     elif isinstance(field, QCheckBox):

@@ -6,7 +6,7 @@ import random
 
 import pytest
 from figures.typed_fields import type_into_all
-from PySide6.QtCore import QLocale
+from PySide6.QtCore import QLocale, Qt
 
 from labapp.window.number_fields import number_fields
 
@@ -81,3 +81,16 @@ def test_a_click_on_a_button_sets_what_is_typed_before(bench, person, qtbot):
     person.clicks(bench.window.help_button)
     assert row.shortest.value() == 0.25
     bench.window.help.close()
+
+
+def test_a_function_key_begins_nothing_beside_a_text_that_is_refused(bench, person, qtbot):
+    window, row = bench.window, bench.window.run.star
+    window.activateWindow()
+    person.waits(window.isActiveWindow)
+    row.shortest.setFocus()
+    row.shortest.selectAll()
+    qtbot.keyClicks(row.shortest, "1.2.3")
+    qtbot.keyClick(row.shortest, Qt.Key.Key_F6)
+    assert "several signs" in window.message.text
+    assert window.session.queue.current_run is None
+    assert row.shortest.value() == 1.0
