@@ -148,6 +148,8 @@ class ActiveRun:
         try:
             self._writer.set_state(State.RUNNING)
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
+            if limit := self._writer.lock_limit:
+                log.warning("%s", limit)
             for doubt in self._bench.calibration_warnings_at({shot.wavelength for shot in listed}):
                 log.warning("%s", doubt)
             for block in self._plan.acquire:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
+from labapp.files.write_locks import close_locked, duplicate_locked
 from labapp.files.writing import require_writable
 from labapp.runs.acquisition.active_run import ActiveRun, JudgeFrame, OnFrame, RunOutcome
 from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
@@ -175,7 +175,7 @@ def hold_record(path: Path, progress: Progress | None = None) -> Iterator[HeldRe
     try:
         yield HeldRecord(path, _prepare_resume(path, lock, progress), lock)
     finally:
-        os.close(lock)
+        close_locked(lock)
 
 
 def resume_run(
@@ -244,7 +244,7 @@ def resume_run(
     _require_person(ask, estimate_run(left, plan, abilities).prompts)
     hooks = Hooks.of(plan, bench)
     # Both handles are of the same open file, which has the lock.
-    lock = os.dup(record.lock)
+    lock = duplicate_locked(record.lock)
     run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress, lock, meanwhile, judge)
     return run.take(left, on_frame, is_resumed=True)
 

@@ -21,7 +21,7 @@ import labapp
 from drivers.interfaces import Identity
 from labapp.common.errors import UserError
 from labapp.files import nexus
-from labapp.files.write_locks import lock_file, move_into_place, name_draft
+from labapp.files.write_locks import close_locked, lock_file, move_into_place, name_draft
 from labapp.files.writing import require_writable, sync_to_disk
 from labapp.runs.record import layout, writer_process
 from labapp.runs.record.digests import structure_digest
@@ -106,7 +106,11 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
     try:
         handle = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         lock_file(handle)
-        with h5py.File(draft, "w", libver="latest", userblock_size=USER_BLOCK) as file:
+        writer_process.warn_of_lock(path, handle)
+        # The file is locked already, and its file system may have no locks for HDF5.
+        with h5py.File(
+            draft, "w", libver="latest", userblock_size=USER_BLOCK, locking=False
+        ) as file:
             _fill(file, contents)
         _protect(draft)
         sync_to_disk(draft)
@@ -116,7 +120,7 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
         raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
     finally:
         if handle >= 0:
-            os.close(handle)
+            close_locked(handle)
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
     return created

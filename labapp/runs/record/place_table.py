@@ -20,6 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.files.plain_hdf5 import open_hdf5
 from labapp.runs.record import layout
 
 USER_BLOCK = 1 << 15
@@ -115,7 +116,7 @@ def rebuild_table(path: Path, handle: int) -> PlaceTable:
 
     Raises OSError, RuntimeError, ValueError or KeyError if HDF5 can't read the file.
     """
-    with h5py.File(path, "r") as file:
+    with open_hdf5(path) as file:
         return with_digests(find_places(file, path.stat().st_size), handle)
 
 

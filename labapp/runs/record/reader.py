@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from drivers.interfaces import checksum
 from labapp.common.errors import UserError
 from labapp.files.file_lookup import require_file
-from labapp.files.guarded_reading import open_regular
+from labapp.files.guarded_reading import open_regular, unreadable
+from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
@@ -72,14 +73,17 @@ class Record:
     def __init__(self, path: Path, *, damaged: bool = False) -> None:
         self.path = path
         require_file(path)
-        self.structure = read_structure(path)
+        try:
+            self.structure = read_structure(path)
+        except OSError as error:
+            raise unreadable(path, error) from error
         if self.structure is not None and path.stat().st_size < self.structure.table.size:
             there, full = path.stat().st_size, self.structure.table.size
             raise UserError(f"{path}: {_cut_short(there, full)}")
         if self.structure is not None and self.structure.changed and not damaged:
             raise UserError(f"{path}: is damaged: {self.structure.explain()}")
         try:
-            self._file = h5py.File(path, "r")
+            self._file = open_hdf5(path)
         except (OSError, RuntimeError) as error:
             raise UserError(f"{path}: {_explain_open_failure(path, error)}") from error
         try:
@@ -441,6 +445,8 @@ class Record:
         try:
             yield
         except _DAMAGE_ERRORS as error:
+            if (told := explain_system_error(error)) is not None:
+                raise UserError(f"{self.path}: {name} {told}") from error
             raise UserError(
                 f"{self.path}: is damaged: {name} is missing or can't be read. "
                 "Restore the file from a copy."
@@ -449,8 +455,8 @@ class Record:
 
 def _explain_open_failure(path: Path, error: Exception) -> str:
     """Return why HDF5 doesn't open a run's record, and what the user should do."""
-    if isinstance(error, PermissionError):
-        return "may not be read. Ask its owner, or copy it."
+    if (told := explain_system_error(error)) is not None:
+        return told
     with path.open("rb") as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:
             return "is not an HDF5 file, or has lost its beginning. Give a record of a run."

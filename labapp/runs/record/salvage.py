@@ -19,13 +19,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import Identity, checksum
 from labapp.common.errors import UserError
 from labapp.files.frame_list import format_frame_list
+from labapp.files.guarded_reading import unreadable
+from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
 from labapp.runs.record import layout
 from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.digests import SETTINGS
@@ -339,7 +340,10 @@ class DamagedRecord:
 @contextmanager
 def open_damaged(path: Path) -> Iterator[DamagedRecord]:
     """Open a damaged record of a run for salvage; raise UserError if nothing tells its places."""
-    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as error:
+        raise unreadable(path, error) from error
     try:
         table, form = _find_table(path, handle)
         yield DamagedRecord(path, handle, table, form)
@@ -371,11 +375,13 @@ def _places_by_hdf5(path: Path) -> tuple[PlaceTable, int]:
     """Return the places of a record's datasets as HDF5 tells them, and the record's format."""
     with _openable(path) as whole:
         try:
-            with h5py.File(whole, "r") as file:
+            with open_hdf5(whole) as file:
                 form = int(file.attrs.get("labapp_format", 0))
                 require_plain_structure(file, whole)
                 table = find_places(file, whole.stat().st_size)
         except (OSError, RuntimeError, KeyError, ValueError) as error:
+            if (told := explain_system_error(error)) is not None:
+                raise UserError(f"{path}: {told}") from error
             raise UserError(
                 f"{path}: neither its table of places nor HDF5 tells where the frames are "
                 f"({error}). Restore the file from a copy."
@@ -389,14 +395,14 @@ def _places_by_hdf5(path: Path) -> tuple[PlaceTable, int]:
 def _openable(path: Path) -> Iterator[Path]:
     """Yield the file, or a copy padded with zeros to the length that HDF5 needs."""
     try:
-        h5py.File(path, "r").close()
+        open_hdf5(path).close()
         yield path
     except OSError as error:
         sizes = stored_file_size(error)
         if sizes is None:
-            raise UserError(
-                f"{path}: HDF5 can't open it: {error}. Restore it from a copy."
-            ) from error
+            told = explain_system_error(error)
+            told = told or f"HDF5 can't open it: {error}. Restore it from a copy."
+            raise UserError(f"{path}: {told}") from error
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             copy = Path(folder, path.name)
             shutil.copyfile(path, copy)

@@ -10,7 +10,12 @@ import h5py
 
 from labapp.common.errors import UserError
 from labapp.files.guarded_reading import FREE_EXPANSION
-from labapp.files.plain_hdf5 import has_variable_length, memory_size, walk_datasets
+from labapp.files.plain_hdf5 import (
+    explain_system_error,
+    has_variable_length,
+    memory_size,
+    walk_datasets,
+)
 from labapp.runs.record import layout
 from labapp.runs.record.digests import structure_digest
 from labapp.runs.record.place_table import PlaceTable, TableError, read_table
@@ -76,6 +81,8 @@ def require_plain_structure(file: h5py.File, path: Path) -> None:
     try:
         _require_plain(file, path)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        if (told := explain_system_error(error)) is not None:
+            raise UserError(f"{path}: {told}") from error
         raise UserError(
             f"{path}: is damaged: HDF5 doesn't find its way in it ({error}). Restore it from a "
             "copy, or save its frames with: labapp salvage"

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Frame, checksum
 from labapp.common.errors import UserError
-from labapp.files.write_locks import has_path
+from labapp.files.write_locks import close_locked, has_path, lock_limit
 from labapp.runs.record import digests, layout, writer_process
 from labapp.runs.record.chain import follow_frames, follow_log
 from labapp.runs.record.creation import utc_timestamp
@@ -86,13 +87,18 @@ class RecordWriter:
             os.close(self._handle)
             self._handle = -1
         if self._lock >= 0:
-            os.close(self._lock)
+            close_locked(self._lock)
             self._lock = -1
 
     @property
     def handle(self) -> int:
         """Handle of the run's open record."""
         return self._handle
+
+    @property
+    def lock_limit(self) -> str:
+        """What the lock of the run's record can't promise, in words; empty if it is a whole one."""
+        return lock_limit(self._lock)
 
     @property
     def frame_count(self) -> int:
@@ -230,7 +236,8 @@ class RecordWriter:
         if size >= _LARGE:
             place = self._places["images"]
             offset = place.offset + index * place.row_bytes
-            os.posix_fadvise(self._handle, offset, size, os.POSIX_FADV_DONTNEED)
+            with suppress(OSError):
+                os.posix_fadvise(self._handle, offset, size, os.POSIX_FADV_DONTNEED)
 
     def _put(self, name: str, row: int, value: Any) -> None:
         """Write a row of a dataset at its place in the file of the run's record."""
