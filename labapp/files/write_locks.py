@@ -247,8 +247,8 @@ def name_draft(path: Path) -> Path:
 def _lock_holder(path: Path) -> int | None:
     """Return the process of this user that holds a file's lock; None if it can't be found."""
     with suppress(OSError):
-        if (process := _named_lock_holder(path.stat())) is not None:
-            return process
+        if (holder := _named_lock_holder(path.stat())) is not None:
+            return holder
     for process in Path("/proc").iterdir():
         # Processes end meanwhile, and those of other users tell nothing.
         with suppress(OSError):

@@ -6,7 +6,7 @@ import errno
 import io
 import logging
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,12 +49,12 @@ def require_all_writable(paths: Iterable[Path | None], *, force: bool) -> None:
             require_writable(path, force=force)
 
 
-def require_free_names(folder: Path, names: Sequence[str], *, force: bool) -> None:
+def require_free_names(folder: Path, names: Iterable[str], *, force: bool) -> None:
     """Raise UserError if a folder can't be written to, or has files that may not be replaced."""
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file. Name a folder.")
     if folder.is_dir():
-        require_all_writable([folder / name for name in names], force=force)
+        require_all_writable((folder / name for name in names), force=force)
 
 
 def make_folder(folder: Path) -> None:

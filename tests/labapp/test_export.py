@@ -25,7 +25,7 @@ from labapp.runs.record import layout
 from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 from optics.progress import Cancelled, Progress
 
 SHOTS = [

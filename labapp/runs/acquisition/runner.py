@@ -29,8 +29,9 @@ from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer_process import open_for_writing
+from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State
-from labapp.runs.steps import Shot, schedule_shots
+from labapp.runs.steps import schedule_shots
 from optics.progress import Progress
 
 __all__ = [
@@ -239,7 +240,7 @@ def resume_run(
     if missing:
         abilities = _with_delays(bench, abilities, listed, progress, patterns)
         listed = schedule_shots(listed, abilities)
-    left = [listed[index] for index in missing]
+    left = listed.pick(missing)
     require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])
     _require_person(ask, estimate_run(left, plan, abilities).prompts)
     hooks = Hooks.of(plan, bench)
@@ -294,7 +295,7 @@ def _require_person(ask: AskOperator | None, prompts: Sequence[str]) -> None:
         )
 
 
-def _require_same_bench(record: Record, bench: Bench, listed: Sequence[Shot]) -> None:
+def _require_same_bench(record: Record, bench: Bench, listed: ShotList) -> None:
     """Raise UserError if the bench isn't the one on which the run of a record began."""
     for name, device in record.devices.items():
         identity = asdict(bench.devices[name].identity)
@@ -304,10 +305,9 @@ def _require_same_bench(record: Record, bench: Bench, listed: Sequence[Shot]) ->
                 f"{device['serial']}, and this bench has {identity['model']} "
                 f"{identity['serial']}. Resume it on the bench that it was begun on."
             )
-    exposures = record.column("exposure_asked").tolist()
     same = (
-        [shot.exposure for shot in listed] == exposures
-        and [shot.step for shot in listed] == record.column("step").tolist()
+        np.array_equal(listed.column("exposure"), record.column("exposure_asked"))
+        and np.array_equal(listed.column("step"), record.column("step"))
         and bench.camera.shape == record.image(0).shape
         and bench.file == record.bench
     )

@@ -21,7 +21,7 @@ import labapp
 from labapp.common.errors import UserError
 from labapp.files import nexus
 from labapp.files.plain_hdf5 import open_hdf5
-from labapp.files.plan_file import PlanFile
+from labapp.files.plan_file import ROLES, PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import layout
@@ -166,7 +166,7 @@ def _write_data(file: h5py.File, shape: tuple[int, ...]) -> None:
         allocate(data, name, np.zeros(shape[0], dtype))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
-    data["role"].attrs["names"] = list(layout.ROLES)
+    data["role"].attrs["names"] = list(ROLES)
     for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
         axis.label = name
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -74,6 +74,17 @@ class PlaceTable:
         if len(data) < place.size:
             raise TableError(f"{name} is cut off")
         return np.frombuffer(data, place.dtype).reshape(place.shape)
+
+    def read_blocks(self, handle: int, name: str, at_once: int) -> Iterator[NDArray[Any]]:
+        """Yield the rows of a dataset of the record in blocks; raise TableError as read() does."""
+        place = self.places[name]
+        for first in range(0, place.shape[0], at_once):
+            rows = min(at_once, place.shape[0] - first)
+            size = rows * place.row_bytes
+            data = os.pread(handle, size, place.offset + first * place.row_bytes)
+            if len(data) < size:
+                raise TableError(f"{name} is cut off")
+            yield np.frombuffer(data, place.dtype).reshape(rows, *place.shape[1:])
 
     def is_whole(self, handle: int, name: str) -> bool:
         """Return whether a dataset that never changes is as it was when the record was made."""

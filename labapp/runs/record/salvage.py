@@ -27,6 +27,7 @@ from labapp.common.errors import UserError
 from labapp.files.frame_list import format_frame_list
 from labapp.files.guarded_reading import unreadable
 from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
+from labapp.files.plan_file import ROLES
 from labapp.runs.record import layout
 from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.digests import SETTINGS
@@ -42,7 +43,7 @@ from labapp.runs.record.repair import (
     repair_links,
 )
 from labapp.runs.record.structure import require_plain_structure
-from labapp.runs.steps import Shot
+from labapp.runs.shots import ShotList, ShotTarget
 from optics.progress import Progress
 
 _UNKNOWN_GAIN = 1.0
@@ -204,7 +205,7 @@ class DamagedRecord:
             )
         lost = ", ".join(sorted(set(there) - set(whole)))
         self._lacks.append(f"the proof of what was planned ({lost}): frames may be of others")
-        counts = {"role": len(layout.ROLES)}
+        counts = {"role": len(ROLES)}
         for kind in ("target", "pattern"):
             names = self._read_known(f"entry/{kind}s/names")
             counts[kind] = len(names) if names is not None else 1 + int(left[kind].max())
@@ -233,16 +234,12 @@ class DamagedRecord:
         texts = {name: self._json(name) for name in _JSON}
         names = self._names("entry/targets/names", columns["target"], "target")
         patterns = self._patterns(columns["pattern"])
-        shots = [
-            Shot(
-                index, int(columns["step"][index]), int(columns["repeat"][index]),
-                names[columns["target"][index]], list(patterns)[columns["pattern"][index]],
-                float(columns["wavelength_asked"][index]),
-                float(columns["exposure_asked"][index]),
-                layout.ROLES[columns["role"][index]], slot=int(columns["slot"][index]),
-            )
-            for index in range(len(columns["frame"]))
-        ]  # fmt: skip
+        shown = {
+            "index": np.arange(len(columns["frame"])),
+            "wavelength": columns["wavelength_asked"],
+            "exposure": columns["exposure_asked"],
+        }
+        shots = ShotList({**columns, **shown}, [ShotTarget(name) for name in names], list(patterns))
         x = self._read_known(f"{layout.DATA}/x")
         times = self._read_known(f"{layout.PATTERNS}/frame_time")
         seed = self._read_known("entry/seed")

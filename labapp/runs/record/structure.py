@@ -20,9 +20,12 @@ from labapp.runs.record import layout
 from labapp.runs.record.digests import structure_digest
 from labapp.runs.record.place_table import PlaceTable, TableError, read_table
 
-_LARGEST = 1 << 28
-"""Bytes that a dataset without pictures may have: the digests of a million frames take a little
+_LARGEST = 1 << 29
+"""Bytes that a dataset without pictures may have: the digests of two million frames take a little
 less. Chosen."""
+
+_READ_IN_PARTS = (layout.SHOWN_IMAGES, f"{layout.DATA}/images", f"{layout.ENTRY}/log")
+"""Datasets that may be larger, since they are never in memory as a whole."""
 
 
 _SHORT_TEXTS = frozenset(
@@ -107,7 +110,7 @@ def _require_plain(file: h5py.File, path: Path) -> None:
                 "Don't trust the file; get the original."
             )
         most = _LONGEST_TEXT if name in _SHORT_TEXTS else _LARGEST
-        if nbytes > most and name not in (layout.SHOWN_IMAGES, f"{layout.DATA}/images"):
+        if nbytes > most and name not in _READ_IN_PARTS:
             raise UserError(
                 f"{path}: {name} has {nbytes / 1e6:.0f} MB, more than any run writes. Don't trust "
                 "the file; get the original."

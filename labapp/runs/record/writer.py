@@ -17,12 +17,12 @@ from drivers.interfaces import Frame, checksum
 from labapp.common.errors import UserError
 from labapp.files.write_locks import close_locked, has_path, lock_limit
 from labapp.runs.record import digests, layout, writer_process
-from labapp.runs.record.chain import follow_frames, follow_log
+from labapp.runs.record.chain import AT_ONCE, follow_frames, follow_log
 from labapp.runs.record.creation import utc_timestamp
 from labapp.runs.record.place_table import TableError, read_table, write_all
 from labapp.runs.record.writer_process import open_for_writing
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 
 _LARGE = 1 << 22
 """Bytes from which a picture's digest takes longer than the disk to begin with it. Chosen."""
@@ -67,8 +67,14 @@ class RecordWriter:
         table = read_table(self._handle)
         self._places = {name.rpartition("/")[2]: table.places[name] for name in layout.CHANGING}
         self._structure = table.read(self._handle, f"{layout.DIGESTS}/structure").tobytes()
-        frames = follow_frames(table.read(self._handle, f"{layout.DIGESTS}/chain"), self._structure)
-        lines = follow_log(table.read(self._handle, f"{layout.ENTRY}/log"), self._structure)
+        frames = follow_frames(
+            table.read_blocks(self._handle, f"{layout.DIGESTS}/chain", AT_ONCE),
+            self._structure,
+            self.frame_count,
+        )
+        lines = follow_log(
+            table.read_blocks(self._handle, f"{layout.ENTRY}/log", AT_ONCE), self._structure
+        )
         for name, broken in (("chain", frames.broken), ("log", lines.broken)):
             if broken is not None:
                 raise TableError(f"its {name} is damaged at row {broken}")
@@ -174,10 +180,10 @@ class RecordWriter:
 
     def is_stored_intact(self, index: int) -> bool:
         """Return whether the file of the run's record holds a frame intact, by its digest."""
-        if index not in self._latest:
+        if self._latest[index] < 0:
             return False
         data = self._read("images", index)
-        (row,) = np.frombuffer(self._read("chain", self._latest[index]), layout.CHAIN_ROW)
+        (row,) = np.frombuffer(self._read("chain", int(self._latest[index])), layout.CHAIN_ROW)
         image = np.frombuffer(data, np.uint8)
         return digests.image_digest(image) == row["image"].tobytes()
 
