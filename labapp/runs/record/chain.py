@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from labapp.runs.record import layout
 from labapp.runs.record.digests import first_line, first_link, link_digest
 
-AT_ONCE = 1 << 13
-"""Rows of a chain that are in memory at once: some megabytes. Chosen."""
+AT_ONCE = 1 << 11
+"""Rows of a chain that are in memory at once: half a megabyte. Chosen."""
 
 _LINK = layout.CHAIN_ROW.fields["link"][1]  # type: ignore[index]
 _TEXT, _DIGEST = (layout.LOG_ROW.fields[name][1] for name in ("text", "digest"))  # type: ignore[index]

@@ -34,8 +34,8 @@ from labapp.runs.record.place_table import (
 from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State
 
-_ROWS_AT_ONCE = 1 << 14
-"""Rows that are written at once to a dataset without content: some megabytes. Chosen."""
+_ROWS_AT_ONCE = 1 << 12
+"""Rows that are written at once to a dataset without content: a megabyte. Chosen."""
 
 
 @dataclass(frozen=True)

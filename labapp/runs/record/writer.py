@@ -24,6 +24,9 @@ from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.shots import Shot
 from labapp.runs.state import State
 
+_SMALL = 1 << 17
+"""Bytes up to which handing a picture to a thread costs more than its digest. Chosen."""
+
 _LARGE = 1 << 22
 """Bytes from which a picture's digest takes longer than the disk to begin with it. Chosen."""
 
@@ -151,19 +154,26 @@ class RecordWriter:
         image = np.ascontiguousarray(image, dtype=self._places["images"].dtype)
         if image.shape != self._places["images"].shape[1:]:
             raise CorruptFrame(f"it has {image.shape} pixels")
-        # Checksum and digest are computed while the picture is being written.
-        summed = self._digest_threads.submit(checksum, image)
-        digested = self._digest_threads.submit(digests.image_digest, image)
-        self._write("images", index, image.data.cast("B"))
-        self._begin_writeback(index, image.nbytes)
-        found = summed.result()
+        found, digest = self._write_image(index, image)
         if known is not None and found != known:
             raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
         settings = {**values, "checksum": found}
         for name, value in settings.items():
             self._put(name, index, value)
-        self._append_link(index, digested.result(), digests.settings_digest(settings))
+        self._append_link(index, digest, digests.settings_digest(settings))
         self._put("stored", index, 1)
+
+    def _write_image(self, index: int, image: NDArray[np.uint16]) -> tuple[int, bytes]:
+        """Write a frame's image to the run's record; return its checksum and its digest."""
+        if image.nbytes < _SMALL:
+            self._write("images", index, image.data.cast("B"))
+            return checksum(image), digests.image_digest(image)
+        # Both are computed while the picture is being written.
+        summed = self._digest_threads.submit(checksum, image)
+        digested = self._digest_threads.submit(digests.image_digest, image)
+        self._write("images", index, image.data.cast("B"))
+        self._begin_writeback(index, image.nbytes)
+        return summed.result(), digested.result()
 
     def _append_link(self, frame: int, image: bytes, settings: bytes) -> None:
         """Append a stored frame's link to the chain of the run's record."""
