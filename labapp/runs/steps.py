@@ -26,11 +26,13 @@ def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> ShotList:
     steps = 0
     for block in plan.acquire:
         columns = _block_columns(block, plan, capabilities, names)
-        columns["step"] = steps + _steps(columns)
+        columns["step"] = _steps(columns) + np.uint32(steps)
         steps = int(columns["step"].max()) + 1
         blocks.append(columns)
-    joined = {name: np.concatenate([one[name] for one in blocks]) for name in blocks[0]}
-    joined["index"] = np.arange(len(joined["step"]))
+    joined = blocks[0]
+    if len(blocks) > 1:
+        joined = {name: np.concatenate([one[name] for one in blocks]) for name in blocks[0]}
+    joined["index"] = np.arange(len(joined["step"]), dtype=np.int32)
     listed = ShotList(joined, [names.target(name) for name in names.targets], list(names.patterns))
     return schedule_shots(listed, capabilities)
 
@@ -196,7 +198,7 @@ def _calibration_columns(
     return made
 
 
-def _steps(columns: Columns) -> NDArray[np.intp]:
+def _steps(columns: Columns) -> NDArray[np.uint32]:
     """Number the steps of a run's shots from 0 on; a step is a setting with its repeats.
 
     A setting that occurs again with the same repeat is a new step. The random numbers of a
@@ -206,7 +208,7 @@ def _steps(columns: Columns) -> NDArray[np.intp]:
     settings = group_codes(*(columns[name] for name in named))
     came = group_codes(settings, _occurrences(group_codes(settings, columns["repeat"])))
     _, first, inverse = np.unique(came, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[inverse]
+    return np.argsort(np.argsort(first)).astype(np.uint32)[inverse]
 
 
 def _occurrences(codes: NDArray[np.int64]) -> NDArray[np.intp]:
@@ -223,46 +225,47 @@ def _occurrences(codes: NDArray[np.int64]) -> NDArray[np.intp]:
 def schedule_shots(shots: Iterable[Shot], capabilities: BenchCapabilities) -> ShotList:
     """Plan the times of a run's shots: changed settings settle together before each exposure."""
     listed = ShotList.of(shots)
-    settling, delay = _times_of_changes(listed, capabilities)
-    delay = delay + capabilities.delays.frame
-    after = np.maximum(capabilities.readout + delay, 0.0)
-    lasts = settling + listed.column("exposure") + after
-    ends = np.cumsum(lasts)
-    begins = np.concatenate(([0.0], ends[:-1]))
-    return listed.with_columns(start_time=begins + settling, duration=lasts)
+    changes = _changes(listed)
+    settling, after = (times[changes] for times in _times_of_changes(capabilities))
+    lasts = settling + listed.column("exposure")
+    lasts += after
+    begins = np.empty_like(lasts)
+    np.cumsum(lasts[:-1], out=begins[1:])
+    begins[:1] = 0.0
+    begins += settling
+    return listed.with_columns(start_time=begins, duration=lasts)
+
+
+def _changes(listed: ShotList) -> NDArray[np.uint8]:
+    """Return what changes before each shot of a run: 1 target + 2 pattern + 4 wavelength."""
+    places: dict[str, int] = {}
+    numbers = [places.setdefault(one.place, len(places)) for one in listed.targets]
+    place = np.array(numbers, np.uint16)[listed.column("target")]
+    found = np.full(len(listed), 7, np.uint8)
+    found[1:] = place[1:] != place[:-1]
+    for bit, names in ((2, ("pattern",)), (4, ("wavelength", "slot"))):
+        changed = np.zeros(max(len(listed) - 1, 0), np.uint8)
+        for column in map(listed.column, names):
+            changed |= column[1:] != column[:-1]
+        found[1:] += changed * np.uint8(bit)
+    return found
 
 
 def _times_of_changes(
-    listed: ShotList, capabilities: BenchCapabilities
+    capabilities: BenchCapabilities,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how long the settings that change before each shot of a run take.
+    """Return what the changes before a shot of a run take, for each number of _changes().
 
-    They are seconds of settling, as the devices document it, and of delay beyond that.
+    They are seconds of settling, as the devices document it, and those after the exposure: of
+    readout, and of delays beyond what is documented.
     """
-    places: dict[str, int] = {}
-    numbers = [places.setdefault(one.place, len(places)) for one in listed.targets]
-    place = np.array(numbers)[listed.column("target")]
-    colour = _changes(listed.column("wavelength")) | _changes(listed.column("slot"))
-    changed = np.array([_changes(place), _changes(listed.column("pattern")), colour])
-    delays = capabilities.delays
-    settling = (
-        capabilities.target_settling,
-        capabilities.slm_settling,
-        capabilities.filter_settling,
-    )
-    return _longest(changed, settling), _longest(
-        changed, (delays.target, delays.slm, delays.filter)
-    )
-
-
-def _changes(column: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which of a run's shots differ from the one before; the first does."""
-    return np.concatenate(([True], column[1:] != column[:-1]))
-
-
-def _longest(changed: NDArray[np.bool_], seconds: Sequence[float]) -> NDArray[np.float64]:
-    """Return the longest time of what changes before each shot of a run; 0 where nothing does."""
-    found = np.full(changed.shape[1], -np.inf)
-    for which, one in zip(changed, seconds, strict=True):
-        found[which] = np.maximum(found[which], one)
-    return np.where(changed.any(axis=0), found, 0.0)
+    of, delays = capabilities, capabilities.delays
+    settling = (of.target_settling, of.slm_settling, of.filter_settling)
+    delay = (delays.target, delays.slm, delays.filter)
+    settles, afters = [], []
+    for changes in range(8):
+        changed = [bit for bit in range(3) if changes >> bit & 1]
+        settles.append(max((settling[bit] for bit in changed), default=0.0))
+        late = max((delay[bit] for bit in changed), default=0.0) + delays.frame
+        afters.append(max(of.readout + late, 0.0))
+    return np.array(settles), np.array(afters)
