@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from drivers.interfaces import Frame
 from labapp.runs.bench_interface import Bench
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 
 EXPOSURE_TOLERANCE = (20e-6, 0.02)
 """Allowed difference of an exposure from the requested one: seconds, and share of the exposure.

@@ -23,7 +23,7 @@ from drivers.interfaces import Frame
 from drivers.x11 import ScreenReader, XError
 from labapp.bench.opening import BenchSetup
 from labapp.files.bench_file import DeviceTable
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 from simulator.machines.machine import SerialMachine
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine

@@ -16,7 +16,7 @@ from labapp.runs.acquisition.feasibility import placement_prompt
 from labapp.runs.bench_interface import Bench
 from labapp.runs.frame_acceptance import CaptureConditions, require_valid_frame
 from labapp.runs.record.writer import CorruptFrame
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 from optics.progress import Progress
 
 log = logging.getLogger(__name__)
