@@ -57,7 +57,11 @@ class PanelScreen:
 
         qt_application(self.x.display)
         self.neutral = np.zeros((request.height, request.width), np.uint8)
-        self._cover()
+        try:
+            self._cover()
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def window(self) -> int:

@@ -92,6 +92,8 @@ def test_what_others_have_set_meanwhile_is_left_to_them(server, output):
 
 def test_what_cannot_be_set_is_refused_unless_it_is_allowed(server, output):
     output.make("max bpc", [6, 7], [6], is_range=True)
+    for name in ("dither", "underscan"):
+        output.make(name, ["off", "on"], "on")
     with (
         pytest.raises(
             DeviceError, match=r"max bpc at 6: a colour has fewer than 8 bits.*allow_pro"
@@ -99,6 +101,8 @@ def test_what_cannot_be_set_is_refused_unless_it_is_allowed(server, output):
         opened(server),
     ):
         pass
+    # What was set before something else was refused is put back, too.
+    assert [told(server)[name] for name in ("dither", "underscan")] == ["on", "on"]
     with opened(server, allow_properties=["Max BPC"]) as slm:
         assert slm.displayed_pattern == "neutral"
     assert told(server)["max bpc"] == "6"

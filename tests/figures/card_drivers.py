@@ -31,15 +31,16 @@ class Property:
     is_range: bool = False
 
 
-def _number(name: str, least: int, most: int, sound: tuple[int, ...], altering: tuple[int, ...]):
+def _number(
+    name: str, least: int, most: int, sound: tuple[int, ...], altering: tuple[int, ...]
+) -> Property:
     values = (tuple((n,) for n in sound), tuple((n,) for n in altering))
     return Property(name, (least, most), *values, is_range=True)
 
 
-def _words(name: str, valid: str, sound: str, altering: str):
-    return Property(
-        name, *(tuple(filter(None, told.split("|"))) for told in (valid, sound, altering))
-    )
+def _words(name: str, valid: str, sound: str, altering: str) -> Property:
+    plain, other = (tuple(filter(None, told.split("|"))) for told in (sound, altering))
+    return Property(name, tuple(valid.split("|")), plain, other)
 
 
 def _matrix(rng: np.random.Generator) -> tuple[int, ...]:

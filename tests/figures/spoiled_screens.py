@@ -86,7 +86,8 @@ class Desk:
     def _sound(self, one: Property) -> Value:
         if one.sound:
             return self._draw(one.sound)
-        return self._draw(one.valid) if not one.is_range else (int(self._rng.integers(*one.valid)),)
+        drawn = one.valid[self._rng.integers(len(one.valid))]
+        return drawn if isinstance(drawn, str) else (drawn,)
 
     def _draw(self, values: tuple[Value, ...]) -> Value:
         return values[self._rng.integers(len(values))]
