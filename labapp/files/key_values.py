@@ -70,6 +70,9 @@ def _read_value(key: str, text: str, kind: Any) -> Any:
         not numeric and (isinstance(value, bool) or not isinstance(value, int | float))
     ):
         return value
+    if isinstance(value, str) and not any(one.isnumeric() for one in text):
+        # A word, of which the table says what would be right.
+        return value
     unit = unit_of(key)
     try:
         return parse_whole(text, unit) if kinds == {int} else _plain(parse_number(text, unit))
