@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
+from drivers.latency import measure_old_frames
 from drivers.uvc.camera_connection import CALL_TIMEOUT, CameraConnection
 from drivers.uvc.capture import (
     CaptureFactory,
@@ -28,7 +29,6 @@ from drivers.uvc.capture import (
     set_exposure_units,
 )
 from drivers.uvc.frame_selection import ExposureInForce
-from drivers.uvc.latency import count_old_frames
 from drivers.uvc.pixel_decoding import FULL_SCALES, decode_pixels
 from drivers.uvc.stream import QUEUE_LENGTH, Stream, StreamFrame, StreamStopped
 
@@ -89,6 +89,7 @@ class UVCCamera:
     """
 
     model = "UVC camera"
+    latency_option = "discard_frames"
     settling = 0.0
     reply_time = 2 * CALL_TIMEOUT
 
@@ -202,26 +203,18 @@ class UVCCamera:
         exposures: two, in seconds, of which neither gives dark or clipped frames. steps: how often
         each is set. frames: number of frames that are evaluated after each change.
         """
-        command, latency = "measure the latency", 0
-        waiting = self.discard_frames
-        self.discard_frames = frames
+        command = "measure the latency"
+
+        def take_levels(exposure: float) -> list[tuple[int, float]]:
+            self.set_exposure(exposure)
+            return self._mean_levels(command, 2 * frames)
+
         try:
-            self.set_exposure(exposures[0])
-            before = float(self.capture(_never).image.mean())
-            for step in range(2 * steps):
-                exposure = exposures[(step + 1) % 2]
-                self.set_exposure(exposure)
-                levels = self._mean_levels(command, 2 * frames)
-                latency = max(latency, count_old_frames(before, levels))
-                before = levels[-1][1]
+            latency = measure_old_frames(take_levels, exposures, steps)
         except ValueError as error:
-            self.discard_frames = waiting
             raise self._connection.refuse(
                 command, str(error), "Point it at a steady light"
             ) from error
-        except BaseException:
-            self.discard_frames = waiting
-            raise
         self.discard_frames = latency
         return latency
 
