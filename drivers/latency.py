@@ -19,12 +19,15 @@ _LEAST_CHANGE = 1.25
 _ALIKE = 0.1
 """Deviation of light from the ratio of the exposures, relative, up to which it follows. Chosen."""
 
-_SAMPLES = 65536
-"""Pixels of a frame that are looked at, at most. Chosen: their mean is known well."""
+_SAMPLES = 1_000_000
+"""Pixels of a frame that are looked at, at most. Chosen: that takes some milliseconds."""
+
+_BRIGHTEST = 16
+"""The brightest pixels whose mean is the level of a picture, or a thousandth of all. Chosen."""
 
 TakeLevels = Callable[[float], Sequence[tuple[int, float]]]
 """Sets an exposure in seconds and returns, for each picture after it in order, how many frames came
-since, and its mean digital number."""
+since, and its light level."""
 
 
 def measure_old_frames(take_levels: TakeLevels, exposures: Sequence[float], steps: int) -> int:
@@ -43,8 +46,8 @@ def measure_old_frames(take_levels: TakeLevels, exposures: Sequence[float], step
 def count_old_frames(before: float, levels: Sequence[tuple[int, float]]) -> int:
     """Count a camera's frames that still have the old exposure after a change.
 
-    before: mean digital number of pictures with the old exposure. levels: for each picture after
-    the change, in order: how many frames came since the change, and its mean digital number.
+    before: light level of pictures with the old exposure. levels: for each picture after
+    the change, in order: how many frames came since the change, and its light level.
     ValueError if the pictures don't change clearly, or not in time.
     """
     if len(levels) < 8:
@@ -111,21 +114,28 @@ class ExposureLatency:
         ratio = new / old
         if max(ratio, 1 / ratio) < _LEAST_CHANGE:
             return None
-        means = [mean for mean, _ in self._seen]
+        levels = [level for level, _ in self._seen]
         try:
-            return count_old_frames(means[0], list(enumerate(means)))
+            return count_old_frames(levels[0], list(enumerate(levels)))
         except ValueError:
             pass
-        if self._before is None or np.ptp(means) > _ALIKE * abs(means[-1]):
+        if self._before is None or np.ptp(levels) > _ALIKE * levels[-1]:
             return None
-        # What isn't light is in the mean, and not in the contrast of the picture.
+        # The black level is in the level, and not in the contrast of the picture.
         pairs = zip(self._seen[-1], self._before, strict=True)
         follows = [then > 0 and abs(now / then / ratio - 1) < _ALIKE for now, then in pairs]
         return 0 if any(follows) else None
 
 
-def _light(image: NDArray[np.generic]) -> tuple[float, float]:
-    """Return mean and standard deviation of a camera's picture, of some of its pixels."""
+def light_level(image: NDArray[np.generic]) -> float:
+    """Return the mean of the brightest pixels of a camera's picture; a small star has them, too."""
     flat: NDArray[Any] = image.reshape(-1)
-    part = flat[:: max(1, flat.size // _SAMPLES)].astype(np.float64)
-    return float(part.mean()), float(part.std())
+    part = flat[:: max(1, flat.size // _SAMPLES)]
+    count = min(part.size, max(_BRIGHTEST, part.size // 1000))
+    return float(np.partition(part, part.size - count)[part.size - count :].mean())
+
+
+def _light(image: NDArray[np.generic]) -> tuple[float, float]:
+    """Return level and contrast of a camera's picture."""
+    flat: NDArray[Any] = image.reshape(-1)
+    return light_level(image), float(flat[:: max(1, flat.size // _SAMPLES)].std())

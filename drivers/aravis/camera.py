@@ -20,7 +20,7 @@ from drivers.aravis.camera_options import AravisOptions, Trigger
 from drivers.aravis.library_process import AravisProcess, CameraLost, open_camera
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
-from drivers.latency import measure_old_frames
+from drivers.latency import light_level, measure_old_frames
 
 
 class AravisCamera:
@@ -225,7 +225,7 @@ class AravisCamera:
             self.set_exposure(exposure)
             with self._translate_errors("measure the latency"):
                 images = (self._acquisition.take(lambda: False).image for _ in range(frames))
-                return [(number, float(image.mean())) for number, image in enumerate(images)]
+                return [(number, light_level(image)) for number, image in enumerate(images)]
 
         return measure_old_frames(take_levels, exposures, steps)
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
-from drivers.latency import measure_old_frames
+from drivers.latency import light_level, measure_old_frames
 from drivers.uvc.camera_connection import CALL_TIMEOUT, CameraConnection
 from drivers.uvc.capture import (
     CaptureFactory,
@@ -207,7 +207,7 @@ class UVCCamera:
 
         def take_levels(exposure: float) -> list[tuple[int, float]]:
             self.set_exposure(exposure)
-            return self._mean_levels(command, 2 * frames)
+            return self._light_levels(command, 2 * frames)
 
         try:
             latency = measure_old_frames(take_levels, exposures, steps)
@@ -233,8 +233,8 @@ class UVCCamera:
     def __exit__(self, *error: object) -> None:
         self._connection.stop()
 
-    def _mean_levels(self, command: str, count: int) -> list[tuple[int, float]]:
-        """Return the mean levels of the UVC camera's next frames, to measure its latency.
+    def _light_levels(self, command: str, count: int) -> list[tuple[int, float]]:
+        """Return the light levels of the UVC camera's next frames, to measure its latency.
 
         Each comes with the number of frames since the exposure was set.
         """
@@ -246,7 +246,7 @@ class UVCCamera:
             between = stream.count_frames_since(self._in_force.set_at, number) - 1
             if between >= 0:
                 image = decode_pixels(shot.image, self._mode.pixel_format, self._mode.shape)
-                levels.append((between, float(image.mean())))
+                levels.append((between, light_level(image)))
         return levels
 
     def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:
