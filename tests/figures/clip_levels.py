@@ -15,11 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
+from drivers.errors import DeviceError
+from figures import Figure
 from labapp.cli import app
+from labapp.common.console import print_message
+from simulator.wire.fake_gige import FakeGigECamera
 
 _SHAPE = (96, 128)
 _FULL_WELL = 12000.0
 _READ = 3.0
+_SCENES = 2
+
 _OFF = 0.05
 """Deviation of the metered brightest light from the true one, relative, that is allowed."""
 
@@ -131,8 +137,8 @@ driver = "simulated-targets"
 
 def write_bench(path: Path, converter: Converter, told: dict[str, Any]) -> None:
     """Write the bench file of a camera; `told` is what the self-test said that it should say."""
-    clip = f"clip_level_dn = {told['clip_level_dn']}" if "clip_level_dn" in told else ""
-    latency = f", latency_frames = {told['latency_frames']}" if "latency_frames" in told else ""
+    clip = f"clip_level_dn = {told['clip_level_dn']:.0f}" if "clip_level_dn" in told else ""
+    latency = f", latency_frames = {told['latency_frames']:.0f}" if "latency_frames" in told else ""
     text = _BENCH.format(
         width=_SHAPE[1], height=_SHAPE[0], bits=converter.container, gain=converter.gain,
         read=_READ, black=told.get("black_level_dn", converter.black * 2**converter.shift),
@@ -162,3 +168,77 @@ def self_test(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         raise OSError(text[-300:])
     lines = [line.split("#")[0].split("=") for line in data["should_say"]]
     return {name.strip(): float(value) for name, value in lines}, data["checks"]
+
+
+def meter(path: Path) -> tuple[float | None, str]:
+    """Return the brightest light that `labapp bracket` meters, electrons/s, and its words."""
+    words = ("--target", "star", "--snr-db", 40, "--decades", 4, "--most-frames", 200, "--json")
+    code, data, text = run_labapp("bracket", "--bench", path, *words)
+    if code or data is None:
+        return None, text[-400:]
+    return data["electrons_per_s"][1], data["metered"][0]["remark"]
+
+
+@dataclass
+class Counts:
+    """What came of the cameras: how many, and how many of them were wrong, and unknown."""
+
+    cameras: int = 0
+    wrong: int = 0
+    unknown: int = 0
+    clip_levels: int = 0
+    latencies: int = 0
+
+    def add(self, light: float | None, words: str, true: float) -> None:
+        """Count a metered light as right, wrong, or told as unknown."""
+        self.cameras += 1
+        if light is None or "clip level is unknown" in words:
+            self.unknown += 1
+            print_message(f"  told: {words[:160]}")
+        elif abs(light / true - 1) > _OFF:
+            self.wrong += 1
+            print_message(f"  metered {light:.4g} of {true:.4g} electrons/s; {words}")
+
+
+def clip_levels_figure(folder: Path, seed: int = 0) -> list[Figure]:
+    """Metered light with the clip level untold, and after what the self-test says is written."""
+    cameras = f"{_SCENES * len(converters(np.random.default_rng(0)))} cameras"
+    names = (f"{cameras}, clip level untold: light metered", f"{cameras}, after devices test")
+    goals = ("within 5 %, or told as unknown", "within 5 %, clip levels and latencies right")
+    try:
+        untold, told = _measured(folder, np.random.default_rng(seed))
+    except (OSError, DeviceError) as error:
+        return [
+            Figure(name, goal, f"no camera behind the wire: {error}", None)
+            for name, goal in zip(names, goals, strict=True)
+        ]
+    words = f"{untold.wrong} of {untold.cameras} off, {untold.unknown} told as unknown"
+    after = f"{told.wrong} of {told.cameras} off, {told.unknown} told as unknown; clip levels of "
+    after += f"{told.clip_levels} wrong, latencies of {told.latencies}"
+    well = not (told.wrong or told.unknown or told.clip_levels or told.latencies)
+    return [
+        Figure(names[0], goals[0], words, not untold.wrong),
+        Figure(names[1], goals[1], after, well),
+    ]
+
+
+def _measured(folder: Path, rng: np.random.Generator) -> tuple[Counts, Counts]:
+    untold, told = Counts(), Counts()
+    for converter in converters(rng):
+        for kind in ("star", "patch")[:_SCENES]:
+            print_message(f"  {converter.bits} bits in {converter.form}, {kind}")
+            bench = Bench(converter, draw_scene(rng, kind), rng)
+            late, true = int(rng.integers(9)), float(bench.rates.max())
+            path = folder / "bench.toml"
+            with FakeGigECamera(bench.render, _SHAPE, converter.form, latency=late):
+                write_bench(path, converter, {})
+                untold.add(*meter(path), true)
+                said, _ = self_test(path)
+                told.clip_levels += said.get("clip_level_dn") != converter.clip
+                told.latencies += said.get("latency_frames") != late
+                write_bench(path, converter, said)
+                told.add(*meter(path), true)
+    return untold, told
+
+
+MEASUREMENTS = {"clip levels": clip_levels_figure}

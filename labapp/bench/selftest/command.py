@@ -40,7 +40,7 @@ def run_selftest(
     camera = setup.bench.build_camera()
     described = setup.bench.devices.tables.get(role)
     options = described.options if described else {}
-    told = DescribedCamera(camera.sensor, options, setup.source)
+    told = DescribedCamera(camera.sensor, setup.bench.tells_clip_level, options, setup.source)
     found = _test_device(setup, role, told)
     assert described is not None
     data = _as_data(role, setup.bench.name, described.model_dump(), found, told.lines)
