@@ -176,7 +176,13 @@ class FilterWheel(SpectralFilter, Protocol):
 
 
 class Camera(Device, Protocol):
-    """Interface of a camera that takes one picture per call; its safe state is stopped."""
+    """Interface of a camera that takes one picture per call; its safe state is stopped.
+
+    Two members are optional, for a camera that may obey a new exposure some frames late. A method
+    measure_latency(exposures) takes two exposures in seconds, finds by their light how many frames
+    after a change to discard, discards so many from then on, and returns the number. The attribute
+    `latency_option` is the name of the driver's option that tells this number.
+    """
 
     @property
     def shape(self) -> tuple[int, int]: ...

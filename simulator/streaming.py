@@ -95,7 +95,7 @@ class FrameSimulator:
             _Block(places.numpy(), _Stepwise(*some(places), sensor, recipe.stages))
             for places in (scattered[part] for part in _parts(len(scattered)))
         ]
-        self._top = 2**sensor.bits - 1
+        self._top = sensor.top_number
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads, "stream") if threads > 1 else None
 

@@ -16,6 +16,7 @@ from drivers.aravis.camera_options import AravisOptions
 from drivers.aravis.library_process import AravisProcess
 from drivers.aravis.pixel_formats import PixelFormat, unpack
 from drivers.errors import DeviceError
+from drivers.latency import MOST_FRAMES, ExposureLatency
 
 REPLY_TIMEOUT = 3.0
 """Seconds within which the library must answer any request except a wait for a frame."""
@@ -33,18 +34,23 @@ class AcquisitionLimits:
         Bad frames after which a capture fails; fewer if time runs out before. Chosen.
     max_outdated_frames : int
         Frames of an older exposure after which a capture fails, for a camera that reports the
-        exposure of each frame. Chosen.
+        exposure of each frame: one more than are discarded of another camera.
     exposure_tolerance_us : float
         Microseconds by which the reported exposure may differ from the one that was set. Chosen.
     exposure_tolerance : float
         The same as a share of the exposure; the larger of the two counts. Chosen.
+    least_latency : int
+        Frames after a change of exposure that are discarded at least if the camera doesn't report
+        the exposure of each frame, unless an option tells their number. Chosen: a camera may take
+        longer once than it took before.
     """
 
     poll_interval: float = 0.05
     max_bad_frames: int = 3
-    max_outdated_frames: int = 8
+    max_outdated_frames: int = MOST_FRAMES + 1
     exposure_tolerance_us: float = 1.0
     exposure_tolerance: float = 1e-3
+    least_latency: int = 3
 
 
 _LIMITS = AcquisitionLimits()
@@ -70,9 +76,9 @@ class FrameAcquisition:
 
     A frame is accepted only if it is complete, has the region and format that were set, has the
     next number, and began after the call. If the camera reports the exposure of each frame, that
-    must be the exposure that was set. Otherwise the first `latency_frames` frames after a change
-    are discarded, because some cameras still expose them as before. After each frame the camera
-    is asked whether it still has that exposure.
+    must be the exposure that was set. Some cameras report what is set and still expose the next
+    frames as before, so the first frames after a change are discarded as well; `latency` knows how
+    many. After each frame the camera is asked whether it still has that exposure.
 
     region: x, y, width, height in pixels. exposure: seconds, as the camera has read it back.
     reports_exposure: whether the camera reports the exposure of each frame. timeout_margin:
@@ -90,6 +96,8 @@ class FrameAcquisition:
     counts: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
+        least = 0 if self.reports_exposure else _LIMITS.least_latency
+        self.latency = ExposureLatency(self.options.latency_frames, least)
         self._arrivals = FrameArrivals()
         self._running = False
         self._changed_at = 0.0
@@ -111,14 +119,24 @@ class FrameAcquisition:
         """Return `readout_time` plus the seconds of the Aravis frames that are discarded first."""
         return self.readout_time + self._frames_to_discard * (self.exposure + self.readout_time)
 
+    def change_exposure(self, exposure: float) -> float:
+        """Set the Aravis camera's exposure in seconds; return the one that it reports.
+
+        Where it had this exposure already, frames that are under way have it, too.
+        """
+        before = float(self.link.ask("exposure", timeout=REPLY_TIMEOUT)) * 1e-6
+        self.exposure = set_exposure(self.link, to_microseconds(exposure))
+        if self.exposure != before:
+            self.mark_settings_changed()
+            self.latency.begin(before, self.exposure)
+        return self.exposure
+
     def mark_settings_changed(self) -> None:
         """Note that the Aravis camera's exposure or gain changed; older frames are discarded."""
         self._changed_at = time.monotonic()
         # A free-running camera already exposes the next frame while it reads one out.
         ahead = self.options.trigger != "software"
-        self._frames_to_discard = (
-            0 if self.reports_exposure else self.options.latency_frames + ahead
-        )
+        self._frames_to_discard = self.latency.frames + (ahead and not self.reports_exposure)
         if ahead:
             # It isn't known when the frames that are in transit left the camera.
             self._running = False
@@ -129,9 +147,7 @@ class FrameAcquisition:
         self._size, self._length = memory["size"], memory["length"]
         self._running, self._arrivals, self._buffer_to_return = True, FrameArrivals(), -1
         # Another program may have started an exposure or changed a setting before this.
-        self._frames_to_discard = max(
-            self._frames_to_discard, 0 if self.reports_exposure else self.options.latency_frames
-        )
+        self._frames_to_discard = max(self._frames_to_discard, self.latency.frames)
         if not self._matches_exposure(float(self.link.ask("exposure", timeout=REPLY_TIMEOUT))):
             self._restore_exposure()
 
@@ -156,11 +172,12 @@ class FrameAcquisition:
                 if not self._running:
                     self.start()
                 taken = self._next_good_frame(cancelled, since)
+                self.latency.add(taken.image)
+                self._require_exposure()
                 if self._frames_to_discard:
                     self._frames_to_discard -= 1
                     self.counts["thrown away"] += 1
                     continue
-                self._require_exposure()
                 self.counts["taken"] += 1
                 return taken
             except _OutdatedFrame as old:
@@ -170,6 +187,7 @@ class FrameAcquisition:
                 bad: BadFrame = old
             except BadFrame as found:
                 self.counts[found.kind] += 1
+                self.latency.forget_change()
                 # Start a new stream: frames that are in transit never arrive in it.
                 self._running = False
                 nobody = self.options.trigger == "hardware" and found.kind == "missing"
@@ -206,7 +224,10 @@ class FrameAcquisition:
             if not triggered:
                 began = self._arrivals.departure_time(note) - self.exposure
                 # Lost frames are only reported; they aren't an error.
-                self.counts["dropped"] += self._arrivals.frames_lost_before(note)
+                lost = self._arrivals.frames_lost_before(note)
+                self.counts["dropped"] += lost
+                if lost:
+                    self.latency.forget_change()
             if began < since or (triggered and not self._arrivals.is_fresh(note, since)):
                 self.counts["stale"] += 1
                 continue

@@ -20,6 +20,7 @@ from drivers.aravis.camera_options import AravisOptions, Trigger
 from drivers.aravis.library_process import AravisProcess, CameraLost, open_camera
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
+from drivers.latency import light_level, measure_old_frames
 
 
 class AravisCamera:
@@ -56,10 +57,12 @@ class AravisCamera:
         Size of the network packets in bytes; negotiated if 0.
     buffers : int
         Number of frames that may wait in memory, at least 2.
-    latency_frames : int
-        Number of frames after a change of exposure that may still have the old one. They are
-        discarded unless the camera reports the exposure of each frame (chunk data). Set it to 0
-        for a camera that is known to apply a new exposure at once.
+    latency_frames : int, optional
+        Number of frames after a change of exposure that may still have the old one, which are
+        discarded; measure_latency() finds it. By default, 8 are discarded until their light has
+        shown when the camera obeys, and then that many: 3 at least, or 0 for a camera that reports
+        the exposure of each frame (chunk data). Frames that are reported with another exposure are
+        discarded beside these.
     frame_timeout_ms : float
         Milliseconds beyond exposure and frame time after which a frame counts as missing.
     trigger_wait_s : float
@@ -74,6 +77,7 @@ class AravisCamera:
     """
 
     settling = 0.0
+    latency_option = "latency_frames"
 
     def __init__(
         self,
@@ -88,7 +92,7 @@ class AravisCamera:
         frame_rate: float = 0.0,
         packet_size: int = 0,
         buffers: int = 8,
-        latency_frames: int = 3,
+        latency_frames: int | None = None,
         frame_timeout_ms: float = 1000.0,
         trigger_wait_s: float = 5.0,
         electrons_per_number: float = 1.0,
@@ -174,8 +178,7 @@ class AravisCamera:
             if not low <= exposure <= high:
                 reply = f"out of range, {low * 1e3:g} to {high * 1e3:g} ms"
                 raise self._error(command, reply, "Choose an exposure in the range")
-            actual = taking.exposure = set_exposure(taking.link, to_microseconds(exposure))
-            taking.mark_settings_changed()
+            actual = taking.change_exposure(exposure)
             if abs(actual - exposure) > SETTING_TOLERANCE * exposure:
                 reply = f"it has set {actual * 1e3:g} ms"
                 raise self._error(command, reply, "Look at its frame rate and its other limits")
@@ -194,6 +197,37 @@ class AravisCamera:
         """Take an Aravis frame whose exposure begins after this call."""
         with self._translate_errors("capture"):
             return self._build_frame(self._ensure_open().take(cancelled))
+
+    def measure_latency(self, exposures: Sequence[float], steps: int = 1, frames: int = 18) -> int:
+        """Measure the Aravis camera's `latency_frames` by alternating between two exposures.
+
+        The light must be steady. The result is used from now on.
+
+        exposures: two, in seconds, of which neither gives dark or clipped frames. steps: how often
+        each is set. frames: number of frames that are evaluated after each change.
+        """
+        with self._translate_errors("measure the latency"):
+            latency = self._ensure_open().latency
+        waiting, latency.told = latency.told, 0
+        try:
+            latency.told = self._old_frames(exposures, steps, frames)
+        except ValueError as error:
+            latency.told = waiting
+            remedy = "Point it at a steady light"
+            raise self._error("measure the latency", str(error), remedy) from error
+        except BaseException:
+            latency.told = waiting
+            raise
+        return latency.told
+
+    def _old_frames(self, exposures: Sequence[float], steps: int, frames: int) -> int:
+        def take_levels(exposure: float) -> list[tuple[int, float]]:
+            self.set_exposure(exposure)
+            with self._translate_errors("measure the latency"):
+                images = (self._acquisition.take(lambda: False).image for _ in range(frames))
+                return [(number, light_level(image)) for number, image in enumerate(images)]
+
+        return measure_old_frames(take_levels, exposures, steps)
 
     def next_frame(self, cancelled: Callable[[], bool]) -> Frame:
         """Return a free-running Aravis camera's next frame; lost frames are counted.

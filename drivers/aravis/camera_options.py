@@ -26,7 +26,7 @@ class AravisOptions:
     frame_rate: float
     packet_size: int
     buffers: int
-    latency_frames: int
+    latency_frames: int | None
     frame_timeout_ms: float
     trigger_wait_s: float
     electrons_per_number: float
@@ -52,7 +52,7 @@ class AravisOptions:
         )
         _require(packet, "packet_size", self.packet_size, "576 to 65000 bytes, or 0")
         _require(_are_integers_from([self.buffers], 2), "buffers", self.buffers, "2 at least")
-        latency = _are_integers_from([self.latency_frames], 0)
+        latency = self.latency_frames is None or _are_integers_from([self.latency_frames], 0)
         _require(latency, "latency_frames", self.latency_frames, "a number of frames")
         for name in ("frame_timeout_ms", "trigger_wait_s", "electrons_per_number"):
             value = getattr(self, name)

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
+from drivers.latency import light_level, measure_old_frames
 from drivers.uvc.camera_connection import CALL_TIMEOUT, CameraConnection
 from drivers.uvc.capture import (
     CaptureFactory,
@@ -28,7 +29,6 @@ from drivers.uvc.capture import (
     set_exposure_units,
 )
 from drivers.uvc.frame_selection import ExposureInForce
-from drivers.uvc.latency import count_old_frames
 from drivers.uvc.pixel_decoding import FULL_SCALES, decode_pixels
 from drivers.uvc.stream import QUEUE_LENGTH, Stream, StreamFrame, StreamStopped
 
@@ -89,6 +89,7 @@ class UVCCamera:
     """
 
     model = "UVC camera"
+    latency_option = "discard_frames"
     settling = 0.0
     reply_time = 2 * CALL_TIMEOUT
 
@@ -202,26 +203,18 @@ class UVCCamera:
         exposures: two, in seconds, of which neither gives dark or clipped frames. steps: how often
         each is set. frames: number of frames that are evaluated after each change.
         """
-        command, latency = "measure the latency", 0
-        waiting = self.discard_frames
-        self.discard_frames = frames
+        command = "measure the latency"
+
+        def take_levels(exposure: float) -> list[tuple[int, float]]:
+            self.set_exposure(exposure)
+            return self._light_levels(command, 2 * frames)
+
         try:
-            self.set_exposure(exposures[0])
-            before = float(self.capture(_never).image.mean())
-            for step in range(2 * steps):
-                exposure = exposures[(step + 1) % 2]
-                self.set_exposure(exposure)
-                levels = self._mean_levels(command, 2 * frames)
-                latency = max(latency, count_old_frames(before, levels))
-                before = levels[-1][1]
+            latency = measure_old_frames(take_levels, exposures, steps)
         except ValueError as error:
-            self.discard_frames = waiting
             raise self._connection.refuse(
                 command, str(error), "Point it at a steady light"
             ) from error
-        except BaseException:
-            self.discard_frames = waiting
-            raise
         self.discard_frames = latency
         return latency
 
@@ -240,8 +233,8 @@ class UVCCamera:
     def __exit__(self, *error: object) -> None:
         self._connection.stop()
 
-    def _mean_levels(self, command: str, count: int) -> list[tuple[int, float]]:
-        """Return the mean levels of the UVC camera's next frames, to measure its latency.
+    def _light_levels(self, command: str, count: int) -> list[tuple[int, float]]:
+        """Return the light levels of the UVC camera's next frames, to measure its latency.
 
         Each comes with the number of frames since the exposure was set.
         """
@@ -253,7 +246,7 @@ class UVCCamera:
             between = stream.count_frames_since(self._in_force.set_at, number) - 1
             if between >= 0:
                 image = decode_pixels(shot.image, self._mode.pixel_format, self._mode.shape)
-                levels.append((between, float(image.mean())))
+                levels.append((between, light_level(image)))
         return levels
 
     def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from drivers.clock import RealClock
 from drivers.interfaces import Surroundings
+from labapp.bench.camera_match import require_described_camera, require_described_size
 from labapp.bench.opening import BenchFiles, BenchSetup, OpenDevice, device_maker, open_device
 from labapp.bench.selftest.checks import describe_error, identity_text
 from labapp.common.console import out, print_json, print_table, terminal_progress
-from labapp.common.errors import UserError
 
 Row = tuple[str, bool, str]
 """One line of the check: what was checked, whether it is good, and what was found."""
@@ -73,23 +73,15 @@ def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
         device_maker(role, described, Surroundings(RealClock()), setup.source)
         return f"{described.driver} is installed and takes these options"
     with open_device(setup, role) as alone:
-        _require_matching_shape(setup, role, alone)
+        _require_match(setup, role, alone)
         return identity_text(alone.device)
 
 
-def _require_matching_shape(setup: BenchSetup, role: str, opened: OpenDevice) -> None:
-    """Raise UserError if an SLM's or camera's pixel counts differ from the bench file's.
-
-    Other devices aren't checked.
-    """
+def _require_match(setup: BenchSetup, role: str, opened: OpenDevice) -> None:
+    """Raise UserError if an SLM or a camera isn't as the bench file describes it."""
     camera = setup.bench.build_camera()
-    described = {"slm": ("panel", camera.panel.shape), "camera": ("sensor", camera.sensor.shape)}
-    if role not in described:
-        return
-    part, shape = described[role]
-    there = tuple(opened.device.shape)
-    if there != tuple(shape):
-        raise UserError(
-            f"{setup.source}: [{part}] has {shape[1]} x {shape[0]} pixels, and the {role} has "
-            f"{there[1]} x {there[0]}. Correct the file, or the device's options."
-        )
+    if role == "slm":
+        shape = opened.device.shape
+        require_described_size(role, shape, camera.panel.shape, "panel", setup.source)
+    elif role == "camera":
+        require_described_camera(opened.device, camera.sensor, setup.source)

@@ -34,6 +34,7 @@ from labapp.bench.calibration_validity import (
     validity_warnings,
     wavelength_warnings,
 )
+from labapp.bench.camera_match import require_described_camera
 from labapp.bench.locking import lock_devices, lock_serial_number
 from labapp.common.command_end import delay_interrupts, note_unsafe, raise_on_interrupt
 from labapp.common.errors import UserError, suggest_spelling
@@ -281,7 +282,8 @@ def open_bench(
     Raises
     ------
     UserError
-        If a file is wrong, naming file and key; or if another application uses a device.
+        If a file is wrong, naming file and key; if another application uses a device; or if the
+        camera isn't as the file's sensor describes it.
     DeviceError
         If a device doesn't open.
     """
@@ -299,8 +301,9 @@ def open_bench(
             supervised_devices=watched,
             **opened,
         )
-        bench.calibration_warnings = _log_calibration(bench)
         try:
+            require_described_camera(bench.camera, camera.sensor, setup.source)
+            bench.calibration_warnings = _log_calibration(bench)
             yield bench
         finally:
             bench.make_safe()

@@ -80,6 +80,17 @@ class BenchFile(CameraFile):
         return any(table.is_simulated for table in self.devices.tables.values())
 
     @property
+    def tells_clip_level(self) -> bool:
+        """Whether it is known where the camera's pixels clip: by bench file, or calibration.
+
+        A simulated camera's frames follow from the bench file.
+        """
+        calibration = self.active_camera_calibration
+        measured = calibration is not None and calibration.clip_number_dn is not None
+        told = self.sensor.clip_level_dn is not None or measured
+        return told or self.devices.camera.is_simulated
+
+    @property
     def is_real(self) -> bool:
         """Whether the bench file names any real device for a run.
 

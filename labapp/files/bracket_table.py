@@ -71,9 +71,10 @@ class BracketTable(FileModel):
 class MeteredLight(FileModel):
     """What the metering of a target found, in a record's plan.
 
-    noise_limited says that the darkest pixels can't be told from darkness. blocks and quantiles are
-    electrons per second in parts of the picture, and below which shares of the pixels lie: by them
-    a later change of the scene is told.
+    noise_limited says that the darkest pixels can't be told from darkness. remark says in words
+    what was found of the camera's clip level, if the bench file doesn't tell it. blocks and
+    quantiles are electrons per second in parts of the picture, and below which shares of the pixels
+    lie: by them a later change of the scene is told.
     """
 
     target: str
@@ -82,6 +83,7 @@ class MeteredLight(FileModel):
     exposures_ms: tuple[Positive, ...]
     electrons_per_s: Rates
     noise_limited: bool = False
+    remark: str = ""
     blocks: tuple[tuple[float | None, ...], ...]
     quantiles: tuple[float | None, ...]
 

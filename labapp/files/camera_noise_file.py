@@ -175,7 +175,7 @@ class CameraNoiseFile(FileModel):
         if self.clip_limit == "well":
             return self.full_well_electrons.value
         # The well is larger than the converter's range, by how much is unknown.
-        top = (2**sensor.bits - 0.5 - black) * gain
+        top = (sensor.top_number + 0.5 - black) * gain
         return top + _WELL_DEVIATIONS * noise
 
     def defect_mask(self) -> NDArray[np.bool_]:

@@ -73,7 +73,10 @@ class SensorTable(FileModel):
 
     quantum_efficiency is a number for all wavelengths, or a table of shares by wavelength in nm,
     linear between them and 0 beyond, or a file of such a table. A colour sensor has a table
-    `colour` instead. The defaults switch a feature off; optics.camera.Sensor describes all of them.
+    `colour` instead. bits are those of the numbers that the camera sends, and clip_level_dn the
+    number at which its pixels clip, where that isn't the largest of so many bits; `labapp devices
+    test camera` measures it. The defaults switch a feature off; optics.camera.Sensor describes all
+    of them.
     """
 
     model: str
@@ -81,6 +84,7 @@ class SensorTable(FileModel):
     height: Count
     pitch_um: Positive
     bits: Annotated[int, Field(ge=1, le=16)]
+    clip_level_dn: Annotated[int, Field(ge=1, le=65535)] | None = None
     full_well_electrons: Positive
     gain_electrons_per_dn: Positive
     read_noise_electrons: Amount
@@ -168,6 +172,7 @@ class SensorTable(FileModel):
             shutter=self.shutter,
             line_time=self.line_time_us * 1e-6,
             model=self.model,
+            clip_level=self.clip_level_dn,
         )
 
 

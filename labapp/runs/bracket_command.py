@@ -150,6 +150,8 @@ def _print(block: Acquisition, chosen: ChosenTable, brackets: dict[str, ChosenBr
         )
         if one.noise_limited:
             out.print("the darkest pixels can't be told from darkness; the range begins above them")
+        if one.remark:
+            out.print(f"WARNING: {one.remark}", style="bold", markup=False)
     out.print()
     rows = [[f"{time * 1e3:g}", count] for time, count in brackets["chosen"].groups]
     print_table("Exposures", ["ms ", "frames "], rows)

@@ -39,7 +39,7 @@ def find_clip_level(groups: Sequence[GroupStatistics], top_number: int) -> ClipL
         most = max(one.brightest for group in groups for one in group.light)
         raise ValueError(
             f"frames have numbers up to {most:g}, and the converter is said to end at "
-            f"{top_number}; correct the sensor's bits"
+            f"{top_number}; correct the sensor's bits or clip level"
         )
     if not full:
         return None

@@ -93,7 +93,7 @@ def expected_accuracy(
         level, current = levels[time], sensor.dark_current * time
         light = np.minimum(rates[:, None] * time + current, 10 * sensor.full_well)
         taken = numbers(light, level - current / sensor.gain)
-        frames.append(np.clip(np.round(taken), 0, 2**sensor.bits - 1))
+        frames.append(np.clip(np.round(taken), 0, sensor.top_number))
         if time not in shared:
             noise = np.sqrt((sensor.read_noise**2 + sensor.gain**2 / 12 + current) / count)
             shared[time] = level + rng.normal(0, noise / sensor.gain, shape)

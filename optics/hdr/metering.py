@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from optics.camera import Sensor
 from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
 from optics.hdr.exposure_snr import ExposureSNR, from_decibels
 from optics.hdr.rate_distribution import RateDistribution, rate_distribution
+from optics.hdr.untold_clipping import is_surely_open, untold_clip_level
 from optics.validation import require_unmasked
 
 
@@ -40,6 +41,10 @@ class MeteringSettings:
         Part of the bracket's time that is little.
     most_frames : int
         Frames at most.
+    proof : (float, float)
+        Factors to the exposure that shall prove pixels not to be clipped.
+    proof_light : float
+        Electrons of the brightest pixels from which on the shorter one tells their light to 3 %.
     """
 
     dark_share: float = 0.01
@@ -53,6 +58,8 @@ class MeteringSettings:
     effort: float = 0.03
     most_fill: float = 0.5
     hot_share: float = 1e-3
+    proof: tuple[float, float] = (0.5, 2.0)
+    proof_light: float = 10_000.0
     most_frames: int = 10
 
 
@@ -71,13 +78,21 @@ class MeteredRange:
 
     low, high: electrons per second. is_noise_limited: whether the darkest pixels can't be told
     from darkness, so that `low` is where that begins. times: exposures of the metering frames in
-    seconds.
+    seconds. clip_level: number at which pixels were seen to clip below the sensor's full scale;
+    None if they weren't. may_be_clipped: whether nobody told where pixels clip, and no other
+    exposure proves that the brightest ones don't.
     """
 
     low: float
     high: float
     is_noise_limited: bool
     times: tuple[float, ...]
+    clip_level: int | None = None
+    may_be_clipped: bool = False
+
+    def sensor_as_seen(self, sensor: Sensor) -> Sensor:
+        """Return the sensor of the HDR bracket with the clip level that metering found, if any."""
+        return sensor if self.clip_level is None else replace(sensor, clip_level=self.clip_level)
 
 
 class Meter:
@@ -98,6 +113,9 @@ class Meter:
         Ratio that is wanted of the bracket: the metering shall take a small part of its time.
     decades : float, optional
         Depth of the range below the brightest pixels. By default the dark end is that of the scene.
+    is_clip_told : bool
+        Whether it is known that pixels clip at the sensor's full scale. If it isn't, frames of
+        different exposures are compared, and one more is taken where that needs it.
 
     Raises
     ------
@@ -107,11 +125,13 @@ class Meter:
 
     def __init__(
         self, sensor: Sensor, limits: ExposureLimits, first: float, snr_db: float,
-        decades: float | None = None,
+        decades: float | None = None, is_clip_told: bool = True,
     ) -> None:  # fmt: skip
         if decades is not None and not 0 < decades <= 12:
             raise ValueError(f"decades is {decades:g}; give a depth above 0 and up to 12")
         self._sensor, self._allowed = sensor, AllowedTimes(limits)
+        self._described, self._is_clip_told = sensor, is_clip_told
+        self._clip_level: int | None = None
         self._decades = decades
         self._frames: dict[float, NDArray[np.float64]] = {}
         self._seen: dict[float, RateDistribution] = {}
@@ -137,7 +157,8 @@ class Meter:
         self._pixels = self._frames[time].size
         self._times.append(time)
         self._look_at(time)
-        wanted = self._time_for_bright() or self._time_for_dark()
+        self._find_clip_level()
+        wanted = self._time_for_bright() or self._time_for_dark() or self._time_for_proof()
         done = len(self._times) >= SETTINGS.most_frames or wanted in self._seen
         self.next_time = None if done else wanted
         if self.next_time is None:
@@ -156,17 +177,33 @@ class Meter:
             numbers = clean
         self._seen[time] = rate_distribution(numbers, time, self._sensor)
 
+    def _find_clip_level(self) -> None:
+        """Look where pixels clip if nobody told, and look at all metering frames again if so."""
+        level = None if self._is_clip_told else untold_clip_level(self._frames, self._described)
+        if level == self._clip_level:
+            return
+        self._clip_level, self._sensor = level, self._described
+        if level is not None:
+            self._sensor = replace(self._described, clip_level=level)
+        self._noise = ExposureSNR(self._sensor)
+        for one in self._frames:
+            self._look_at(one)
+
     @property
     def metered_range(self) -> MeteredRange:
         """The range of the HDR scene; complete when `next_time` is None."""
         self._require_seen()
-        high = self._brightest(self._open_times()[-1])
+        bright = self._open_times()[-1]
+        high, level, unsure = self._brightest(bright), self._clip_level, not self._is_open(bright)
+        times = tuple(self._times)
         if self._decades is not None:
-            return MeteredRange(high / 10**self._decades, high, False, tuple(self._times))
+            low = high / 10**self._decades
+            return MeteredRange(low, high, False, times, level, unsure)
         time = self._time_of_dark()
         darkest = self._noise.dimmest(((time, 1),), 1.0, high)
         low = self._seen[time].quantile(SETTINGS.dark_share)
-        return MeteredRange(min(max(low, darkest), high), high, low < darkest, tuple(self._times))
+        low, limited = min(max(low, darkest), high), low < darkest
+        return MeteredRange(low, high, limited, times, level, unsure)
 
     def _open_times(self) -> list[float]:
         """Return the metering exposures in which no pixel is clipped, the shortest first."""
@@ -225,6 +262,26 @@ class Meter:
         if self._noise.snr(((time, 1),), low) >= _ENOUGH * self._dark_snr:
             return None
         return self._nearest(self._longer(time, low, self._dark_snr))
+
+    def _is_open(self, time: float) -> bool:
+        """Return whether a metering exposure surely isn't clipped, although it doesn't look so."""
+        return self._is_clip_told or is_surely_open(self._frames, time, self._sensor)
+
+    def _time_for_proof(self) -> float | None:
+        """Return an exposure that proves the brightest metered pixels not to be clipped.
+
+        A shorter one has their light if it tells that well enough; a longer one has larger numbers.
+        """
+        opened = self._open_times()
+        if not opened or self._is_open(opened[-1]):
+            return None
+        time = opened[-1]
+        shorter, longer = (self._nearest(factor * time) for factor in SETTINGS.proof)
+        light = self._brightest(time) * shorter
+        for one in (shorter, longer) if light > SETTINGS.proof_light else (longer, shorter):
+            if one not in self._seen and max(one / time, time / one) > 1.25:
+                return one
+        return None
 
     def _longer(self, time: float, rate: float, wanted: float) -> float:
         """Return the metering exposure at which a rate has a ratio, if that is told already."""

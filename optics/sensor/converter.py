@@ -31,7 +31,7 @@ def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple
         return (mean - sensor.black_level) * sensor.gain, variance * sensor.gain**2
     if stages.clipping:
         low = -sensor.black_level * sensor.gain
-        return _clipped_moments(electrons, noise, low, low + (2**sensor.bits - 1) * sensor.gain)
+        return _clipped_moments(electrons, noise, low, low + sensor.top_number * sensor.gain)
     return electrons, np.full_like(electrons, noise**2)
 
 
@@ -63,7 +63,7 @@ def _rounded_moments(
     Before rounding, the readout is a normal number with the mean `scaled`. Both moments are sums
     over the probabilities that the number reaches each whole step.
     """
-    top = 2**sensor.bits - 1
+    top = sensor.top_number
     if not noise:
         number = np.round(scaled)
         return np.clip(number, 0, top) if clipping else number, np.zeros_like(scaled)

@@ -68,7 +68,7 @@ def expose(
         noise = torch.randn(mean.shape, generator=generator, dtype=mean.dtype, device=mean.device)
         electrons = electrons + sensor.read_noise * noise
     number = torch.round(electrons / sensor.gain + sensor.black_level)
-    return number.clamp(0, 2**sensor.bits - 1).to(torch.int32)
+    return number.clamp(0, sensor.top_number).to(torch.int32)
 
 
 def sample_frame(
@@ -166,5 +166,5 @@ def _digitise(electrons: torch.Tensor, sensor: Sensor, stages: Stages) -> torch.
     if stages.quantisation:
         number = torch.round(number)
     if stages.clipping:
-        number = number.clamp(0, 2**sensor.bits - 1)
+        number = number.clamp(0, sensor.top_number)
     return number.to(torch.int32) if stages.quantisation else number

@@ -96,7 +96,7 @@ def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
     """
     if not stages.clipping:
         return math.inf, math.inf
-    top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
+    top = (sensor.top_number - sensor.black_level) * sensor.gain
     noise = 9 * sensor.read_noise + 5 * sensor.dsnu + sensor.gain
     first = min(sensor.full_well, max(top - noise, 0.0))
     final = min(sensor.full_well, top + noise)

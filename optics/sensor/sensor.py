@@ -32,6 +32,8 @@ class Sensor:
     don't respond to light. hot: share of pixels whose dark current is higher by hot_current
     electrons per second. fixed_seed: seed of the maps of these four, one for each camera. shutter:
     "global", or "rolling" with line_time seconds from row to row. model: name of the sensor.
+    clip_level: digital number at which the converter ends, if that isn't the largest number of so
+    many bits: 65520 for a converter of 12 bits whose numbers are sent as 16; None if it is.
     """
 
     shape: tuple[int, int] = (512, 768)
@@ -55,6 +57,7 @@ class Sensor:
     shutter: Literal["global", "rolling"] = "global"
     line_time: float = 0.0
     model: str = ""
+    clip_level: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("pitch", "full_well", "gain", "quantum_efficiency"):
@@ -67,6 +70,11 @@ class Sensor:
         self._require_sound_pixels()
         if not 1 <= self.bits <= 16:
             raise ValueError(f"bits is {self.bits}; a sensor has 1 to 16")
+        if self.clip_level is not None and not 1 <= self.clip_level < 2**self.bits:
+            raise ValueError(
+                f"clip_level is {self.clip_level}; numbers of {self.bits} bits lie between 0 and "
+                f"{2**self.bits - 1}"
+            )
         if self.black_level >= self.full_scale:
             raise ValueError(
                 f"black_level is {self.black_level:g}; it must lie below the full scale, "
@@ -104,6 +112,11 @@ class Sensor:
         return Plane(shape, (self.pitch, self.pitch), centre)
 
     @property
+    def top_number(self) -> int:
+        """The largest digital number of a sensor's converter, at which it ends."""
+        return 2**self.bits - 1 if self.clip_level is None else self.clip_level
+
+    @property
     def full_scale(self) -> int:
         """The digital number from which a sensor pixel counts as clipped.
 
@@ -111,4 +124,4 @@ class Sensor:
         full pixel. So the limit lies five standard deviations of read noise below the full well.
         """
         well = self.full_well - 5.0 * self.read_noise
-        return math.floor(min(2**self.bits - 1, self.black_level + well / self.gain))
+        return math.floor(min(self.top_number, self.black_level + well / self.gain))

@@ -205,7 +205,7 @@ def clipping_onset(sensor: Sensor) -> float:
     Full well or converter begin to clip there.
     """
     spread = 7 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu
-    top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
+    top = (sensor.top_number - sensor.black_level) * sensor.gain
     return max(min(sensor.full_well, top - spread), 0.0)
 
 

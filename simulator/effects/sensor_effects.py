@@ -100,7 +100,7 @@ class FixedPattern(PixelwiseEffect):
         step = sensor.gain
         spread = math.sqrt(electron_norm_bound(s) * root) + sensor.read_noise * root
         varied = step * (2 * spread + step * root)
-        top = (2**sensor.bits - 1 - sensor.black_level) * sensor.gain
+        top = (sensor.top_number - sensor.black_level) * sensor.gain
         most = min(peak_electrons(s) + 8 * math.sqrt(peak_electrons(s)) + 30, sensor.full_well)
         high = most + 8 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu > top
         cut = (

@@ -68,8 +68,8 @@ class FakeGigECamera:
         clock: Clock | None = None,
         faults: Sequence[CameraFault] = (),
     ) -> None:
-        if not 0 <= latency <= 6:
-            raise ValueError(f"latency is {latency}; it must be from 0 to 6 frames")
+        if not 0 <= latency <= 8:
+            raise ValueError(f"latency is {latency}; it must be from 0 to 8 frames")
         if cycle_length < 1:
             raise ValueError(f"cycle_length is {cycle_length}; one picture at least is needed")
         self._fill, self._cycle = render, cycle_length

@@ -83,7 +83,7 @@ class GigEMachine:
         ]
         self._callback = _FILL(self._fill_buffer)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._exposure_history: deque[int] = deque(maxlen=8)
+        self._exposure_history: deque[int] = deque(maxlen=9)
         self._key: Any = None
         self._places: list[int] = []
         self._turn = 0

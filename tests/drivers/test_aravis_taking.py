@@ -73,7 +73,7 @@ class TellingLibrary:
 
 def taking(library: TellingLibrary) -> FrameAcquisition:
     options = AravisOptions(
-        "", "", 0.0, (), (1, 1), "software", "Line0", 0.0, 0, 8, 3, 300.0, 5.0, 1.0
+        "", "", 0.0, (), (1, 1), "software", "Line0", 0.0, 0, 8, 0, 300.0, 5.0, 1.0
     )
     form = FORMATS["Mono8"]
     return FrameAcquisition(

@@ -13,10 +13,10 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.hosted import HostedDevice
 from drivers.interfaces import Camera, Device, Surroundings
+from drivers.latency import count_old_frames
 from drivers.supervised import SupervisedCamera
 from drivers.uvc import UVCCamera
 from drivers.uvc.camera import UVCTiming
-from drivers.uvc.latency import count_old_frames
 from drivers.uvc.pixel_decoding import decode_pixels
 
 UNIT = 1e-4

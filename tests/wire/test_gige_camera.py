@@ -72,12 +72,13 @@ def test_exposures_are_quantised_and_the_quantised_one_is_told(opened: AravisCam
 
 
 def test_frames_are_counted_and_none_of_the_first_ones_is_taken(opened: AravisCamera) -> None:
-    opened.set_exposure(1e-3)
     before = opened.counts["thrown away"]
+    opened.set_exposure(1.7e-3)
     first, second = opened.capture(never), opened.capture(never)
     assert second.number == first.number + 1
     assert second.time >= first.time + 1e-3
-    assert opened.counts["thrown away"] == before + 3
+    assert before + 3 <= opened.counts["thrown away"] <= before + 8
+    opened.set_exposure(1e-3)
 
 
 def test_gain_reaches_the_pixels_and_the_frame(opened: AravisCamera) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import DeviceError
+from drivers.interfaces import Clock, Setting
 from labapp.common.errors import UserError
 from optics.progress import Cancelled, Progress
 
@@ -38,6 +39,23 @@ def identity_text(device: Any) -> str:
     who = device.identity
     simulated = ", SIMULATED" if who.simulated else ""
     return f"{who.model}, serial number {who.serial or 'unknown'}{simulated}"
+
+
+def wait_until_ready(setting: Setting[Any], clock: Clock) -> None:
+    """Wait until a setting of the bench's device stands."""
+    clock.wait_until(setting.ready_at, lambda: False)
+
+
+def require_refusal(act: Callable[[], object], what: str) -> str:
+    """Check in a self-test that the bench's device refuses an act, and return its reply.
+
+    Raises SelfTestFailure if the device doesn't refuse.
+    """
+    try:
+        act()
+    except DeviceError as error:
+        return f"{what} is refused: {error.reply}"
+    raise SelfTestFailure(f"{what} was taken without a word")
 
 
 def describe_error(error: Exception, name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from datetime import datetime
@@ -11,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import labapp
-from labapp.bench.opening import BenchFiles, BenchSetup, OpenDevice, open_device
+from labapp.bench.opening import BenchFiles, BenchSetup, open_devices
+from labapp.bench.selftest.camera_checks import DescribedCamera
 from labapp.bench.selftest.checks import CheckResult, run_check, run_checks
 from labapp.bench.selftest.role_checks import device_checks
 from labapp.common.console import out, print_json, print_table, terminal_progress
@@ -35,37 +37,66 @@ def run_selftest(
     if report is not None:
         require_writable(report, force=force)
     setup = BenchFiles.with_defaults(bench, scene).read()
-    found = _test_device(setup, role)
-    described = setup.bench.devices.tables[role]
-    data = _as_data(role, setup.bench.name, described.model_dump(), found)
+    camera = setup.bench.build_camera()
+    described = setup.bench.devices.tables.get(role)
+    options = described.options if described else {}
+    told = DescribedCamera(camera.sensor, setup.bench.tells_clip_level, options, setup.source)
+    found = _test_device(setup, role, told)
+    assert described is not None
+    data = _as_data(role, setup.bench.name, described.model_dump(), found, told.lines)
     if report is not None:
         write_atomically(report, (json.dumps(data, indent=2) + "\n").encode())
     if as_json:
         print_json(data)
         return bool(data["well"])
-    _print(role, described.driver, found)
+    _print(role, described.driver, found, told.lines)
     if report is not None:
         out.print(f"wrote {report}: send it with your question")
     return bool(data["well"])
 
 
-def _test_device(setup: BenchSetup, role: str) -> list[CheckResult]:
+def _test_device(setup: BenchSetup, role: str, described: DescribedCamera) -> list[CheckResult]:
     with ExitStack() as stack:
-        alone: list[OpenDevice] = []
+        opened: list[Any] = []
 
         def open_it() -> str:
-            alone.append(stack.enter_context(open_device(setup, role)))
+            clock, devices = stack.enter_context(open_devices(setup, _needed(setup, role)))
+            _light_target(devices)
+            opened.extend((devices[role], clock))
             return ""
 
-        opened = run_check("open", open_it)
-        if not opened.passed:
-            return [opened]
+        first = run_check("open", open_it)
+        if not first.passed:
+            return [first]
         progress = stack.enter_context(terminal_progress())
-        return run_checks(device_checks(role, alone[0].device, alone[0].clock), progress)
+        return run_checks(device_checks(role, *opened, described), progress)
+
+
+def _needed(setup: BenchSetup, role: str) -> tuple[str, ...]:
+    """Return the devices of the bench that a self-test opens.
+
+    A simulated camera sees what the simulated target changer places.
+    """
+    tables = setup.bench.devices.tables
+    both = role == "camera" and tables[role].is_simulated and tables["targets"].is_simulated
+    return (role, "targets") if both else (role,)
+
+
+def _light_target(devices: Mapping[str, Any]) -> None:
+    """Place a target that isn't dark before the bench's simulated camera."""
+    if "camera" in devices and "targets" in devices:
+        changer = devices["targets"]
+        lit = [name for name in changer.names if name != "dark"]
+        if lit:
+            changer.place(lit[0])
 
 
 def _as_data(
-    role: str, bench: str, described: dict[str, Any], found: list[CheckResult]
+    role: str,
+    bench: str,
+    described: dict[str, Any],
+    found: list[CheckResult],
+    should_say: Sequence[str],
 ) -> dict[str, Any]:
     """Return the self-test of a bench's device as data for its JSON report."""
     return {
@@ -77,10 +108,11 @@ def _as_data(
         "system": f"{platform.platform()}, Python {platform.python_version()}",
         "time": datetime.now().astimezone().isoformat(timespec="seconds"),
         "checks": [asdict(one) for one in found],
+        "should_say": list(should_say),
     }
 
 
-def _print(role: str, driver: str, found: list[CheckResult]) -> None:
+def _print(role: str, driver: str, found: list[CheckResult], should_say: Sequence[str]) -> None:
     rows = [
         [one.check, "ok" if one.passed else "FAILED", f"{one.seconds:.2f}", one.detail]
         for one in found
@@ -89,3 +121,7 @@ def _print(role: str, driver: str, found: list[CheckResult]) -> None:
     failed = sum(not one.passed for one in found)
     verdict = f"{failed} of {len(found)} checks FAILED" if failed else f"all {len(found)} passed"
     out.print(verdict, style="bold red" if failed else "bold")
+    if should_say:
+        out.print("The bench file should say:")
+    for line in should_say:
+        out.print(f"    {line}", markup=False, highlight=False, soft_wrap=True)

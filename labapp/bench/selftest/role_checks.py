@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from functools import partial
@@ -10,18 +9,29 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import DeviceError
-from drivers.interfaces import Clock, Frame, Setting, Spectrum
-from labapp.bench.selftest.checks import Check, SelfTestFailure, identity_text
+from drivers.interfaces import Clock, Spectrum
+from labapp.bench.selftest.camera_checks import DescribedCamera, camera_checks
+from labapp.bench.selftest.checks import (
+    Check,
+    SelfTestFailure,
+    identity_text,
+    require_refusal,
+    wait_until_ready,
+)
 
 
-def device_checks(role: str, device: Any, clock: Clock) -> list[Check]:
-    """Return the self-test's checks of the device that the bench calls `role`."""
+def device_checks(
+    role: str, device: Any, clock: Clock, described: DescribedCamera | None = None
+) -> list[Check]:
+    """Return the self-test's checks of the device that the bench calls `role`.
+
+    described: how the bench file describes a camera, which is then checked, too.
+    """
     of_role: dict[str, Callable[[Any, Clock], list[Check]]] = {
         "targets": _target_checks,
         "filter": _filter_checks,
         "slm": _slm_checks,
-        "camera": _camera_checks,
+        "camera": partial(camera_checks, described=described or DescribedCamera()),
         "spectroradiometer": _spectroradiometer_checks,
     }
     try:
@@ -54,25 +64,9 @@ def _check_make_safe(device: Any) -> str:
     return f"made safe; answers within {device.reply_time:g} s as documented"
 
 
-def _wait_until_ready(setting: Setting[Any], clock: Clock) -> None:
-    clock.wait_until(setting.ready_at, lambda: False)
-
-
-def _require_refusal(act: Callable[[], object], what: str) -> str:
-    """Check in a self-test that the bench's device refuses an act, and return its reply.
-
-    Raises SelfTestFailure if the device doesn't refuse.
-    """
-    try:
-        act()
-    except DeviceError as error:
-        return f"{what} is refused: {error.reply}"
-    raise SelfTestFailure(f"{what} was taken without a word")
-
-
 def _target_checks(device: Any, clock: Clock) -> list[Check]:
     def place(name: str) -> str:
-        _wait_until_ready(device.place(name), clock)
+        wait_until_ready(device.place(name), clock)
         if device.current_target != name:
             raise SelfTestFailure(f"{name} was asked for, and {device.current_target} is there")
         return f"{name} is there"
@@ -87,7 +81,7 @@ def _filter_checks(device: Any, clock: Clock) -> list[Check]:
 
     def tune(wavelength: float) -> str:
         setting = device.set_wavelength(wavelength)
-        _wait_until_ready(setting, clock)
+        wait_until_ready(setting, clock)
         told = device.wavelength
         if abs(told - wavelength) > 1e-10 or told != setting.actual:
             raise SelfTestFailure(
@@ -99,7 +93,7 @@ def _filter_checks(device: Any, clock: Clock) -> list[Check]:
         return f"{low * 1e9:g} to {high * 1e9:g} nm, settles within {device.settling * 1e3:g} ms"
 
     def beyond() -> str:
-        return _require_refusal(
+        return require_refusal(
             lambda: device.set_wavelength(high + 100e-9), f"{high * 1e9 + 100:g} nm"
         )
 
@@ -119,7 +113,7 @@ def _slm_checks(device: Any, clock: Clock) -> list[Check]:
         began = time.perf_counter()
         setting = device.show(name, grey)
         took = time.perf_counter() - began
-        _wait_until_ready(setting, clock)
+        wait_until_ready(setting, clock)
         if device.displayed_pattern != name:
             raise SelfTestFailure(
                 f"{name} was shown, and {device.displayed_pattern} is on the panel"
@@ -140,7 +134,7 @@ def _slm_checks(device: Any, clock: Clock) -> list[Check]:
 
     def other_shape() -> str:
         grey = np.zeros((rows, columns + 1), np.uint8)
-        return _require_refusal(lambda: device.show("wrong", grey), f"{columns + 1} columns")
+        return require_refusal(lambda: device.show("wrong", grey), f"{columns + 1} columns")
 
     y, x = np.ogrid[:rows, :columns]
     stills = {
@@ -168,41 +162,6 @@ def _presentation_summary(device: Any) -> str:
     return f", {told.count} presented, {told.missed} late"
 
 
-def _camera_checks(device: Any, clock: Clock) -> list[Check]:
-    shortest, longest = device.exposure_range
-    # Exposures are tried up to 0.2 s, or the shortest one that the camera has.
-    tried = np.geomspace(shortest, max(shortest, min(longest, 0.2)), 4)
-    numbers: list[int] = []
-
-    def take(exposure: float) -> str:
-        setting = device.set_exposure(exposure)
-        _wait_until_ready(setting, clock)
-        frame: Frame = device.capture(lambda: False)
-        _require_matching_frame(frame, setting.actual, device.shape)
-        if numbers and frame.number <= numbers[-1]:
-            raise SelfTestFailure(f"frame {frame.number} came after frame {numbers[-1]}")
-        numbers.append(frame.number)
-        clipped = float((frame.image >= device.full_scale).mean())
-        mean, spread = float(frame.image.mean()), float(frame.image.std())
-        return (
-            f"{frame.exposure * 1e3:g} ms, mean {mean:.1f} DN, deviation {spread:.1f} DN, "
-            f"{clipped:.2%} clipped"
-        )
-
-    def range_() -> str:
-        rows, columns = device.shape
-        return (
-            f"{columns} x {rows} pixels, {shortest * 1e3:g} to {longest * 1e3:g} ms, "
-            f"full scale {device.full_scale} DN"
-        )
-
-    def beyond() -> str:
-        return _require_refusal(lambda: device.set_exposure(longest * 10), f"{longest * 10:g} s")
-
-    taken = [(f"expose {t * 1e3:.3g} ms", partial(take, float(t))) for t in tried]
-    return [("range", range_), *taken, ("beyond its range", beyond)]
-
-
 def _spectroradiometer_checks(device: Any, clock: Clock) -> list[Check]:
     wavelengths = device.wavelengths
 
@@ -225,18 +184,3 @@ def _spectroradiometer_checks(device: Any, clock: Clock) -> list[Check]:
         return f"{light}, integrated for {told.integration_time:.3g} s{filtered}"
 
     return [("range", range_), ("measure", measure), ("measure again", measure)]
-
-
-def _require_matching_frame(frame: Frame, exposure: float, shape: tuple[int, int]) -> None:
-    """Raise SelfTestFailure unless a frame is as the bench's self-test requested it.
-
-    Exposure, shape and type are compared.
-    """
-    if not math.isclose(frame.exposure, exposure, rel_tol=1e-6):
-        raise SelfTestFailure(
-            f"exposed {frame.exposure * 1e3:g} ms instead of {exposure * 1e3:g} ms"
-        )
-    if frame.image.shape != shape or frame.image.dtype != np.uint16:
-        raise SelfTestFailure(
-            f"a frame is {frame.image.shape} of {frame.image.dtype}, not {shape} of uint16"
-        )

@@ -135,7 +135,7 @@ def judge_trials(trials: list[FlatTrial], sensor: Sensor) -> float | tuple[float
 
     Raises UserError at the end of what the camera can expose.
     """
-    room = 2**sensor.bits - 1 - sensor.black_level
+    room = sensor.top_number - sensor.black_level
     fine = [one for one in trials if _LOW * room <= one.middle < _HIGH * room]
     if not fine:
         return _next_trials(trials, room, sensor)

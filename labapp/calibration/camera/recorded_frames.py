@@ -66,7 +66,7 @@ def read_pairs(record: Record, flat: str | None = None) -> RecordedPairs:
             [RecordedFrame(record, index, shape) for index in chosen],
             exposures[chosen],
             lit[chosen],
-            2**sensor.bits - 1,
+            sensor.build().top_number,
             _filter_period(sensor),
             record.column("time")[chosen],
         )

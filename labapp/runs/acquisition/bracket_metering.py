@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,12 +18,15 @@ from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.bench_interface import Bench
 from labapp.runs.brackets.choice import settle_block
+from labapp.runs.brackets.clip_remarks import clip_remark
 from labapp.runs.brackets.limits import bracket_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.shots import Shot
 from labapp.runs.steps import planned_settings
 from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, scene_light
 from optics.progress import Progress
+
+log = logging.getLogger(__name__)
 
 _FIRST_EXPOSURE = 1e-3
 """Seconds of the first metering frame. Chosen: long enough for many scenes, and no loss in others.
@@ -108,7 +112,12 @@ class BracketMetering:
         """Meter the light of one target, pattern and wavelength of the run's block."""
         assert block.bracket is not None
         meter = Meter(
-            self._sensor, limits, self._first, block.bracket.snr_db, block.bracket.decades
+            self._sensor,
+            limits,
+            self._first,
+            block.bracket.snr_db,
+            block.bracket.decades,
+            self._bench.file.tells_clip_level,
         )
         frames: list[Frame] = []
         try:
@@ -120,7 +129,11 @@ class BracketMetering:
             name = f"{shot.target} with {shot.pattern} at {shot.wavelength * 1e9:g} nm"
             raise UserError(f"{where}: metering {name}: {error}.") from error
         self._first = frames[-1].exposure
-        return self._metered_light(shot, found, frames)
+        remark = clip_remark(found, self._sensor)
+        if remark:
+            log.warning("metering %s: %s", shot.target, remark)
+        self._sensor = found.sensor_as_seen(self._sensor)
+        return self._metered_light(shot, found, frames, remark)
 
     def _take(self, shot: Shot) -> Frame:
         self._steps += 1
@@ -131,7 +144,7 @@ class BracketMetering:
         return self._taker.take(metering, lambda *stored: None)
 
     def _metered_light(
-        self, shot: Shot, found: MeteredRange, frames: Sequence[Frame]
+        self, shot: Shot, found: MeteredRange, frames: Sequence[Frame], remark: str
     ) -> MeteredLight:
         """Return what a run's record tells of a metering."""
         seen = ((frame.exposure, frame.image) for frame in frames)
@@ -144,6 +157,7 @@ class BracketMetering:
             exposures_ms=tuple(round(time * 1e3, 6) for time in found.times),
             electrons_per_s=(found.low, found.high),
             noise_limited=found.is_noise_limited,
+            remark=remark,
             blocks=rows,
             quantiles=tuple(_round_rate(one) for one in light.quantiles.tolist()),
         )

@@ -13,6 +13,7 @@ from drivers.errors import DeviceError
 from labapp.bench.opening import Bench
 from labapp.common.errors import UserError
 from labapp.files.bracket_table import BracketTable
+from labapp.runs.brackets.clip_remarks import clip_remark
 from labapp.runs.brackets.limits import exposure_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.window.engine.bench_controller import BenchController
@@ -113,7 +114,8 @@ class Alignment:
         def work(progress: Progress) -> None:
             take = self._trial_frames(command.region, progress)
             first = self._controller.exposure
-            found = find_exposure(take, self._sensor, limits, command.level, first)
+            told = self._bench.file.tells_clip_level
+            found = find_exposure(take, self._sensor, limits, command.level, first, told)
             self._controller.set_exposure(found.exposure)
             self._channel.send(
                 ExposureFound(found.exposure, found.level, command.level, found.frames, found.limit)
@@ -132,9 +134,17 @@ class Alignment:
             before = self._controller.exposure
             take = self._trial_frames(None, progress)
             found = propose_exposures(
-                take, self._sensor, limits, command.snr_db, command.decades, before
+                take,
+                self._sensor,
+                limits,
+                command.snr_db,
+                command.decades,
+                before,
+                self._bench.file.tells_clip_level,
             )
             self._controller.try_exposure(before)
+            if remark := clip_remark(found.metered, self._sensor):
+                self._complain(UserError(f"{remark}."))
             bench = self._bench
             self._channel.send(
                 BracketProposal(

@@ -242,7 +242,7 @@ def _describe_capabilities(bench: Bench) -> BenchOpened:
         wavelength_range=bench.filter.wavelength_range,
         exposure_range=bench.camera.exposure_range,
         camera_shape=bench.camera.shape,
-        full_scale=bench.camera.full_scale,
+        full_scale=bench.description.sensor.full_scale,
         virtual=not bench.file.is_real,
         scene_tolerance=None if bench.camera_world is None else bench.camera_world.imaging.tol,
         targets_by_hand=bench.targets.by_hand,

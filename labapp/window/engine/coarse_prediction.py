@@ -78,6 +78,6 @@ def _digital_numbers(electrons: torch.Tensor, sensor: Sensor) -> NDArray[np.uint
     """Return the window's frame, without noise, of coarse electrons on each pixel of a sensor."""
     held = electrons.clamp(max=sensor.full_well) / sensor.gain + sensor.black_level
     rows, columns = sensor.shape
-    numbers = held.round().clamp(0, 2**sensor.bits - 1).to(torch.float32).numpy()
+    numbers = held.round().clamp(0, sensor.top_number).to(torch.float32).numpy()
     fine = cv2.resize(numbers, (columns, rows), interpolation=cv2.INTER_LINEAR)
     return np.asarray(fine).astype(np.uint16)

@@ -108,7 +108,7 @@ class Engine:
         self._outdated = OutdatedFrame(channel, tolerance, world)
         self._forecast = None if world is None else PictureForecast(world)
         self._prediction: CoarsePrediction | None = None
-        self._sender = FrameSender(channel, DigitalScale(bench.camera.full_scale))
+        self._sender = FrameSender(channel, DigitalScale(bench.description.sensor.full_scale))
         self._sender.on_room, self._sender.on_failure = channel.wake, self._complain
         if world is not None:
             self._prediction = CoarsePrediction(world, self._sender.offer_prediction)

@@ -72,7 +72,12 @@ class FoundExposure:
 
 
 def find_exposure(
-    take: TakeTrial, sensor: Sensor, limits: ExposureLimits, level: float, first: float
+    take: TakeTrial,
+    sensor: Sensor,
+    limits: ExposureLimits,
+    level: float,
+    first: float,
+    is_clip_told: bool = True,
 ) -> FoundExposure:
     """Find the exposure for the window that brings the brightest pixel to a level.
 
@@ -91,6 +96,8 @@ def find_exposure(
         Share of the range from the black level to full scale, above 0 and below 1.
     first : float
         Exposure to begin with, in seconds.
+    is_clip_told : bool
+        Whether it is known that pixels clip at the sensor's full scale.
 
     Returns
     -------
@@ -103,7 +110,8 @@ def find_exposure(
         level is none.
     """
     allowed = AllowedTimes(limits)
-    metered = _meter(take, sensor, limits, first, SETTINGS.snr_db, SETTINGS.decades)
+    metered = _meter(take, sensor, limits, first, SETTINGS.snr_db, SETTINGS.decades, is_clip_told)
+    sensor = metered.sensor_as_seen(sensor)
     wanted, frames = exposure_for_level(level, metered.high, sensor), len(metered.times)
     for _ in range(1 + SETTINGS.corrections):
         nearest = allowed.time(max(allowed.last_up_to(wanted), 0))
@@ -158,12 +166,14 @@ def propose_exposures(
     snr_db: float,
     decades: float,
     first: float,
+    is_clip_told: bool = True,
 ) -> ProposedExposures:
     """Propose a bracket to the window for the light in its picture.
 
     Raises ValueError if the light is too bright or too dim, or no bracket reaches the ratio.
     """
-    metered = _meter(take, sensor, limits, first, snr_db, decades)
+    metered = _meter(take, sensor, limits, first, snr_db, decades, is_clip_told)
+    sensor = metered.sensor_as_seen(sensor)
     darks = float(DARK_FRAMES)
     wanted = WantedSNR(snr_db, metered.low, metered.high, darks, darks / _PATTERNS)
     bracket = choose_bracket(sensor, wanted, limits)
@@ -184,9 +194,10 @@ def _meter(
     first: float,
     snr_db: float,
     decades: float,
+    is_clip_told: bool,
 ) -> MeteredRange:
     """Meter the light in the window's picture by trial frames."""
-    meter = Meter(sensor, limits, first, snr_db, decades)
+    meter = Meter(sensor, limits, first, snr_db, decades, is_clip_told)
     while meter.next_time is not None:
         exposure, numbers = take(meter.next_time)
         meter.add(exposure, np.asarray(numbers))

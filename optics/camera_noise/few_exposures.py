@@ -1,0 +1,224 @@
+"""Tell black level, linearity and clip level of a camera from one frame of each of few exposures.
+
+The scene is what happens to be there, and must be the same in all frames. What
+`characterise_camera` measures needs an evenly lit one, and pairs of frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.camera_noise.measured import Measured
+from optics.sensor.pile import LEAST_PILE, top_pile
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FewExposuresSettings:
+    """Tune what few frames tell of a camera; all values are chosen.
+
+    Attributes
+    ----------
+    seen_rise : float
+        Rise of the brightest pixels with the exposure, in deviations, from which on there is light.
+    surely_clipped : float
+        Light of a pixel by the shorter exposure, over the longer one's largest number, from which
+        on it must be clipped there.
+    surely_open : float
+        Number of a pixel, over the largest one, up to which it surely isn't clipped.
+    same_number, same_level : float
+        Deviation of clipped pixels' numbers up to which a converter ends there, in DN; and up to
+        which wells are full, over their number.
+    well_deviations : float
+        Deviations below the mean full well from which a pixel counts as clipped.
+    least_pixels : int
+        Pixels that tell the linearity, at least.
+    least_snr : float
+        Signal of such a pixel over its noise, at least.
+    cut : float
+        Share of pixels at 0 from which on darkness is cut off.
+    """
+
+    seen_rise: float = 8.0
+    surely_clipped: float = 1.3
+    surely_open: float = 0.9
+    same_number: float = 0.6
+    same_level: float = 0.03
+    well_deviations: float = 5.0
+    least_pixels: int = 30
+    least_snr: float = 4.0
+    cut: float = 0.02
+
+
+_SETTINGS = FewExposuresSettings()
+
+_GROUPS = 8
+"""Parts of the pixels whose scatter tells how sure a result is. Chosen."""
+
+
+@dataclass(frozen=True)
+class SeenClip:
+    """Where a camera's pixels clip, DN, what ends there, and how many pixels showed it."""
+
+    number: int
+    limit: Literal["converter", "well"]
+    pixels: int
+
+
+@dataclass(frozen=True)
+class Linearity:
+    """How a camera's numbers rise with the exposure.
+
+    exponent: power of the exposure with which light rises, 1 if it is linear. exposures: seconds,
+    those that told it. pixels: their number.
+    """
+
+    exponent: Measured
+    exposures: tuple[float, float, float]
+    pixels: int
+
+
+class FewExposures:
+    """What frames of a camera, of one scene and one of each exposure, tell of it.
+
+    exposures: seconds, in rising order, each some times the last. images: (rows, columns).
+    """
+
+    def __init__(self, exposures: Sequence[float], images: Sequence[NDArray[np.generic]]) -> None:
+        if len(exposures) != len(images) or len(exposures) < 2:
+            raise ValueError(f"{len(exposures)} exposures of {len(images)} frames; give two each")
+        if not np.all(np.diff(exposures) > 0):
+            raise ValueError(f"exposures are {list(exposures)}; they must rise from frame to frame")
+        self._times = list(exposures)
+        self._images = [np.asarray(image, dtype=np.float64).reshape(-1) for image in images]
+
+    @cached_property
+    def top(self) -> float:
+        """The largest number in any of the camera's frames."""
+        return max(float(image.max()) for image in self._images)
+
+    @cached_property
+    def share_at_zero(self) -> float:
+        """Share of the pixels at 0 in the camera's shortest exposure."""
+        return float(np.mean(self._images[0] == 0))
+
+    @property
+    def is_cut_at_zero(self) -> bool:
+        """Whether the camera's darkness ends at 0, so that its noise is cut off below."""
+        return self.share_at_zero > _SETTINGS.cut
+
+    @cached_property
+    def sees_light(self) -> bool:
+        """Whether the camera's brightest pixels rise with the exposure."""
+        last = self._images[-1]
+        chosen = last >= np.quantile(last, 1 - min(0.5, LEAST_PILE / last.size))
+        rise = last[chosen] - self._images[0][chosen]
+        noise = self._dark_noise * math.sqrt(2.0)
+        # The brightest pixels by chance lie some deviations above the others.
+        return bool(rise.mean() > _SETTINGS.seen_rise * max(noise, 0.3))
+
+    @cached_property
+    def _dark_noise(self) -> float:
+        """Deviation of a camera's pixels in the shortest exposure, where light is least, in DN."""
+        first = self._images[0]
+        low, middle = np.quantile(first, [0.16, 0.5])
+        return float(middle - low)
+
+    @cached_property
+    def black_level(self) -> Measured:
+        """The camera's mean number at no exposure, in DN, by its two shortest ones."""
+        (short, long), (a, b) = self._times[:2], self._images[:2]
+        open_ = b <= (self.top + float(np.median(a))) / 2
+        if not open_.any():
+            open_ = np.ones_like(open_)
+        low, high = a[open_], b[open_]
+        share = short / (long - short)
+        pixels = low - (high - low) * share
+        return Measured(float(pixels.mean()), float(pixels.std() / math.sqrt(pixels.size)))
+
+    @cached_property
+    def clip(self) -> SeenClip | None:
+        """Where the camera's pixels clip; None if the exposures don't show it."""
+        for number in reversed(range(1, len(self._images))):
+            found = self._clip_by_pixels(number) or self._clip_by_pile(number)
+            if found is not None:
+                return found
+        return None
+
+    def _clip_by_pixels(self, number: int) -> SeenClip | None:
+        """Return the camera's clip level by pixels that must be clipped by the shorter exposure."""
+        a, b, black = self._images[number - 1], self._images[number], self.black_level.value
+        room = float(b.max()) - black
+        light = (a - black) * (self._times[number] / self._times[number - 1])
+        chosen = (light > _SETTINGS.surely_clipped * room) & (
+            a - black < _SETTINGS.surely_open * room
+        )
+        count = int(np.count_nonzero(chosen))
+        if count < LEAST_PILE:
+            return None
+        level, spread = float(np.median(b[chosen])), float(b[chosen].std())
+        if spread < _SETTINGS.same_number:
+            return SeenClip(round(level), "converter", count)
+        if spread < _SETTINGS.same_level * (level - black):
+            lowest = math.floor(level - _SETTINGS.well_deviations * spread)
+            return SeenClip(lowest, "well", count)
+        return None
+
+    def _clip_by_pile(self, number: int) -> SeenClip | None:
+        """Return the camera's clip level by pixels at a number that a longer exposure keeps."""
+        a, b = self._images[number - 1], self._images[number]
+        pile = top_pile(b)
+        if pile is None or pile != a.max() or not self.sees_light:
+            return None
+        return SeenClip(pile, "converter", int(np.count_nonzero(b == pile)))
+
+    @cached_property
+    def linearity(self) -> Linearity | None:
+        """How the camera's numbers rise over three exposures; None if there is too little light."""
+        for number in reversed(range(2, len(self._images))):
+            found = self._linearity(number)
+            if found is not None:
+                return found
+        return None
+
+    def _linearity(self, number: int) -> Linearity | None:
+        """Return the camera's linearity over an exposure and the two before it, if light tells it.
+
+        Differences are compared, so that the black level plays no part: for light that rises with
+        the power p of exposures t, (y3 - y2) / (y2 - y1) is (t3/t2)^p if each t is as many times
+        the last.
+        """
+        times, (a, b, c) = (
+            self._times[number - 2 : number + 1],
+            self._images[number - 2 : number + 1],
+        )
+        black, top = float(a.min()), float(self.top if self.clip is None else self.clip.number)
+        chosen = (c - black < _SETTINGS.surely_open * (top - black)) & (c < top)
+        if not chosen.any():
+            return None
+        chosen &= c - black > 0.3 * (float(c[chosen].max()) - black)
+        pixels = np.flatnonzero(chosen)
+        if pixels.size < _SETTINGS.least_pixels:
+            return None
+        first, second = b[pixels] - a[pixels], c[pixels] - b[pixels]
+        noise = float(np.std(second - first * second.mean() / first.mean())) if first.mean() else 0
+        if first.mean() <= 0 or second.mean() < _SETTINGS.least_snr * noise:
+            return None
+        even, ratio = (times[2] - times[1]) / (times[1] - times[0]), times[2] / times[1]
+        parts = [
+            second[part::_GROUPS].mean() / first[part::_GROUPS].mean() for part in range(_GROUPS)
+        ]
+        if min(parts) <= 0:
+            return None
+        powers = 1 + np.log(np.array(parts) / even) / math.log(ratio)
+        value = 1 + math.log(second.mean() / first.mean() / even) / math.log(ratio)
+        exponent = Measured(value, float(powers.std(ddof=1)) / math.sqrt(_GROUPS))
+        return Linearity(exponent, (times[0], times[1], times[2]), int(pixels.size))
