@@ -7,13 +7,21 @@ from typing import Any
 _MAX_CLOCK_DRIFT = 1e-4
 """Relative rate by which a camera's clock may be slow; chosen."""
 
+_WRONG_CLOCK = (2e-3, 0.2)
+"""Share of the time and seconds by which a camera's clock and this computer's may differ. Chosen:
+quartzes differ by 1e-4, and a busy computer notices frames late."""
+
 
 class BadFrame(Exception):
-    """Report a camera frame that is rejected. kind: the name under which it is counted."""
+    """Report a camera frame that is rejected.
 
-    def __init__(self, kind: str, words: str) -> None:
+    kind: the name under which it is counted. remedy: what to do if other frames will be alike, so
+    that none is worth another try.
+    """
+
+    def __init__(self, kind: str, words: str, remedy: str = "") -> None:
         super().__init__(words)
-        self.kind = kind
+        self.kind, self.remedy = kind, remedy
 
 
 class FrameArrivals:
@@ -25,6 +33,30 @@ class FrameArrivals:
     def __init__(self) -> None:
         self._last: int | None = None
         self._clock_offset: tuple[float, float] | None = None
+        self._first: tuple[float, int] | None = None
+        self._last_stamp = 0
+
+    def require_right_clock(self, note: dict[str, Any]) -> None:
+        """Raise BadFrame if an Aravis camera's clock stands still, goes back or goes wrong.
+
+        A camera whose stamps are all zero has no clock.
+        """
+        stamp, last = note["stamp"], self._last_stamp
+        self._last_stamp = stamp
+        if not last:
+            self._first = note["arrived"], stamp
+            return
+        assert self._first is not None
+        passed, told = note["arrived"] - self._first[0], (stamp - self._first[1]) * 1e-9
+        share, seconds = _WRONG_CLOCK
+        if stamp <= last:
+            words = "stands still" if stamp == last else "went back"
+        elif abs(told - passed) > seconds + share * passed:
+            words = f"counted {told:.3f} s in {passed:.3f} s"
+        else:
+            return
+        remedy = "Restart the camera. If it stays, ask its maker"
+        raise BadFrame("wrong clock", f"the camera's clock {words}", remedy)
 
     def is_fresh(self, note: dict[str, Any], since: float) -> bool:
         """Return whether an Aravis frame is the triggered one, not an older or repeated one."""
