@@ -60,8 +60,11 @@ class AravisOptions:
         for name in ("frame_timeout_ms", "trigger_wait_s", "electrons_per_number"):
             value = getattr(self, name)
             _require(is_number(value) and value > 0, name, value, "positive and finite")
-        for name, kinds in (("byte_order", ByteOrder), ("justification", Justification)):
-            value, words = getattr(self, name), get_args(kinds)
+        for name, words in (
+            ("byte_order", get_args(ByteOrder)),
+            ("justification", get_args(Justification)),
+        ):
+            value = getattr(self, name)
             _require(value in ("", *words), name, value, f"{words[0]}, {words[1]}, or empty")
         kept = self.keep_features
         texts = not isinstance(kept, str) and all(isinstance(one, str) for one in kept)

@@ -98,7 +98,7 @@ class NoiseChecks:
     def _has_noise(self, middle: NDArray[np.uint16]) -> bool:
         lit = self._lit(middle, self._full, _LIMITS.quiet)
         seen = max(np.count_nonzero(bend) for bend in _bends(middle))
-        return np.count_nonzero(lit) >= _LIMITS.lit_pixels or seen >= _LIMITS.noisy_pixels
+        return bool(np.count_nonzero(lit) >= _LIMITS.lit_pixels or seen >= _LIMITS.noisy_pixels)
 
     def _lit(self, middle: NDArray[np.uint16], full: int, noise: float) -> NDArray[np.bool_]:
         """Return where an Aravis frame's numbers have at least this standard deviation."""

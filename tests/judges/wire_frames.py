@@ -99,6 +99,22 @@ def _bit_stream(picture: Picture, bits: int, first: str) -> Bytes:
     return np.packbits(stream.reshape(-1), bitorder=first)  # type: ignore[call-overload]
 
 
+def telling(rng: np.random.Generator, shape: tuple[int, int], exposure: float) -> Picture:
+    """A picture whose pixels tell its exposure's microseconds, with noise in two lowest bits."""
+    return _digits(shape, exposure) << np.uint16(2) | rng.integers(0, 4, shape, dtype=np.uint16)
+
+
+def tells(image: Picture, exposure: float) -> bool:
+    """Whether every pixel of a picture tells this exposure."""
+    return np.array_equal(image >> 2, _digits((image.shape[0], image.shape[1]), exposure))
+
+
+def _digits(shape: tuple[int, int], exposure: float) -> Picture:
+    us = round(exposure * 1e6)
+    bytes_ = np.array([us >> place & 255 for place in (0, 8, 16, 24)], np.uint16)
+    return np.broadcast_to(bytes_[np.arange(shape[1]) % 4], shape)
+
+
 def pattern(rng: np.random.Generator, shape: tuple[int, int], top: int) -> Picture:
     """A test pattern: ramps, bars, squares or one level, without noise."""
     y, x = np.indices(shape)
