@@ -172,6 +172,7 @@ class FrameAcquisition:
                     continue
                 self._require_exposure()
                 self._require_state()
+                self._noise.require_new(taken.image)
                 self.counts["taken"] += 1
                 return taken
             except _OutdatedFrame as old:
@@ -228,7 +229,9 @@ class FrameAcquisition:
                 self.counts["stale"] += 1
                 continue
             try:
-                return AcquiredFrame(self._image(note), note["number"], began)
+                image = self._image(note)
+                self._arrivals.require_right_clock(note, since if triggered else None)
+                return AcquiredFrame(image, note["number"], began)
             except BadFrame as found:
                 if triggered or found.remedy:
                     raise
@@ -274,7 +277,6 @@ class FrameAcquisition:
                 raise _OutdatedFrame(
                     "wrong exposure", f"number {note['number']} was exposed {told} us"
                 )
-        self._arrivals.require_right_clock(note)
         stride = line_distance(note, self.pixel_format, self.shape)
         data = self.link.shared_bytes(note["place"], note["size"], self._length)
         if stride:

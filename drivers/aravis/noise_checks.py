@@ -7,8 +7,10 @@ standard deviation of at least √(v F / W) (EMVA 1288, release 4.0, eq. 17).
 from __future__ import annotations
 
 import hashlib
+import math
 from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,15 +36,17 @@ class NoiseLimits:
     bright : float
         Share of the full scale from which on a number may be clipped. Chosen.
     quiet : float
-        Standard deviation from which on noise shows: a number that lies in the middle of a step
-        changes with a probability of 2 Φ(-0.5 / 0.28) = 7 %.
+        Standard deviation from which on noise changes a number in one of 14 cases at least. Chosen.
+    awaited : float
+        Pixels that noise must change, from which on none is missed by chance. Chosen.
+    missing : float
+        Share of these pixels up to which noise counts as missing. Chosen.
     loud : float
         Standard deviation from which on noise of ±1 can't be rounding. Chosen.
     edge : float
         Share of the full scale by which noise hardly bends a line through three pixels. Chosen.
     smooth : float
-        Share of pixels without noise from which on a picture has none. Chosen; noise of `quiet`
-        leaves 80 %.
+        Share of pixels on a line up to rounding, from which on louder noise is missing. Chosen.
     even : float
         Share of pixels on a straight ramp from which on a picture is one. Chosen: a ramp may begin
         again after some 25 pixels, and rounding makes the ramps of dim light uneven.
@@ -59,6 +63,8 @@ class NoiseLimits:
     black: float = 0.1
     bright: float = 0.95
     quiet: float = 0.28
+    awaited: float = 30.0
+    missing: float = 0.2
     loud: float = 1.0
     edge: float = 1 / 16
     smooth: float = 0.95
@@ -81,17 +87,21 @@ class NoiseChecks:
 
     def __init__(self, form: PixelFormat, binned: int) -> None:
         self._full, self._binned = form.full_scale, binned
-        self._seen: deque[bytes] = deque(maxlen=_LIMITS.remembered)
+        self._taken: deque[bytes] = deque(maxlen=_LIMITS.remembered)
 
     def require_noise(self, image: NDArray[np.uint16]) -> None:
-        """Raise BadFrame if an Aravis frame has no noise, or that of one of the last frames."""
+        """Raise BadFrame if an Aravis frame has less noise than light has."""
         middle = _middle(image)
         words = _ramp(middle) or self._lack_of_noise(middle)
         if words:
             raise BadFrame("impossible", words, _REMEDY)
+
+    def require_new(self, image: NDArray[np.uint16]) -> None:
+        """Raise BadFrame if an Aravis frame that is to be taken was taken before, noise and all."""
+        middle = _middle(image)
         digest = hashlib.blake2b(np.ascontiguousarray(middle).tobytes(), digest_size=16).digest()
-        again = digest in self._seen
-        self._seen.append(digest)
+        again = digest in self._taken
+        self._taken.append(digest)
         if again and self._has_noise(middle):
             raise BadFrame("repeated", "an earlier frame came again, noise and all")
 
@@ -103,28 +113,53 @@ class NoiseChecks:
     def _lit(self, middle: NDArray[np.uint16], full: int, noise: float) -> NDArray[np.bool_]:
         """Return where an Aravis frame's numbers have at least this standard deviation."""
         least = noise**2 * _LIMITS.full_well * self._binned / full
-        return (middle > least + _LIMITS.black * full) & (middle < _LIMITS.bright * full)
+        return (middle > least + _LIMITS.black * full) & _below_clipping(middle, full)
 
     def _lack_of_noise(self, middle: NDArray[np.uint16]) -> str:
         """Return that the brighter pixels of an Aravis frame have no noise; or nothing."""
         # A converter of fewer bits has larger steps, in which noise is smaller.
         step = min(proven_step(middle), max((self._full + 1) // 256, 1))
         coarse, full = middle // step, self._full // step
-        for noise, most in ((_LIMITS.quiet, 0), (_LIMITS.loud, 1)):
-            lit = self._lit(coarse, full, noise)
-            inner = (lit[4:] & lit[:-4], lit[:, 4:] & lit[:, :-4])
-            for bend, both in zip(_bends(coarse), inner, strict=True):
-                # Larger ones are the edges of what is seen.
-                judged = bend[both & (bend <= _LIMITS.edge * full)]
-                count = judged.size
-                if count < _LIMITS.lit_pixels:
-                    continue
-                if np.count_nonzero(judged <= most) >= _LIMITS.smooth * count:
-                    return (
-                        f"its {count} brighter pixels have no noise, and light has: this is a test "
-                        "pattern or a computed picture"
-                    )
+        expected = _changing_share(full, self._binned)[coarse] * _below_clipping(coarse, full)
+        loud = self._lit(coarse, full, _LIMITS.loud)
+        for axis, bend in enumerate(_bends(coarse)):
+            inner = np.s_[2:-2] if axis == 0 else np.s_[:, 2:-2]
+            # Larger ones are the edges of what is seen.
+            small = bend <= _LIMITS.edge * full
+            awaited = float(expected[inner][small].sum())
+            seen = np.count_nonzero(bend[small & (expected[inner] > 0)])
+            straight = bend[small & loud[inner]] <= 1
+            if (awaited >= _LIMITS.awaited and seen <= _LIMITS.missing * awaited) or (
+                straight.size >= _LIMITS.lit_pixels and straight.mean() >= _LIMITS.smooth
+            ):
+                words = "its brighter pixels have no noise, and light has: this is a test pattern"
+                return f"{words} or a computed picture"
         return ""
+
+
+def _below_clipping(middle: NDArray[np.uint16], full: int) -> NDArray[np.bool_]:
+    """Return where an Aravis frame isn't clipped, at the full scale or at a level that isn't told.
+
+    Such a level is the brightest number of a colour.
+    """
+    below = middle < _LIMITS.bright * full
+    for row, column in np.ndindex(2, 2):
+        one = (slice(row, None, 2), slice(column, None, 2))
+        below[one] &= middle[one] < middle[one].max(initial=0)
+    return below
+
+
+@lru_cache(maxsize=8)
+def _changing_share(full: int, binned: int) -> NDArray[np.float32]:
+    """Return for each number how often noise changes it at least, by an even light."""
+    number = np.arange(full + 1)
+    variance = np.maximum(number - _LIMITS.black * full, 0) * full
+    noise = np.sqrt(variance / (_LIMITS.full_well * binned))
+    # In the middle of a step, it takes half a step: 2 Φ(-0.5 / noise).
+    few = np.flatnonzero((noise > 0.1) & (noise < 1))
+    share = (noise >= 1) * np.float32(0.6)
+    share[few] = [math.erfc(0.5 / (one * math.sqrt(2))) for one in noise[few]]
+    return share
 
 
 def _ramp(middle: NDArray[np.uint16]) -> str:

@@ -44,9 +44,10 @@ class NoAravis(OSError):
 class FakeGigECamera:
     """Run Aravis' fake camera in a process of its own, with real GVCP and GVSP packets.
 
-    render: called in a thread of this process whenever the exposure, the gain or the region has
-    changed, or `mark_scene_changed()` was called, and for each frame if `always_render`. Otherwise
-    the existing pictures are sent again, `cycle_length` of them in turn. shape: of the sensor,
+    render: called in a thread of this process for each frame, whose noise must be its own: the
+    driver refuses a frame that comes again. Without `always_render`, it is called `cycle_length`
+    times whenever the exposure, the gain or the region has changed, or `mark_scene_changed()` was
+    called, and these pictures are sent in turn. shape: of the sensor,
     (rows, columns). pixel_format: the format after power-up. pixel_formats: further formats.
     latency: number of frames after which a new exposure takes effect. exposure_us: shortest and
     longest exposure in microseconds. address: an address of this computer, for one camera at a
@@ -68,7 +69,7 @@ class FakeGigECamera:
         pixel_format: str = "Mono16",
         *,
         pixel_formats: Sequence[str] = tuple(FORMATS),
-        always_render: bool = False,
+        always_render: bool = True,
         cycle_length: int = 1,
         latency: int = 0,
         exposure_us: tuple[int, int] = (10, 60_000_000),
@@ -77,7 +78,7 @@ class FakeGigECamera:
         clock: Clock | None = None,
         faults: Sequence[CameraFault] = (),
         features: Mapping[str, float] | None = None,
-        pack: PackPixels = pack_pixels,
+        pack: PackPixels | None = None,
         leader: Mapping[str, float] | None = None,
         more_bytes: int = 0,
     ) -> None:
@@ -253,13 +254,13 @@ class FakeGigECamera:
         """
         self._set ^= 1
         places = [(self._set * self._cycle + number) * self._slot for number in range(self._cycle)]
-        form = self._formats[request["code"]]
+        form, pack = self._formats[request["code"]], self._pack or pack_pixels
         try:
             for place in places:
                 self.render_count += 1
                 image = self._fill(request["us"] * 1e-6, request["gain"] * 0.1)
                 image = apply_features(image, request["features"], form.full_scale)
-                data = self._pack(_crop_and_bin(image, request["region"]), form)
+                data = pack(_crop_and_bin(image, request["region"]), form)
                 self._memory[HEADER_BYTES + place : HEADER_BYTES + place + data.size] = (
                     data.tobytes()
                 )

@@ -45,7 +45,7 @@ def disturbed(moments: int, seed: int = 0) -> Counter[str]:
     found: Counter[str] = Counter()
     rng = np.random.default_rng(seed)
     with (
-        FakeGigECamera(_picture, _SHAPE, "Mono12p", always_render=True) as fake,
+        FakeGigECamera(_picture, _SHAPE, "Mono12p") as fake,
         AravisCamera(
             Surroundings(RealClock()), fake.address, packet_size=576, frame_timeout_ms=300
         ) as camera,

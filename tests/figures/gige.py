@@ -39,6 +39,7 @@ def gige_figure(folder: Path) -> list[Figure]:
                 lambda exposure, gain: pictures[next(made) % _PICTURES],
                 _SHAPE,
                 "Mono8",
+                always_render=False,
                 cycle_length=_PICTURES,
             ) as fake,
             AravisCamera(

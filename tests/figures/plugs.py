@@ -112,9 +112,7 @@ def gige(folder: Path) -> Iterator[Plug]:
         return tells(frame.image, shot.exposure)
 
     clock = RealClock()
-    with FakeGigECamera(
-        picture, shape, "Mono12", always_render=True, address=_ADDRESS, clock=clock
-    ) as camera:
+    with FakeGigECamera(picture, shape, "Mono12", address=_ADDRESS, clock=clock) as camera:
         options = {"address": _ADDRESS, "pixel_format": "Mono12", "latency_frames": 0}
 
         def pull(seconds: float) -> None:

@@ -62,7 +62,7 @@ def brackets(trigger: Literal["software", "free"], count: int, seed: int = 0) ->
     rate = 100.0 if trigger == "free" else 0.0
     taken = wrong = refused = 0
     with (
-        FakeGigECamera(_picture, _SHAPE, "Mono16", always_render=True) as fake,
+        FakeGigECamera(_picture, _SHAPE, "Mono16") as fake,
         AravisCamera(
             Surroundings(RealClock()), fake.address, trigger=trigger, frame_rate=rate
         ) as camera,

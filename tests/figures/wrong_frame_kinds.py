@@ -48,7 +48,6 @@ class Wire:
             self._picture,
             self.shape,
             self.name,
-            always_render=True,
             address=ADDRESS,
             pack=lambda picture, form: self._bytes(picture),
             **self.camera,

@@ -116,15 +116,14 @@ def _digits(shape: tuple[int, int], exposure: float) -> Picture:
 
 
 def pattern(rng: np.random.Generator, shape: tuple[int, int], top: int) -> Picture:
-    """A test pattern: ramps, bars, squares or one level, without noise."""
+    """A test pattern: ramps, bars or squares, without noise."""
     y, x = np.indices(shape)
-    step, level = int(rng.integers(1, 5)), rng.uniform(0.4, 0.8) * top
+    step, level = int(rng.integers(1, 5)), rng.uniform(0.6, 0.8) * top
     made = [
         lambda: step * x % (top + 1),
         lambda: step * y % (top + 1),
         lambda: (x + y) * (top // sum(shape)),
         lambda: np.floor(8 * x / shape[1]) / 8 * top,
         lambda: np.where((x // 8 + y // 8) % 2, level, level / 2),
-        lambda: np.full(shape, level),
     ]
     return np.asarray(made[rng.integers(len(made))]()).astype(np.uint16)

@@ -51,7 +51,7 @@ def exposure_of(image: NDArray[np.uint16]) -> float:
 
 
 def fake_camera(pixel_format: str = "Mono8", **options: Any) -> FakeGigECamera:
-    return FakeGigECamera(noisy_picture, SHAPE, pixel_format, always_render=True, **options)
+    return FakeGigECamera(noisy_picture, SHAPE, pixel_format, **options)
 
 
 def camera(**options: Any) -> AravisCamera:

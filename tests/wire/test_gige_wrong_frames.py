@@ -34,7 +34,7 @@ class Sensor:
 
 
 def fake(sensor: Sensor, **options: Any) -> FakeGigECamera:
-    return FakeGigECamera(sensor, SHAPE, "Mono12", always_render=True, **options)
+    return FakeGigECamera(sensor, SHAPE, "Mono12", **options)
 
 
 def opened(**options: Any) -> AravisCamera:
