@@ -72,7 +72,13 @@ class AppliedSettings:
 
     def _neutralise(self) -> str:
         """Turn off what changes the Aravis camera's pixels; return what was on, in words."""
-        changed, stubborn = self._ask("neutralise", list(self._options.keep_features))
+        kept = list(self._options.keep_features)
+        if missing := self._ask("missing_features", kept):
+            reply = f"the camera has no feature {', '.join(missing)}"
+            raise self._error(
+                f"keep_features {kept}", reply, "Leave it out, or look at its spelling"
+            )
+        changed, stubborn = self._ask("neutralise", kept)
         if stubborn:
             reply = f"it changes its pictures: {_listed(stubborn)}, and it can't be turned off"
             remedy = "Turn it off in the camera's own settings, or name it in keep_features"

@@ -27,7 +27,10 @@ class NoiseLimits:
     Attributes
     ----------
     side : int
-        Rows and columns in the middle of a frame that are looked at. Chosen, for 2 ms a frame.
+        Rows and columns in the middle of a frame whose noise is looked at. Chosen, for 3 ms a
+        frame.
+    compared_side : int
+        The same for the comparison with earlier frames. Chosen, for 1 ms a frame.
     full_well : float
         Electrons of the largest pixels that are expected. Chosen; those of industrial cameras have
         up to 1e5.
@@ -58,13 +61,14 @@ class NoiseLimits:
         Number of frames among which a frame must not come again. Chosen; cameras have some buffers.
     """
 
-    side: int = 512
+    side: int = 256
+    compared_side: int = 512
     full_well: float = 2e5
     black: float = 0.1
     bright: float = 0.95
     quiet: float = 0.28
-    awaited: float = 30.0
-    missing: float = 0.2
+    awaited: float = 20.0
+    missing: float = 0.1
     loud: float = 1.0
     edge: float = 1 / 16
     smooth: float = 0.95
@@ -91,14 +95,14 @@ class NoiseChecks:
 
     def require_noise(self, image: NDArray[np.uint16]) -> None:
         """Raise BadFrame if an Aravis frame has less noise than light has."""
-        middle = _middle(image)
+        middle = _middle(image, _LIMITS.side)
         words = _ramp(middle) or self._lack_of_noise(middle)
         if words:
             raise BadFrame("impossible", words, _REMEDY)
 
     def require_new(self, image: NDArray[np.uint16]) -> None:
         """Raise BadFrame if an Aravis frame that is to be taken was taken before, noise and all."""
-        middle = _middle(image)
+        middle = _middle(image, _LIMITS.compared_side)
         digest = hashlib.blake2b(np.ascontiguousarray(middle).tobytes(), digest_size=16).digest()
         again = digest in self._taken
         self._taken.append(digest)
@@ -172,10 +176,10 @@ def _ramp(middle: NDArray[np.uint16]) -> str:
     return ""
 
 
-def _middle(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+def _middle(image: NDArray[np.uint16], side: int) -> NDArray[np.uint16]:
     """Return the middle of an Aravis frame; its first row and column keep a mosaic's colour."""
-    rows, columns = (max(0, size - _LIMITS.side) // 4 * 2 for size in image.shape)
-    return image[rows : rows + _LIMITS.side, columns : columns + _LIMITS.side]
+    rows, columns = (max(0, size - side) // 4 * 2 for size in image.shape)
+    return image[rows : rows + side, columns : columns + side]
 
 
 def _bends(middle: NDArray[np.uint16]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

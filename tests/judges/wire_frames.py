@@ -122,7 +122,7 @@ def pattern(rng: np.random.Generator, shape: tuple[int, int], top: int) -> Pictu
     made = [
         lambda: step * x % (top + 1),
         lambda: step * y % (top + 1),
-        lambda: (x + y) * (top // sum(shape)),
+        lambda: (x + y) * max(1, top // sum(shape)),
         lambda: np.floor(8 * x / shape[1]) / 8 * top,
         lambda: np.where((x // 8 + y // 8) % 2, level, level / 2),
     ]

@@ -84,6 +84,11 @@ def test_what_the_bench_file_keeps_stays_on() -> None:
         np.testing.assert_array_equal(device.capture(never).image, sensor.last[:, ::-1])
 
 
+def test_a_feature_to_keep_that_is_not_there_is_named() -> None:
+    with fake(Sensor()), pytest.raises(DeviceError, match="the camera has no feature Reversed"):
+        opened(keep_features=["Reversed"]).__enter__()
+
+
 def change(**values: float) -> Callable[[FakeGigECamera], None]:
     return lambda behind: behind.set_features(**values)
 

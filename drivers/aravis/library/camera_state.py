@@ -93,6 +93,10 @@ class CameraState:
         self._nodes: dict[str, Any] = {}
         self._next = 0
 
+    def missing_features(self, names: list[str]) -> list[str]:
+        """Return which of these features the Aravis camera doesn't have."""
+        return [name for name in names if not self._owner.device.get_feature(name)]
+
     def neutralise(self, kept: list[str]) -> tuple[list[list[str]], list[list[str]]]:
         """Set an Aravis camera's features so that pixels stay as the sensor gave them.
 
