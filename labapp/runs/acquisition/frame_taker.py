@@ -79,7 +79,8 @@ class FrameTaker:
     def take(self, shot: Shot, keep: StoreFrame) -> Frame:
         """Take and store the frame of a run's shot; try again when a device fails.
 
-        Raises DeviceError after as many failures as the plan allows. Raises Cancelled if the run
+        Raises DeviceError after as many failures as the plan allows, and at once if another try
+        would fail in the same way. Raises Cancelled if the run
         was cancelled; no frame is begun or stored after that.
         """
         attempt = 1
@@ -96,7 +97,7 @@ class FrameTaker:
                     error,
                 )
                 self.invalidate_settings()
-                if attempt >= self._retry.attempts:
+                if error.lasting or attempt >= self._retry.attempts:
                     raise
                 self._recover_device(error, attempt)
             attempt += 1
