@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         minimum: Any
         maximum: Any
         value: Any
+        setValue: Any
         decimals: Any
         prefix: Any
         suffix: Any

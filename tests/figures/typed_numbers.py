@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections import Counter
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from figures import Figure
-from figures.startup import display, environment_of
+from figures.where import PACKAGES
 
 _LOCALES = "de_DE", "fr_CH", "en_US", "ar_EG", "C"
 _COUNT = 40
@@ -19,33 +20,36 @@ _SEED = 55
 
 def typed_number_figures(folder: Path) -> list[Figure]:
     """What is set beside what was typed; the language is the desktop's and the process's."""
-    with display() as environment:
-        if environment is None:
-            return [Figure("typed numbers", "0", "no display: apt-get install xvfb", None)]
-        window, options, lists = ([], [], [])
-        for seed, locale in enumerate(_LOCALES, _SEED):
-            language = environment | environment_of(folder) | _variables(locale)
-            there = folder / locale
-            there.mkdir()
-            window.append(_run("typed_fields.py", [locale, seed, _COUNT, there], language))
-            first, second = _run("typed_options.py", [seed, _COUNT], language)
-            options.append(first)
-            lists.append(second)
+    window, options, lists = ([], [], [])
+    for seed, locale in enumerate(_LOCALES, _SEED):
+        there = folder / locale
+        there.mkdir()
+        language = _environment(locale, there)
+        window.append(_run("typed_fields.py", [locale, seed, _COUNT, there], language))
+        first, second = _run("typed_options.py", [seed, _COUNT], language)
+        options.append(first)
+        lists.append(second)
     places = "fields of the window", "numbers of command line and prompts", "lists of numbers"
     return [_figure(*one) for one in zip(places, (window, options, lists), strict=True)]
 
 
-def _variables(locale: str) -> dict[str, str]:
+def _environment(locale: str, folder: Path) -> dict[str, str]:
+    """A desktop of a language; Qt draws the window without a screen, which no number depends on."""
     language = locale if locale == "C" else f"{locale}.UTF-8"
-    return {"LC_ALL": language, "LANG": language, "QT_LOGGING_RULES": "qt.text.font.db=false"}
+    return {
+        **os.environ,
+        "LC_ALL": language,
+        "LANG": language,
+        "QT_QPA_PLATFORM": "offscreen",
+        "HOME": str(folder),
+        "XDG_CONFIG_HOME": str(folder),
+        "PYTHONPATH": PACKAGES,
+    }
 
 
 def _run(script: str, words: list[Any], environment: dict[str, str]) -> Any:
-    tests = str(Path(__file__).parents[1])
-    paths = f"{tests}:{environment['PYTHONPATH']}"
     command = [sys.executable, "-P", str(Path(__file__).with_name(script)), *map(str, words)]
-    variables = environment | {"PYTHONPATH": paths}
-    done = subprocess.run(command, check=True, capture_output=True, text=True, env=variables)
+    done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
     return json.loads(done.stdout.splitlines()[-1])
 
 
