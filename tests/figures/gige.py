@@ -19,7 +19,7 @@ _RATE = 30.0
 _GOAL = 25.0
 _SECONDS = 60.0
 _PACKET = 16000
-_PICTURES = 9
+_PICTURES = 16
 """More than among which the driver looks for a frame that comes again."""
 _LATE = 3
 """Seconds at the beginning that aren't counted: memory that nobody has used yet is slow."""
