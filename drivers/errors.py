@@ -8,10 +8,12 @@ class DeviceError(Exception):
 
     device: the device's model. command: the command that failed. reply: the device's reply.
     remedy: what to try. role: the device's role on the bench (slm, filter, camera, targets), empty
-    until the bench passes the error on.
+    until the bench passes the error on. lasting: whether another try would fail in the same way, so
+    that a run stops.
     """
 
     role = ""
+    lasting = False
 
     def __init__(self, device: str, command: str, reply: str, remedy: str) -> None:
         super().__init__(device, command, reply, remedy)

@@ -74,14 +74,16 @@ class Clock(Protocol):
 class Device(Protocol):
     """Interface of every device.
 
-    Three members are optional. A device whose calls may hang has a method kill(), which may be
+    Four members are optional. A device whose calls may hang has a method kill(), which may be
     called from any thread: it ends the hanging call and the device; __exit__() is called after it.
     A device whose work takes longer than it can document has an attribute `alive_at`, the
     time.monotonic() of its last progress; it counts as hanging when its reply time has passed since
     then. A device that can detect unplugging without disturbing anything has a method
     unplugged_reason(), which may be called from any thread at any time. It returns why the device
     counts as unplugged, an empty string while it is there, and None if that is unknown. The
-    application then waits until the device is there again.
+    application then waits until the device is there again. A driver that changes something which
+    isn't the device's own, such as a connector's properties, has a property `notices`, a tuple of
+    sentences for the records of runs, which may be read from any thread.
     """
 
     @property

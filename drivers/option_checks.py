@@ -15,3 +15,10 @@ def require_within(name: str, value: object, least: float, most: float) -> None:
     """Raise ValueError unless a driver's option is a number from `least` to `most`."""
     if not is_number(value) or not least <= value <= most:
         raise ValueError(f"{name} is {value!r}; it must be from {least:g} to {most:g}")
+
+
+def require_names(name: str, value: object) -> tuple[str, ...]:
+    """Return a driver's option that is a list of names; ValueError if it is anything else."""
+    if not isinstance(value, list | tuple) or not all(isinstance(one, str) for one in value):
+        raise ValueError(f"{name} is {value!r}; give a list of names in quotes, such as ['one']")
+    return tuple(value)

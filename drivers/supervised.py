@@ -130,6 +130,12 @@ class SupervisedDevice:
             return None
         return f"{self._model}: {why}" if why else why
 
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What the supervised device's driver changed for all frames; empty if it can't tell."""
+        has_notices = hasattr(type(self._device), "notices")
+        return tuple(self._device.notices) if has_notices else ()
+
     def begin_make_safe(self) -> Callable[[], None]:
         """Begin to make the supervised device safe; the returned function waits for the end.
 

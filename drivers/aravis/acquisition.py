@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.aravis.arrivals import BadFrame, FrameArrivals
+from drivers.aravis.byte_checks import require_possible_layout, require_possible_numbers
 from drivers.aravis.camera_options import AravisOptions
+from drivers.aravis.frame_layout import line_distance, width_advice
 from drivers.aravis.library_process import AravisProcess
-from drivers.aravis.pixel_formats import PixelFormat, unpack
+from drivers.aravis.noise_checks import NoiseChecks
+from drivers.aravis.pixel_formats import PixelFormat, unpack, unpack_lines
 from drivers.errors import DeviceError
 from drivers.latency import MOST_FRAMES, ExposureLatency
 
@@ -55,6 +58,10 @@ class AcquisitionLimits:
 
 _LIMITS = AcquisitionLimits()
 
+_REOPEN = "Close what else sets the camera, and open the bench again"
+
+_REMEDIES = {"repeated": "Take it again; if it goes on, restart the camera"}
+
 _REMEDY = "Take it again; if it goes on, look at the network, the packet size and the cable"
 
 
@@ -78,7 +85,8 @@ class FrameAcquisition:
     next number, and began after the call. If the camera reports the exposure of each frame, that
     must be the exposure that was set. Some cameras report what is set and still expose the next
     frames as before, so the first frames after a change are discarded as well; `latency` knows how
-    many. After each frame the camera is asked whether it still has that exposure.
+    many. After each frame the camera is asked whether it still has that exposure, and all else that
+    changes pixels as on opening. A frame that no sensor can have sent is refused.
 
     region: x, y, width, height in pixels. exposure: seconds, as the camera has read it back.
     reports_exposure: whether the camera reports the exposure of each frame. timeout_margin:
@@ -103,6 +111,8 @@ class FrameAcquisition:
         self._changed_at = 0.0
         self._frames_to_discard = 0
         self._buffer_to_return = -1
+        across, down = self.options.binning
+        self._noise = NoiseChecks(self.pixel_format, across * down)
         self.mark_settings_changed()
 
     @property
@@ -178,6 +188,8 @@ class FrameAcquisition:
                     self._frames_to_discard -= 1
                     self.counts["thrown away"] += 1
                     continue
+                self._require_state()
+                self._noise.require_new(taken.image)
                 self.counts["taken"] += 1
                 return taken
             except _OutdatedFrame as old:
@@ -191,13 +203,19 @@ class FrameAcquisition:
                 # Start a new stream: frames that are in transit never arrive in it.
                 self._running = False
                 nobody = self.options.trigger == "hardware" and found.kind == "missing"
-                most = 1 if nobody else _LIMITS.max_bad_frames
+                most = 1 if nobody or found.remedy else _LIMITS.max_bad_frames
                 bad = found
             tries += 1
             again = self.exposure + self.frame_time + self._frame_timeout
             if tries >= most or time.monotonic() + again > late:
-                words = f"{bad.kind} frame: {bad}"
-                raise DeviceError(self.link.model, "capture", words, _REMEDY) from bad
+                raise self._refusal(bad) from bad
+
+    def _refusal(self, bad: BadFrame) -> DeviceError:
+        advice = width_advice(self.pixel_format, self.shape[1])
+        remedy = bad.remedy or _REMEDIES.get(bad.kind) or advice or _REMEDY
+        error = DeviceError(self.link.model, "capture", f"{bad.kind} frame: {bad}", remedy)
+        error.lasting = bool(bad.remedy)
+        return error
 
     @property
     def _frame_timeout(self) -> float:
@@ -232,9 +250,11 @@ class FrameAcquisition:
                 self.counts["stale"] += 1
                 continue
             try:
-                return AcquiredFrame(self._image(note), note["number"], began)
+                image = self._image(note)
+                self._arrivals.require_right_clock(note, since if triggered else None)
+                return AcquiredFrame(image, note["number"], began)
             except BadFrame as found:
-                if triggered:
+                if triggered or found.remedy:
                     raise
                 self.counts[found.kind] += 1
                 bad = f"; the last was {found.kind}: {found}"
@@ -271,26 +291,46 @@ class FrameAcquisition:
         """Unpack an Aravis frame's picture; BadFrame if the frame doesn't match the settings."""
         if note["status"] != "success":
             raise BadFrame("incomplete", f"number {note['number']}: {note['status']}")
-        needed = self.pixel_format.byte_count(self.shape)
-        region = note["region"][2:] == self.region[2:]
-        if note["code"] != self.pixel_format.code or not region or note["size"] < needed:
-            raise BadFrame(
-                "corrupt",
-                f"number {note['number']} is {note['region'][2:]} pixels of format "
-                f"{note['code']:#x} in {note['size']} bytes, not {self.region[2:]} of "
-                f"{self.pixel_format.code:#x} in {needed}",
-            )
+        self._require_region(note)
         if self.reports_exposure:
             told = note.get("exposure_us")
             if told is None or not self._matches_exposure(told):
                 raise _OutdatedFrame(
                     "wrong exposure", f"number {note['number']} was exposed {told} us"
                 )
-        return unpack(
-            self.link.shared_bytes(note["place"], needed, self._length),
-            self.pixel_format,
-            self.shape,
-        )
+        stride = line_distance(note, self.pixel_format, self.shape)
+        data = self.link.shared_bytes(note["place"], note["size"], self._length)
+        if stride:
+            image = unpack_lines(data, self.pixel_format, self.shape, stride)
+        else:
+            data = data[: self.pixel_format.byte_count(self.shape)]
+            image = unpack(data, self.pixel_format, self.shape)
+        require_possible_numbers(image, self.pixel_format)
+        self._noise.require_noise(image)
+        if not stride:
+            require_possible_layout(data, image, self.pixel_format)
+        return image
+
+    def _require_region(self, note: dict[str, Any]) -> None:
+        region, form = note["region"], self.pixel_format
+        if note["code"] != form.code or region[2:] != self.region[2:]:
+            raise BadFrame(
+                "corrupt",
+                f"number {note['number']} is {region[2:]} pixels of format {note['code']:#x}, not "
+                f"{self.region[2:]} of {form.code:#x}",
+            )
+        # A camera may leave the offset out, and count it before or after binning.
+        binned = tuple(self.options.binning) != (1, 1)
+        if not binned and region[:2] not in (self.region[:2], [0, 0]):
+            words = f"number {note['number']} begins at pixel {region[:2]}, not {self.region[:2]}"
+            raise BadFrame("moved", words, _REOPEN)
+
+    def _require_state(self) -> None:
+        """Raise BadFrame if the Aravis camera's features aren't as they were on opening."""
+        changes = self.link.ask("changes", timeout=REPLY_TIMEOUT) or []
+        if changes:
+            words = ", ".join(f"{name} from {then} to {now}" for name, then, now in changes)
+            raise BadFrame("changed", f"the camera has changed by itself: {words}", _REOPEN)
 
     def _restore_exposure(self) -> None:
         self.exposure = set_exposure(self.link, to_microseconds(self.exposure))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from dataclasses import replace
 from typing import Any
 
 from drivers.aravis.acquisition import REPLY_TIMEOUT
@@ -10,6 +12,8 @@ from drivers.aravis.library_process import AravisProcess
 from drivers.aravis.pixel_formats import FORMATS, PixelFormat
 from drivers.errors import DeviceError
 from drivers.interfaces import Identity
+
+log = logging.getLogger(__name__)
 
 SETTING_TOLERANCE = 0.1
 """Share by which a camera may miss a requested exposure or frame rate.
@@ -25,7 +29,8 @@ class AppliedSettings:
 
     previous: the settings from before the camera was lost, if it was; it must be the same camera.
     gain, packet_size: as the camera reads them back, in decibels and bytes. reports_exposure:
-    whether the camera reports the exposure of each frame.
+    whether the camera reports the exposure of each frame. turned_off: the features that changed
+    pixels until they were set neutral, with their old values.
     """
 
     def __init__(
@@ -38,9 +43,7 @@ class AppliedSettings:
             reply = f"it has serial number {told}, not {known}"
             raise self._error("open", reply, "Plug the right one in, or open the bench again")
         link.model = self.identity.model
-        if stubborn := self._ask("turn_off_automatic"):
-            reply = f"{', '.join(stubborn)} can't be turned off"
-            raise self._error("open", reply, "Turn it off in the camera's own settings")
+        self.turned_off = self._neutralise()
         self.pixel_format = self._set_format()
         self._set_binning()
         self.region = self._set_region()
@@ -49,6 +52,7 @@ class AppliedSettings:
         self._set_trigger()
         self.packet_size: int = self._ask("set_packet_size", options.packet_size)
         self.reports_exposure = bool(self.facts["chunks"] and self._ask("set_chunks"))
+        self._ask("note_state")
 
     @property
     def identity(self) -> Identity:
@@ -66,6 +70,24 @@ class AppliedSettings:
         gain = self.facts["gain_db"]
         return None if gain is None else (gain[0], gain[1])
 
+    def _neutralise(self) -> str:
+        """Turn off what changes the Aravis camera's pixels; return what was on, in words."""
+        kept = list(self._options.keep_features)
+        if missing := self._ask("missing_features", kept):
+            reply = f"the camera has no feature {', '.join(missing)}"
+            raise self._error(
+                f"keep_features {kept}", reply, "Leave it out, or look at its spelling"
+            )
+        changed, stubborn = self._ask("neutralise", kept)
+        if stubborn:
+            reply = f"it changes its pictures: {_listed(stubborn)}, and it can't be turned off"
+            remedy = "Turn it off in the camera's own settings, or name it in keep_features"
+            raise self._error("open", reply, remedy)
+        if changed:
+            words = "%s: turned off, because it changes pictures: %s"
+            log.warning(words, self.identity.model, _listed(changed))
+        return _listed(changed)
+
     def _set_format(self) -> PixelFormat:
         wanted, there = self._options.pixel_format, self.facts["pixel_formats"]
         known = [name for name in there if name in FORMATS]
@@ -75,7 +97,11 @@ class AppliedSettings:
         if actual not in FORMATS or (wanted and actual != wanted):
             reply = f"it sends {actual}"
             raise self._error("pixel format", reply, f"Give one of {', '.join(known)}")
-        return FORMATS[actual]
+        o, form = self._options, FORMATS[actual]
+        if (o.byte_order or o.justification) and form.layout != "words":
+            reply = f"{actual} has no 16-bit words, so that it has neither order nor justification"
+            raise self._error("pixel format", reply, "Leave byte_order and justification out")
+        return replace(form, byte_order=o.byte_order, justification=o.justification)
 
     def _set_binning(self) -> None:
         wanted = list(self._options.binning)
@@ -104,6 +130,7 @@ class AppliedSettings:
             reply = f"out of range, {bounds[0]:g} to {bounds[1]:g} dB"
             raise self._error(f"gain {gain_db:g} dB", reply, "Choose one in the range")
         self.gain = float(self._ask("set_gain", gain_db))
+        self._ask("note_features", "Gain", "GainRaw", "DigitalGain", "AnalogGain")
         return self.gain
 
     def _set_trigger(self) -> None:
@@ -126,3 +153,7 @@ class AppliedSettings:
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
         return DeviceError(self.link.model, command, reply, remedy)
+
+
+def _listed(features: list[list[str]]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in features)

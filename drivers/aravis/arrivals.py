@@ -7,13 +7,24 @@ from typing import Any
 _MAX_CLOCK_DRIFT = 1e-4
 """Relative rate by which a camera's clock may be slow; chosen."""
 
+_WRONG_CLOCK = (2e-3, 2e-3)
+"""Share of the time and seconds by which a camera's clock and this computer's may differ. Chosen:
+quartzes differ by 1e-4."""
+
+_LONGEST_DELAY = 2.0
+"""Seconds by which a busy computer may notice a free-running camera's frame late. Chosen."""
+
 
 class BadFrame(Exception):
-    """Report a camera frame that is rejected. kind: the name under which it is counted."""
+    """Report a camera frame that is rejected.
 
-    def __init__(self, kind: str, words: str) -> None:
+    kind: the name under which it is counted. remedy: what to do if other frames will be alike, so
+    that none is worth another try.
+    """
+
+    def __init__(self, kind: str, words: str, remedy: str = "") -> None:
         super().__init__(words)
-        self.kind = kind
+        self.kind, self.remedy = kind, remedy
 
 
 class FrameArrivals:
@@ -25,6 +36,35 @@ class FrameArrivals:
     def __init__(self) -> None:
         self._last: int | None = None
         self._clock_offset: tuple[float, float] | None = None
+        self._first: tuple[float, float, int] | None = None
+        self._last_stamp = 0
+
+    def require_right_clock(self, note: dict[str, Any], triggered_at: float | None) -> None:
+        """Raise BadFrame if an Aravis camera's clock stands still, goes back or goes wrong.
+
+        A frame is stamped between its trigger and its arrival, which may be noticed late. A camera
+        whose stamps are all zero has no clock. triggered_at: time.monotonic(); None if the camera
+        runs freely.
+        """
+        stamp, last, arrived = note["stamp"], self._last_stamp, note["arrived"]
+        began = arrived - _LONGEST_DELAY if triggered_at is None else triggered_at
+        self._last_stamp = stamp
+        if not last:
+            self._first = began, arrived, stamp
+            return
+        assert self._first is not None
+        first_began, first_arrived, first_stamp = self._first
+        told, (share, seconds) = (stamp - first_stamp) * 1e-9, _WRONG_CLOCK
+        least = (began - first_arrived) * (1 - share) - seconds
+        most = (arrived - first_began) * (1 + share) + seconds
+        if stamp <= last:
+            words = "stands still" if stamp == last else "went back"
+        elif not least <= told <= most:
+            words = f"counted {told:.3f} s in {max(least, 0):.3f} to {most:.3f} s"
+        else:
+            return
+        remedy = "Restart the camera. If it stays, ask its maker"
+        raise BadFrame("wrong clock", f"the camera's clock {words}", remedy)
 
     def is_fresh(self, note: dict[str, Any], since: float) -> bool:
         """Return whether an Aravis frame is the triggered one, not an older or repeated one."""

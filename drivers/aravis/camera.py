@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from typing import Self
+from typing import Literal, Self
 
 from drivers.aravis.acquisition import (
     REPLY_TIMEOUT,
@@ -18,6 +18,7 @@ from drivers.aravis.acquisition import (
 from drivers.aravis.applied_settings import SETTING_TOLERANCE, AppliedSettings
 from drivers.aravis.camera_options import AravisOptions, Trigger
 from drivers.aravis.library_process import AravisProcess, CameraLost, open_camera
+from drivers.aravis.pixel_formats import ByteOrder, Justification
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Identity, Setting, Surroundings
 from drivers.latency import light_level, measure_old_frames
@@ -69,6 +70,16 @@ class AravisCamera:
         Seconds for which a hardware trigger is waited for.
     electrons_per_number : float
         Conversion gain in electrons per digital number at 0 dB, from the data sheet.
+    byte_order : {"", "little", "big"}
+        Which byte of a 16-bit word comes first. If empty, the least significant one, as GenICam's
+        pixel formats have it, and frames that show otherwise are refused.
+    justification : {"", "right", "left"}
+        At which end of a 16-bit word a pixel of fewer bits stands. If empty, at the lower one, as
+        GenICam's pixel formats have it, and frames that show otherwise are refused. "right" also
+        accepts frames whose lowest bits are never set, as of a converter with fewer bits.
+    keep_features : sequence of str
+        GenICam's names of features that change pixels and are left as they are, such as
+        "ReverseX"; all others that are known are turned off on opening.
 
     Raises
     ------
@@ -96,6 +107,9 @@ class AravisCamera:
         frame_timeout_ms: float = 1000.0,
         trigger_wait_s: float = 5.0,
         electrons_per_number: float = 1.0,
+        byte_order: ByteOrder | Literal[""] = "",
+        justification: Justification | Literal[""] = "",
+        keep_features: Sequence[str] = (),
     ) -> None:
         self._options = AravisOptions(
             address,
@@ -112,6 +126,9 @@ class AravisCamera:
             frame_timeout_ms,
             trigger_wait_s,
             electrons_per_number,
+            byte_order,
+            justification,
+            keep_features,
         )
         self._clock = surroundings.clock
         self._model = f"camera {address}".strip()
@@ -246,6 +263,7 @@ class AravisCamera:
             told = {name: str(facts[name]) for name in ("vendor", "model", "serial", "protocol")}
             told["pixel format"] = self.pixel_format
             told["packet size"] = str(self._settings.packet_size)
+            told["turned off"] = self._settings.turned_off or "nothing"
             told["tells exposure"] = "yes" if self._acquisition.reports_exposure else "no"
             told |= link.ask("health", timeout=REPLY_TIMEOUT)
             told |= {f"frames {kind}": str(count) for kind, count in self._counts.items()}

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from drivers.aravis.pixel_formats import FORMATS
+from drivers.aravis.pixel_formats import FORMATS, ByteOrder, Justification
 from drivers.option_checks import is_number
 
 Trigger = Literal["software", "hardware", "free"]
@@ -30,6 +30,9 @@ class AravisOptions:
     frame_timeout_ms: float
     trigger_wait_s: float
     electrons_per_number: float
+    byte_order: ByteOrder | Literal[""] = ""
+    justification: Justification | Literal[""] = ""
+    keep_features: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         _require(isinstance(self.address, str), "address", self.address, "a text")
@@ -57,6 +60,15 @@ class AravisOptions:
         for name in ("frame_timeout_ms", "trigger_wait_s", "electrons_per_number"):
             value = getattr(self, name)
             _require(is_number(value) and value > 0, name, value, "positive and finite")
+        for name, words in (
+            ("byte_order", get_args(ByteOrder)),
+            ("justification", get_args(Justification)),
+        ):
+            value = getattr(self, name)
+            _require(value in ("", *words), name, value, f"{words[0]}, {words[1]}, or empty")
+        kept = self.keep_features
+        texts = not isinstance(kept, str) and all(isinstance(one, str) for one in kept)
+        _require(texts, "keep_features", kept, "a list of the camera's features")
 
 
 def _are_integers_from(values: Sequence[int], least: int) -> bool:

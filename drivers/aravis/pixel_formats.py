@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Layout = Literal["bytes", "words", "p", "packed"]
+ByteOrder = Literal["little", "big"]
+Justification = Literal["right", "left"]
 
 
 @dataclass(frozen=True)
@@ -23,7 +25,8 @@ class PixelFormat:
     "words" have one pixel in 8 or 16 bits, least significant byte first; "p" is a stream of bits
     without gaps, least significant first; "packed" has two pixels in three bytes, with the low
     bits of both in the middle one. bayer: the colours of the first two pixels of a mosaic, empty
-    without a mosaic.
+    without a mosaic. byte_order, justification: how a camera sends "words" as its user says; empty
+    for the convention's rule, least significant byte first and justified right.
     """
 
     name: str
@@ -31,6 +34,18 @@ class PixelFormat:
     bits: int
     layout: Layout
     bayer: str
+    byte_order: ByteOrder | Literal[""] = ""
+    justification: Justification | Literal[""] = ""
+
+    @property
+    def shift(self) -> int:
+        """Return by how many bits the Aravis camera's words are above the pixels' numbers."""
+        return 16 - self.bits if self.justification == "left" else 0
+
+    @property
+    def group(self) -> int:
+        """Return how many of an Aravis picture's pixels end on a whole byte."""
+        return {"bytes": 1, "words": 1, "p": 4 if self.bits == 10 else 2, "packed": 2}[self.layout]
 
     @property
     def full_scale(self) -> int:
@@ -92,7 +107,29 @@ def unpack(
     if data.size < size:
         raise ValueError(f"{data.size} bytes; a {pixel_format.name} picture of {shape} has {size}")
     pixels = _UNPACKERS[pixel_format.layout](data[:size], pixel_format.bits, shape[0] * shape[1])
+    if pixel_format.byte_order == "big":
+        pixels = pixels.byteswap()
+    if pixel_format.shift:
+        pixels >>= pixel_format.shift
     return pixels.reshape(shape)
+
+
+def unpack_lines(
+    data: NDArray[np.uint8], pixel_format: PixelFormat, shape: tuple[int, int], stride: int
+) -> NDArray[np.uint16]:
+    """Unpack an Aravis frame whose lines begin `stride` bytes apart; the bytes between are left.
+
+    ValueError if there are fewer bytes than the picture needs.
+    """
+    rows, columns = shape
+    line = pixel_format.byte_count((1, columns))
+    if data.size < (rows - 1) * stride + line:
+        raise ValueError(f"{data.size} bytes; {rows} lines of {stride} bytes were told")
+    starts = range(0, rows * stride, stride)
+    lines = [data[start : start + line] for start in starts]
+    if pixel_format.layout in ("bytes", "words") or columns % pixel_format.group == 0:
+        return unpack(np.concatenate(lines), pixel_format, shape)
+    return np.vstack([unpack(one, pixel_format, (1, columns)) for one in lines])
 
 
 def _unpack_bytes(data: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uint16]:

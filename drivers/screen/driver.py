@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, TypeVar
 
@@ -14,11 +15,13 @@ from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.hosted import HostedDevice
 from drivers.interfaces import Identity, Setting, Surroundings
-from drivers.option_checks import require_within
 from drivers.screen.player import Presentations
 from drivers.screen.screen_choice import ScreenRequest
+from drivers.screen.screen_options import check_options
 from drivers.screen.screen_watcher import ScreenWatcher
 from drivers.screen.session import ServerGone
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -55,7 +58,10 @@ class ScreenSLM:
     The window belongs to a child process, which shows the neutral pattern when this process
     ends. Every still is read back from the screen and compared pixel by pixel; videos are checked
     at intervals. What comes after the graphics card's memory can't be read back, but the card's
-    gamma ramp, scaling and rotation are checked. A video shows one frame per refresh and skips
+    gamma ramp, scaling, rotation and the connector's properties (such as "Broadcast RGB" and
+    "max bpc") are checked: set right and logged at a new pattern where that is possible, and else
+    refused. `displayed_pattern` raises DeviceError if they changed since the pattern was shown. The
+    properties get their old values back at the end. A video shows one frame per refresh and skips
     none; `presentations()` returns when each was shown. While the screen is unplugged, calls
     raise DeviceError; when it returns, it shows the neutral pattern. When the window is closed,
     the desktop is visible, so give that screen a black background.
@@ -78,7 +84,10 @@ class ScreenSLM:
     allow_primary : bool
         Whether the screen may be the operator's own (primary) screen, or the only one.
     allow_ramp : bool
-        Whether the graphics card's gamma ramp may change grey levels.
+        Whether the graphics card's gamma ramp may change grey levels, the same ones all the time.
+    allow_properties : sequence of str
+        Names of the connector's properties that are left as they are, such as "max bpc". With
+        "native size", the monitor may tell another size than the panel's.
 
     Raises
     ------
@@ -99,21 +108,15 @@ class ScreenSLM:
         settling_ms: float = 100.0,
         allow_primary: bool = False,
         allow_ramp: bool = False,
+        allow_properties: Sequence[str] = (),
     ) -> None:
-        if not isinstance(screen, str):
-            raise ValueError(f"screen is {screen!r}; give a name in quotes")
-        for name, size in (("width", width), ("height", height)):
-            if isinstance(size, bool) or not isinstance(size, int) or not 1 <= size <= 32767:
-                raise ValueError(f"{name} is {size!r}; give pixels, from 1 to 32767")
-        require_within("refresh_hz", refresh_hz, 1, 1000)
-        require_within("settling_ms", settling_ms, 0, 1e6)
-        if display is not None and (not isinstance(display, str) or ":" not in display):
-            raise ValueError(f"display is {display!r}; write it as in DISPLAY, such as ':0'")
-        for name, word in (("allow_primary", allow_primary), ("allow_ramp", allow_ramp)):
-            if not isinstance(word, bool):
-                raise ValueError(f"{name} is {word!r}; write true or false")
+        wanted = check_options(
+            ScreenRequest(screen, width, height, refresh_hz, allow_primary, allow_properties),
+            display=display,
+            settling_ms=settling_ms,
+            allow_ramp=allow_ramp,
+        )
         self._clock = surroundings.clock
-        wanted = ScreenRequest(screen, width, height, float(refresh_hz), allow_primary)
         self._model = screen or "SLM on a screen"
         self._options = {
             "model": self._model,
@@ -124,6 +127,7 @@ class ScreenSLM:
         self.shape = (height, width)
         self.settling = settling_ms * 1e-3
         self._window: HostedDevice | None = None
+        self._notices: tuple[str, ...] = ()
         self._lookout = ScreenWatcher(wanted, display)
         self._identity = Identity(self._model, "", simulated=False)
         self.frame_time = 1 / refresh_hz
@@ -179,6 +183,11 @@ class ScreenSLM:
     def health(self) -> dict[str, str]:
         return self._ask("health", lambda window: window.health())
 
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """Return what was set at the SLM's connector since it was opened; see Device."""
+        return self._notices
+
     def make_safe(self) -> None:
         """Show grey level 0 on the SLM's whole screen."""
         self._ask("make safe", lambda window: window.make_safe())
@@ -216,6 +225,7 @@ class ScreenSLM:
             raise DeviceError(self._model, "open again", reply, "Plug in the one that was there")
         self._identity, self.frame_time = found, window.frame_time
         self._model = found.model
+        self._log_notes(window)
         return window
 
     def _ask(self, command: str, call: Callable[[Any], T]) -> T:
@@ -227,12 +237,21 @@ class ScreenSLM:
             self._drop()
             window = self._open(_TIMEOUTS.reopen)
         try:
-            return call(window)
+            answer = call(window)
+            self._log_notes(window)
+            return answer
         except ServerGone:
             # The window ended with the X server, so nothing is left to be made safe.
             window.kill()
             self._drop()
             raise
+
+    def _log_notes(self, window: Any) -> None:
+        """Log what was set at the SLM's screen, or happened to it, since the last call."""
+        if notes := window.notes():
+            self._notices = window.settings()
+        for note in notes:
+            log.warning("%s: %s", self._model, note)
 
     def _drop(self) -> None:
         window, self._window = self._window, None

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 _NEUTRAL = "neutral"
 
+_LOOK_MS = 200
+"""Milliseconds between looks at a gamma ramp, whose changes the X server doesn't report. Chosen."""
+
 
 class PanelDevice:
     """Show patterns on the SLM's screen, as a device that `HostedDevice` runs in a child process.
@@ -81,20 +84,35 @@ class PanelDevice:
         """Return the identifier of the pattern on the SLM's screen.
 
         A still pattern is read back. Raises DeviceError if the screen is gone or shows something
-        else.
+        else, or if its signal was changed since the pattern was shown.
         """
         self._require_screen("shown")
         self._raise_pending_error()
-        if self._video is None and self._shown:
+        if self._shown:
             with self._translate_x_errors("shown"):
-                self._open_stage.check(f"show {self._shown}", self._frames[0])
+                self._open_stage.check_signal(f"show {self._shown}")
+                if self._video is None:
+                    self._open_stage.check(f"show {self._shown}", self._frames[0])
         return self._shown
 
+    def settings(self) -> tuple[str, ...]:
+        """Return what was set at the SLM's connector since it was opened."""
+        return tuple(self._open_stage.signal.settings.values())
+
+    def notes(self) -> list[str]:
+        """Return what was set at the SLM's screen or happened to it, each once."""
+        if self._stage is None:
+            return []
+        told, self._stage.signal.notes = self._stage.signal.notes, []
+        return told
+
     def prepare_to_show(self, command: str) -> None:
-        """Stop the video on the SLM's screen before another pattern is shown."""
+        """Stop the video on the SLM's screen, and set right what is sent, before a new pattern."""
         self._require_screen(command)
         self._raise_pending_error()
         self._stop()
+        with self._translate_x_errors(command):
+            self._open_stage.prepare_signal(command)
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> float:
         """Show a pattern on the SLM's screen and read it back.
@@ -144,7 +162,8 @@ class PanelDevice:
             "monitor": " ".join(filter(None, vars(stage.output.monitor).values())) or "no EDID",
             "X server": f"{stage.x.display}, {stage.x.setup.vendor}",
             "window's process": str(os.getpid()),
-            "gamma ramp": "plain" if stage.has_linear_ramp else "not plain, as allowed",
+            "gamma ramp": "plain" if stage.signal.has_linear_ramp else "not plain, as allowed",
+            "connector": stage.signal.describe(),
             "shown": self._shown,
             "video paced by": paced,
             "video frames presented": str(played),
@@ -157,9 +176,12 @@ class PanelDevice:
         """Run the SLM window's Qt event loop until the parent process calls or has ended."""
         if self._stage is None:
             return
-        from PySide6.QtCore import QEventLoop, QSocketNotifier
+        from PySide6.QtCore import QEventLoop, QSocketNotifier, QTimer
 
         loop = QEventLoop()
+        looks = QTimer(loop)
+        looks.timeout.connect(self._look_at_signal)
+        looks.start(_LOOK_MS)
         calls = QSocketNotifier(end, QSocketNotifier.Type.Read)
         calls.activated.connect(loop.quit)
         changes = QSocketNotifier(self._stage.changes.fileno(), QSocketNotifier.Type.Read)
@@ -167,6 +189,7 @@ class PanelDevice:
         if self._video is not None:
             self._video.process_refreshes()
         loop.exec()
+        looks.stop()
         calls.setEnabled(False)
         changes.setEnabled(False)
 
@@ -179,6 +202,12 @@ class PanelDevice:
     def _screens_changed(self, *_: object) -> None:
         with contextlib.suppress(DeviceError):
             self._require_screen("follow the screen")
+
+    def _look_at_signal(self) -> None:
+        """Look whether a still is sent to the SLM as before; a video looks between its frames."""
+        if self._video is None and self._stage is not None:
+            with contextlib.suppress(DeviceError, XError):
+                self._stage.look_at_signal()
 
     def _require_screen(self, command: str) -> None:
         """Raise DeviceError while the SLM's screen is gone; once it is back, show grey level 0."""
@@ -198,6 +227,8 @@ class PanelDevice:
             self._shown = _NEUTRAL
             self._images, self._frames = [], [self._open_stage.neutral]
             self._lost += 1
+            stage = self._open_stage
+            stage.signal.notes.append(f"{stage.output.name} was dark or moved, and shows neutral")
 
     def _display_frames(
         self, command: str, identifier: str, frames: list[NDArray[np.uint8]]
@@ -210,7 +241,7 @@ class PanelDevice:
             self._frames = frames
             self._images = [grey_image(frame) for frame in frames]
             self._open_stage.draw(self._images[0])
-            seen = time.monotonic() + self.frame_time
+            seen = max(time.monotonic() + self.frame_time, self._open_stage.dark_until)
             self._open_stage.verify(command, frames[0])
             self._shown = identifier
             return seen
@@ -225,6 +256,7 @@ class PanelDevice:
             self._looked, self._looks = now, self._looks + 1
             try:
                 with self._translate_x_errors(f"play {self._shown}"):
+                    self._open_stage.look_at_signal()
                     self._open_stage.check_band(f"play {self._shown}", self._frames[self._drawn])
             except DeviceError as error:
                 self._pending_error = self._pending_error or error

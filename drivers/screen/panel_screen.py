@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from typing import TYPE_CHECKING
 
@@ -9,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
-from drivers.screen.display_checks import gamma_ramp_error, readback_error
+from drivers.screen.display_checks import readback_error
 from drivers.screen.screen_choice import ScreenRequest, choose_screen
 from drivers.screen.session import connect_display
-from drivers.x11 import ScreenReader, XConnection
-from drivers.x11.outputs import Output, has_been_lost, list_outputs, read_gamma_ramp, watch_changes
+from drivers.screen.signal_path import SignalPath
+from drivers.x11 import ScreenReader, XConnection, XError
+from drivers.x11.outputs import Output, list_outputs, read_changes, watch_changes
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QImage
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 
 _CHECKED_BANDS = 4
 """Bands into which a video's frames are divided; each check reads one band. Chosen."""
+
+_RESYNC = 2.0
+"""Seconds for which a panel may be dark after its signal was changed. Chosen."""
 
 
 class PanelScreen:
@@ -33,13 +38,16 @@ class PanelScreen:
     def __init__(
         self, model: str, request: ScreenRequest, display: str | None, allow_ramp: bool
     ) -> None:
-        self._model, self._wanted, self._allow_ramp = model, request, allow_ramp
+        self._model, self._wanted = model, request
         self._canvas: Canvas | None = None
         self._reader: ScreenReader | None = None
         self._band = 0
+        self._lost = False
+        self.dark_until = 0.0
+        self._verified: tuple[NDArray[np.uint8], NDArray[np.uint32]]
         self.x = connect_display(model, display)
         self.output = choose_screen(request, list_outputs(self.x))
-        self.has_linear_ramp = self._check_ramp()
+        self.signal = SignalPath(model, self.x, self.output, allow_ramp, request.allowed)
         self.changes = XConnection(self.x.display)
         watch_changes(self.changes)
         # Suspend the screen saver while connected. Without the extension there is none.
@@ -49,7 +57,11 @@ class PanelScreen:
 
         qt_application(self.x.display)
         self.neutral = np.zeros((request.height, request.width), np.uint8)
-        self._cover()
+        try:
+            self._cover()
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def window(self) -> int:
@@ -71,13 +83,30 @@ class PanelScreen:
         except DeviceError:
             self.uncover()
             raise
-        lost = has_been_lost(self.changes, self.output)
-        if self._canvas is not None and there.region == self.output.region and not lost:
-            self.output = there
-            return True
+        self._read_changes()
+        lost, self._lost = self._lost, False
+        stayed = self._canvas is not None and there.region == self.output.region and not lost
         self.output = there
+        self.signal.follow(there)
+        if stayed:
+            return True
         self._cover()
         return False
+
+    def prepare_signal(self, command: str) -> None:
+        """Set right what is sent to the SLM, which may be dark until `dark_until` afterwards."""
+        if self.signal.prepare(command):
+            self.dark_until = time.monotonic() + _RESYNC
+
+    def check_signal(self, command: str) -> None:
+        """Raise DeviceError if what is sent to the SLM changed since its pattern was shown."""
+        self._read_changes()
+        self.signal.require_unchanged(command)
+
+    def look_at_signal(self) -> None:
+        """Note a change of what is sent to the SLM, which may be over before the next check."""
+        self._read_changes()
+        self.signal.look()
 
     def draw(self, image: QImage) -> None:
         if self._canvas is not None:
@@ -85,13 +114,17 @@ class PanelScreen:
 
     def verify(self, command: str, grey: NDArray[np.uint8]) -> None:
         """Raise DeviceError unless the SLM's screen shows this pattern pixel for pixel."""
-        self.has_linear_ramp = self._check_ramp()
+        # What was set for this pattern is reported before the answer to this request.
+        self.changes.atom("EDID")
+        self._read_changes()
+        self.signal.begin(command)
         # A compositor may take up to half a second.
         late = time.monotonic() + 0.5
         # After a mismatch, two matches are required: another window may raise itself repeatedly.
         right, enough = 0, 1
         while right < enough:
-            wrong = readback_error(self._read_pixels(), grey)
+            seen = self._read_pixels()
+            wrong = readback_error(seen, grey)
             if wrong and time.monotonic() > late:
                 raise self._display_error(command, wrong)
             if wrong:
@@ -101,10 +134,15 @@ class PanelScreen:
                 right += 1
                 if right < enough:
                     time.sleep(0.05)
+        self._verified = grey, seen.view(np.uint32).copy()
 
     def check(self, command: str, grey: NDArray[np.uint8]) -> None:
         """Raise DeviceError if the SLM's screen shows another pattern; put the window on top."""
-        if wrong := readback_error(self._read_pixels(), grey):
+        seen, (verified, right) = self._read_pixels(), self._verified
+        # The comparison with what was read before takes a tenth of the time.
+        if grey is verified and np.array_equal(seen.view(np.uint32), right):
+            return
+        if wrong := readback_error(seen, grey):
             self._raise_window()
             raise self._display_error(command, wrong)
 
@@ -134,6 +172,8 @@ class PanelScreen:
 
     def close(self) -> None:
         self.uncover()
+        with contextlib.suppress(XError):
+            self.signal.restore()
         self.changes.close()
         self.x.close()
 
@@ -144,6 +184,7 @@ class PanelScreen:
         self._canvas = Canvas(self.output.region)
         self._canvas.appear(self.neutral)
         self._reader = ScreenReader(self.x.display, self.output.region)
+        self.prepare_signal("show neutral")
         self.verify("show neutral", self.neutral)
 
     def _raise_window(self) -> None:
@@ -160,19 +201,11 @@ class PanelScreen:
             raise DeviceError(self._model, "read the screen", "it is gone", "Plug it in again")
         return self._reader.pixels(top, rows)
 
-    def _check_ramp(self) -> bool:
-        found = read_gamma_ramp(self.x, self.output.crtc)
-        if not self.output.refresh and not found.any():
-            # A virtual screen is sent to no monitor, so the X server leaves its ramp empty.
-            return True
-        changed = gamma_ramp_error(found)
-        if changed and not self._allow_ramp:
-            remedy = (
-                f"Switch night light and colour profiles off, then xrandr --output "
-                f"{self.output.name} --gamma 1 --brightness 1; or write allow_ramp = true"
-            )
-            raise DeviceError(self._model, "read the gamma ramp", changed, remedy)
-        return not changed
+    def _read_changes(self) -> None:
+        """Note what the X server reported of the SLM's screen since the last call."""
+        seen = read_changes(self.changes, self.output)
+        self._lost |= seen.lost
+        self.signal.note_changes(seen.properties)
 
     def _display_error(self, command: str, wrong: str) -> DeviceError:
         remedy = "Take away what lies on that screen, and switch scaling and night light off"

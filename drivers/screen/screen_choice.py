@@ -14,7 +14,7 @@ class ScreenRequest:
     """Describe the screen that is wanted for the SLM.
 
     screen: an output's name, or a monitor's model or serial number; any screen of that size if
-    empty. width, height: pixels.
+    empty. width, height: pixels. allowed: names of properties that aren't checked.
     """
 
     screen: str
@@ -22,6 +22,11 @@ class ScreenRequest:
     height: int
     refresh_hz: float
     allow_primary: bool
+    allowed: Sequence[str] = ()
+
+
+NATIVE_SIZE = "native size"
+"""Name, among the properties that may be allowed, of the size that a monitor tells of itself."""
 
 
 def choose_screen(request: ScreenRequest, outputs: Sequence[Output]) -> Output:
@@ -71,7 +76,22 @@ def _require_fit(wanted: ScreenRequest, output: Output, there: Sequence[Output])
         raise _error(wanted, what, remedy, there)
     if output.distortion:
         what = f"{output.name} doesn't show its pixels as they are: {output.distortion}"
-        remedy = f"xrandr --output {output.name} --scale 1 --rotate normal --reflect normal"
+        remedy = (
+            f"xrandr --output {output.name} --panning 0x0 --mode {wanted.width}x{wanted.height} "
+            "--scale 1 --rotate normal --reflect normal"
+        )
+        raise _error(wanted, what, remedy, there)
+    size = (output.width, output.height)
+    if all(output.native) and output.native != size and NATIVE_SIZE not in wanted.allowed:
+        columns, rows = output.native
+        what = (
+            f"{output.name} is sent {size[0]}x{size[1]} pixels, and the monitor says that it has "
+        )
+        what += f"{columns}x{rows}: it scales the picture"
+        remedy = (
+            f"xrandr --output {output.name} --mode {columns}x{rows}, and say width and height; "
+        )
+        remedy += f'or write allow_properties = ["{NATIVE_SIZE}"] if the panel has other pixels'
         raise _error(wanted, what, remedy, there)
     for other in there:
         if other.name != output.name and output.overlaps(other):

@@ -25,6 +25,7 @@ from drivers.uvc.capture import (
     CaptureFactory,
     CaptureMode,
     read_exposure_units,
+    read_settings,
     resolve_source,
     set_exposure_units,
 )
@@ -124,6 +125,7 @@ class UVCCamera:
         self.alive_at = 0.0
         """When measure_latency() last made progress; see Device."""
         self._in_force = ExposureInForce()
+        self._first_settings: dict[str, float] = {}
         self._connection = CameraConnection(
             self.model, self._mode, resolve_source(source), self._restore_exposure
         )
@@ -188,6 +190,7 @@ class UVCCamera:
         """
         stream = self._connection.ensure_stream("capture")
         shot = self._next_valid_frame(stream, cancelled)
+        self._require_settings("capture", stream)
         try:
             image = decode_pixels(shot.image, self._mode.pixel_format, self._mode.shape)
         except (ValueError, TypeError) as error:
@@ -297,6 +300,22 @@ class UVCCamera:
         )
         self._in_force = self._in_force.with_exposure(units, actual * self._mode.unit)
 
+    def _require_settings(self, command: str, stream: Stream) -> None:
+        """Raise DeviceError if the UVC camera has changed what it does to its pictures."""
+        seconds = self._period + _TIMING.set_margin
+        now = self._connection.ask(command, stream, read_settings, seconds)
+        then = self._first_settings = self._first_settings or now
+        changed = [
+            f"{name} from {then[name]:g} to {value:g}"
+            for name, value in now.items()
+            if value != then[name]
+        ]
+        if changed:
+            reply = f"the camera has changed by itself: {', '.join(changed)}"
+            error = self._connection.refuse(command, reply, "Set it back: v4l2-ctl -l lists all")
+            error.lasting = True
+            raise error
+
     def _restore_exposure(self, command: str, stream: Stream) -> None:
         """Set the UVC camera's last exposure again on a new stream.
 
@@ -307,6 +326,7 @@ class UVCCamera:
             self._connection.ask(command, stream, read_exposure_units)
         )
         self._set(command, stream, min(max(units, low, 1), high))
+        self._require_settings(command, stream)
 
 
 def _range(exposure_range_ms: Sequence[float]) -> tuple[float, float]:

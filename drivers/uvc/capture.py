@@ -176,6 +176,26 @@ def set_exposure_units(capture: Any, units: int) -> float:
     return read_exposure_units(capture)
 
 
+def read_settings(capture: Any) -> dict[str, float]:
+    """Read what changes the UVC camera's pictures, besides its exposure; -1 or 0 if it lacks it."""
+    import cv2
+
+    numbers = {
+        "gain": cv2.CAP_PROP_GAIN,
+        "automatic exposure": cv2.CAP_PROP_AUTO_EXPOSURE,
+        "automatic white balance": cv2.CAP_PROP_AUTO_WB,
+        "white balance": cv2.CAP_PROP_WB_TEMPERATURE,
+        "gamma": cv2.CAP_PROP_GAMMA,
+        "brightness": cv2.CAP_PROP_BRIGHTNESS,
+        "contrast": cv2.CAP_PROP_CONTRAST,
+        "sharpness": cv2.CAP_PROP_SHARPNESS,
+        "saturation": cv2.CAP_PROP_SATURATION,
+        "hue": cv2.CAP_PROP_HUE,
+        "backlight compensation": cv2.CAP_PROP_BACKLIGHT,
+    }
+    return {name: float(capture.get(number)) for name, number in numbers.items()}
+
+
 def describe_camera(capture: Any, device: str | int) -> dict[str, str]:
     """Describe the UVC camera: device file, backend, name and serial number, if known."""
     path = device_path(device).resolve()

@@ -45,7 +45,13 @@ def decode_pixels(image: Any, pixel_format: str, shape: tuple[int, int]) -> NDAr
     if pixel_format == "YUYV":
         return data[0::2].reshape(shape).astype(np.uint16)
     if size == 2:
-        return data.view("<u2").reshape(shape).astype(np.uint16)
+        words = data.view("<u2").reshape(shape).astype(np.uint16)
+        if (top := int(words.max())) > FULL_SCALES[pixel_format]:
+            raise ValueError(
+                f"a frame came whose pixels reach {top}, and {pixel_format.strip()} ends at "
+                f"{FULL_SCALES[pixel_format]}: its bytes are in another order or justified left"
+            )
+        return words
     return data.reshape(shape).astype(np.uint16)
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.x11.connection import XConnection, XError
-from drivers.x11.edid import Monitor, read_edid
+from drivers.x11.edid import Monitor, native_size, read_edid
+from drivers.x11.output_properties import changed_properties, read_property
 
 
 class _RandrRequest(IntEnum):
@@ -23,11 +24,11 @@ class _RandrRequest(IntEnum):
     QUERY_VERSION = 0
     SELECT_INPUT = 4
     GET_OUTPUT_INFO = 9
-    GET_OUTPUT_PROPERTY = 15
     GET_CRTC_INFO = 20
     GET_CRTC_GAMMA = 23
     GET_SCREEN_RESOURCES_CURRENT = 25
     GET_CRTC_TRANSFORM = 27
+    GET_PANNING = 28
     GET_OUTPUT_PRIMARY = 31
 
 
@@ -45,6 +46,7 @@ class Output:
     x, y, width, height: pixels of the X screen. refresh: hertz, 0 if the server doesn't know it.
     distortion: how the graphics card changes the pixels (scaling, rotation); empty if it doesn't.
     number, crtc: the server's numbers of the output and of the part that scans the picture out.
+    native: columns and rows of the monitor itself; zeros if it doesn't tell them.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Output:
     distortion: str = ""
     number: int = 0
     crtc: int = 0
+    native: tuple[int, int] = (0, 0)
 
     @property
     def region(self) -> tuple[int, int, int, int]:
@@ -77,6 +80,18 @@ class Output:
         words = f"{self.name}{f' ({who})' if who else ''} {self.width}x{self.height}"
         words += f" at {self.x},{self.y}, {self.refresh:.4g} Hz"
         return words + (", primary" if self.primary else "")
+
+
+@dataclass(frozen=True)
+class OutputChanges:
+    """What an X server reported of an output.
+
+    lost: whether it was dark or unplugged, even if it is back. properties: atoms of the properties
+    that were set.
+    """
+
+    lost: bool
+    properties: frozenset[int]
 
 
 def list_outputs(x: XConnection) -> list[Output]:
@@ -101,27 +116,26 @@ def list_outputs(x: XConnection) -> list[Output]:
 
 
 def watch_changes(x: XConnection) -> None:
-    """Have the X server send events when screens are plugged in or out, or change."""
-    screen_crtc_and_output_changes = 1 | 2 | 4
+    """Have the X server send events when screens or their properties change, or are plugged."""
+    screen_crtc_output_and_property_changes = 1 | 2 | 4 | 8
     x.send_extension_request(
         "RANDR",
         _RandrRequest.SELECT_INPUT,
         "IHxx",
         x.setup.root,
-        screen_crtc_and_output_changes,
+        screen_crtc_output_and_property_changes,
     )
 
 
-def has_been_lost(x: XConnection, output: Output) -> bool:
-    """Return whether the X server reported a screen dark or unplugged since the last call.
-
-    The result is True even if the screen is back.
+def read_changes(x: XConnection, output: Output) -> OutputChanges:
+    """Return what the X server reported of an output since the last call.
 
     x: a connection on which `watch_changes` was called, and which nothing else uses.
     """
     _, first = x.extension("RANDR")
-    lost = False
+    lost, properties = False, set[int]()
     for event in x.events():
+        properties.update(changed_properties(x, output.number, event))
         if event[0] & 0x7F != first + 1:
             continue
         if event[1] == 0:
@@ -131,7 +145,7 @@ def has_been_lost(x: XConnection, output: Output) -> bool:
             number, crtc = struct.unpack_from("<II", event, 16)
             gone = not crtc or event[30] == _Connection.DISCONNECTED
             lost |= number == output.number and gone
-    return lost
+    return OutputChanges(lost, frozenset(properties))
 
 
 def read_gamma_ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
@@ -182,8 +196,11 @@ def _read_output(
         return None
     columns, rows, rate = modes.get(mode, (width, height, 0.0))
     distorted = _describe_distortion(x, crtc, (columns, rows), (width, height), turned)
-    monitor = read_edid(_read_property(x, number, edid))
-    return Output(name, monitor, left, top, width, height, rate, primary, distorted, number, crtc)
+    told = _read_edid(x, number, edid)
+    monitor, native = read_edid(told), native_size(told)
+    return Output(
+        name, monitor, left, top, width, height, rate, primary, distorted, number, crtc, native
+    )
 
 
 def _describe_distortion(
@@ -193,6 +210,11 @@ def _describe_distortion(
     upright = 1
     if rotation != upright:
         return "it is turned or mirrored"
+    told = x.query_extension("RANDR", _RandrRequest.GET_PANNING, "I", crtc)
+    panned = struct.unpack_from("<HH", told, 16)
+    if all(panned) and panned != mode:
+        shown = f"{mode[0]}x{mode[1]} of {panned[0]}x{panned[1]} pixels"
+        return f"only {shown} are seen, which move with the pointer (panning)"
     if mode != size:
         return f"{size[0]}x{size[1]} pixels are scaled to {mode[0]}x{mode[1]}"
     told = x.query_extension("RANDR", _RandrRequest.GET_CRTC_TRANSFORM, "I", crtc)
@@ -203,23 +225,9 @@ def _describe_distortion(
     return ""
 
 
-def _read_property(x: XConnection, output: int, name: int) -> bytes:
-    """Read an output's property from the X server through RandR; empty if the output lacks it."""
-    any_type = 0
+def _read_edid(x: XConnection, output: int, name: int) -> bytes:
+    """Read the EDID of an output's monitor from the X server; empty if it has none."""
     try:
-        told = x.query_extension(
-            "RANDR",
-            _RandrRequest.GET_OUTPUT_PROPERTY,
-            "IIIIIBB2x",
-            output,
-            name,
-            any_type,
-            0,
-            128,
-            0,
-            0,
-        )
+        return read_property(x, output, name)[2]
     except XError:
         return b""
-    (count,) = struct.unpack_from("<I", told, 16)
-    return told[32 : 32 + count * max(1, told[1] // 8)]

@@ -5,22 +5,18 @@ from __future__ import annotations
 import hashlib
 import os
 import pwd
-import socket
-import struct
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from drivers.interfaces import Identity
 from labapp.bench.device_names import device_names
 from labapp.common.errors import UserError
+from labapp.common.named_locks import find_lock_holder, take_named_lock
 from labapp.files.bench_file import DeviceTable
 
 _PREFIX = "labapp-device"
 """What the names of the locks begin with."""
-
-_ANSWER_TIMEOUT = 0.5
-"""Seconds within which the system must say who holds a lock. Chosen: it takes microseconds."""
 
 _COMMAND_WORDS = 3
 """Words of a command that are told of the one that holds a lock. Chosen."""
@@ -72,30 +68,21 @@ def lock_serial_number(role: str, table: DeviceTable, identity: Identity) -> Ite
 @contextmanager
 def _lock(name: str, device: str) -> Iterator[None]:
     """Lock a device of the bench by a name of it while the block runs."""
-    # A socket's abstract name belongs to nobody's folder, and goes with its process: nothing stays
-    # behind that another user could lock a device with, or couldn't remove.
-    address = f"\0{_PREFIX}-{hashlib.sha256(name.encode()).hexdigest()[:32]}"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as lock:
-        try:
-            lock.bind(address)
-        except OSError as error:
-            raise UserError(
-                f"{device} is in use by {_owner(address)}. Close that first."
-            ) from error
-        lock.listen()
+    full = f"{_PREFIX}-{hashlib.sha256(name.encode()).hexdigest()[:32]}"
+    lock = take_named_lock(full)
+    if lock is None:
+        raise UserError(f"{device} is in use by {_owner(full)}. Close that first.")
+    with lock:
         yield
 
 
-def _owner(address: str) -> str:
+def _owner(lock: str) -> str:
     """Return who holds the lock of a bench's device, in words."""
-    with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as question:
-        question.settimeout(_ANSWER_TIMEOUT)
-        question.connect(address)
-        told = question.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-        process, user, _ = struct.unpack("3i", told)
-        of_user = "" if user == os.getuid() else f" of {_user_name(user)}"
-        return f"{_command(process)} (process {process}{of_user})"
-    return "another application"
+    if (found := find_lock_holder(lock)) is None:
+        return "another application"
+    process, user = found
+    of_user = "" if user == os.getuid() else f" of {_user_name(user)}"
+    return f"{_command(process)} (process {process}{of_user})"
 
 
 def _user_name(user: int) -> str:

@@ -21,6 +21,7 @@ from labapp.calibration.request import CalibrationRequest
 from labapp.calibration.result_report import print_tables, result_data
 from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_whole
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.reading import format_validation_error
 from labapp.files.writing import require_free_names
@@ -54,12 +55,13 @@ class CalibrateOptions:
 
         Raises UserError with the name of a wrong option.
         """
-        rows, _, columns = self.regions.partition("x")
-        if not (rows.isdigit() and columns.isdigit()):
-            raise UserError(f"--regions {self.regions}: give rows x columns, as in 2x2.")
+        try:
+            rows, columns = (parse_whole(one) for one in self.regions.split("x"))
+        except ValueError as error:
+            raise UserError(f"--regions {self.regions}: give rows x columns, as in 2x2.") from error
         data: dict[str, Any] = {
             "wavelengths_nm": sorted(set(self.wavelengths_nm)),
-            "regions": (int(rows), int(columns)),
+            "regions": (rows, columns),
             "levels": self.levels,
             "exposure_ms": self.exposure_ms,
             "star": self.star,

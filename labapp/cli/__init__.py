@@ -19,6 +19,7 @@ from labapp.cli import demo, runs, records, bracket_command, merge_command, cali
 from labapp.cli import psf_command, beam_command, patterns, design, refine, simulated_pictures  # noqa: F401
 from labapp.cli import reconstruct, study, train, gui  # noqa: F401
 from labapp.cli import accuracy, accuracy_hdr, plans, devices, bench, virtual_bench, guide  # noqa: F401
+from labapp.cli.number_options import read_numbers_as_typed
 from labapp.common.command_end import (
     CANCELLED_CODE,
     begin_command,
@@ -43,7 +44,9 @@ def build_command_line() -> Any:
     click.Command
         The group of all commands.
     """
-    return get_command(app)
+    command = get_command(app)
+    read_numbers_as_typed(command)
+    return command
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from labapp.cli.accuracy import accuracy
 from labapp.cli.option_groups import command_with_options, get_option_group
 from labapp.cli.shared_options import RowsOutputOptions
 from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_whole, split_list
 
 
 @accuracy.command("hdr", cls=command_with_options(RowsOutputOptions()))
@@ -73,7 +74,7 @@ def accuracy_hdr_(
 def _read_counts(text: str) -> list[int]:
     """Return the numbers of exposures whose accuracy is measured; raise UserError if wrong."""
     try:
-        counts = sorted({int(part) for part in text.split(",")})
+        counts = sorted({parse_whole(part) for part in split_list(text)})
     except ValueError:
         counts = []
     if not counts or not 1 <= counts[0] <= counts[-1] <= 16:

@@ -11,6 +11,7 @@ from labapp.cli.app import app
 from labapp.cli.option_groups import command_with_options, get_option_group
 from labapp.cli.shared_options import RunOptions, light_in_nanometres, readable_path
 from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_list
 
 
 @app.command(cls=command_with_options(RunOptions()))
@@ -97,9 +98,6 @@ def _read_range(text: str | None) -> list[float] | None:
     if text is None:
         return None
     try:
-        low, high = (float(part) for part in text.split(","))
-    except ValueError:
-        raise UserError(
-            f"--electrons {text}: give two rates with a comma between them, as 1e3,1e6."
-        ) from None
-    return [low, high]
+        return parse_list(text, 2)
+    except ValueError as error:
+        raise UserError(f"--electrons {text}: give two rates, as 1e3,1e6: {error}.") from error

@@ -33,7 +33,8 @@ def refine(
         str,
         typer.Option(
             metavar="MS,...",
-            help="Exposure times of each picture in milliseconds; for a video, whole periods.",
+            help="Exposure times of each picture in milliseconds; for a video, whole periods. "
+            'Two need a semicolon, as "2;20".',
         ),
     ] = "1,8,64",
     runs: Annotated[

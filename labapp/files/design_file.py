@@ -101,7 +101,7 @@ class DesignContents:
 def write_design(path: Path, contents: DesignContents) -> None:
     """Write a design file atomically; raise UserError if it can't be written."""
     try:
-        with draft_of(path) as draft, h5py.File(draft, "w") as file:
+        with draft_of(path) as draft, h5py.File(draft, "w", locking=False) as file:
             _write_contents(file, contents)
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error

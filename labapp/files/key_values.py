@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_number, parse_whole
 from labapp.files.plain_data import parse_toml
 from labapp.files.table import Key, unit_of
 
@@ -20,8 +23,9 @@ def parse_key_values(
 ) -> dict[str, Any]:
     """Parse KEY=VALUE texts into TOML values by key, as in a file's table, without validation.
 
-    Values of text keys are kept as they are. Keys in `exclude` aren't offered in errors. Raises
-    UserError for an argument that isn't KEY=VALUE.
+    Values of text keys are kept as they are, and numbers are read as any that is typed. Keys in
+    `exclude` aren't offered in errors. Raises UserError for an argument that isn't KEY=VALUE, or
+    a number that can't be read.
     """
     fields, values = _fields(model), dict[str, Any]()
     for one in arguments:
@@ -29,8 +33,7 @@ def parse_key_values(
         if not equals:
             known = ", ".join(key for key in fields if key not in exclude)
             raise UserError(f"{one!r} is no KEY=VALUE. The keys are {known}.")
-        is_text = key in fields and fields[key].annotation is str
-        values[key] = text if is_text else _as_toml(text)
+        values[key] = _read_value(key, text, fields[key].annotation if key in fields else None)
     return values
 
 
@@ -54,6 +57,41 @@ def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
         else FieldInfo.from_annotated_attribute(hints[one.name], one.default)
         for one in dataclasses.fields(model)
     }
+
+
+def _read_value(key: str, text: str, kind: Any) -> Any:
+    """Return the value of a key on the command line: text, a number, or what TOML makes of it."""
+    if kind is str:
+        return text
+    value = _as_toml(text)
+    kinds = _plain_types(kind)
+    numeric = bool(kinds) and kinds <= {int, float}
+    if value == math.inf or (
+        not numeric and (isinstance(value, bool) or not isinstance(value, int | float))
+    ):
+        return value
+    if isinstance(value, str) and not any(one.isnumeric() for one in text):
+        # A word, of which the table says what would be right.
+        return value
+    unit = unit_of(key)
+    try:
+        return parse_whole(text, unit) if kinds == {int} else _plain(parse_number(text, unit))
+    except ValueError as error:
+        raise UserError(f"key {key!r}: {error}.") from error
+
+
+def _plain_types(kind: Any) -> set[Any]:
+    """Return the types of a key's value, without None and without their ranges."""
+    if get_origin(kind) is Annotated:
+        return _plain_types(get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return set().union(*(_plain_types(one) for one in get_args(kind)))
+    return set() if kind is type(None) else {kind}
+
+
+def _plain(number: float) -> int | float:
+    """Return a typed number as TOML would: whole ones as int."""
+    return int(number) if number.is_integer() else number
 
 
 def _as_toml(text: str) -> Any:

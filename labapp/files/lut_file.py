@@ -10,6 +10,7 @@ from pydantic import Field
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
+from labapp.files.column_headings import is_level, is_voltage, read_phase_heading
 from labapp.files.quantities import Nanometres
 from labapp.files.reading import FileModel, read_file
 from labapp.files.text_table import parse_numbers, table_lines
@@ -49,9 +50,9 @@ def read_lut(path: Path, levels: int) -> LutTable:
 
     TOML and JSON files hold a LutFile. Other files are text: the first line is `grey` and the
     wavelengths in nm, and each further line is a level and its phases in units of pi, separated by
-    commas, semicolons or blanks. Missing levels are interpolated linearly, but the first and the
-    last level must be given. `#` begins a comment. Raises UserError with the file and, in text
-    files, the line.
+    semicolons, tabs, commas or blanks. A heading as `532 nm (rad)` names another unit. Missing
+    levels are interpolated linearly, but the first and the last level must be given. `#` begins a
+    comment. Raises UserError with the file and, in text files, the line.
     """
     if path.suffix.lower() in (".toml", ".json"):
         return LutTable(**read_file(path, LutFile).model_dump(exclude={"version"}))
@@ -59,13 +60,7 @@ def read_lut(path: Path, levels: int) -> LutTable:
     if not lines:
         raise UserError(f"{path}: is empty. Give a line of grey levels and phases a level.")
     (number, head), *rest = lines
-    wavelengths = parse_numbers(head[1:])
-    if head[0].lower() != "grey" or not wavelengths or min(wavelengths) <= 0:
-        raise UserError(
-            f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532'."
-        )
-    for nanometres in wavelengths:
-        require_nanometres(f"{path}: line {number}: a wavelength", nanometres)
+    wavelengths, units = _read_headings(path, number, head)
     rows = [_parse_row(path, number, parts, len(head)) for number, parts in rest]
     level, phases = np.array([r[0] for r in rows]), np.array([r[1:] for r in rows])
     if len(rows) < 2 or level[0] != 0 or level[-1] != levels - 1 or (np.diff(level) <= 0).any():
@@ -74,8 +69,35 @@ def read_lut(path: Path, levels: int) -> LutTable:
             "panel's last, in the last."
         )
     every = np.arange(levels)
-    curves = [np.interp(every, level, column).tolist() for column in phases.T]
+    columns = (unit * column for unit, column in zip(units, phases.T, strict=True))
+    curves = [np.interp(every, level, column).tolist() for column in columns]
     return LutTable(wavelengths_nm=wavelengths, phase_pi=curves)
+
+
+def _read_headings(path: Path, number: int, head: list[str]) -> tuple[list[float], list[float]]:
+    """Return the wavelengths in nm of a look-up table's columns, and the units of their phases."""
+    wanted = (
+        f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532' over "
+        "phases in units of pi, or 'grey; 532 nm (rad)'."
+    )
+    if any(is_voltage(one) for one in head):
+        raise UserError(
+            f"{path}: line {number} names voltages: they say how the panel is driven, not which "
+            "phase it shows. Measure the phase, by labapp calibrate, or give a table of it."
+        )
+    if parse_numbers(head) is not None:
+        raise UserError(f"{wanted} Its numbers have no headings, and may be phases or voltages.")
+    if not is_level(head[0]) or len(head) < 2:
+        raise UserError(wanted)
+    try:
+        found = [read_phase_heading(one) for one in head[1:]]
+    except ValueError as error:
+        raise UserError(f"{wanted} There, {error}.") from error
+    if min(nanometres for nanometres, _ in found) <= 0:
+        raise UserError(wanted)
+    for nanometres, _ in found:
+        require_nanometres(f"{path}: line {number}: a wavelength", nanometres)
+    return [nanometres for nanometres, _ in found], [unit for _, unit in found]
 
 
 def _parse_row(path: Path, number: int, parts: list[str], length: int) -> list[float]:

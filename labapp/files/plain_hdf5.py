@@ -6,7 +6,9 @@ filter that isn't built in makes it load a library.
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.guarded_reading import require_memory, require_regular
+from labapp.files.write_locks import NO_LOCKS
 
 MOST_OBJECTS = 1000
 """Groups and datasets of a file, about ten times more than any that labapp writes has. Chosen."""
@@ -40,6 +43,15 @@ _FILTERS = frozenset(
 )
 """Filters that h5py brings along; HDF5 looks for all others in folders of the system."""
 
+_REMEDIES = {
+    errno.EACCES: "Ask its owner, or copy it.",
+    errno.EPERM: "Ask its owner, or copy it.",
+    errno.ENOENT: "Check the path.",
+    errno.EIO: "The disk or the network fails: get a copy from elsewhere.",
+    errno.ESTALE: "The network share was mounted anew: try again.",
+}
+"""What to do about errors of the system."""
+
 DAMAGE_ERRORS = (
     KeyError,
     OSError,
@@ -53,6 +65,29 @@ DAMAGE_ERRORS = (
 """What h5py, and decoding what it read, raise for damaged files."""
 
 
+def open_hdf5(path: Path) -> h5py.File:
+    """Open an HDF5 file for reading, without a lock where its file system keeps none."""
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        return h5py.File(path, "r", locking=False)
+
+
+def explain_system_error(error: BaseException) -> str | None:
+    """Return why the system can't read a file that h5py opens; None if the file is the cause.
+
+    h5py's errors have the number of the system's error, if there was one.
+    """
+    if not isinstance(error, OSError) or not error.errno:
+        return None
+    if error.errno == errno.EAGAIN:
+        return "another program has locked it. Close that program, and try again."
+    remedy = _REMEDIES.get(error.errno, "Try again; if that fails, copy it to another disk.")
+    return f"cannot be read: {os.strerror(error.errno)}. {remedy}"
+
+
 @contextmanager
 def open_plain_hdf5(path: Path) -> Iterator[h5py.File]:
     """Open an HDF5 file from outside for reading; a context manager.
@@ -62,12 +97,14 @@ def open_plain_hdf5(path: Path) -> Iterator[h5py.File]:
     """
     require_regular(path)
     try:
-        with h5py.File(path, "r") as file:
+        with open_hdf5(path) as file:
             for name, dataset in walk_datasets(file, path):
                 _require_plain(path, name, dataset)
             yield file
     except OSError as error:
-        raise UserError(f"{path}: cannot be read as HDF5: {error}. Get the original.") from error
+        told = explain_system_error(error)
+        told = told or f"cannot be read as HDF5: {error}. Get the original."
+        raise UserError(f"{path}: {told}") from error
     except DAMAGE_ERRORS as error:
         raise UserError(
             f"{path}: is damaged: {error}. Get the original, or make it again."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field, model_validator
 
@@ -20,14 +20,15 @@ Count = Annotated[int, Field(ge=1, le=10_000)]
 
 Axis = Literal["target", "pattern", "wavelength", "exposure", "repeat"]
 
-MOST_FRAMES = 100_000
-"""Frames of a plan: two seconds of processor time to list them, and a week at ten a minute.
-Chosen."""
+MOST_FRAMES = 2_000_000
+"""Frames of a plan: some seconds of processor time to list them, and 0.1 GB. Chosen."""
 
 AXES: tuple[Axis, ...] = ("target", "pattern", "wavelength", "exposure", "repeat")
 """The axes of an acquisition block in their usual order, the slowest to change first."""
 
 Role = Literal["light", "dark", "flat", "neutral"]
+
+ROLES: tuple[Role, ...] = get_args(Role)
 
 
 class PlannedTarget(FileModel):

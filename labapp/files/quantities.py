@@ -16,7 +16,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Nanometres = Annotated[Positive, LightUnit()]
 """Wavelength of light in nanometres."""
 
-NanometresText = Annotated[str, Field(pattern=r"^\d+(\.\d+)?$"), LightUnit()]
+NanometresText = Annotated[str, Field(pattern=r"^[0-9]+(\.[0-9]+)?$"), LightUnit()]
 """Wavelength of light in nanometres as the key of a table."""
 
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -28,19 +28,35 @@ def bundled_path(name: str) -> Path:
 
 
 def read_text(path: Path, expected_content: str, most: int = MOST_TEXT_BYTES) -> str:
-    """Return the text of a UTF-8 file; raise UserError if it can't be read or isn't text.
+    """Return the text of a file in UTF-8, UTF-16 or UTF-32; UserError if it isn't such text.
 
     `expected_content` is what the error asks the user to give instead, and `most` the bytes that
     such a file has at most.
     """
+    from labapp.files.text_encoding import decode_byte_text, decode_text
+
     data = read_bytes(path, most)
-    wrong = UserError(f"{path}: is not a text file. Give {expected_content}.")
-    if b"\0" in data:
-        raise wrong
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise wrong from error
+    text = decode_text(data)
+    if text is not None:
+        return text
+    if decode_byte_text(data) is None:
+        raise UserError(f"{path}: is not a text file. Give {expected_content}.")
+    line = next(k for k, one in enumerate(data.splitlines(), 1) if not one.isascii())
+    raise UserError(f"{path}: is text, but line {line} isn't in UTF-8. Save the file as UTF-8.")
+
+
+def read_byte_text(path: Path, expected_content: str) -> str:
+    """Return the text of a file as read_text does, or in an encoding of one byte a letter.
+
+    Letters that can't be told are text_encoding.UNTOLD.
+    """
+    from labapp.files.text_encoding import decode_byte_text, decode_text
+
+    data = read_bytes(path, MOST_TEXT_BYTES)
+    for decode in (decode_text, decode_byte_text):
+        if (text := decode(data)) is not None:
+            return text
+    raise UserError(f"{path}: is not a text file. Give {expected_content}.")
 
 
 def read_file(path: Path, model: type[M]) -> M:

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
+from labapp.files.column_headings import share_unit, unit_in_heading
 from labapp.files.reading import bundled_path
 from labapp.files.text_table import parse_numbers, table_lines
-from labapp.files.wavelengths import require_nanometres
+from labapp.files.wavelengths import NANOMETRES, convert_wavelengths, require_nanometres
 from optics.light.spectrum import Spectrum
 
 
@@ -31,8 +32,10 @@ def read_spectrum(path: Path, column: str | None = None) -> Spectrum:
 def read_spectra(path: Path) -> dict[str, Spectrum]:
     """Read all spectra of a CSV file, by the names in its first line.
 
-    Text after # is a comment. The first column holds wavelengths in nm, rising. The line of names
-    may be left out; the columns are then called 1, 2 and so on.
+    Text after # is a comment. The first column holds wavelengths, rising: in nm, or in
+    the unit that its name ends with, as "wavelength (µm)". A column whose name has a % holds per
+    cent, and is read as shares. The line of names may be left out; the columns are then called 1, 2
+    and so on.
     Raises UserError with file, line and value.
     """
     names: list[str] = []
@@ -43,8 +46,9 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
             names = cells
             continue
         if values is None:
+            hint = "" if rows else " Put # before lines of text above the names of columns."
             raise UserError(
-                f"{path}, line {number}: {quote(','.join(cells))} isn't finite numbers."
+                f"{path}, line {number}: {quote(','.join(cells))} isn't finite numbers.{hint}"
             )
         if rows and len(values) != len(rows[0]):
             raise UserError(
@@ -60,16 +64,39 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
     titles = names[1:] or [str(k) for k in range(1, len(rows[0]))]
     if len(set(titles)) < len(titles):
         raise UserError(f"{path}: two columns have the same name. Give each its own.")
-    for row in (rows[0], rows[-1]):
-        require_nanometres(f"{path}: a wavelength", row[0])
-    wavelengths = tuple(row[0] / 1e9 for row in rows)
+    wavelengths = _in_metres(path, [row[0] for row in rows], names[0] if names else "")
+    order = range(len(rows))
+    if names and _unit(names[0]) and wavelengths[0] > wavelengths[-1]:
+        # Wavenumbers rise where wavelengths fall.
+        order = order[::-1]
     try:
+        units = [share_unit(title) for title in titles]
         return {
-            title: Spectrum(wavelengths, tuple(row[k + 1] for row in rows))
-            for k, title in enumerate(titles)
+            title: Spectrum(
+                tuple(wavelengths[n] for n in order), tuple(unit * rows[n][k] for n in order)
+            )
+            for k, (title, unit) in enumerate(zip(titles, units, strict=True), 1)
         }
     except ValueError as error:
         raise UserError(f"{path}: {error}.") from error
+
+
+def _unit(heading: str) -> str:
+    """Return the unit that a spectrum's first column names; "" if it is nm, or none."""
+    unit = unit_in_heading(heading)
+    return "" if unit.lower() in NANOMETRES else unit
+
+
+def _in_metres(path: Path, numbers: list[float], heading: str) -> tuple[float, ...]:
+    """Return the wavelengths of a spectrum's file in metres, by the unit that their name has."""
+    if unit := _unit(heading):
+        try:
+            return convert_wavelengths(numbers, unit)
+        except UserError as error:
+            raise UserError(f"{path}: {error}.") from error
+    for nanometres in (numbers[0], numbers[-1]):
+        require_nanometres(f"{path}: a wavelength", nanometres)
+    return tuple(one / 1e9 for one in numbers)
 
 
 @lru_cache(maxsize=16)

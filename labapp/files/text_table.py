@@ -3,41 +3,95 @@
 from __future__ import annotations
 
 import csv
-import math
+import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from labapp.common.errors import UserError
-from labapp.files.reading import read_text
+from labapp.common.plain_text import quote
+from labapp.common.typed_numbers import parse_number
+from labapp.files.reading import read_byte_text
+from labapp.files.text_encoding import UNTOLD
+
+Line = tuple[int, list[str]]
+"""The number of a line in its file, from 1, and its cells."""
+
+_COMMENT = re.compile(r"^\s*(%|!|//).*|#.*")
 
 
-def table_lines(path: Path) -> list[tuple[int, list[str]]]:
+def table_lines(path: Path) -> list[Line]:
     """Return the numbered lines of a text table's file, split into cells.
 
-    The separator is a semicolon if there is any in the file, else a comma, else blanks. Text after
-    # is a comment, and empty lines are left out. Raises UserError if the file isn't text.
+    The separator is a semicolon if there is any in the file, else a tab, else a comma, else blanks;
+    beside all but the comma, numbers may have a decimal comma. Text after # is a comment, as is a
+    line that begins with %, ! or //, and empty lines are left out. Raises UserError if the file
+    isn't text, or holds letters in an encoding that can't be told.
     """
-    text = read_text(path, "a table as CSV")
-    plain = ((k, line.split("#", 1)[0].strip()) for k, line in enumerate(text.splitlines(), 1))
-    kept = [(k, line) for k, line in plain if line]
-    separator = next((one for one in ";," if any(one in line for _, line in kept)), None)
-    return [(k, _split(path, k, line, separator)) for k, line in kept]
+    text = read_byte_text(path, "a table as CSV")
+    plain = ((k, _COMMENT.sub("", line)) for k, line in enumerate(text.splitlines(), 1))
+    kept = [(k, line) for k, line in plain if line.strip()]
+    for number, line in kept:
+        if UNTOLD in line:
+            raise UserError(
+                f"{path}, line {number}: {quote(line.strip())} has letters in an encoding that "
+                "can't be told. Save the file as UTF-8."
+            )
+    lines = _split(path, kept)
+    _require_one_decimal_sign(path, lines)
+    return lines
 
 
-def _split(path: Path, number: int, line: str, separator: str | None) -> list[str]:
-    """Return the cells of a line of a text table; a cell in quotes ends on its line."""
-    if separator is None:
-        return line.split()
+def parse_numbers(cells: Iterable[str]) -> list[float] | None:
+    """Parse the numbers in a text table's cells; None if a cell holds no finite number."""
     try:
-        (row,) = csv.reader([line], delimiter=separator)
+        return [parse_number(cell) for cell in cells]
+    except ValueError:
+        return None
+
+
+def _split(path: Path, kept: list[tuple[int, str]]) -> list[Line]:
+    """Return the cells of a text table's lines, by the separator of the file."""
+    for separator in ";\t":
+        if any(separator in line.strip() for _, line in kept):
+            lines = [(k, _cells(path, k, line, separator)) for k, line in kept]
+            # Several tabs in a row only align columns, as blanks do.
+            if separator == ";" or all(all(cells) for _, cells in lines):
+                return lines
+    if any("," in line for _, line in kept) and not _has_decimal_commas(kept):
+        return [(k, _cells(path, k, line, ",")) for k, line in kept]
+    return [(k, line.split()) for k, line in kept]
+
+
+def _has_decimal_commas(kept: list[tuple[int, str]]) -> bool:
+    """Return whether blanks separate a text table's numbers, in which commas are decimal signs."""
+    rows = [re.sub(r"\s*,\s+|\s+,", ",", line).split() for _, line in kept]
+    numbers = [row for row in rows if parse_numbers(row) is not None]
+    return bool(numbers) and all(len(row) > 1 for row in numbers)
+
+
+def _cells(path: Path, number: int, line: str, separator: str) -> list[str]:
+    """Return the cells of a line of a text table; a cell in quotes ends on its line."""
+    try:
+        (row,) = csv.reader([line.strip(" \r\n")], delimiter=separator, skipinitialspace=True)
     except csv.Error as error:
         raise UserError(f"{path}, line {number}: cannot be split into cells: {error}.") from error
     return [cell.strip() for cell in row]
 
 
-def parse_numbers(cells: list[str]) -> list[float] | None:
-    """Parse the numbers in a text table's cells; None if a cell holds no finite number."""
-    try:
-        numbers = [float(cell) for cell in cells]
-    except ValueError:
-        return None
-    return numbers if all(map(math.isfinite, numbers)) else None
+def _require_one_decimal_sign(path: Path, lines: list[Line]) -> None:
+    """Raise UserError if a text table has numbers with points and others with commas.
+
+    One of both then stands between groups of digits.
+    """
+    seen = dict[str, tuple[int, str]]()
+    for number, cells in lines:
+        for cell in cells:
+            for sign in ".,":
+                if sign in cell and sign not in seen and parse_numbers([cell]) is not None:
+                    seen[sign] = number, cell
+    if len(seen) == 2:
+        (_, point), (number, comma) = seen["."], seen[","]
+        raise UserError(
+            f"{path}: has {quote(point)} with a point and, in line {number}, {quote(comma)} with a "
+            "comma. Save it with one decimal sign and without signs between groups of digits."
+        )

@@ -66,6 +66,9 @@ _SPELLINGS = {
 }
 """Spellings of each unit in files, in lower case; ENVI has a name for all but a few."""
 
+NANOMETRES = frozenset(_SPELLINGS["nanometres"].split())
+"""Spellings of nanometres in files, in lower case."""
+
 _NAMES = {word: name for name, words in _SPELLINGS.items() for word in words.split()}
 
 _UNSTATED = ("", "unknown")

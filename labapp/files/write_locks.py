@@ -1,7 +1,8 @@
 """Lock a file that is being written, and move new files to their paths only past such locks.
 
 A lock belongs to the open file, not to the process. The operating system releases it when the file
-is closed, however the process ends.
+is closed, however the process ends. Where a file system keeps no locks, a named lock of this
+computer takes its place, which other computers don't see.
 """
 
 from __future__ import annotations
@@ -31,22 +32,72 @@ _PATIENCE = 0.5
 _PAUSE = 0.01
 """Seconds between two looks at a lock. Chosen: longer than a file takes to be moved."""
 
-_NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK)
-"""Errors of file systems that know no second name for a file, such as that of memory sticks."""
+NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL, errno.ENOTTY)
+"""Errors of file systems that keep no locks, such as some network shares."""
+
+_named_locks: dict[int, socket.socket] = {}
+"""Named locks of this process, by the handles of the open files that they stand for."""
 
 
 def lock_file(handle: int) -> bool:
-    """Lock an open file for writing; return whether that succeeded.
-
-    Raises OSError if the file system keeps no locks.
-    """
+    """Lock an open file for writing; return whether that succeeded. close_locked() releases it."""
     try:
         fcntl.fcntl(handle, fcntl.F_OFD_SETLK, _LOCK)
     except OSError as error:
+        if error.errno in NO_LOCKS:
+            return _take_named_lock(handle)
         if error.errno not in (errno.EAGAIN, errno.EACCES):
             raise
         return False
     return True
+
+
+def _take_named_lock(handle: int) -> bool:
+    # Most file systems keep locks, and a run loads no more than it needs.
+    from labapp.common.named_locks import take_named_lock
+
+    lock = take_named_lock(_lock_name(os.fstat(handle)))
+    if lock is None:
+        return False
+    _named_locks[handle] = lock
+    return True
+
+
+def _named_lock_holder(file: os.stat_result) -> int | None:
+    """Return the process that holds the named lock of a file; None if nobody does."""
+    from labapp.common.named_locks import find_lock_holder
+
+    found = find_lock_holder(_lock_name(file))
+    return found[0] if found else None
+
+
+def _lock_name(file: os.stat_result) -> str:
+    return f"labapp-file-{file.st_dev:x}-{file.st_ino:x}"
+
+
+def close_locked(handle: int) -> None:
+    """Close an open file, and with it the last handle's lock."""
+    os.close(handle)
+    if (lock := _named_locks.pop(handle, None)) is not None:
+        lock.close()
+
+
+def duplicate_locked(handle: int) -> int:
+    """Return another handle of an open file; its lock is released with the last of them."""
+    found = os.dup(handle)
+    if (lock := _named_locks.get(handle)) is not None:
+        _named_locks[found] = lock.dup()
+    return found
+
+
+def lock_limit(handle: int) -> str:
+    """Return what the lock of an open file can't promise, in words; empty if it is a whole one."""
+    if handle not in _named_locks:
+        return ""
+    return (
+        "the file system keeps no locks. Other processes of this computer can't write the file "
+        "meanwhile; don't write it from another computer"
+    )
 
 
 def open_locked(path: Path) -> int:
@@ -65,7 +116,7 @@ def open_locked(path: Path) -> int:
                 return found
         finally:
             if handle >= 0:
-                os.close(handle)
+                close_locked(handle)
         require_unlocked(path)
 
 
@@ -90,7 +141,7 @@ def is_locked(path: Path) -> bool:
         # This asks for the lock without taking it.
         found = fcntl.fcntl(handle, fcntl.F_OFD_GETLK, _LOCK)
     except OSError:
-        return False
+        return _named_lock_holder(os.fstat(handle)) is not None
     finally:
         os.close(handle)
     return struct.unpack_from("h", found)[0] != fcntl.F_UNLCK
@@ -141,7 +192,7 @@ def move_into_place(draft: Path, path: Path, *, force: bool) -> None:
             try:
                 os.replace(draft, path)
             finally:
-                os.close(old)
+                close_locked(old)
             return
 
 
@@ -151,9 +202,9 @@ def _move_to_free_path(draft: Path, path: Path) -> bool:
         os.link(draft, path)
     except FileExistsError:
         return False
-    except OSError as error:
-        if error.errno not in _NO_LINKS:
-            raise
+    except OSError:
+        # Whatever the file system says of second names: if the path can't be written, opening the
+        # placeholder tells the cause.
         return _move_onto_placeholder(draft, path)
     os.unlink(draft)
     return True
@@ -169,9 +220,13 @@ def _move_onto_placeholder(draft: Path, path: Path) -> bool:
         # Somebody may have replaced the empty file already.
         if not lock_file(handle) or not has_path(handle, path):
             return False
-        os.replace(draft, path)
+        try:
+            os.replace(draft, path)
+        except OSError:
+            os.unlink(path)
+            raise
     finally:
-        os.close(handle)
+        close_locked(handle)
     return True
 
 
@@ -191,6 +246,9 @@ def name_draft(path: Path) -> Path:
 
 def _lock_holder(path: Path) -> int | None:
     """Return the process of this user that holds a file's lock; None if it can't be found."""
+    with suppress(OSError):
+        if (holder := _named_lock_holder(path.stat())) is not None:
+            return holder
     for process in Path("/proc").iterdir():
         # Processes end meanwhile, and those of other users tell nothing.
         with suppress(OSError):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import logging
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +16,11 @@ from labapp.files.write_locks import move_into_place, name_draft, require_unlock
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+log = logging.getLogger(__name__)
+
+_NO_SYNC = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTTY)
+"""Errors of fsync(2) for what can't be synchronised; others mean that data were lost."""
 
 
 def require_writable(path: Path, *, force: bool) -> None:
@@ -42,12 +49,12 @@ def require_all_writable(paths: Iterable[Path | None], *, force: bool) -> None:
             require_writable(path, force=force)
 
 
-def require_free_names(folder: Path, names: Sequence[str], *, force: bool) -> None:
+def require_free_names(folder: Path, names: Iterable[str], *, force: bool) -> None:
     """Raise UserError if a folder can't be written to, or has files that may not be replaced."""
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: is a file. Name a folder.")
     if folder.is_dir():
-        require_all_writable([folder / name for name in names], force=force)
+        require_all_writable((folder / name for name in names), force=force)
 
 
 def make_folder(folder: Path) -> None:
@@ -61,10 +68,22 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_to_disk(path: Path) -> None:
-    """Wait until all that was written to a file is on the disk."""
+    """Wait until all that was written to a file is on the disk.
+
+    A file system that can't be asked for that is named in the log.
+    """
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
+    except OSError as error:
+        if error.errno not in _NO_SYNC:
+            raise
+        log.warning(
+            "%s: its file system doesn't tell when data are on the disk (%s): a power cut may take "
+            "more than the last seconds",
+            path.parent,
+            error.strerror,
+        )
     finally:
         os.close(handle)
 

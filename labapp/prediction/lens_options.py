@@ -6,12 +6,12 @@ once.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_number, parse_whole, split_list
 
 if TYPE_CHECKING:
     from optics.camera import Camera, Lens
@@ -132,6 +132,8 @@ def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
     if blades and rectangular:
         raise UserError("--blades and --rectangle: a stop is one or the other.")
     sides = _numbers("--rectangle", rectangular, "x", 2) if rectangular else []
+    if sides and min(sides) <= 0:
+        raise UserError(f"--rectangle {rectangular}: give two positive sides, as in 0.5x0.7.")
     if not 0 <= obscuration < 1:
         raise UserError(f"--obscuration {obscuration:g}: it must lie from 0 to below 1.")
     from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
@@ -174,19 +176,18 @@ def read_field(text: str) -> tuple[float, float]:
     The text is in millimetres, and the result in metres.
     """
     y, x = _numbers("--field", text, ",", 2)
-    if not (math.isfinite(y) and math.isfinite(x)):
-        raise UserError(f"--field {text}: give two finite numbers, in millimetres.")
     return y * 1e-3, x * 1e-3
 
 
 def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
+    parts = split_list(text) if separator == "," else text.split(separator)
+    wanted = f"give {count} numbers with '{separator}' between them"
+    if len(parts) != count:
+        raise UserError(f"{option} {text}: {wanted}.")
     try:
-        numbers = [float(part) for part in text.split(separator)]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count:
-        raise UserError(f"{option} {text}: give {count} numbers with '{separator}' between them.")
-    return numbers
+        return [parse_number(part) for part in parts]
+    except ValueError as error:
+        raise UserError(f"{option} {text}: {error}. There, {wanted}.") from error
 
 
 def read_window(size: int, pitch: float, centre: str) -> Plane:
@@ -205,11 +206,12 @@ def read_panel(text: str) -> tuple[tuple[int, int], float]:
     Returns its shape and its pitch in metres.
     """
     try:
-        rows, columns, pitch = (float(word) for word in text.split("x"))
-        if not (min(rows, columns) >= 1 and 0 < pitch < math.inf):
+        first, second, last = text.split("x")
+        rows, columns, pitch = parse_whole(first), parse_whole(second), parse_number(last, "µm")
+        if not (min(rows, columns) >= 1 and pitch > 0):
             raise ValueError
-        return (int(rows), int(columns)), pitch * 1e-6
-    except (ValueError, OverflowError) as error:
+        return (rows, columns), pitch * 1e-6
+    except ValueError as error:
         raise UserError(
             f"--panel {text}: give rows, columns and micrometres a pixel, as in 96x128x8."
         ) from error

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError
 from labapp.bench.opening import Bench
 from labapp.bench.star_target import require_star_target
 from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_list
 from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel, format_validation_error
 from optics.stop_shadow import panel_to_focus_distance
@@ -48,10 +49,10 @@ class RefinementRequest(FileModel):
 def parse_milliseconds(text: str) -> list[float]:
     """Parse the exposures of a refinement in milliseconds, such as "1,8,64"."""
     try:
-        return [float(word) for word in text.split(",")]
+        return parse_list(text)
     except ValueError as error:
         raise UserError(
-            f"--exposures-ms {text}: give milliseconds with commas between, as in 1,8,64."
+            f"--exposures-ms {text}: give milliseconds with commas between, as in 1,8,64: {error}."
         ) from error
 
 

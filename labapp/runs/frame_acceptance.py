@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drivers.errors import DeviceError
 from drivers.interfaces import Frame
 from labapp.runs.bench_interface import Bench
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 
 EXPOSURE_TOLERANCE = (20e-6, 0.02)
 """Allowed difference of an exposure from the requested one: seconds, and share of the exposure.
@@ -44,18 +45,23 @@ def require_valid_frame(
 ) -> float:
     """Check that a frame has the settings of the run's shot; return its wavelength in metres.
 
-    Raises DeviceError if the frame is stale or has another exposure, or if a device doesn't have
-    the setting that it was given. A missing frame does less harm than a wrong one that looks
-    right.
+    Raises DeviceError if the frame is stale, has another exposure or impossible numbers, or if a
+    device doesn't have the setting that it was given. A missing frame does less harm than a wrong
+    one that looks right.
     """
 
-    def refuse(role: str, what: str) -> Exception:
+    def refuse(role: str, what: str) -> DeviceError:
         return bench.device_error(role, f"capture at {conditions.exposure * 1e3:g} ms", what)
 
     if not is_exposure_as_requested(conditions.exposure, shot.exposure):
         raise refuse("camera", f"{shot.exposure * 1e3:g} ms were asked for")
     if frame.exposure != conditions.exposure:
         raise refuse("camera", f"the frame was exposed for {frame.exposure * 1e3:g} ms")
+    top, full = int(frame.image.max(initial=0)), bench.camera.full_scale
+    if top > full:
+        error = refuse("camera", f"the frame's pixels reach {top}, and its full scale is {full}")
+        error.lasting = True
+        raise error
     if frame.number <= conditions.last_number:
         raise refuse("camera", f"frame {frame.number} came again: it is stale")
     if frame.time < conditions.settled_at:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.files.plan_file import PlanFile, Reconstruction
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot, ShotList
 
 if TYPE_CHECKING:
     from optics.camera import Camera, Sensor
@@ -80,7 +80,7 @@ class FrameDoubts:
         self._roles = plan.reconstruct or Reconstruction(coded="")
         self._camera = camera
         self._longest: dict[str, float] = {}
-        for shot in shots:
+        for shot in ShotList.of(shots).distinct("target", "exposure"):
             self._longest[shot.target] = max(shot.exposure, self._longest.get(shot.target, 0.0))
         self._settled: set[tuple[str, str]] = set()
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from labapp.bench.opening import Bench, BenchFiles, open_bench
 from labapp.common.console import out, print_json, print_table, styled_line, terminal_progress
@@ -26,7 +28,8 @@ from labapp.runs.acquisition.frame_storage import free_bytes, require_space
 from labapp.runs.brackets.extremes import possible_plans
 from labapp.runs.bundled_plans import abbreviate_list, format_range
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.steps import Shot, schedule_shots
+from labapp.runs.shots import Shot, ShotList, group_codes
+from labapp.runs.steps import schedule_shots
 from optics.progress import Progress
 
 
@@ -43,14 +46,14 @@ class Preview:
     bench: str
     simulated_devices: Sequence[str]
     capabilities: BenchCapabilities
-    shots: Sequence[Shot]
+    shots: ShotList
     estimate: RunEstimate
     most: RunEstimate
     free: int
 
     @property
     def steps(self) -> int:
-        return len({shot.step for shot in self.shots})
+        return len(np.unique(self.shots.column("step")))
 
 
 def check_plan(
@@ -129,7 +132,7 @@ def _require_reconstruction_frames(preview: Preview) -> None:
     for target, pattern in parts:
         found = {
             shot.wavelength
-            for shot in preview.shots
+            for shot in preview.shots.distinct("target", "pattern", "wavelength")
             if (shot.target, shot.pattern) == (target, pattern)
             and (roles.wavelength is None or abs(shot.wavelength - roles.wavelength) < 1e-11)
         }
@@ -205,9 +208,9 @@ def _bracket_lines(plan: PlanFile) -> list[str]:
 def _limits(preview: Preview) -> list[dict[str, str]]:
     """Say in words what a run's plan requests, and what the bench can do."""
     plan, abilities, listed = preview.plan, preview.capabilities, preview.shots
-    exposures = sorted({shot.exposure * 1e3 for shot in listed})
-    wavelengths = _nm(sorted({shot.wavelength for shot in listed}))
-    slots = [f"{number}" for number in sorted({shot.slot for shot in listed} - {0})]
+    exposures = [1e3 * seconds for seconds in np.unique(listed.column("exposure")).tolist()]
+    wavelengths = _nm(np.unique(listed.column("wavelength")).tolist())
+    slots = [f"{number}" for number in np.unique(listed.column("slot")).tolist() if number]
     videos = sum(isinstance(pattern, VideoPattern) for pattern in plan.patterns.values())
     low, high = _nm(abilities.wavelength_range)
     rows, columns = abilities.panel_shape
@@ -222,7 +225,7 @@ def _limits(preview: Preview) -> list[dict[str, str]]:
             f"1 to {len(abilities.slots)}: {abbreviate_list(_nm(abilities.slots))} nm",
         ),
         "targets": (
-            abbreviate_list(dict.fromkeys(shot.place for shot in listed)),
+            abbreviate_list(dict.fromkeys(shot.place for shot in listed.distinct("target"))),
             ", ".join(abilities.targets),
         ),
         "patterns": (
@@ -242,13 +245,14 @@ def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> 
 
     Unless `every_row` is set, only the first 40 rows are printed.
     """
-    wheel = any(shot.slot for shot in preview.shots)
+    wheel = bool(preview.shots.column("slot").any())
     columns = ["step", "role", "target", "pattern", "nm ", "exposures ms ", "frames ", "due s "]
     columns[5:5] = ["slot "] if wheel else []
-    groups = list(_groups(preview.shots))
+    groups = _groups(preview.shots)
     printed = groups if every_row else groups[:40]
     heading, rows = "Steps", list[list[Any]]()
-    for group in printed:
+    for which in printed:
+        group = preview.shots[which]
         if text := prompts.get(group[0].index):
             if rows:
                 print_table(heading, columns, rows)
@@ -259,14 +263,12 @@ def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> 
         out.print(f"... and {len(groups) - len(printed)} more rows; --all prints them")
 
 
-def _groups(listed: Sequence[Shot]) -> Iterator[list[Shot]]:
+def _groups(listed: ShotList) -> list[slice]:
     """Group consecutive shots of a run that differ only in exposure and repeat."""
-
-    def setting(shot: Shot) -> tuple[Any, ...]:
-        return shot.role, shot.target, shot.pattern, shot.wavelength, shot.slot
-
-    for _, group in itertools.groupby(listed, setting):
-        yield list(group)
+    names = ("role", "target", "pattern", "wavelength", "slot")
+    codes = group_codes(*(listed.column(name) for name in names))
+    ends = [*(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(listed)]
+    return [slice(first, last) for first, last in zip([0, *ends], ends, strict=False)]
 
 
 def _row(group: Sequence[Shot], wheel: bool) -> list[Any]:

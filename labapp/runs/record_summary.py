@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+from collections import deque
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labapp.common.console import out, print_json, print_table, styled_line
+from labapp.files.frame_list import format_frame_list
+from labapp.files.plan_file import ROLES
 from labapp.runs.effect_plan_tables import show_effects
-from labapp.runs.record import layout
 from labapp.runs.record.reader import Record
 from labapp.runs.recorded_calibrations import calibrations_in_force
+from labapp.runs.shots import group_codes
+
+_SHOWN_LINES = 500
+"""Lines of the log that are printed: those of some hundred frames. Chosen."""
 
 
 def show_record(path: Path, *, as_json: bool) -> None:
     """Print a summary of a run's record: state, frames, devices, simulator decisions and log."""
     with Record(path) as record:
         data = record_data(record)
-    if as_json:
-        print_json(data)
-        return
+        if as_json:
+            print_json(data | {"log": record.log})
+            return
+        numbered = deque(enumerate(record.log_lines(), 1), maxlen=_SHOWN_LINES)
     badge = f"SIMULATED: {', '.join(data['simulated'])}" if data["simulated"] else "real devices"
     out.print(styled_line((data["title"], "bold"), f"  {data['state']}  ", (badge, "yellow")))
     out.print(f"{data['stored']} of {data['frames']} frames stored, {data['size']}")
@@ -31,9 +39,9 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if data["digest"]:
         out.print(f"digest {data['digest']}", soft_wrap=True)
     if data["retried"]:
-        out.print(f"frames that needed more than one attempt: {data['retried']}")
+        out.print(f"frames that needed more than one attempt: {format_frame_list(data['retried'])}")
     if data["missing"]:
-        out.print(styled_line((f"missing frames: {data['missing']}", "red")))
+        out.print(styled_line((f"missing frames: {format_frame_list(data['missing'])}", "red")))
     if data["message"]:
         out.print(data["message"])
     out.print()
@@ -43,11 +51,14 @@ def show_record(path: Path, *, as_json: bool) -> None:
     print_table("Devices", ["device", "model", "serial", "simulated"], devices)
     if data["effect_plan"]:
         show_effects(data["effect_plan"])
-    print_table("Log", ["bench time s ", ""], [[f"{t:.3f}", text] for t, text in data["log"]])
+    lines = [[f"{time:.3f}", text] for _, (time, text) in numbered]
+    if lines and (count := numbered[-1][0]) > len(lines):
+        out.print(f"The last {len(lines)} of {count} lines of the log; --json prints all:")
+    print_table("Log", ["bench time s ", ""], lines)
 
 
 def record_data(record: Record) -> dict[str, Any]:
-    """Return a summary of a run's record as plain data."""
+    """Return a summary of a run's record, without its log, as plain data."""
     stored = record.column("stored").astype(bool)
     rows, columns = record.image(0).shape
     return {
@@ -73,21 +84,35 @@ def record_data(record: Record) -> dict[str, Any]:
         "faults": record.faults,
         "effect_plan": record.effect_plan,
         "versions": record.versions,
-        "log": record.log,
     }
 
 
 def _groups(record: Record) -> list[dict[str, Any]]:
     """Group the planned frames of a run's record by role, target, pattern and wavelength."""
-    targets, patterns = record.target_names, record.pattern_names
-    columns = ("role", "target", "pattern", "wavelength_asked", "exposure_asked")
-    exposures: dict[tuple[Any, ...], list[float]] = {}
-    values = (record.column(name).tolist() for name in columns)
-    for role, target, pattern, w, t in zip(*values, strict=True):
-        key = layout.ROLES[role], targets[target], patterns[pattern], round(w * 1e9, 3)
-        exposures.setdefault(key, []).append(t * 1e3)
+    names = {"role": ROLES, "target": record.target_names, "pattern": record.pattern_names}
+    nanometres = np.round(record.column("wavelength_asked") * 1e9, 3)
+    codes = group_codes(*(record.column(name) for name in names), nanometres)
+    _, firsts, counts = np.unique(codes, return_index=True, return_counts=True)
+    exposures = _distinct_exposures(codes, record.column("exposure_asked"))
     return [
-        dict(zip(("role", "target", "pattern", "wavelength_nm"), key, strict=True))
-        | {"exposures_ms": ", ".join(f"{ms:g}" for ms in sorted(set(taken))), "frames": len(taken)}
-        for key, taken in exposures.items()
+        {name: known[record.column(name)[firsts[group]]] for name, known in names.items()}
+        | {
+            "wavelength_nm": float(nanometres[firsts[group]]),
+            "exposures_ms": ", ".join(f"{seconds * 1e3:g}" for seconds in exposures[group]),
+            "frames": int(counts[group]),
+        }
+        for group in np.argsort(firsts)
     ]
+
+
+def _distinct_exposures(
+    codes: NDArray[np.int64], exposures: NDArray[np.float64]
+) -> list[list[float]]:
+    """Return the different exposures of each group of a run's frames, rising."""
+    order = np.lexsort((exposures, codes))
+    group, seconds = codes[order], exposures[order]
+    new = np.concatenate(([True], (np.diff(group) != 0) | (np.diff(seconds) != 0)))
+    listed: list[list[float]] = [[] for _ in range(int(group[-1]) + 1)]
+    for number, one in zip(group[new].tolist(), seconds[new].tolist(), strict=True):
+        listed[number].append(one)
+    return listed

@@ -22,8 +22,8 @@ from labapp.runs.acquisition.queue import RunRequest, run_all
 from labapp.runs.acquisition.runner import RunOutcome, hold_record, resume_run, run_plan
 from labapp.runs.keyboard import open_keyboard
 from labapp.runs.record.reader import Record, file_sha256
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 from optics.progress import Cancelled, Progress
 
 

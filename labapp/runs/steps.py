@@ -2,79 +2,44 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import product
-from math import lcm
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import accumulate
+from math import lcm, prod
 from typing import Any
 
-from labapp.files.plan_file import AXES, Acquisition, Axis, InterleavedFrames, PlanFile, Role
+import numpy as np
+from numpy.typing import NDArray
+
+from labapp.files.plan_file import AXES, ROLES, Acquisition, Axis, InterleavedFrames, PlanFile
 from labapp.files.quantities import exposure_from_ms, round_exposure
 from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.shots import Shot, ShotList, ShotTarget, group_codes
 
-AxisValues = Mapping[Axis, Any]
-"""A value for every axis of a plan's block. Wavelengths are (slot, metres), exposures seconds."""
-
-
-@dataclass(frozen=True)
-class Shot:
-    """One planned frame of a run, with all of its settings.
-
-    Attributes
-    ----------
-    index : int
-        Number of the frame in the record.
-    step, repeat : int
-        Step of the plan, and number of the frame within the step.
-    target, pattern : str
-        Names of target and pattern in the plan.
-    wavelength : float
-        Metres.
-    exposure : float
-        Exposure time in seconds.
-    role : str
-        "light", or the kind of calibration frame.
-    place : str
-        Name of the target on the bench; "" leaves the one that is there.
-    prompt : str
-        What a person is asked to do before the target is placed.
-    slot : int
-        Slot of a filter wheel, from 1; 0 means that the wavelength is set.
-    start_time : float
-        Planned beginning of the exposure, in seconds from the beginning of the run.
-    duration : float
-        Seconds that the frame takes, settling included.
-    """
-
-    index: int
-    step: int
-    repeat: int
-    target: str
-    pattern: str
-    wavelength: float
-    exposure: float
-    role: Role = "light"
-    place: str = ""
-    prompt: str = ""
-    slot: int = 0
-    start_time: float = 0.0
-    duration: float = 0.0
+Columns = dict[str, NDArray[Any]]
+"""Columns of a ShotList by name."""
 
 
-def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> list[Shot]:
+def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> ShotList:
     """Return the shots of a plan's run on a bench, in the order in which they are taken."""
-    listed: list[Shot] = []
+    names = _Names(plan)
+    blocks: list[Columns] = []
+    steps = 0
     for block in plan.acquire:
-        first = max((shot.step for shot in listed), default=-1) + 1
-        listed += _block_shots(block, plan, capabilities, first)
-    listed = [replace(shot, index=index) for index, shot in enumerate(listed)]
+        columns = _block_columns(block, plan, capabilities, names)
+        columns["step"] = _steps(columns) + np.uint32(steps)
+        steps = int(columns["step"].max()) + 1
+        blocks.append(columns)
+    joined = blocks[0]
+    if len(blocks) > 1:
+        joined = {name: np.concatenate([one[name] for one in blocks]) for name in blocks[0]}
+    joined["index"] = np.arange(len(joined["step"]), dtype=np.int32)
+    listed = ShotList(joined, [names.target(name) for name in names.targets], list(names.patterns))
     return schedule_shots(listed, capabilities)
 
 
 def planned_settings(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
-) -> list[Shot]:
+) -> ShotList:
     """Return one shot of a run for each target, pattern and wavelength of a block of its plan.
 
     Their exposures, and calibration frames, are left out.
@@ -106,149 +71,201 @@ def block_exposures(
     return [round_exposure(n * frames * capabilities.video_frame) for n in block.periods or ()]
 
 
-def _block_shots(
-    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, first: int
-) -> list[Shot]:
-    """Return a run's shots for a block of its plan, with calibration shots, from step `first`."""
-    light = [
-        _build_shot(setting, block.role, plan)
-        for setting in _axis_combinations(block, plan, capabilities)
-    ]
-    listed: list[Shot] = []
-    for number, shot in enumerate(light):
-        for asked in block.interleave:
-            if number % (asked.every or len(light)) == 0:
-                group = light[number : number + (asked.every or len(light))]
-                listed += _calibration_shots(asked, group, plan)
-        listed.append(shot)
-    return _assign_steps(listed, first)
+class _Names:
+    """The names of a plan's targets and patterns, with the indices that shots have for them."""
+
+    def __init__(self, plan: PlanFile) -> None:
+        self._plan = plan
+        targets = (
+            name
+            for block in plan.acquire
+            for name in (*block.targets, *(one.target or one.role for one in block.interleave))
+        )
+        self.targets = {name: number for number, name in enumerate(dict.fromkeys(targets))}
+        self.patterns = {name: number for number, name in enumerate(plan.patterns)}
+
+    def target(self, name: str) -> ShotTarget:
+        known = self._plan.targets.get(name)
+        return ShotTarget(
+            name, (known.place if known else None) or name, known.prompt if known else ""
+        )
 
 
-def _axis_combinations(
-    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
-) -> Iterator[AxisValues]:
-    """Yield all combinations of a plan block's axis values in the order of a run's shots.
+def _block_columns(
+    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, names: _Names
+) -> Columns:
+    """Return a run's shots for a block of its plan, with the calibration shots among them.
+
+    Each column of shots has the number of the one before which it is taken, then the place of its
+    table among those of the block's calibration frames, then its own.
+    """
+    light = _light_columns(block, plan, capabilities, names)
+    if not block.interleave:
+        return light
+    count = len(light["target"])
+    parts = [light]
+    orders = [(np.arange(count), np.full(count, len(block.interleave)), np.zeros(count, np.int64))]
+    for number, asked in enumerate(block.interleave):
+        first, anchor = _needed(asked, light)
+        made = _calibration_columns(asked, light, first, names)
+        parts.append(made)
+        rows = np.repeat(first, asked.frames)
+        orders.append((np.repeat(anchor, asked.frames), np.full(len(rows), number), rows))
+    anchors, tables, rows = (np.concatenate(one) for one in zip(*orders, strict=True))
+    repeats = np.concatenate([one["repeat"] for one in parts])
+    order = np.lexsort((repeats, rows, tables, anchors))
+    return {name: np.concatenate([one[name] for one in parts])[order] for name in light}
+
+
+def _light_columns(
+    block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, names: _Names
+) -> Columns:
+    """Return all combinations of a plan block's axis values in the order of a run's shots.
 
     Axes of the same group step together.
     """
     if block.slots is not None:
-        wavelengths = [(n, capabilities.slots[n - 1]) for n in block.slots]
+        slots = list(block.slots)
+        wavelengths = [capabilities.slots[number - 1] for number in slots]
     else:
-        wavelengths = [
-            (0, capabilities.wavelength_in_metres(nm)) for nm in block.wavelengths_nm or ()
-        ]
-    values: dict[Axis, list[Any]] = {
-        "target": list(block.targets),
-        "pattern": list(block.patterns),
-        "wavelength": wavelengths,
-        "exposure": block_exposures(block, plan, capabilities),
-        "repeat": list(range(block.repeats)),
+        wavelengths = [capabilities.wavelength_in_metres(nm) for nm in block.wavelengths_nm or ()]
+        slots = [0] * len(wavelengths)
+    at = _axis_indices(block)
+    count = len(at["target"])
+    exposures = np.array(block_exposures(block, plan, capabilities))
+    return {
+        "target": _codes(names.targets, block.targets)[at["target"]],
+        "pattern": _codes(names.patterns, block.patterns)[at["pattern"]],
+        "wavelength": np.array(wavelengths)[at["wavelength"]],
+        "slot": np.array(slots, np.uint16)[at["wavelength"]],
+        "exposure": exposures[at["exposure"]],
+        "repeat": at["repeat"].astype(np.uint32),
+        "role": np.full(count, ROLES.index(block.role), np.uint8),
     }
+
+
+def _axis_indices(block: Acquisition) -> dict[Axis, NDArray[np.intp]]:
+    """Return the index of each axis of a run's block, for all of its shots in their order."""
     order = [*block.order, *(axis for axis in AXES if axis not in block.order)]
     groups: list[tuple[Axis, ...]] = []
     for axis in order:
         group = next((g for g in block.together if axis in g), (axis,))
         if group not in groups:
             groups.append(group)
-    rows = [list(zip(*(values[axis] for axis in group), strict=True)) for group in groups]
-    for chosen in product(*rows):
-        yield {
-            axis: value
-            for group, row in zip(groups, chosen, strict=True)
-            for axis, value in zip(group, row, strict=True)
-        }
+    lengths = [block.length(group[0]) for group in groups]
+    numbers = np.arange(prod(lengths))
+    # How many shots have the same index before the next: those of all faster axes.
+    same = list(accumulate(reversed(lengths), lambda a, b: a * b, initial=1))[-2::-1]
+    return {
+        axis: numbers // span % length
+        for group, length, span in zip(groups, lengths, same, strict=True)
+        for axis in group
+    }
 
 
-def _build_shot(setting: AxisValues, role: Role, plan: PlanFile) -> Shot:
-    slot, wavelength = setting["wavelength"]
-    known = plan.targets.get(setting["target"])
-    return Shot(
-        index=0,
-        step=0,
-        repeat=setting["repeat"],
-        target=setting["target"],
-        pattern=setting["pattern"],
-        wavelength=wavelength,
-        exposure=setting["exposure"],
-        role=role,
-        place=(known.place if known else None) or setting["target"],
-        prompt=known.prompt if known else "",
-        slot=slot,
-    )
+def _codes(known: Mapping[str, int], names: Sequence[str]) -> NDArray[np.uint16]:
+    return np.array([known[name] for name in names], np.uint16)
 
 
-def _calibration_shots(request: InterleavedFrames, group: list[Shot], plan: PlanFile) -> list[Shot]:
-    """Return a run's calibration shots for a group of shots: each needed setting, with repeats."""
-    needed: dict[Any, Shot] = {}
-    for shot in group:
-        made = _build_shot(
-            {
-                "target": shot.target
-                if request.role == "neutral"
-                else request.target or request.role,
-                "pattern": request.pattern,
-                "wavelength": (shot.slot, shot.wavelength),
-                "exposure": shot.exposure,
-                "repeat": 0,
-            },
-            request.role,
-            plan,
-        )
-        # Dark frames don't depend on the wavelength, so one for each exposure is enough.
-        colour = None if request.role == "dark" else (made.slot, made.wavelength)
-        needed.setdefault((made.target, colour, made.exposure), made)
-    return [replace(shot, repeat=n) for shot in needed.values() for n in range(request.frames)]
+def _needed(asked: InterleavedFrames, light: Columns) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the shots of a run's block that need calibration frames, each setting once a group.
+
+    Also the number of the shot before which each is taken: the first of its group.
+    """
+    count = len(light["target"])
+    size = asked.every or count
+    groups = np.arange(count) // size
+    alike = [groups, light["exposure"]]
+    if asked.role == "neutral":
+        alike.append(light["target"])
+    # Dark frames don't depend on the wavelength, so one for each exposure is enough.
+    if asked.role != "dark":
+        alike += [light["wavelength"], light["slot"]]
+    first = np.sort(np.unique(group_codes(*alike), return_index=True)[1])
+    return first, groups[first] * size
 
 
-def _assign_steps(listed: Iterable[Shot], first: int) -> list[Shot]:
-    """Number the steps of a run's shots from `first`; a step is a setting with its repeats.
+def _calibration_columns(
+    asked: InterleavedFrames, light: Columns, first: NDArray[np.intp], names: _Names
+) -> Columns:
+    """Return a run's calibration shots for the shots that need them, with repeats."""
+    made = {name: np.repeat(column[first], asked.frames) for name, column in light.items()}
+    if asked.role != "neutral":
+        made["target"][:] = names.targets[asked.target or asked.role]
+    made["pattern"][:] = names.patterns[asked.pattern]
+    made["role"][:] = ROLES.index(asked.role)
+    made["repeat"] = np.tile(np.arange(asked.frames, dtype=np.uint32), len(first))
+    return made
+
+
+def _steps(columns: Columns) -> NDArray[np.uint32]:
+    """Number the steps of a run's shots from 0 on; a step is a setting with its repeats.
 
     A setting that occurs again with the same repeat is a new step. The random numbers of a
     simulated frame depend on step and repeat, so no two frames may share both.
     """
-    numbered: list[Shot] = []
-    steps: dict[Any, int] = {}
-    seen: Counter[Any] = Counter()
-    for shot in listed:
-        colour = (shot.slot, shot.wavelength)
-        setting = (shot.role, shot.target, shot.pattern, colour, shot.exposure)
-        came = setting, seen[setting, shot.repeat]
-        seen[setting, shot.repeat] += 1
-        numbered.append(replace(shot, step=steps.setdefault(came, first + len(steps))))
-    return numbered
+    named = ("role", "target", "pattern", "slot", "wavelength", "exposure")
+    settings = group_codes(*(columns[name] for name in named))
+    came = group_codes(settings, _occurrences(group_codes(settings, columns["repeat"])))
+    _, first, inverse = np.unique(came, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first)).astype(np.uint32)[inverse]
 
 
-def schedule_shots(listed: Iterable[Shot], capabilities: BenchCapabilities) -> list[Shot]:
+def _occurrences(codes: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Return how often the number of each of a run's shots has occurred before."""
+    order = np.argsort(codes, kind="stable")
+    ordered = codes[order]
+    numbers = np.arange(len(codes))
+    begins = np.concatenate(([True], ordered[1:] != ordered[:-1]))
+    found = np.empty(len(codes), np.intp)
+    found[order] = numbers - np.maximum.accumulate(np.where(begins, numbers, 0))
+    return found
+
+
+def schedule_shots(shots: Iterable[Shot], capabilities: BenchCapabilities) -> ShotList:
     """Plan the times of a run's shots: changed settings settle together before each exposure."""
-    timed: list[Shot] = []
-    now = 0.0
-    before: Shot | None = None
-    for shot in listed:
-        settling, delay = _time_of_changes(before, shot, capabilities)
-        delay += capabilities.delays.frame
-        lasts = settling + shot.exposure + max(capabilities.readout + delay, 0.0)
-        timed.append(replace(shot, start_time=now + settling, duration=lasts))
-        now, before = now + lasts, shot
-    return timed
+    listed = ShotList.of(shots)
+    changes = _changes(listed)
+    settling, after = (times[changes] for times in _times_of_changes(capabilities))
+    lasts = settling + listed.column("exposure")
+    lasts += after
+    begins = np.empty_like(lasts)
+    np.cumsum(lasts[:-1], out=begins[1:])
+    begins[:1] = 0.0
+    begins += settling
+    return listed.with_columns(start_time=begins, duration=lasts)
 
 
-def _time_of_changes(
-    before: Shot | None, shot: Shot, capabilities: BenchCapabilities
-) -> tuple[float, float]:
-    """Return how long the settings that change between two shots of a run take.
+def _changes(listed: ShotList) -> NDArray[np.uint8]:
+    """Return what changes before each shot of a run: 1 target + 2 pattern + 4 wavelength."""
+    places: dict[str, int] = {}
+    numbers = [places.setdefault(one.place, len(places)) for one in listed.targets]
+    place = np.array(numbers, np.uint16)[listed.column("target")]
+    found = np.full(len(listed), 7, np.uint8)
+    found[1:] = place[1:] != place[:-1]
+    for bit, names in ((2, ("pattern",)), (4, ("wavelength", "slot"))):
+        changed = np.zeros(max(len(listed) - 1, 0), np.uint8)
+        for column in map(listed.column, names):
+            changed |= column[1:] != column[:-1]
+        found[1:] += changed * np.uint8(bit)
+    return found
 
-    They are seconds of settling, as the devices document it, and of delay beyond that.
+
+def _times_of_changes(
+    capabilities: BenchCapabilities,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what the changes before a shot of a run take, for each number of _changes().
+
+    They are seconds of settling, as the devices document it, and those after the exposure: of
+    readout, and of delays beyond what is documented.
     """
-    delays = capabilities.delays
-    changes = (
-        (lambda s: s.place, capabilities.target_settling, delays.target),
-        (lambda s: s.pattern, capabilities.slm_settling, delays.slm),
-        (lambda s: (s.wavelength, s.slot), capabilities.filter_settling, delays.filter),
-    )
-    changed = [
-        (settling, delay)
-        for of, settling, delay in changes
-        if before is None or of(before) != of(shot)
-    ]
-    settling = max((one for one, _ in changed), default=0.0)
-    return settling, max((one for _, one in changed), default=0.0)
+    of, delays = capabilities, capabilities.delays
+    settling = (of.target_settling, of.slm_settling, of.filter_settling)
+    delay = (delays.target, delays.slm, delays.filter)
+    settles, afters = [], []
+    for changes in range(8):
+        changed = [bit for bit in range(3) if changes >> bit & 1]
+        settles.append(max((settling[bit] for bit in changed), default=0.0))
+        late = max((delay[bit] for bit in changed), default=0.0) + delays.frame
+        afters.append(max(of.readout + late, 0.0))
+    return np.array(settles), np.array(afters)

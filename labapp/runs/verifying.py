@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from contextlib import closing
 from dataclasses import asdict
@@ -11,7 +12,7 @@ from typing import Any
 from drivers.hosted.calls import CallResult
 from drivers.hosted.child_process import ChildProcess, ProcessEnded
 from labapp.common.console import out, print_json, print_table, terminal_progress
-from labapp.files.file_lookup import require_file
+from labapp.files.guarded_reading import require_regular
 from labapp.runs.record.verification import RecordFinding, Verification
 from optics.progress import Progress
 
@@ -53,7 +54,7 @@ def verify(
     after `timeout` seconds without progress. Raises UserError if there is no such file.
     """
     progress = progress or Progress()
-    require_file(path)
+    require_regular(path, sys.maxsize)
     with (
         tempfile.TemporaryFile() as complaints,
         closing(

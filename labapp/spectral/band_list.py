@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_number, split_list
 from labapp.files.wavelengths import guess_unit
 
 ALL = "all"
@@ -33,9 +34,9 @@ def parse_bands(text: str) -> tuple[float, ...] | None:
     if text.strip().lower() == ALL:
         return None
     try:
-        numbers = [float(one) for one in text.replace(";", ",").split(",") if one.strip()]
+        numbers = [parse_number(one, "nm") for one in split_list(text) if one.strip()]
     except ValueError as error:
-        raise UserError(f"--bands {text}: isn't a list of numbers. {_EXAMPLE}.") from error
+        raise UserError(f"--bands {text}: isn't a list of numbers. {_EXAMPLE}: {error}.") from error
     unit = guess_unit(numbers)
     if unit != "nanometres":
         hint = f"in {unit}? {_EXAMPLE}" if unit else f"no visible light in nanometres. {_EXAMPLE}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
     QComboBox,
-    QDoubleSpinBox,
     QGridLayout,
     QHBoxLayout,
     QPushButton,
@@ -26,6 +25,7 @@ from labapp.window.measuring_messages import (
     RegionReading,
     StarReading,
 )
+from labapp.window.number_fields import NumberBox
 from labapp.window.widgets import PANEL_MARGINS, fill_layout, make_label
 
 _LEVEL = 60.0
@@ -67,9 +67,7 @@ class AlignmentPanel(QScrollArea):
         self.find_star.setToolTip("Put the region around the star that stands out most")
         self.keep = QPushButton("Keep picture")
         self.keep.setToolTip("Write the picture that is shown to a file, with its settings")
-        self.level = QDoubleSpinBox(
-            inside, suffix=" %", decimals=0, minimum=5, maximum=95, value=_LEVEL
-        )
+        self.level = NumberBox(inside, suffix=" %", decimals=0, minimum=5, maximum=95, value=_LEVEL)
         self.level.setToolTip("Brightest pixel, hot ones aside, as a share of full scale")
         self.expose = QPushButton("Auto exposure")
         self.expose.setToolTip("Try exposures until the brightest pixel has this level")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QSpinBox, QWidget
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QWidget
 
 from labapp.window.exposure_bracket import (
     ExposureBracket,
@@ -12,6 +12,7 @@ from labapp.window.exposure_bracket import (
     SNRBracket,
     list_exposures,
 )
+from labapp.window.number_fields import NumberBox, WholeNumberBox
 from labapp.window.widgets import make_label
 
 _LEAST_WIDTH = 86
@@ -28,19 +29,19 @@ class BracketRow(QObject):
     ) -> None:
         super().__init__(parent)
         self._name = make_label(parent, name)
-        self.shortest = QDoubleSpinBox(
+        self.shortest = NumberBox(
             parent, suffix=" ms", decimals=3, minimum=0.001, maximum=1e6, value=first.shortest_ms
         )
-        self.shortest.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
-        self.ratio = QDoubleSpinBox(
+        self.shortest.setStepType(NumberBox.StepType.AdaptiveDecimalStepType)
+        self.ratio = NumberBox(
             parent, prefix="× ", decimals=1, minimum=1.1, maximum=100, value=first.ratio
         )
-        self.count = QSpinBox(parent, minimum=1, maximum=12, value=first.count)
-        self.snr = QDoubleSpinBox(
+        self.count = WholeNumberBox(parent, minimum=1, maximum=12, value=first.count)
+        self.snr = NumberBox(
             parent, suffix=" dB", decimals=1, minimum=5, maximum=60, value=wanted.snr_db
         )
         self.snr.setToolTip("Signal-to-noise ratio of each merged pixel, 20 log10")
-        self.decades = QDoubleSpinBox(
+        self.decades = NumberBox(
             parent, suffix=" decades", decimals=1, minimum=0.5, maximum=8, value=wanted.decades
         )
         self.decades.setToolTip("Depth of the range below the brightest pixels")

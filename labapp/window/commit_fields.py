@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QWheelEvent
-from PySide6.QtWidgets import QApplication, QComboBox, QDoubleSpinBox, QWidget
+from PySide6.QtWidgets import QApplication, QComboBox, QWidget
 
+from labapp.window.number_fields import NumberBox, number_fields
 from labapp.window.widgets import mark_property
 
 PRESSES = (QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick)
@@ -71,7 +72,7 @@ class _CommitInput(QWidget if TYPE_CHECKING else object):  # type: ignore[misc]
             super().wheelEvent(event)
 
 
-class CommitSpinBox(_CommitInput, QDoubleSpinBox):
+class CommitSpinBox(_CommitInput, NumberBox):
     """Let the person set a number of the bench.
 
     `committed` is emitted with a number that the person has set, and `pending_changed` with
@@ -84,7 +85,6 @@ class CommitSpinBox(_CommitInput, QDoubleSpinBox):
 
     def __init__(self, parent: QWidget | None = None, **properties: Any) -> None:
         super().__init__(parent, **properties)
-        self.setKeyboardTracking(False)
         self.set_value = self.value()
         self._by_person = self._typed = self._is_pending = self._just_entered = False
         self._pressed_at, self._before_press = QPoint(), self.set_value
@@ -160,6 +160,10 @@ class CommitSpinBox(_CommitInput, QDoubleSpinBox):
         self._mark()
 
     def _enter(self) -> None:
+        if self._typed and self.fault:
+            self.refuse(self.lineEdit().text())
+            self.take_back()
+            return
         with self._proposing():
             self.interpretText()
         self._commit()
@@ -256,6 +260,18 @@ def leave_field(field: QWidget) -> None:
     """Give the focus from a field to the window, where keys set nothing."""
     if field.window().focusWidget() is field:
         field.window().setFocus()
+
+
+def finish_typing(window: QWidget) -> bool:
+    """Set what is typed into the window's fields, but not into those that only Enter sets.
+
+    Returns whether that is done; if not, a field has refused its text.
+    """
+    is_done = True
+    for field in number_fields(window):
+        if not isinstance(field, CommitSpinBox):
+            is_done &= field.finish_typing()
+    return is_done
 
 
 def was_dragged(pressed_at: QPoint, event: QMouseEvent) -> bool:

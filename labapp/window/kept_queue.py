@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import logging
 import os
@@ -14,6 +13,7 @@ from typing import Any
 from labapp.common.errors import UserError
 from labapp.files.guarded_reading import open_regular
 from labapp.files.plain_data import parse_json
+from labapp.files.write_locks import close_locked, lock_file
 from labapp.files.writing import write_atomically
 from labapp.window.commands import AcquireBracket, KeptRequest, ResumeRun, RunPlan, RunRequest
 from labapp.window.exposure_bracket import ExposureBracket, RequestedBracket, SNRBracket
@@ -93,7 +93,7 @@ class KeptQueue:
     def close(self) -> None:
         """Leave the file to the next window; what it holds stays."""
         if self._lock is not None:
-            os.close(self._lock)
+            close_locked(self._lock)
             self._lock = None
 
     @property
@@ -136,12 +136,14 @@ def _lock(file: Path) -> int | None:
         log.warning("%s: the queue can't be kept: %s", file, error)
         return None
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(handle)
-        log.warning("%s: another window keeps its queue there", file)
-        return None
-    return handle
+        if lock_file(handle):
+            return handle
+        told = "another window keeps its queue there"
+    except OSError as error:
+        told = f"the queue can't be kept: {error.strerror}"
+    os.close(handle)
+    log.warning("%s: %s", file, told)
+    return None
 
 
 def _to_table(kept: KeptRequest) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from labapp.window.accuracy_view import AccuracyView
 from labapp.window.action_bar import ActionBar
 from labapp.window.actions import make_actions
 from labapp.window.alignment_panel import AlignmentPanel
+from labapp.window.commit_fields import finish_typing
 from labapp.window.device_list import DeviceList
 from labapp.window.dock_scroll import DockScroll
 from labapp.window.effects_panel import EffectsPanel
@@ -36,6 +37,7 @@ from labapp.window.light_filter import LightFilter
 from labapp.window.live_view import LiveView
 from labapp.window.log_panel import LogPanel
 from labapp.window.message_line import MessageLine
+from labapp.window.number_fields import number_fields
 from labapp.window.pattern_panel import PatternPanel
 from labapp.window.prompt_bar import PromptBar
 from labapp.window.question_bar import QuestionBar
@@ -85,6 +87,9 @@ class MainWindow(QMainWindow):
         self.kept_queue = KeptQueue(remembered.queue_file, connection.bench_name)
         self._keeping = QTimer(self, singleShot=True, interval=_KEEP_AFTER_MS)
         self.actions_ = make_actions(self)
+        for action in self.actions_.values():
+            # Connected before all else that an action does.
+            action.triggered.connect(lambda _: finish_typing(self))
         self.bar = ActionBar(self.actions_, self)
         self.setMenuWidget(self.bar)
         self.live_view = LiveView(self)
@@ -151,6 +156,9 @@ class MainWindow(QMainWindow):
         # A click on no field leaves the field that has the focus, and keys do nothing then.
         self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._guard = InputGuard(self)
+        for field in number_fields(self):
+            field.refused.connect(self.message.show_error)
+        self.settings.range_told.connect(self.message.show_message)
         self.devices.row_added.connect(self._guard.watch)
         self.setFocus()
 

@@ -8,7 +8,6 @@ from typing import Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import (
     QComboBox,
-    QDoubleSpinBox,
     QFileDialog,
     QFormLayout,
     QHBoxLayout,
@@ -20,6 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from labapp.window.commands import PatternTable
+from labapp.window.number_fields import NumberBox
 from labapp.window.pattern_kinds import (
     PATTERN_KINDS,
     FileField,
@@ -46,7 +46,7 @@ class PatternForm(QWidget):
         super().__init__(parent)
         self.kind = QComboBox(self)
         self.kind.setMaxVisibleItems(len(PATTERN_KINDS))
-        self.numbers: dict[tuple[str, str], QDoubleSpinBox] = {}
+        self.numbers: dict[tuple[str, str], NumberBox] = {}
         self.texts: dict[tuple[str, str], QLineEdit] = {}
         self._pages = QStackedWidget(self)
         for kind in PATTERN_KINDS:
@@ -131,11 +131,10 @@ class PatternForm(QWidget):
                 form.addRow(field.label, line)
         return page
 
-    def _number(self, field: NumberField, page: QWidget) -> QDoubleSpinBox:
-        box = QDoubleSpinBox(page, suffix=field.unit, decimals=field.decimals)
+    def _number(self, field: NumberField, page: QWidget) -> NumberBox:
+        box = NumberBox(page, suffix=field.unit, decimals=field.decimals)
         box.setRange(field.low, field.high)
         box.setValue(field.initial)
-        box.setKeyboardTracking(False)
         box.valueChanged.connect(lambda _: self.changed.emit())
         return box
 

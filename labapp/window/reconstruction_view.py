@@ -7,7 +7,6 @@ from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
-    QDoubleSpinBox,
     QHBoxLayout,
     QLineEdit,
     QPushButton,
@@ -19,6 +18,7 @@ from PySide6.QtWidgets import (
 from labapp.window.before_after_view import BeforeAfterView
 from labapp.window.commands import DECODER
 from labapp.window.messages import ReconstructionResult, RecordOpened
+from labapp.window.number_fields import NumberBox
 from labapp.window.spectral_messages import RecordBands, SpectralResult
 from labapp.window.spectral_view import SpectralView
 from labapp.window.widgets import fill_layout, make_label, make_tool_button, plain_tip
@@ -73,7 +73,7 @@ class ReconstructionView(QWidget):
         self.method.setSizeAdjustPolicy(shrinking)
         self.method.setMinimumContentsLength(_SHORT_NAME)
         self.method.setToolTip("Method: automatic takes what serves best in the time")
-        self.budget = QDoubleSpinBox(self, decimals=2, maximum=3600.0, singleStep=0.1)
+        self.budget = NumberBox(self, decimals=2, maximum=3600.0, singleStep=0.1)
         self.budget.setSuffix(" s")
         self.budget.setSpecialValueText("as usual")
         self.budget.setToolTip("Processor seconds that it may take")

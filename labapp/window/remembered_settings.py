@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import logging
-import math
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QByteArray, QSettings, QStandardPaths, SignalInstance
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QComboBox,
-    QDoubleSpinBox,
-    QLineEdit,
-    QSpinBox,
-    QWidget,
-)
+from PySide6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QWidget
 
 from labapp.window.commit_fields import CommitSpinBox
+from labapp.window.number_fields import NumberField
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +73,7 @@ class RememberedSettings:
 
 def changes(field: QWidget) -> SignalInstance | None:
     """Return the signal of a field of the window that tells of a change; None if it has none."""
-    if isinstance(field, QDoubleSpinBox | QSpinBox):
+    if isinstance(field, NumberField):
         return field.valueChanged
     if isinstance(field, QLineEdit):
         return field.textChanged
@@ -91,13 +84,8 @@ def changes(field: QWidget) -> SignalInstance | None:
 
 def _set(field: QWidget, text: str) -> None:
     """Set a field of the window to its saved value."""
-    if isinstance(field, QDoubleSpinBox):
-        value = float(text)
-        if not math.isfinite(value):
-            raise ValueError(f"{text} is no setting")
-        field.setValue(value)
-    elif isinstance(field, QSpinBox):
-        field.setValue(int(text))
+    if isinstance(field, NumberField):
+        field.set_from_text(text)
     elif isinstance(field, QLineEdit):
         field.setText(text)
     elif isinstance(field, QCheckBox):
@@ -111,7 +99,7 @@ def _get(field: QWidget) -> str:
     if isinstance(field, CommitSpinBox):
         # What is only proposed in it isn't set yet.
         return str(field.set_value)
-    if isinstance(field, QDoubleSpinBox | QSpinBox):
+    if isinstance(field, NumberField):
         return str(field.value())
     if isinstance(field, QLineEdit):
         return field.text()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QHBoxLayout, QLabel, QWidget
+from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QWidget
 
 from labapp.window.commit_fields import CommitComboBox, CommitSpinBox
 from labapp.window.messages import BenchOpened, BenchState
@@ -29,6 +29,7 @@ _READ_BACK = "read back"
 class SettingsPanel(QWidget):
     """Let the person set target, wavelength and exposure; its signals are in metres and seconds.
 
+    `range_told` is emitted with a sentence where a bench's range doesn't hold a value.
     Targets that a person places by hand can't be read back: they are asked for, then confirmed.
     `asked_target` is the one that the person was asked to place and hasn't confirmed yet.
     """
@@ -36,6 +37,7 @@ class SettingsPanel(QWidget):
     target_requested = Signal(str)
     wavelength_requested = Signal(float)
     exposure_requested = Signal(float)
+    range_told = Signal(str)
 
     def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -46,7 +48,7 @@ class SettingsPanel(QWidget):
         self.exposure = CommitSpinBox(
             self, suffix=" ms", decimals=3, minimum=0.001, maximum=1e6, value=400
         )
-        self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
+        self.exposure.setStepType(CommitSpinBox.StepType.AdaptiveDecimalStepType)
         self.target_read = make_label(self, "–", look="readBack")
         self.wavelength_read = make_label(self, "–", look="readBack")
         self.exposure_read = make_label(self, "–", look="readBack")
@@ -70,11 +72,15 @@ class SettingsPanel(QWidget):
             (self.wavelength, bench.wavelength_range, 1e-9),
             (self.exposure, bench.exposure_range, 1e-3),
         ):
+            before = box.set_value
             box.blockSignals(True)
             box.setRange(low / unit, high / unit)
             box.show_value(box.value())
             box.blockSignals(False)
-            box.setToolTip(f"{low / unit:g} to {high / unit:g}{box.suffix()}. {_HINT}")
+            span = f"{low / unit:g} to {high / unit:g}{box.suffix()}"
+            box.setToolTip(f"{span}. {_HINT}")
+            if box.set_value != before:
+                self.range_told.emit(f"{before:g} isn't within {span}: {box.text()} is set")
         self._by_hand = bench.targets_by_hand
         self.target.clear()
         self.target.addItems(bench.targets)

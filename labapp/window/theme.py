@@ -97,6 +97,7 @@ QLabel#readBack[confirmed="true"] {{ color: {TEXT}; }}
 QLabel[differs="true"] {{ color: {SIMULATED}; }}
 QLabel#readBack[differs="true"] {{ color: {SIMULATED}; }}
 QAbstractSpinBox[pending="true"], QComboBox[pending="true"] {{ color: {SIMULATED}; }}
+QAbstractSpinBox[refused="true"] {{ color: {ERROR}; }}
 QLabel#caption {{ background: rgba(0, 0, 0, 170); color: {TEXT}; font-family: monospace;
   padding: 4px 8px; border-radius: 3px; }}
 QLabel#awaited {{ background: {SIMULATED}; color: {BACKGROUND}; font-family: monospace;

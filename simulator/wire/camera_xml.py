@@ -1,6 +1,7 @@
 """GenICam description of a simulated camera's registers.
 
-The registers below 0x3d0 are those of Aravis' fake camera; the others are those of `gige_process`.
+The registers below 0x3d0 are those of Aravis' fake camera; the others are those of `gige_process`
+and `camera_features`.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from drivers.aravis.pixel_formats import FORMATS
+from simulator.wire.camera_features import FEATURES
 
 _HEAD = """<?xml version="1.0" encoding="utf-8"?>
 <RegisterDescription ModelName="Fake" VendorName="Aravis" StandardNameSpace="None"
@@ -67,8 +69,10 @@ def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> s
         ("BinningVertical", "HeightMax", "SensorHeight"),
     ):
         parts.append(_swiss_knife(name, {"S": sensor, "B": across}, "S / B"))
-    size = {"W": "Width", "H": "Height", "P": "PixelFormatReg"}
-    parts.append(_swiss_knife("PayloadSize", size, "W * H * ((P &gt;&gt; 16) &amp; 0xFF) / 8"))
+    size = {"W": "Width", "H": "Height", "P": "PixelFormatReg", "M": "MoreBytesReg"}
+    payload = "(W * H * ((P &gt;&gt; 16) &amp; 0xFF) + 7) / 8 + M"
+    parts += [_swiss_knife("PayloadSize", size, payload), _integer_register("MoreBytesReg", 0x3DC)]
+    parts += [_feature(name) for name in FEATURES]
     parts.append(_enumeration("PixelFormat", 0x128, {n: FORMATS[n].code for n in pixel_formats}))
     modes = {"Continuous": 1, "SingleFrame": 2, "MultiFrame": 3}
     parts.append(_enumeration("AcquisitionMode", 0x12C, modes))
@@ -102,9 +106,21 @@ def _root_category() -> str:
     names = [*_TEXTS, *_NUMBERS, "PixelFormat", "AcquisitionMode", "AcquisitionStart"]
     names += ["AcquisitionStop", "AcquisitionFrameRate", "TriggerSelector", "TriggerMode"]
     names += ["TriggerSource", "TriggerActivation", "TriggerSoftware", "ExposureTime", "Gain"]
-    names += ["ExposureAuto", "GainAuto", "DeviceTemperature", "PayloadSize"]
+    names += ["ExposureAuto", "GainAuto", "DeviceTemperature", "PayloadSize", *FEATURES]
     features = "".join(f"<pFeature>{name}</pFeature>" for name in names)
     return f'<Category Name="Root">{features}</Category>'
+
+
+def _feature(name: str) -> str:
+    address, kind, scale, _ = FEATURES[name]
+    if kind == "choice":
+        return _enumeration(name, address, {"Off": 0, "GreyDiagonalRamp": 1})
+    if kind == "float":
+        return _scaled_float(name, address, f"FROM * {scale}", f"TO / {scale}", 0, 1000)
+    form = "Boolean" if kind == "switch" else "Integer"
+    values = "<OnValue>1</OnValue><OffValue>0</OffValue>" if kind == "switch" else ""
+    head = f'<{form} Name="{name}"><pValue>{name}Reg</pValue>{values}</{form}>'
+    return head + _integer_register(f"{name}Reg", address)
 
 
 def _integer_register(name: str, address: int) -> str:

@@ -9,7 +9,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,19 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.aravis.library_process import python_with_gi
-from drivers.aravis.pixel_formats import FORMATS
+from drivers.aravis.pixel_formats import FORMATS, PixelFormat
 from drivers.hosted.calls import CallRequest, CallResult, Notification
 from drivers.hosted.child_process import ChildProcess
 from drivers.hosted.message_socket import LineClosed, MessageTimeout
 from drivers.interfaces import Clock
 from simulator.wire.camera_faults import CameraFault
+from simulator.wire.camera_features import FEATURES, apply_features, register_of
 from simulator.wire.camera_xml import genicam_xml
-from simulator.wire.gige_process import HEADER_BYTES
+from simulator.wire.gige_process import HEADER_BYTES, GigERegister
 from simulator.wire.packing import pack_pixels
 
 RenderImage = Callable[[float, float], NDArray[np.uint16]]
 """Function that renders the sensor's picture (rows, columns) from an exposure in seconds and a gain
 in decibels."""
+
+
+PackPixels = Callable[[NDArray[np.uint16], PixelFormat], NDArray[np.uint8]]
+"""Function that packs a picture into the bytes that are sent."""
 
 
 class NoAravis(OSError):
@@ -39,13 +44,18 @@ class NoAravis(OSError):
 class FakeGigECamera:
     """Run Aravis' fake camera in a process of its own, with real GVCP and GVSP packets.
 
-    render: called in a thread of this process whenever the exposure, the gain or the region has
-    changed, or `mark_scene_changed()` was called, and for each frame if `always_render`. Otherwise
-    the existing pictures are sent again, `cycle_length` of them in turn. shape: of the sensor,
+    render: called in a thread of this process for each frame, whose noise must be its own: the
+    driver refuses a frame that comes again. Without `always_render`, it is called `cycle_length`
+    times whenever the exposure, the gain or the region has changed, or `mark_scene_changed()` was
+    called, and these pictures are sent in turn. shape: of the sensor,
     (rows, columns). pixel_format: the format after power-up. pixel_formats: further formats.
     latency: number of frames after which a new exposure takes effect. exposure_us: shortest and
     longest exposure in microseconds. address: an address of this computer, for one camera at a
-    time. clock, faults: faults that begin at given times. Entering raises NoAravis if there is no
+    time. clock, faults: faults that begin at given times. features: values of `camera_features`
+    after power-up, by name. pack: how pictures become bytes. leader: what each frame's leader says
+    otherwise than the registers do: code, width, height, x, y, padding (bytes after each line),
+    stamp (nanoseconds), clock_rate (seconds of its clock in one second). more_bytes: by which a
+    payload may exceed the picture. Entering raises NoAravis if there is no
     gi, and OSError if the address isn't free.
 
     Pixels of a picture are averaged for binning, cropped to the region and limited to full scale. A
@@ -59,7 +69,7 @@ class FakeGigECamera:
         pixel_format: str = "Mono16",
         *,
         pixel_formats: Sequence[str] = tuple(FORMATS),
-        always_render: bool = False,
+        always_render: bool = True,
         cycle_length: int = 1,
         latency: int = 0,
         exposure_us: tuple[int, int] = (10, 60_000_000),
@@ -67,15 +77,22 @@ class FakeGigECamera:
         address: str = "127.0.0.1",
         clock: Clock | None = None,
         faults: Sequence[CameraFault] = (),
+        features: Mapping[str, float] | None = None,
+        pack: PackPixels | None = None,
+        leader: Mapping[str, float] | None = None,
+        more_bytes: int = 0,
     ) -> None:
         if not 0 <= latency <= 8:
             raise ValueError(f"latency is {latency}; it must be from 0 to 8 frames")
         if cycle_length < 1:
             raise ValueError(f"cycle_length is {cycle_length}; one picture at least is needed")
-        self._fill, self._cycle = render, cycle_length
+        self._fill, self._cycle, self._pack = render, cycle_length, pack
+        self._leader, self._more = dict(leader or {}), more_bytes
         self.shape, self.address, self.serial = shape, address, serial
         self._formats = {FORMATS[n].code: FORMATS[n] for n in (*pixel_formats, pixel_format)}
-        self._slot = -(-shape[0] * shape[1] * 2 // mmap.PAGESIZE) * mmap.PAGESIZE
+        size = shape[0] * shape[1] * 2 + more_bytes
+        self._slot = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
+        values = {name: one.start for name, one in FEATURES.items()} | dict(features or {})
         self._exposure_us = exposure_us
         self._start_settings = {
             "address": address,
@@ -84,6 +101,7 @@ class FakeGigECamera:
             "code": FORMATS[pixel_format].code,
             "fresh": always_render,
             "latency": latency,
+            "features": [register_of(name, value) for name, value in values.items()],
         }
         self._clock, self._faults = clock, list(faults)
         self.failure: Exception | None = None
@@ -118,6 +136,10 @@ class FakeGigECamera:
             self._require_running()
             self._thread = threading.Thread(target=self._serve, daemon=True)
             self._thread.start()
+            if self._leader or self._more:
+                self._send_request("set_leader", self._leader)
+                more = [(int(GigERegister.MORE_BYTES), self._more)]
+                self._send_request("write_registers", more)
             self._closing = stack.pop_all()
         return self
 
@@ -166,6 +188,11 @@ class FakeGigECamera:
     def set_latency(self, frames: int) -> None:
         """Set how many frames late the GigE camera on the simulated wire obeys a new exposure."""
         self._send_request("set_latency", frames)
+
+    def set_features(self, **values: float) -> None:
+        """Change features of the GigE camera on the simulated wire, as if by itself."""
+        registers = [register_of(name, value) for name, value in values.items()]
+        self._send_request("write_registers", registers)
 
     def pulse(self) -> None:
         """Send an electric pulse down the trigger wire of the simulated GigE camera."""
@@ -227,19 +254,20 @@ class FakeGigECamera:
         """
         self._set ^= 1
         places = [(self._set * self._cycle + number) * self._slot for number in range(self._cycle)]
-        form = self._formats[request["code"]]
+        form, pack = self._formats[request["code"]], self._pack or pack_pixels
         try:
             for place in places:
                 self.render_count += 1
                 image = self._fill(request["us"] * 1e-6, request["gain"] * 0.1)
-                data = pack_pixels(_crop_and_bin(image, request["region"]), form)
+                image = apply_features(image, request["features"], form.full_scale)
+                data = pack(_crop_and_bin(image, request["region"]), form)
                 self._memory[HEADER_BYTES + place : HEADER_BYTES + place + data.size] = (
                     data.tobytes()
                 )
         except Exception as error:
             self.failure = error
             return
-        self._process.send(Notification("receive_pictures", (places, request)))
+        self._process.send(Notification("receive_pictures", (places, request, data.size)))
 
 
 def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:

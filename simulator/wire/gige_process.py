@@ -33,8 +33,9 @@ _FILL = ctypes.CFUNCTYPE(
 class GigERegister(IntEnum):
     """Addresses of the simulated camera's registers.
 
-    TEMPERATURE, TRIGGER and TRIGGER_SOURCE belong to this module, and PRIVILEGE, STREAM_PORT and
-    STREAM_ADDRESS to GigE Vision. The others are those of Aravis' fake camera.
+    TEMPERATURE, MORE_BYTES, TRIGGER and TRIGGER_SOURCE belong to this module, and PRIVILEGE,
+    STREAM_PORT, PACKET_SIZE and STREAM_ADDRESS to GigE Vision. The others are those of Aravis' fake
+    camera.
     """
 
     WIDTH = 0x100
@@ -53,10 +54,12 @@ class GigERegister(IntEnum):
     FAKE_TRIGGER_SOURCE = 0x304
     FAKE_TRIGGER = 0x30C
     TEMPERATURE = 0x3D0
+    MORE_BYTES = 0x3DC
     TRIGGER = 0x3F0
     TRIGGER_SOURCE = 0x3F4
     PRIVILEGE = 0x0A00
     STREAM_PORT = 0x0D00
+    PACKET_SIZE = 0x0D04
     STREAM_ADDRESS = 0x0D18
 
 
@@ -92,6 +95,8 @@ class GigEMachine:
         self._request: dict[str, Any] = {}
         self._arrived = threading.Condition()
         self._pulses = 0
+        self._size = 0
+        self.leader: dict[str, Any] = {}
         self.latency = int(given["latency"])
         self.fault = ""
         self.ask: Any = None
@@ -116,6 +121,7 @@ class GigEMachine:
             (GigERegister.FORMAT, given["code"]),
             (GigERegister.FAKE_TRIGGER_SOURCE, 1),
             (GigERegister.TEMPERATURE, 4150),
+            *given["features"],
         ):
             fake.write_register(register, value)
         self._library.arv_fake_camera_set_fill_pattern(hash(fake), self._callback, None, None)
@@ -132,6 +138,15 @@ class GigEMachine:
         fake = self._fake
         if fake is not None and kind == "heartbeat loss":
             fake.write_register(GigERegister.PRIVILEGE, 0)
+
+    def set_leader(self, leader: dict[str, Any]) -> None:
+        """Set what the GigE camera's leaders tell on the simulated wire; see FakeGigECamera."""
+        self.leader = leader
+
+    def write_registers(self, values: list[tuple[int, int]]) -> None:
+        """Write registers of the simulated GigE camera, as if it did so by itself."""
+        for address, value in values:
+            self._write(address, value)
 
     def set_latency(self, frames: int) -> None:
         self.latency = frames
@@ -216,30 +231,33 @@ class GigEMachine:
         r = GigERegister
         region = [self._register(a) for a in (r.X, r.Y, r.WIDTH, r.HEIGHT, r.ACROSS, r.DOWN)]
         seen = struct.unpack_from("=Q", self._memory, 0)[0]
-        key = (us, self._register(r.GAIN), tuple(region), self._register(r.FORMAT), seen)
+        start = self._start_settings.get("features", [])
+        features = [self._register(address) for address, _ in start]
+        gain, code = self._register(r.GAIN), self._register(r.FORMAT)
+        key = (us, gain, tuple(region), code, seen, tuple(features))
         if key == self._key and not self._start_settings["fresh"]:
             return self._places
         with self._arrived:
             if self._pending_key != key or self._start_settings["fresh"]:
                 self._pending_key = key
                 self._places = []
-                self._request = {"us": us, "gain": key[1], "region": region, "code": key[3]}
-                self._request["seen"] = seen
+                self._request = {"us": us, "gain": gain, "region": region, "code": code}
+                self._request |= {"seen": seen, "features": features}
                 self.ask(self._request)
             if not self._arrived.wait_for(lambda: bool(self._places), patience):
                 return None
             self._key, self._pending_key = key, None
             return self._places
 
-    def receive_pictures(self, places: list[int], request: dict[str, Any]) -> None:
+    def receive_pictures(self, places: list[int], request: dict[str, Any], size: int = 0) -> None:
         """Take rendered pictures to be sent over the simulated GigE wire.
 
-        Pictures for an outdated request are dropped.
+        Pictures for an outdated request are dropped. size: bytes of each; 0 for the usual ones.
         """
         with self._arrived:
             if request != self._request:
                 return
-            self._places = places
+            self._places, self._size = places, size
             self._arrived.notify_all()
 
     def _next_picture(self, places: list[int]) -> int:
@@ -264,6 +282,12 @@ class GigEMachine:
         if place is None:
             server.set_property("gvsp-lost-ratio", 1.0)
             return
+        if self.leader or self._size not in (0, fake.get_payload()):
+            server.set_property("gvsp-lost-ratio", 1.0)
+            start, size = HEADER_BYTES + place, self._size or fake.get_payload()
+            number = self._library.arv_buffer_get_frame_id(buffer)
+            self._send_frame(number, self._memory[start : start + size])
+            return
         target = self._library.arv_buffer_get_data(buffer, None)
         ctypes.memmove(target, self._base + HEADER_BYTES + place, fake.get_payload())
         if self.fault == "corrupt frame":
@@ -271,15 +295,42 @@ class GigEMachine:
 
     def _send_forged_leader(self, number: int) -> None:
         """Send a frame leader of a wrong size over the simulated GigE wire before the right one."""
+        height = max(1, self._register(GigERegister.HEIGHT) // 2)
+        self._send_packets([self._leader_packet(number, {"height": height})])
+
+    def _send_frame(self, number: int, data: bytes) -> None:
+        """Send a frame whose leader or size Aravis' fake camera can't have over the wire."""
+        # Headers of IP, UDP and GVSP.
+        length = (self._register(GigERegister.PACKET_SIZE) & 0xFFFF) - 20 - 8 - 8
+        blocks = [data[start : start + length] for start in range(0, len(data), length)]
+        trailer = struct.pack(">HHI", 0, 1, self._register(GigERegister.HEIGHT))
+        packets = [self._leader_packet(number, self.leader)]
+        packets += [
+            struct.pack(">HHI", 0, number & 0xFFFF, 3 << 24 | place) + block
+            for place, block in enumerate(blocks, 1)
+        ]
+        last = 2 << 24 | len(blocks) + 1
+        packets.append(struct.pack(">HHI", 0, number & 0xFFFF, last) + trailer)
+        self._send_packets(packets)
+
+    def _leader_packet(self, number: int, told: dict[str, Any]) -> bytes:
+        """Return the packet with which a frame begins on the simulated GigE wire.
+
+        told: what it says otherwise than the registers do.
+        """
+        r = GigERegister
+        names = {"code": r.FORMAT, "width": r.WIDTH, "height": r.HEIGHT, "x": r.X, "y": r.Y}
+        fields = [told.get(name, self._register(address)) for name, address in names.items()]
+        stamp = told.get("stamp", int(time.time_ns() * told.get("clock_rate", 1)))
+        leader = struct.pack(">HHI", 0, number & 0xFFFF, 1 << 24) + struct.pack(">HHQ", 0, 1, stamp)
+        return leader + struct.pack(">IIIIIHH", *fields, told.get("padding", 0), 0)
+
+    def _send_packets(self, packets: list[bytes]) -> None:
         register = self._register
-        height = max(1, register(GigERegister.HEIGHT) // 2)
-        leader = struct.pack(">HHI", 0, number & 0xFFFF, 0x01000000)
-        leader += struct.pack(">HHQ", 0, 1, time.time_ns())
-        form, width = register(GigERegister.FORMAT), register(GigERegister.WIDTH)
-        leader += struct.pack(">IIIIIHH", form, width, height, 0, 0, 0, 0)
         address = socket.inet_ntoa(struct.pack(">I", register(GigERegister.STREAM_ADDRESS)))
         with contextlib.suppress(OSError):
-            self._socket.sendto(leader, (address, register(GigERegister.STREAM_PORT) & 0xFFFF))
+            for packet in packets:
+                self._socket.sendto(packet, (address, register(GigERegister.STREAM_PORT) & 0xFFFF))
 
 
 def main(line: MessageSocket, given: dict[str, Any]) -> None:

@@ -37,6 +37,9 @@ from drivers.interfaces import Surroundings
         ("frame_timeout_ms", 0.0),
         ("trigger_wait_s", float("inf")),
         ("electrons_per_number", 0.0),
+        ("byte_order", "middle"),
+        ("justification", "centre"),
+        ("keep_features", "ReverseX"),
     ],
 )
 def test_a_bad_option_is_named(option: str, value: Any) -> None:

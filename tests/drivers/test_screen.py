@@ -59,6 +59,11 @@ def test_a_screen_is_found_by_name_monitor_or_size(name):
             [OWN, dataclasses.replace(PLUTO, distortion="it is turned or mirrored")],
             "doesn't show its pixels as they are: it is turned or mirrored",
         ),
+        (
+            wanted(),
+            [OWN, dataclasses.replace(PLUTO, native=(1920, 1200))],
+            "the monitor says that it has 1920x1200: it scales.*--mode 1920x1200",
+        ),
     ],
 )
 def test_any_other_screen_is_refused(asked, there, words):
@@ -68,6 +73,14 @@ def test_any_other_screen_is_refused(asked, there, words):
 
 def test_the_operators_screen_can_be_allowed():
     assert choose_screen(wanted("eDP-1", allow_primary=True), [OWN]) is OWN
+
+
+def test_a_monitor_that_is_wrong_about_its_size_can_be_allowed():
+    other = dataclasses.replace(PLUTO, native=(1280, 768))
+    allowed = dataclasses.replace(wanted(), allowed=("native size",))
+    assert choose_screen(allowed, [OWN, other]) is other
+    same = dataclasses.replace(PLUTO, native=(1920, 1080))
+    assert choose_screen(wanted(), [OWN, same]) is same
 
 
 def test_a_monitor_is_read_from_its_edid():
@@ -297,6 +310,8 @@ def test_a_video_that_stands_still_is_late_before_it_goes_on():
         ({"display": "HDMI-1"}, "display is 'HDMI-1'.*such as ':0'"),
         ({"allow_primary": "yes"}, "allow_primary is 'yes'; write true or false"),
         ({"allow_ramp": 1}, "allow_ramp is 1"),
+        ({"allow_properties": "CTM"}, "allow_properties is 'CTM'; give a list of names"),
+        ({"allow_properties": [1]}, r"allow_properties is \[1\]"),
     ],
 )
 def test_bad_options_are_named(options, words):

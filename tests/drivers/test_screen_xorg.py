@@ -445,6 +445,34 @@ def test_a_gamma_ramp_is_refused_unless_it_is_allowed(bench, slm, rng):
     slm.show("noise", noise(rng))
 
 
+# What is sent.
+
+
+def test_a_smaller_mode_with_panning_is_named_and_a_panned_area_of_the_size_is_not(bench, slm, rng):
+    slm.show("noise", noise(rng))
+    bench.xrandr("--output DUMMY1 --panning 1920x1080+1280+0")
+    assert slm.displayed_pattern == "noise"
+    bench.xrandr("--output DUMMY1 --mode 1280x720 --panning 1920x1080+1280+0")
+    words = r"only 1280x720 of 1920x1080 pixels are seen.*panning.*--panning 0x0"
+    with pytest.raises(DeviceError, match=words):
+        slm.displayed_pattern  # noqa: B018
+    with pytest.raises(DeviceError, match=words), opened(bench):
+        pass
+
+
+def test_night_light_during_a_still_is_named(bench, slm, rng):
+    slm.show("noise", noise(rng))
+    bench.xrandr("--output DUMMY1 --gamma 1:.8:.6")
+    with pytest.raises(DeviceError, match="gamma ramp changes grey levels by up to 47 of 255"):
+        slm.displayed_pattern  # noqa: B018
+    # Also if it is off again: the exposure saw it.
+    bench.xrandr("--output DUMMY1 --gamma 1")
+    with pytest.raises(DeviceError, match="while the pattern was shown"):
+        slm.displayed_pattern  # noqa: B018
+    slm.show("again", noise(rng))
+    assert slm.displayed_pattern == "again"
+
+
 # Names on screens.
 
 

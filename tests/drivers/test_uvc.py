@@ -349,6 +349,24 @@ def test_frames_of_another_size_are_refused(pixel_format):
         decode_pixels(np.zeros((5, 7), np.uint8), pixel_format, (4, 6))
 
 
+@pytest.mark.parametrize(("pixel_format", "number"), [("Y10 ", 1024), ("Y12 ", 4096)])
+def test_numbers_above_the_full_scale_are_refused(pixel_format, number):
+    words = np.full((4, 6), number, "<u2").view(np.uint8)
+    with pytest.raises(ValueError, match=f"pixels reach {number}, and"):
+        decode_pixels(words, pixel_format, (4, 6))
+
+
+def test_a_camera_that_changes_its_gain_by_itself_is_named():
+    behind = machine()
+    with camera(behind) as one:
+        one.capture(never)
+        behind.settings[14] = 20.0  # CAP_PROP_GAIN
+        for _ in range(2):
+            with pytest.raises(DeviceError, match="by itself: gain from 0 to 20") as refused:
+                one.capture(never)
+            assert refused.value.lasting
+
+
 def test_broken_frames_are_a_device_error():
     behind = machine()
     with camera(behind) as one:

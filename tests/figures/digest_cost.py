@@ -19,7 +19,7 @@ from figures import TOLD, Figure
 from labapp.runs.record import digests
 from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.writer import RecordWriter
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 
 _SMALL, _LARGE = (512, 512), (3000, 4096)
 """Sensors, (rows, columns): half a megabyte a frame, and 12 megapixels."""

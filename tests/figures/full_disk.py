@@ -25,8 +25,8 @@ from labapp.bench.opening import open_bench
 from labapp.runs.acquisition import frame_storage
 from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.record.reader import Record
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 
 _MOMENTS = 50
 _DISK = "8m"

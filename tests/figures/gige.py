@@ -19,7 +19,8 @@ _RATE = 30.0
 _GOAL = 25.0
 _SECONDS = 60.0
 _PACKET = 16000
-_PICTURES = 4
+_PICTURES = 9
+"""More than among which the driver looks for a frame that comes again."""
 _LATE = 3
 """Seconds at the beginning that aren't counted: memory that nobody has used yet is slow."""
 
@@ -38,6 +39,7 @@ def gige_figure(folder: Path) -> list[Figure]:
                 lambda exposure, gain: pictures[next(made) % _PICTURES],
                 _SHAPE,
                 "Mono8",
+                always_render=False,
                 cycle_length=_PICTURES,
             ) as fake,
             AravisCamera(

@@ -22,8 +22,8 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.writing import sync_to_disk
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 from optics.progress import Progress
 from simulator.devices import SimulatedCamera
 from simulator.faults import Fault

@@ -22,8 +22,8 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 from optics.progress import Progress
 
 _TIMES = 5

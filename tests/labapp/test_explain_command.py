@@ -149,7 +149,7 @@ def test_an_audit_says_of_each_error_whether_it_held(ask, decide_by):
         (["--set", "shot noise=loud"], ["loud", "Gaussian", "Poisson"]),
         (["--set", "shot noise"], ["an effect and its level"]),
         (["--exposure-ms", "0"], ["--exposure-ms 0", "positive"]),
-        (["--exposure-ms", "nan"], ["positive"]),
+        (["--exposure-ms", "nan"], ["--exposure-ms", "isn't a number"]),
         (["--tol", "0"], ["--tol 0", "between 0 and 1"]),
         (["--tol", "2"], ["--tol 2", "between 0 and 1"]),
         (["--decide-by", "guess"], ["--decide-by", "guess", "estimate", "bound"]),

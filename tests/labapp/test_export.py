@@ -25,7 +25,7 @@ from labapp.runs.record import layout
 from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 from optics.progress import Cancelled, Progress
 
 SHOTS = [
@@ -358,3 +358,22 @@ def test_lists_of_frames_are_written_as_they_are_read():
         format_frame_list(range(0, 40, 2)) == "0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22 and 8 more"
     )
     assert read_frame_list("1-3, 7,9-10", 11) == [1, 2, 3, 7, 9, 10]
+
+
+@pytest.mark.parametrize("is_big", [False, True])
+def test_pages_that_are_written_in_several_goes_are_one_file(
+    labapp, run, folder, monkeypatch, is_big
+):
+    monkeypatch.setattr(ome_tiff, "_PAGES_AT_ONCE", 2)
+    monkeypatch.setattr(ome_tiff, "_TIFF_PAGES", 5 if is_big else 6)
+    assert labapp("export", run, "--to", "ome-tiff", "--out", folder)[0] == 0
+    assert names(folder) == ["frames.csv", "frames.ome.tiff"]
+    with tifffile.TiffFile(folder / "frames.ome.tiff") as file:
+        assert file.is_bigtiff == is_big
+        (series,) = file.series
+        assert (series.axes, series.shape) == ("TYX", (6, *SHAPE))
+        np.testing.assert_array_equal(series.asarray(), [image(index) for index in range(6)])
+        root = ElementTree.fromstring(file.ome_metadata)
+    planes = root.findall(".//{*}Plane")
+    assert [plane.get("TheT") for plane in planes] == [f"{n}" for n in range(6)]
+    assert len(root.findall(".//{*}MapAnnotation")) == 6

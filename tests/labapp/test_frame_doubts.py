@@ -18,8 +18,8 @@ from labapp.runs.frame_doubts import (
     target_doubt,
 )
 from labapp.runs.record.reader import Record
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 from optics.camera import Camera, Sensor
 
 SENSOR = Sensor(bits=12, gain=2.6, read_noise=2.4, dark_current=1.0, black_level=64.0)

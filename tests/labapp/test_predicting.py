@@ -169,7 +169,7 @@ def test_a_sphere_differs_from_its_parabola_near_the_camera(labapp, small, tmp_p
         (["--pattern", "none.png"], "none.png: cannot be read"),
         (["--camera", "none.toml"], "none.toml: cannot be read"),
         (["--field", "1"], "--field 1: give 2 numbers with ','"),
-        (["--field", "nan,0"], "--field nan,0: give two finite numbers"),
+        (["--field", "nan,0"], "--field nan,0: 'nan' isn't a number"),
         (["--field", "0,1"], "--field: a lens alone"),
         (["--sphere"], "--sphere: a lens alone"),
     ],

@@ -20,8 +20,8 @@ from labapp.runs.record import creation, layout, writer_process
 from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import CorruptFrame, RecordWriter
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 
 
 def contents(frames: int = 3) -> RecordContents:

@@ -94,7 +94,7 @@ def test_pictures_make_a_design_better_on_a_bench_that_nobody_has_described(
     bright = small.scene.read_text().replace("radiance = 5.0", "radiance = 50.0")
     small.scene.write_text(bright + TRUTH)
     first, path = design("ring", "radius_um=70", "width_um=8"), tmp_path / "better.h5"
-    asked = ("refine", first, *small.arguments(), "--exposures-ms", "30,250", "--json")
+    asked = ("refine", first, *small.arguments(), "--exposures-ms", "30;250", "--json")
     code, out, err = labapp(*asked, "--pictures", 8, "--out", path)
     assert code == 0, err
     assert "no registration is in force" in err
@@ -133,7 +133,7 @@ def test_pictures_make_a_design_better_on_a_bench_that_nobody_has_described(
 def test_every_picture_is_a_record_of_what_was_shown(labapp, small, design, tmp_path):
     first = design("ring", "radius_um=50", frames=1)
     code, _, err = labapp(
-        "refine", first, *small.arguments(), "--pictures", 2, "--exposures-ms", "2,20",
+        "refine", first, *small.arguments(), "--pictures", 2, "--exposures-ms", "2;20",
         "--out", tmp_path / "b.h5", "--runs", tmp_path / "runs",
     )  # fmt: skip
     assert code == 0, err

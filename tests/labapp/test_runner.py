@@ -224,6 +224,21 @@ def test_a_frame_of_the_wrong_exposure_is_not_taken(plan, bench, tmp_path, monke
     assert "123 ms" in outcome.message
 
 
+def test_a_run_ends_at_the_first_frame_above_the_full_scale(plan, bench, tmp_path, monkeypatch):
+    taken, capture = iter(range(1000)), bench.camera.capture
+
+    def swapped(cancelled):
+        from dataclasses import replace
+
+        frame = capture(cancelled)
+        return replace(frame, image=frame.image.byteswap()) if next(taken) == 2 else frame
+
+    monkeypatch.setattr(bench.camera, "capture", swapped)
+    outcome = run_plan(bench, plan, tmp_path / "run.h5")
+    assert (outcome.state, outcome.missing) == (State.FAILED, list(range(2, 16)))
+    assert "its full scale is" in outcome.message
+
+
 def test_every_device_is_made_safe_even_if_one_refuses(plan, bench, tmp_path, monkeypatch):
     monkeypatch.setattr(SimulatedFilter, "make_safe", failing)
     outcome = run_plan(bench, plan, tmp_path / "run.h5")

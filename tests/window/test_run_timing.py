@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 from labapp.window.engine import timing
 from labapp.window.engine.frame_costs import FrameCosts, frame_kinds
 from labapp.window.engine.timing import RunTiming

@@ -34,13 +34,24 @@ def picture(exposure: float, gain_db: float = 0.0, top: int = 255) -> NDArray[np
     return image
 
 
+def noisy_picture(exposure: float, gain_db: float) -> NDArray[np.uint16]:
+    """The same with other lowest bits each time, but in the digits: no camera sends it twice."""
+    image = picture(exposure, gain_db)
+    image.flat[4:] ^= np.random.default_rng().integers(0, 2, image.size - 4, dtype=np.uint16)
+    return image
+
+
+def assert_shows(image: NDArray[np.uint16], expected: NDArray[np.uint16]) -> None:
+    np.testing.assert_array_equal(image | 1, expected | 1)
+
+
 def exposure_of(image: NDArray[np.uint16]) -> float:
     digits = [int(value) for value in image.flat[:4]]
     return sum(digit << shift for digit, shift in zip(digits, (0, 8, 16, 24), strict=True)) * 1e-6
 
 
 def fake_camera(pixel_format: str = "Mono8", **options: Any) -> FakeGigECamera:
-    return FakeGigECamera(picture, SHAPE, pixel_format, **options)
+    return FakeGigECamera(noisy_picture, SHAPE, pixel_format, **options)
 
 
 def camera(**options: Any) -> AravisCamera:

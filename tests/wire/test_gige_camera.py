@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
 from coded_pictures import (
     SHAPE,
     AtThirdLook,
+    assert_shows,
     camera,
     exposure_of,
     fake_camera,
@@ -61,7 +61,7 @@ def test_each_frame_is_of_the_exposure_that_was_set(opened: AravisCamera) -> Non
         setting = opened.set_exposure(exposure)
         frame = opened.capture(never)
         assert setting.actual == frame.exposure == pytest.approx(exposure)
-        np.testing.assert_array_equal(frame.image, picture(exposure))
+        assert_shows(frame.image, picture(exposure))
 
 
 def test_exposures_are_quantised_and_the_quantised_one_is_told(opened: AravisCamera) -> None:
@@ -86,7 +86,7 @@ def test_gain_reaches_the_pixels_and_the_frame(opened: AravisCamera) -> None:
     assert opened.set_gain(6.0).actual == pytest.approx(6.0)
     frame = opened.capture(never)
     assert frame.gain == pytest.approx(10 ** (-6 / 20))
-    np.testing.assert_array_equal(frame.image, picture(1e-3, 6.0))
+    assert_shows(frame.image, picture(1e-3, 6.0))
     opened.set_gain(0.0)
 
 
@@ -139,7 +139,7 @@ def test_frames_of_every_format_are_what_was_sent(fake: FakeGigECamera, name: st
         frame = device.capture(never)
         assert device.pixel_format == name
         assert device.bayer == FORMATS[name].bayer
-    np.testing.assert_array_equal(frame.image, picture(1e-3))
+    assert_shows(frame.image, picture(1e-3))
 
 
 def test_a_camera_that_somebody_has_is_named(fake: FakeGigECamera, opened: AravisCamera) -> None:

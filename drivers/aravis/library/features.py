@@ -9,7 +9,6 @@ from .camera_control import CameraControl
 
 _TEMPERATURES = ("DeviceTemperature", "DeviceTemperatureRaw", "TemperatureAbs")
 _IDENTITY_FEATURES = ("DeviceFirmwareVersion", "DeviceVersion", "DeviceUserID", "DeviceLinkSpeed")
-_AUTOMATIC = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto", "GammaEnable")
 
 
 class CameraFeatures:
@@ -44,25 +43,6 @@ class CameraFeatures:
         with contextlib.suppress(Exception):
             facts["chunks"] = bool(c.are_chunks_available())
         return facts
-
-    def turn_off_automatic(self) -> list[str]:
-        """Turn off the Aravis camera's automatic features; return those that stay on."""
-        device, stubborn = self._owner.device, []
-        for name in _AUTOMATIC:
-            if not self._has(name):
-                continue
-            try:
-                if name.endswith("Auto"):
-                    device.set_string_feature_value(name, "Off")
-                    off = device.get_string_feature_value(name) == "Off"
-                else:
-                    device.set_boolean_feature_value(name, False)
-                    off = not device.get_boolean_feature_value(name)
-            except Exception:
-                off = False
-            if not off:
-                stubborn.append(name)
-        return stubborn
 
     def set_exposure(self, us: float) -> float:
         self._owner.camera.set_exposure_time(us)

@@ -110,6 +110,9 @@ class FrameStream:
             note["size"] = size.value
             note["code"] = buffer.get_image_pixel_format() & 0xFFFFFFFF
             note["region"] = region_list(buffer.get_image_region())
+            note["padding"], note["chunks"] = [0, 0], buffer.has_chunks()
+            with contextlib.suppress(Exception):
+                note["padding"] = list(buffer.get_image_padding())[-2:]
             if self._parser is not None and buffer.has_chunks():
                 with contextlib.suppress(Exception):
                     note["exposure_us"] = self._parser.get_float_value(buffer, "ChunkExposureTime")

@@ -12,23 +12,24 @@ from drivers.hosted.calls import CallRequest, CallResult, capture_result
 from drivers.hosted.message_socket import MessageSocket
 
 from .camera_control import CameraControl
+from .camera_state import CameraState
 from .features import CameraFeatures
 from .frame_stream import FrameStream
 
-_CHECK_CONTROL_AFTER = ("set_exposure", "set_gain", "trigger", "exposure", "start")
+_CHECK_CONTROL_AFTER = ("set_exposure", "set_gain", "trigger", "exposure", "changes", "start")
 """Requests after which the server checks that this process still controls the camera."""
 
 
 class _RequestServer:
     """Answer requests one by one, and report a lost camera at once, even during a request.
 
-    A request has the name of the method that answers it: of CameraControl, CameraFeatures or
-    FrameStream.
+    A request has the name of the method that answers it: of CameraControl, CameraFeatures,
+    CameraState or FrameStream.
     """
 
     def __init__(self, line: MessageSocket, camera: CameraControl, frames: FrameStream) -> None:
         self._line, self._camera = line, camera
-        self._targets = (camera, CameraFeatures(camera), frames)
+        self._targets = (camera, CameraFeatures(camera), CameraState(camera), frames)
         self._reply_pending = self._loss_reported = False
         self._lock = threading.Lock()
         threading.Thread(target=self._watch, daemon=True).start()

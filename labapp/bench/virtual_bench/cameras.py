@@ -29,7 +29,6 @@ def serve_camera(sensor: Sensor, site: ServingContext) -> ServedInstrument:
         site.shared.render_frame,
         sensor.shape,
         name,
-        always_render=True,
         exposure_us=(max(1, round(shortest * 1e6)), round(longest * 1e6)),
         address=_ADDRESS,
         clock=site.clock,

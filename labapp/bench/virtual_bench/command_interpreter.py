@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from labapp.bench.virtual_bench.instruments import ServedInstrument
 from labapp.bench.virtual_bench.shared_world import SharedWorld
+from labapp.common.typed_numbers import parse_number
 
 HELP = """\
 target NAME               put a target before the camera
@@ -84,6 +85,6 @@ class CommandInterpreter:
 
 def _number(word: str) -> float | None:
     try:
-        return float(word)
+        return parse_number(word, "s")
     except ValueError:
         return None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from labapp.calibration.camera.request import CameraRequest, camera_request_of
 from labapp.common.errors import UserError
-from labapp.runs.record import layout
+from labapp.files.plan_file import ROLES
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from optics.camera_noise import PairedFrames
@@ -53,7 +53,7 @@ def read_pairs(record: Record, flat: str | None = None) -> RecordedPairs:
         )
     request = camera_request_of(record) or CameraRequest()
     targets = np.array(record.target_names)[record.column("target")]
-    dark = (record.column("role") == layout.ROLES.index("dark")) | (targets == request.dark)
+    dark = (record.column("role") == ROLES.index("dark")) | (targets == request.dark)
     flat = _flat_target(record, targets[~dark], flat)
     lit = ~dark & (targets == flat)
     wavelength = _require_alike(record, lit, flat)

@@ -13,6 +13,7 @@ from labapp.files.cubes.envi_header import EnviHeader, format_header, parse_head
 from labapp.files.cubes.envi_numbers import EnviNumbers
 from labapp.files.cubes.stored_values import StoredValues, file_state
 from labapp.files.guarded_reading import MOST_TEXT_BYTES, is_file, read_bytes
+from labapp.files.text_encoding import decode_text
 
 _DATA_ENDINGS = (
     ".raw", ".img", ".dat", ".bsq", ".bil", ".bip", ".fla", ".bin", ".hyspex", "",
@@ -60,7 +61,8 @@ def read_envi(header_path: Path) -> SpectralCube:
     Raises UserError if a file is missing, or doesn't hold what the header says.
     """
     # The format prescribes ASCII; a degree sign of some other encoding in a comment does no harm.
-    header = parse_header(read_bytes(header_path, MOST_TEXT_BYTES).decode(errors="replace"))
+    data = read_bytes(header_path, MOST_TEXT_BYTES)
+    header = parse_header(decode_text(data) or data.decode(errors="replace"))
     path = _find_data(header_path, header)
     shape = (len(header.order), *header.shape[1:])
     return SpectralCube(

@@ -14,6 +14,7 @@ import numpy as np
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
+from labapp.common.typed_numbers import parse_number
 from labapp.files.cubes.envi_keys import (
     Keys,
     first_number,
@@ -26,6 +27,8 @@ from labapp.files.cubes.envi_keys import (
     require_key,
 )
 from labapp.files.wavelengths import convert_wavelengths, remark_on_unit
+
+_NOT_FINITE = ("nan", "inf", "infinity")
 
 DATA_TYPES: dict[int, np.dtype[Any]] = {
     1: np.dtype("u1"),
@@ -201,11 +204,15 @@ def _scale_factor(keys: Keys) -> float | None:
 
 def _ignored_number(keys: Keys) -> float | None:
     """Return the number that stands for a missing value in an ENVI file; it may be NaN."""
-    text = keys.get("data ignore value", "").replace(",", " ").split()
+    text = keys.get("data ignore value", "")
+    parts = set(text.replace(",", " ").split())
+    if not parts:
+        return None
     try:
-        return float(text[0]) if text else None
+        (one,) = parts
+        return float(one) if one.lstrip("+-").lower() in _NOT_FINITE else parse_number(one)
     except ValueError as error:
-        raise UserError(f"data ignore value is {quote(text[0])}. Write a number") from error
+        raise UserError(f"data ignore value is {quote(text)}. Write a number") from error
 
 
 def _number_type(keys: Keys) -> np.dtype[Any]:

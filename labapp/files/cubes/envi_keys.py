@@ -88,6 +88,8 @@ def read_count(keys: Keys, key: str) -> int:
 
 def read_number(keys: Keys, key: str) -> float | None:
     """Return a number of an ENVI header; None if it has none."""
+    if key in keys and len(read_list(keys[key], key)) > 1:
+        raise UserError(f"{key} is {quote(keys[key])}. Write one number, with a decimal point")
     return None if key not in keys else first_number(keys[key], key)
 
 

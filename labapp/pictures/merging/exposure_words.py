@@ -6,10 +6,10 @@ import math
 import re
 
 from labapp.common.errors import UserError
+from labapp.common.typed_numbers import parse_number, split_list
 
-_EV = re.compile(r"([+-]?[0-9.]+)\s*ev", re.IGNORECASE)
-_FRACTION = re.compile(r"([0-9.]+)\s*/\s*([0-9.]+)\s*s?")
-_SECONDS = re.compile(r"([+-]?[0-9.]+(?:e[+-]?[0-9]+)?)\s*s?", re.IGNORECASE)
+_EV = re.compile(r"(.+?)\s*ev", re.IGNORECASE)
+_FRACTION = re.compile(r"([^/]+)/([^/]+)")
 
 _FORMS = (
     "are seconds with commas between them, as in 0.001,0.008 or 1/250,1/60,0.25; or steps of EV, "
@@ -23,7 +23,7 @@ def parse_exposures(text: str) -> list[float]:
     "1/250,1/60,0.25" are seconds; "-2ev,0ev,+2ev" are powers of two, of one second. Raises
     UserError that names the value that isn't understood.
     """
-    parts = [one.strip() for one in text.split(",")]
+    parts = [one.strip() for one in split_list(text)]
     steps = [_EV.fullmatch(one) for one in parts]
     if any(steps) and not all(steps):
         other = next(part for part, step in zip(parts, steps, strict=True) if not step)
@@ -36,18 +36,15 @@ def parse_exposures(text: str) -> list[float]:
 
 def _seconds(part: str, text: str) -> float:
     """Return one of a bracket's exposure times in seconds."""
-    value = math.nan
     try:
         if step := _EV.fullmatch(part):
-            value = 2.0 ** float(step[1])
+            value = 2.0 ** parse_number(step[1])
         elif fraction := _FRACTION.fullmatch(part):
-            value = float(fraction[1]) / float(fraction[2])
-        elif seconds := _SECONDS.fullmatch(part):
-            value = float(seconds[1])
-    except (ValueError, ZeroDivisionError, OverflowError):
-        value = math.nan
-    if math.isnan(value):
-        raise UserError(f"--exposures {text}: {part!r} isn't a time. They {_FORMS}.")
+            value = parse_number(fraction[1]) / parse_number(fraction[2], "s")
+        else:
+            value = parse_number(part, "s")
+    except (ValueError, ZeroDivisionError, OverflowError) as error:
+        raise UserError(f"--exposures {text}: {part!r} isn't a time. They {_FORMS}.") from error
     if not 0 < value < math.inf:
         raise UserError(f"--exposures: {part} can't be; all must be positive.")
     return value

@@ -142,7 +142,7 @@ def _describe_trust(merged: MergedFiles) -> dict[str, Any]:
 
 def _write_hdf5(merged: MergedFiles, path: Path) -> None:
     """Write the HDF5 file of a merged bracket; grey pictures have two axes."""
-    with h5py.File(path, "w") as file:
+    with h5py.File(path, "w", locking=False) as file:
         for name in ("rate", "variance", "state"):
             whole = getattr(merged, name)
             file[name] = whole[0] if len(whole) == 1 else whole

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.files.picture.photograph import Light
-from labapp.files.plain_hdf5 import open_plain_hdf5
+from labapp.files.plain_hdf5 import open_hdf5, open_plain_hdf5
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from optics.hdr import CLIPPED
 
@@ -63,7 +63,7 @@ def is_merged(path: Path) -> bool:
     """Return whether a file with a picture to restore is a merged bracket."""
     if path.suffix.lower() not in (".h5", ".hdf5") or not h5py.is_hdf5(path):
         return False
-    with h5py.File(path) as file:
+    with open_hdf5(path) as file:
         links = [file.get(name, getlink=True) for name in _PARTS]
     return all(isinstance(link, h5py.HardLink) for link in links)
 

@@ -96,7 +96,7 @@ def _write_hdf5(
     effect plan, bench and scene as JSON.
     """
     held = io.BytesIO()
-    with h5py.File(held, "w") as file:
+    with h5py.File(held, "w", locking=False) as file:
         file["frames"] = frames
         for name in ("electrons", "mean", "variance"):
             file[name] = getattr(picture, name).numpy()

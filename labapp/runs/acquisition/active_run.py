@@ -27,8 +27,8 @@ from labapp.runs.bench_interface import Bench
 from labapp.runs.record.logbook import logbook
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
+from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 from optics.progress import Cancelled, Progress
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class ActiveRun:
             as_planned = not self._bench.file.is_real
             keeper = FrameStore(self._writer, 2 * rows * columns, as_planned, self._pause)
             self._doubts = _build_doubts(self._plan, self._bench, shots)
-            self._expected = sum(shot.duration for shot in shots)
+            self._expected = ShotList.of(shots).total_duration
             state, message = self._take_all(shots, keeper, on_frame, is_resumed)
             if has_path(self._writer.handle, self._path):
                 outcome = self._verify_outcome(state, message, is_resumed)
@@ -148,8 +148,14 @@ class ActiveRun:
         try:
             self._writer.set_state(State.RUNNING)
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
-            for doubt in self._bench.calibration_warnings_at({shot.wavelength for shot in listed}):
+            if limit := self._writer.lock_limit:
+                log.warning("%s", limit)
+            wavelengths = {shot.wavelength for shot in ShotList.of(listed).distinct("wavelength")}
+            for doubt in self._bench.calibration_warnings_at(wavelengths):
                 log.warning("%s", doubt)
+            for role, device in self._bench.supervised_devices.items():
+                for notice in device.notices:
+                    log.warning("%s: %s", role, notice)
             for block in self._plan.acquire:
                 if block.chosen is not None:
                     log.info("chosen: %s", block.chosen.describe())

@@ -21,7 +21,8 @@ from labapp.runs.brackets.choice import settle_block
 from labapp.runs.brackets.clip_remarks import clip_remark
 from labapp.runs.brackets.limits import bracket_limits
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.steps import Shot, planned_settings
+from labapp.runs.shots import Shot
+from labapp.runs.steps import planned_settings
 from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, scene_light
 from optics.progress import Progress
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
 from labapp.runs.bench_interface import Bench
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot, ShotList
 
 if TYPE_CHECKING:
     from simulator.planning import Decision, EffectPlan
@@ -36,15 +36,13 @@ def effect_plans(
     if bench.world is None:
         return None
     effects: dict[str, Any] = {}
-    plans: dict[tuple[Any, ...], dict[str, Any]] = {}
-    for shot in shots:
-        state = (shot.target, shot.pattern, shot.wavelength, shot.exposure)
-        if state not in plans:
-            check_cancelled()
-            plan = _plan_effects(bench, bench.world, shot, patterns[shot.pattern])
-            effects |= {one.effect: _physics(one) for one in plan.decisions}
-            plans[state] = _plan_data(shot, plan)
-    return {"effects": effects, "plans": list(plans.values())}
+    plans: list[dict[str, Any]] = []
+    for shot in ShotList.of(shots).distinct("target", "pattern", "wavelength", "exposure"):
+        check_cancelled()
+        plan = _plan_effects(bench, bench.world, shot, patterns[shot.pattern])
+        effects |= {one.effect: _physics(one) for one in plan.decisions}
+        plans.append(_plan_data(shot, plan))
+    return {"effects": effects, "plans": plans}
 
 
 def _plan_effects(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint8]) -> EffectPlan:

@@ -20,7 +20,8 @@ from labapp.runs.record.layout import (
     chain_capacity,
     log_capacity,
 )
-from labapp.runs.steps import Shot, block_exposures, planned_shots
+from labapp.runs.shots import Shot, ShotList
+from labapp.runs.steps import block_exposures, planned_shots
 
 if TYPE_CHECKING:
     from optics.camera import Sensor
@@ -48,7 +49,7 @@ def estimate_run(
     """Estimate what a run of a plan takes: frames, time, disk space and prompts."""
     return RunEstimate(
         frames=len(shots),
-        seconds=sum(shot.duration for shot in shots),
+        seconds=ShotList.of(shots).total_duration,
         disk_bytes=_disk_bytes(shots, plan, capabilities),
         prompts=tuple(prompts_by_frame(shots, capabilities).values()),
     )
@@ -83,7 +84,7 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapab
     """Estimate the size of a run's finished record in bytes, a little too high."""
     picture, panel = prod(capabilities.frame_shape), prod(capabilities.panel_shape)
     shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
-    decided = {(shot.target, shot.pattern, shot.wavelength, shot.exposure) for shot in listed}
+    decided = ShotList.of(listed).distinct("target", "pattern", "wavelength", "exposure")
     return (
         len(listed) * (2 * picture + _FRAME_ROW)
         + shown * panel
@@ -101,7 +102,9 @@ def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> 
 
     Only a frame whose target differs from the last frame's can have a prompt.
     """
-    asked = {}
+    asked: dict[int, str] = {}
+    if not any(one.prompt or capabilities.by_hand for one in ShotList.of(shots).targets):
+        return asked
     placed = ""
     for shot in shots:
         if shot.target != placed and (text := placement_prompt(shot, capabilities.by_hand)):
@@ -125,7 +128,7 @@ def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, sourc
         _check_exposures(block, plan, capabilities, where)
 
 
-def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> list[Shot]:
+def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> ShotList:
     """Return every shot of a run's plan, after require_feasible_plan() has checked it."""
     require_feasible_plan(plan, capabilities, source)
     return planned_shots(plan, capabilities)

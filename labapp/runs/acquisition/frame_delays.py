@@ -19,7 +19,8 @@ from labapp.files.plan_file import Retry
 from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.steps import Shot, schedule_shots
+from labapp.runs.shots import Shot, ShotList
+from labapp.runs.steps import schedule_shots
 from optics.progress import Progress
 
 log = logging.getLogger(__name__)
@@ -98,7 +99,11 @@ def _measure(
     constant = {
         name: np.full(capabilities.panel_shape, grey, np.uint8) for name, grey in _CONSTANT.items()
     }
-    own = [name for name in dict.fromkeys(shot.pattern for shot in planned) if name in patterns]
+    own = [
+        shot.pattern
+        for shot in ShotList.of(planned).distinct("pattern")
+        if shot.pattern in patterns
+    ]
     shown = [*dict.fromkeys((*constant, *own))][-2:]
     taker = FrameTaker(
         bench,

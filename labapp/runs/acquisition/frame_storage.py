@@ -12,7 +12,7 @@ from pathlib import Path
 from drivers.interfaces import Frame
 from labapp.common.errors import UserError
 from labapp.runs.record.writer import RecordWriter
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 
 log = logging.getLogger(__name__)
 

@@ -16,7 +16,7 @@ from labapp.runs.acquisition.feasibility import placement_prompt
 from labapp.runs.bench_interface import Bench
 from labapp.runs.frame_acceptance import CaptureConditions, require_valid_frame
 from labapp.runs.record.writer import CorruptFrame
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 from optics.progress import Progress
 
 log = logging.getLogger(__name__)
@@ -79,7 +79,8 @@ class FrameTaker:
     def take(self, shot: Shot, keep: StoreFrame) -> Frame:
         """Take and store the frame of a run's shot; try again when a device fails.
 
-        Raises DeviceError after as many failures as the plan allows. Raises Cancelled if the run
+        Raises DeviceError after as many failures as the plan allows, and at once if another try
+        would fail in the same way. Raises Cancelled if the run
         was cancelled; no frame is begun or stored after that.
         """
         attempt = 1
@@ -96,7 +97,7 @@ class FrameTaker:
                     error,
                 )
                 self.invalidate_settings()
-                if attempt >= self._retry.attempts:
+                if error.lasting or attempt >= self._retry.attempts:
                     raise
                 self._recover_device(error, attempt)
             attempt += 1

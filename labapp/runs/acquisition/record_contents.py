@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.files.plan_file import PlanFile
-from labapp.runs.acquisition.effects import effect_plans
 from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.reader import file_sha256
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot, ShotList
 
 
 def build_record_contents(
@@ -30,16 +29,21 @@ def build_record_contents(
     `patterns` are grey levels by name, and `shots` all frames of the plan. `check_cancelled` is
     called between the steps of a long computation, and may raise.
     """
-    scene = bench.scene_file
+    scene, effects = bench.scene_file, None
+    if bench.world is not None:
+        # Real devices have no effects to be planned.
+        from labapp.runs.acquisition.effects import effect_plans
+
+        effects = effect_plans(bench, shots, patterns, check_cancelled)
     return RecordContents(
         title=plan.title,
         seed=plan.seed,
         plan=plan.model_dump(mode="json"),
         bench=bench.file.model_dump(mode="json"),
         scene=scene.model_dump(mode="json") if scene else None,
-        effect_plan=effect_plans(bench, shots, patterns, check_cancelled),
+        effect_plan=effects,
         identities={name: device.identity for name, device in bench.devices.items()},
-        targets=list(dict.fromkeys(shot.target for shot in shots)),
+        targets=[shot.target for shot in ShotList.of(shots).distinct("target")],
         patterns=patterns,
         shots=shots,
         frame_shape=capabilities.frame_shape,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
+from labapp.files.write_locks import close_locked, duplicate_locked
 from labapp.files.writing import require_writable
 from labapp.runs.acquisition.active_run import ActiveRun, JudgeFrame, OnFrame, RunOutcome
 from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
@@ -29,8 +29,9 @@ from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer_process import open_for_writing
+from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State
-from labapp.runs.steps import Shot, schedule_shots
+from labapp.runs.steps import schedule_shots
 from optics.progress import Progress
 
 __all__ = [
@@ -175,7 +176,7 @@ def hold_record(path: Path, progress: Progress | None = None) -> Iterator[HeldRe
     try:
         yield HeldRecord(path, _prepare_resume(path, lock, progress), lock)
     finally:
-        os.close(lock)
+        close_locked(lock)
 
 
 def resume_run(
@@ -239,12 +240,12 @@ def resume_run(
     if missing:
         abilities = _with_delays(bench, abilities, listed, progress, patterns)
         listed = schedule_shots(listed, abilities)
-    left = [listed[index] for index in missing]
+    left = listed.pick(missing)
     require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])
     _require_person(ask, estimate_run(left, plan, abilities).prompts)
     hooks = Hooks.of(plan, bench)
     # Both handles are of the same open file, which has the lock.
-    lock = os.dup(record.lock)
+    lock = duplicate_locked(record.lock)
     run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress, lock, meanwhile, judge)
     return run.take(left, on_frame, is_resumed=True)
 
@@ -294,7 +295,7 @@ def _require_person(ask: AskOperator | None, prompts: Sequence[str]) -> None:
         )
 
 
-def _require_same_bench(record: Record, bench: Bench, listed: Sequence[Shot]) -> None:
+def _require_same_bench(record: Record, bench: Bench, listed: ShotList) -> None:
     """Raise UserError if the bench isn't the one on which the run of a record began."""
     for name, device in record.devices.items():
         identity = asdict(bench.devices[name].identity)
@@ -304,10 +305,9 @@ def _require_same_bench(record: Record, bench: Bench, listed: Sequence[Shot]) ->
                 f"{device['serial']}, and this bench has {identity['model']} "
                 f"{identity['serial']}. Resume it on the bench that it was begun on."
             )
-    exposures = record.column("exposure_asked").tolist()
     same = (
-        [shot.exposure for shot in listed] == exposures
-        and [shot.step for shot in listed] == record.column("step").tolist()
+        np.array_equal(listed.column("exposure"), record.column("exposure_asked"))
+        and np.array_equal(listed.column("step"), record.column("step"))
         and bench.camera.shape == record.image(0).shape
         and bench.file == record.bench
     )

@@ -9,7 +9,7 @@ import numpy as np
 from drivers.interfaces import Frame
 from labapp.files.bracket_table import MeteredLight
 from labapp.files.plan_file import PlanFile
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 
 if TYPE_CHECKING:
     from optics.camera import Sensor

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 
 from labapp.common.errors import UserError
@@ -13,9 +14,10 @@ from labapp.files.write_locks import move_into_place
 
 
 @contextmanager
-def all_or_none(folder: Path, names: Sequence[str], *, force: bool) -> Iterator[Path]:
+def all_or_none(folder: Path, names: Callable[[], Iterable[str]], *, force: bool) -> Iterator[Path]:
     """Yield a draft folder for a run's export; its files move to `folder` if the block succeeds.
 
+    names: gives the names of the files; there may be a million.
     Files that are there are replaced with `force` only, and never while a run writes them. Raises
     UserError, and leaves no file of the export, if the disk refuses a file or the folder.
     """
@@ -32,16 +34,16 @@ def all_or_none(folder: Path, names: Sequence[str], *, force: bool) -> Iterator[
         ) from error
 
 
-def _move_all(draft: Path, folder: Path, names: Sequence[str], force: bool) -> None:
+def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], force: bool) -> None:
     """Move the files of a run's export to their folder; if one can't be moved, remove all."""
-    moved: list[Path] = []
+    moved = 0
     try:
-        for name in names:
+        for name in names():
             move_into_place(draft / name, folder / name, force=force)
-            moved.append(folder / name)
+            moved += 1
     except (OSError, UserError):
-        for path in moved:
-            path.unlink()
+        for name in islice(names(), moved):
+            (folder / name).unlink()
         raise
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
-from labapp.runs.export.frame_rows import frame_rows
+from labapp.runs.export.frame_rows import FrameRows
 from labapp.runs.export.naming import file_names
 from labapp.runs.record.reader import Record
 from optics.progress import Progress
@@ -22,12 +22,20 @@ class ExportJob:
 
     def __init__(self, record: Record, kind: str, frames: list[int], progress: Progress) -> None:
         self.record, self.kind, self.frames, self._progress = record, kind, frames, progress
-        self.rows = frame_rows(record, frames)
-        self.names = file_names(kind, frames, self.rows, record.frame_count)
+        self.rows = FrameRows(record, frames)
         y, x = record.column("y"), record.column("x")
         self.shape = len(y), len(x)
         self.pitch = _pitch(y, x)
         self.bits = _bits(record)
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of the export's files: of its frames in their order, the table last."""
+        return file_names(self.kind, self.frames, self.rows, self.record.frame_count)
+
+    @property
+    def first_name(self) -> str:
+        """Name of the export's first file."""
+        return next(self.names())
 
     def images(self) -> Iterator[NDArray[np.uint16]]:
         """Yield a run's exported frames, (rows, columns) each; raise Cancelled if cancelled."""

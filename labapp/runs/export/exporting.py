@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import count, repeat
 from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.writing import require_free_names
 from labapp.runs.export.atomic_files import all_or_none
 from labapp.runs.export.export_job import ExportJob
-from labapp.runs.export.frame_rows import column_heading, frame_rows
+from labapp.runs.export.frame_rows import column_heading
 from labapp.runs.export.frame_selection import FrameSelection, select_frames
-from labapp.runs.export.naming import ONE_FILE_PER_FRAME, TABLE, file_names
+from labapp.runs.export.naming import ONE_FILE_PER_FRAME, TABLE
 from labapp.runs.export.npy import write_npy
 from labapp.runs.export.ome_tiff import write_ome_tiff
 from labapp.runs.export.single_files import write_pngs, write_tiffs
@@ -95,8 +96,7 @@ def export_frames(
         raise UserError(f"--to: {kind!r} is none of {', '.join(KINDS)}.")
     with Record(path) as record:
         chosen = select_frames(record, selection)
-        names = file_names(kind, chosen, frame_rows(record, chosen), record.frame_count)
-        require_free_names(folder, names, force=force)
+        require_free_names(folder, ExportJob(record, kind, chosen, progress).names(), force=force)
         # Reading all frames back, before the first is written, has 30 % of the progress.
         reading, writing = progress.part(0, 0.3), progress.part(0.3, 1)
         found, not_stored, damaged = record.read_back(chosen, reading)
@@ -118,12 +118,11 @@ def _write_table(work: ExportJob, draft: Path) -> None:
     simulated = " ".join(work.record.simulated_devices)
     with (draft / TABLE).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        headings = [column_heading(name) for name in work.rows[0]]
+        headings = [column_heading(name) for name in work.rows.columns]
         writer.writerow(["file", "place", *headings, "simulated"])
-        for place, row in enumerate(work.rows):
-            at = (
-                (work.names[place], 0)
-                if work.kind in ONE_FILE_PER_FRAME
-                else (work.names[0], place)
-            )
-            writer.writerow([*at, *row.values(), simulated])
+        if work.kind in ONE_FILE_PER_FRAME:
+            places: Iterable[tuple[str, int]] = ((name, 0) for name in work.names())
+        else:
+            places = zip(repeat(work.first_name), count(), strict=False)
+        for place, row in zip(places, work.rows, strict=False):
+            writer.writerow([*place, *row.values(), simulated])

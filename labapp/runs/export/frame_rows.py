@@ -2,29 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
+from labapp.files.plan_file import ROLES
 from labapp.runs.record import layout
 from labapp.runs.record.reader import Record
 
-FrameRows = list[dict[str, Any]]
-"""The record's columns for each frame, with names in place of the indices of names."""
+_AT_ONCE = 1024
+"""Rows that are made at once. Chosen: little memory, little loss."""
 
 
-def frame_rows(record: Record, frames: Sequence[int]) -> FrameRows:
-    names = {
-        "target": record.target_names,
-        "pattern": record.pattern_names,
-        "role": layout.ROLES,
-    }
-    columns = {}
-    for name in (*layout.PLANNED, *layout.MEASURED):
-        values = record.column(name)[list(frames)].tolist()
-        columns[name] = (
-            [_name_at(value, names[name]) for value in values] if name in names else values
-        )
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+class FrameRows:
+    """The record's columns for each exported frame, with names in place of the indices of names.
+
+    They are kept as arrays, and made into rows while somebody goes through them.
+    """
+
+    def __init__(self, record: Record, frames: Sequence[int]) -> None:
+        chosen = np.asarray(frames, np.intp)
+        self.columns = (*layout.PLANNED, *layout.MEASURED)
+        self._values = {name: record.column(name)[chosen] for name in self.columns}
+        self._names: dict[str, Sequence[str]] = {
+            "target": record.target_names,
+            "pattern": record.pattern_names,
+            "role": ROLES,
+        }
+
+    def __len__(self) -> int:
+        return len(self._values["frame"])
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        blocks = zip(*(self.blocks(name) for name in self.columns), strict=True)
+        for block in blocks:
+            for row in zip(*block, strict=True):
+                yield dict(zip(self.columns, row, strict=True))
+
+    def blocks(self, name: str) -> Iterator[list[Any]]:
+        """Yield a column of the export in blocks of plain values."""
+        names = self._names.get(name)
+        for first in range(0, len(self), _AT_ONCE):
+            values = self._values[name][first : first + _AT_ONCE].tolist()
+            yield values if names is None else [_name_at(value, names) for value in values]
+
+    def distinct(self, name: str) -> list[Any]:
+        """Return the different values of a column of numbers in the export."""
+        return np.unique(self._values[name]).tolist()
 
 
 def column_heading(name: str) -> str:

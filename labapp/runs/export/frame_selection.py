@@ -36,11 +36,9 @@ def select_frames(record: Record, selection: FrameSelection) -> list[int]:
     Raises UserError if there are none.
     """
     total = record.frame_count
-    chosen = (
-        read_frame_list(selection.frames, total) if selection.frames is not None else range(total)
-    )
-    keep = np.zeros(total, bool)
-    keep[list(chosen)] = True
+    keep = np.full(total, selection.frames is None)
+    if selection.frames is not None:
+        keep[read_frame_list(selection.frames, total)] = True
     known = {"target": record.target_names, "pattern": record.pattern_names}
     for column, names in known.items():
         name = getattr(selection, column)

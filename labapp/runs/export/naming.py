@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from labapp.runs.export.frame_rows import FrameRows
@@ -13,20 +13,22 @@ TABLE = "frames.csv"
 ONE_FILE_PER_FRAME = ("tiff", "png")
 """Kinds of exports that write one file per frame."""
 
+_SINGLE_FILES = {"npy": ("frames.npy", "frames.json"), "ome-tiff": ("frames.ome.tiff",)}
+"""Files of the other kinds, that with the frames first."""
 
-def file_names(kind: str, frames: Sequence[int], rows: FrameRows, total: int) -> list[str]:
-    """Return the names of the files that an export of a run writes, the table last.
+
+def file_names(kind: str, frames: Sequence[int], rows: FrameRows, total: int) -> Iterator[str]:
+    """Yield the names of the files that an export of a run writes, the table last.
 
     `rows` has one row per exported frame. `total` is the number of frames in the record.
     """
-    if kind == "npy":
-        return ["frames.npy", "frames.json", TABLE]
-    if kind == "ome-tiff":
-        return ["frames.ome.tiff", TABLE]
-    # All frame numbers have the same number of digits, so that the names sort.
-    digits = max(5, len(str(total - 1)))
-    named = [f"{i:0{digits}}_{_frame_name(row)}" for i, row in zip(frames, rows, strict=True)]
-    return [*(f"{name}.{kind}" for name in named), TABLE]
+    yield from _SINGLE_FILES.get(kind, ())
+    if kind in ONE_FILE_PER_FRAME:
+        # All frame numbers have the same number of digits, so that the names sort.
+        digits = max(5, len(str(total - 1)))
+        for index, row in zip(frames, rows, strict=True):
+            yield f"{index:0{digits}}_{_frame_name(row)}.{kind}"
+    yield TABLE
 
 
 def format_decimal(value: float) -> str:

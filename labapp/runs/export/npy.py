@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-import os
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -16,24 +16,36 @@ from labapp.runs.record import layout
 
 def write_npy(work: ExportJob, draft: Path) -> None:
     """Write a run's exported frames as one .npy array, with their metadata as JSON."""
-    path = draft / work.names[0]
+    array, described = islice(work.names(), 2)
     shape = (len(work.frames), *work.shape)
-    array = np.lib.format.open_memmap(path, mode="w+", dtype=np.uint16, shape=shape)
-    # Without allocation, a full disk would end the process when the mapped file is written.
-    with path.open("rb+") as file:
-        os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
-    for place, image in enumerate(work.images()):
-        array[place] = image
-    array.flush()
+    header = {"descr": "<u2", "fortran_order": False, "shape": shape}
+    with (draft / array).open("wb") as file:
+        np.lib.format.write_array_header_2_0(file, header)
+        for image in work.images():
+            file.write(image.astype("<u2", order="C", copy=False).data)
+    with (draft / described).open("w") as text:
+        _write_described(text, work)
+
+
+def _write_described(text: TextIO, work: ExportJob) -> None:
+    """Write the metadata of a run's exported frames as JSON; NaN and infinity are null."""
     # Each item has its own line, so that the file is readable although columns are long.
-    items = [f"{json.dumps(key)}: {json.dumps(one)}" for key, one in _as_data(work).items()]
-    (draft / work.names[1]).write_text("{\n" + ",\n".join(items) + "\n}\n")
+    text.write("{\n")
+    for key, one in _facts(work).items():
+        text.write(f"{json.dumps(key)}: {json.dumps(one)},\n")
+    text.write('"columns": {')
+    for number, name in enumerate(work.rows.columns):
+        text.write(f"{', ' if number else ''}{json.dumps(name)}: [")
+        for part, values in enumerate(work.rows.blocks(name)):
+            listed = json.dumps([_number(value) for value in values])
+            text.write((", " if part else "") + listed[1:-1])
+        text.write("]")
+    text.write("}\n}\n")
 
 
-def _as_data(work: ExportJob) -> dict[str, Any]:
-    """Return the metadata of a run's exported frames as plain data; NaN and infinity are null."""
+def _facts(work: ExportJob) -> dict[str, Any]:
+    """Return what a run's exported frames have in common, as plain data."""
     record = work.record
-    columns = {name: [_number(row[name]) for row in work.rows] for name in work.rows[0]}
     return {
         "record": str(record.path),
         "title": record.text("title"),
@@ -48,7 +60,6 @@ def _as_data(work: ExportJob) -> dict[str, Any]:
         "units": layout.UNITS,
         "targets": record.target_names,
         "patterns": record.pattern_names,
-        "columns": columns,
         "plan": json.loads(record.text("plan")),
         "bench": json.loads(record.text("bench")),
     }

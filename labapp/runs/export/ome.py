@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 from xml.etree import ElementTree
 
@@ -14,16 +15,33 @@ NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 _DECLARATION = '<?xml version="1.0" encoding="UTF-8"?>'
 """The XML declaration, spelled as readers expect it; ASCII text is valid UTF-8."""
 
+_MARK = "frames"
+
+_HERE = f"<!--{_MARK}-->"
+"""Mark for where the elements of each frame belong. No text holds it: < is written as an entity."""
+
 _ANNOTATIONS = "labapp/frame"
 """Namespace of the annotations of each plane beyond exposure and time."""
 
 
-def ome_xml(work: ExportJob) -> str:
-    """Return the OME-XML of a run's export as ASCII, for the first page of a TIFF file.
+def ome_xml(work: ExportJob) -> Iterator[str]:
+    """Yield the OME-XML of a run's export as ASCII in parts, for the first page of a TIFF file.
 
     The file's axes are TYX. Every plane has its exposure, its time, and a map annotation with the
     record's columns.
     """
+    begin, between, end = _frame(work).split(_HERE)
+    yield _DECLARATION + begin
+    for number, row in enumerate(work.rows):
+        yield _text(_plane(number, row))
+    yield between
+    for number, row in enumerate(work.rows):
+        yield _text(_notes(number, row))
+    yield end
+
+
+def _frame(work: ExportJob) -> str:
+    """Return the OME-XML of a run's export with marks where each frame's elements belong."""
     record, simulated = work.record, ", ".join(work.record.simulated_devices)
     camera = record.devices.get("camera", {"model": "", "serial": ""})
     schema = "http://www.w3.org/2001/XMLSchema-instance"
@@ -44,11 +62,12 @@ def ome_xml(work: ExportJob) -> str:
     _add(image, "Description").text = _xml_safe(taken)
     _add(image, "InstrumentRef", ID="Instrument:0")
     _add_pixels(image, work)
-    annotations = _add(root, "StructuredAnnotations")
-    for number, row in enumerate(work.rows):
-        _add_notes(annotations, number, row)
-    body = ElementTree.tostring(root, encoding="us-ascii", xml_declaration=False)
-    return _DECLARATION + body.decode()
+    _add(root, "StructuredAnnotations").append(ElementTree.Comment(_MARK))
+    return _text(root)
+
+
+def _text(element: ElementTree.Element) -> str:
+    return ElementTree.tostring(element, encoding="us-ascii", xml_declaration=False).decode()
 
 
 def _add_pixels(image: ElementTree.Element, work: ExportJob) -> None:
@@ -71,33 +90,34 @@ def _add_pixels(image: ElementTree.Element, work: ExportJob) -> None:
         pixels.set(f"PhysicalSize{axis}", f"{pitch * 1e6:.12g}")
         pixels.set(f"PhysicalSize{axis}Unit", "µm")
     channel = _add(pixels, "Channel", ID="Channel:0:0", SamplesPerPixel=1)
-    wavelengths = {row["wavelength"] for row in work.rows}
+    wavelengths = work.rows.distinct("wavelength")
     if len(wavelengths) == 1:
-        channel.set("EmissionWavelength", f"{wavelengths.pop() * 1e9:.12g}")
+        channel.set("EmissionWavelength", f"{wavelengths[0] * 1e9:.12g}")
         channel.set("EmissionWavelengthUnit", "nm")
     _add(channel, "DetectorSettings", ID="Detector:0")
     _add(pixels, "TiffData", IFD=0, PlaneCount=len(work.frames))
-    for number, row in enumerate(work.rows):
-        _add_plane(pixels, number, row)
+    pixels.append(ElementTree.Comment(_MARK))
 
 
-def _add_plane(pixels: ElementTree.Element, number: int, row: dict[str, Any]) -> None:
-    added = _add(
-        pixels,
-        "Plane",
-        TheZ=0,
-        TheT=number,
-        TheC=0,
-        DeltaT=row["time"],
-        DeltaTUnit="s",
-        ExposureTime=row["exposure"],
-        ExposureTimeUnit="s",
+def _plane(number: int, row: dict[str, Any]) -> ElementTree.Element:
+    values = {
+        "TheZ": 0,
+        "TheT": number,
+        "TheC": 0,
+        "DeltaT": row["time"],
+        "DeltaTUnit": "s",
+        "ExposureTime": row["exposure"],
+        "ExposureTimeUnit": "s",
+    }
+    plane = ElementTree.Element("Plane", {key: str(value) for key, value in values.items()})
+    _add(plane, "AnnotationRef", ID=f"Annotation:{number}")
+    return plane
+
+
+def _notes(number: int, row: dict[str, Any]) -> ElementTree.Element:
+    annotation = ElementTree.Element(
+        "MapAnnotation", {"ID": f"Annotation:{number}", "Namespace": _ANNOTATIONS}
     )
-    _add(added, "AnnotationRef", ID=f"Annotation:{number}")
-
-
-def _add_notes(parent: ElementTree.Element, number: int, row: dict[str, Any]) -> None:
-    annotation = _add(parent, "MapAnnotation", ID=f"Annotation:{number}", Namespace=_ANNOTATIONS)
     value = _add(annotation, "Value")
     name = f"{row['target']}, {row['pattern']}, {format_decimal(row['wavelength'] * 1e9)} nm"
     for key, told in {
@@ -105,6 +125,7 @@ def _add_notes(parent: ElementTree.Element, number: int, row: dict[str, Any]) ->
         **{column_heading(key): told for key, told in row.items()},
     }.items():
         _add(value, "M", K=key).text = _xml_safe(str(told))
+    return annotation
 
 
 def _add(parent: ElementTree.Element, name: str, **attributes: object) -> ElementTree.Element:

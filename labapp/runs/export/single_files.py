@@ -17,14 +17,14 @@ def write_tiffs(work: ExportJob, draft: Path) -> None:
     import tifffile
 
     simulated = work.record.simulated_devices
-    for name, row, image in zip(work.names, work.rows, work.images(), strict=False):
+    for name, row, image in zip(work.names(), work.rows, work.images(), strict=False):
         description = json.dumps(row | {"units": layout.UNITS, "simulated": simulated})
         tifffile.imwrite(draft / name, image, **linear_tiff(image), **tiff_tags(work, description))
 
 
 def write_pngs(work: ExportJob, draft: Path) -> None:
     """Write each exported frame of a run as a PNG file."""
-    for name, image in zip(work.names, work.images(), strict=False):
+    for name, image in zip(work.names(), work.images(), strict=False):
         (draft / name).write_bytes(encode_png(Path(name), image, in_srgb=False))
 
 

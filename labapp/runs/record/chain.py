@@ -2,29 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.runs.record.digests import first_line, first_link, line_digest, link_digest
+from labapp.runs.record import layout
+from labapp.runs.record.digests import first_line, first_link, link_digest
+
+AT_ONCE = 1 << 11
+"""Rows of a chain that are in memory at once: half a megabyte. Chosen."""
+
+_LINK = layout.CHAIN_ROW.fields["link"][1]  # type: ignore[index]
+_TEXT, _DIGEST = (layout.LOG_ROW.fields[name][1] for name in ("text", "digest"))  # type: ignore[index]
+"""Where parts of the rows begin, in bytes."""
 
 
 @dataclass
 class FrameChain:
     """The links of a record's frames.
 
-    rows: all, of the type CHAIN_ROW. length: links that follow from each other. last: digest of the
-    last one. latest: row of each frame's latest link. broken: row of the first link that doesn't
-    follow; None if all do.
+    length: links that follow from each other. last: digest of the last one. latest: row of each
+    planned frame's latest link, -1 where it has none. beyond: frames with a link that aren't
+    planned. broken: row of the first link that doesn't follow; None if all do.
     """
 
-    rows: NDArray[Any]
     length: int
     last: bytes
-    latest: dict[int, int] = field(default_factory=dict)
+    latest: NDArray[np.int64]
+    beyond: set[int]
     broken: int | None = None
+
+    @property
+    def linked(self) -> NDArray[np.bool_]:
+        """Which of the record's planned frames have a link."""
+        return self.latest >= 0
 
 
 @dataclass(frozen=True)
@@ -36,20 +51,33 @@ class LogChain:
     broken: int | None = None
 
 
-def follow_frames(rows: NDArray[Any], structure: bytes) -> FrameChain:
+def follow_frames(blocks: Iterable[NDArray[Any]], structure: bytes, frames: int) -> FrameChain:
     """Follow the links of a record's frames from the first on.
 
-    rows: of the type CHAIN_ROW. structure: digest of the record's structure. Rows of zeros before
-    the last link are broken links.
+    blocks: all rows in their order, of the type CHAIN_ROW. structure: digest of the record's
+    structure. frames: number of the planned ones. Rows of zeros before the last link are broken
+    links.
     """
-    used, found = _count_used(rows), FrameChain(rows, 0, first_link(structure))
-    for number, row in enumerate(rows[:used]):
-        if not follows(row, found.last):
-            found.broken = number
-            return found
-        found.latest[int(row["frame"])] = number
-        found.length, found.last = number + 1, row["link"].tobytes()
+    found = FrameChain(0, first_link(structure), np.full(frames, -1, np.int64), set())
+    for rows in _used(blocks):
+        begin = found.length
+        for row in _bytes_of(rows, layout.CHAIN_ROW):
+            if sha256(found.last + row[:_LINK]).digest() != row[_LINK:]:
+                found.broken = found.length
+                break
+            found.length, found.last = found.length + 1, row[_LINK:]
+        _note_latest(found, rows["frame"][: found.length - begin], begin)
+        if found.broken is not None:
+            break
     return found
+
+
+def _note_latest(found: FrameChain, frames: NDArray[Any], begin: int) -> None:
+    """Note the rows of some links of a record's frames, of which the first has row `begin`."""
+    planned = frames < len(found.latest)
+    found.beyond |= set(frames[~planned].tolist())
+    # Of a frame that comes twice, the last row counts.
+    found.latest[frames[planned]] = begin + np.flatnonzero(planned)
 
 
 def follows(row: np.void, before: bytes) -> bool:
@@ -58,19 +86,40 @@ def follows(row: np.void, before: bytes) -> bool:
     return bool(digest == row["link"].tobytes())
 
 
-def follow_log(rows: NDArray[Any], structure: bytes) -> LogChain:
-    """Follow the lines of a record's log from the first on; rows are of the type LOG_ROW."""
-    before, used = first_line(structure), _count_used(rows)
-    for number, row in enumerate(rows[:used]):
-        line = line_digest(before, row["time"], bytes(row["text"]))
-        if line != row["digest"].tobytes():
-            return LogChain(number, before, number)
-        before = line
-    return LogChain(used, before)
+def follow_log(blocks: Iterable[NDArray[Any]], structure: bytes) -> LogChain:
+    """Follow the lines of a record's log from the first on.
+
+    blocks: all rows in their order, of the type LOG_ROW.
+    """
+    before, length = first_line(structure), 0
+    for rows in _used(blocks):
+        for row in _bytes_of(rows, layout.LOG_ROW):
+            time, text = row[:_TEXT], row[_TEXT:_DIGEST].rstrip(b"\0")
+            line = sha256(before + time + text).digest()
+            if line != row[_DIGEST:]:
+                return LogChain(length, before, length)
+            before, length = line, length + 1
+    return LogChain(length, before)
 
 
-def _count_used(rows: NDArray[Any]) -> int:
-    """Return how many rows there are up to the last that isn't all zeros."""
-    flat = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
-    used = np.flatnonzero(flat.any(axis=1))
-    return int(used[-1]) + 1 if len(used) else 0
+def _bytes_of(rows: NDArray[Any], kind: np.dtype) -> Iterator[bytes]:
+    """Yield the bytes of each row of a record's chain."""
+    data = rows.astype(kind, copy=False).tobytes()
+    return (data[at : at + kind.itemsize] for at in range(0, len(data), kind.itemsize))
+
+
+def _used(blocks: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+    """Yield the rows of a record's chain, in blocks, up to the last that isn't all zeros."""
+    held: list[NDArray[Any]] = []
+    for rows in blocks:
+        flat = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
+        used = np.flatnonzero(flat.any(axis=1))
+        if not len(used):
+            # Zeros count only if something comes after them; then one row stands for them.
+            held = held or [rows[:1]]
+            continue
+        yield from held
+        held = []
+        end = int(used[-1]) + 1
+        yield rows[:end]
+        held = [rows[end : end + 1]] if end < len(rows) else []

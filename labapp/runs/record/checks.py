@@ -23,6 +23,7 @@ from drivers.hosted.calls import CallResult
 from drivers.hosted.message_socket import MessageSocket
 from labapp.common.errors import UserError
 from labapp.files.frame_list import format_frame_list
+from labapp.files.plan_file import ROLES
 from labapp.runs.frame_acceptance import EXPOSURE_TOLERANCE, WAVELENGTH_TOLERANCE
 from labapp.runs.record import layout
 from labapp.runs.record.digest_checks import check_closing, check_links, check_log
@@ -131,7 +132,9 @@ class _Checks:
         for name in ("title", "definition", "start_time"):
             record.text(name)
         _ = record.plan, record.bench, record.scene, record.effect_plan, record.faults
-        _ = record.devices, record.log, record.message, record.seed, record.expected_seconds
+        _ = record.devices, record.message, record.seed, record.expected_seconds
+        for _ in record.log_lines():
+            pass
         wrong = [
             name
             for name, dtype in (layout.PLANNED | layout.MEASURED).items()
@@ -152,7 +155,7 @@ class _Checks:
         """
         record = self._record
         known = {
-            "role": len(layout.ROLES),
+            "role": len(ROLES),
             "target": len(record.target_names),
             "pattern": len(record.pattern_names),
         }
@@ -243,12 +246,14 @@ class _Checks:
         have opened the camera again, which restarts its numbers.
         """
         record = self._record
-        lines = [text for _, text in record.log]
-        resumed = sum(text.startswith("resumed:") for text in lines)
-        failed = sum(bool(re.match(r"frame \d+, attempt \d+ of ", text)) for text in lines)
+        lines = resumed = failed = 0
+        for _, text in record.log_lines():
+            lines += 1
+            resumed += text.startswith("resumed:")
+            failed += bool(re.match(r"frame \d+, attempt \d+ of ", text))
         times, numbers = record.column("time")[stored], record.column("number")[stored]
         said = f"{resumed} resumptions, {failed} failed attempts"
-        if len(lines) >= layout.log_capacity(record.frame_count):
+        if lines >= layout.log_capacity(record.frame_count):
             return "ok", f"not compared with the log, which is full ({said})"
         if _min_rising_sequences(times.tolist()) > 1 + resumed:
             return "WRONG", f"the bench's time runs backwards more often than the log tells: {said}"
@@ -304,7 +309,8 @@ class _Checks:
 
 def _where(condition: NDArray[np.bool_]) -> list[int]:
     """Return the indices at which a condition on a run's record holds."""
-    return [int(index) for index in np.flatnonzero(condition)]
+    found: list[int] = np.flatnonzero(condition).tolist()
+    return found
 
 
 def _is_positive(values: NDArray[Any]) -> NDArray[np.bool_]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +20,8 @@ import labapp
 from drivers.interfaces import Identity
 from labapp.common.errors import UserError
 from labapp.files import nexus
-from labapp.files.write_locks import lock_file, move_into_place, name_draft
+from labapp.files.plan_file import ROLES
+from labapp.files.write_locks import close_locked, lock_file, move_into_place, name_draft
 from labapp.files.writing import require_writable, sync_to_disk
 from labapp.runs.record import layout, writer_process
 from labapp.runs.record.digests import structure_digest
@@ -31,8 +31,11 @@ from labapp.runs.record.place_table import (
     rebuild_table,
     write_all,
 )
+from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
+
+_ROWS_AT_ONCE = 1 << 12
+"""Rows that are written at once to a dataset without content: a megabyte. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,11 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
     try:
         handle = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         lock_file(handle)
-        with h5py.File(draft, "w", libver="latest", userblock_size=USER_BLOCK) as file:
+        writer_process.warn_of_lock(path, handle)
+        # The file is locked already, and its file system may have no locks for HDF5.
+        with h5py.File(
+            draft, "w", libver="latest", userblock_size=USER_BLOCK, locking=False
+        ) as file:
             _fill(file, contents)
         _protect(draft)
         sync_to_disk(draft)
@@ -116,7 +123,7 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
         raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
     finally:
         if handle >= 0:
-            os.close(handle)
+            close_locked(handle)
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
     return created
@@ -159,19 +166,19 @@ def _fill(file: h5py.File, c: RecordContents) -> None:
     for name, text in texts.items():
         write_text(entry, name, text)
     entry["seed"] = c.seed
-    entry["expected_seconds"] = math.fsum(shot.duration for shot in c.shots)
+    entry["expected_seconds"] = ShotList.of(c.shots).total_duration
     allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
     allocate(entry, "message", np.zeros(1, layout.MESSAGE))
     allocate(entry, "end_time", np.zeros(1, layout.END_TIME_DTYPE))
     allocate(
         entry, "writer", np.array([writer_process.describe_this_process().encode()], layout.WRITER)
     )
-    allocate(entry, "log", np.zeros(layout.log_capacity(len(c.shots)), layout.LOG_ROW))
+    _allocate_rows(entry, "log", layout.log_capacity(len(c.shots)), layout.LOG_ROW)
     allocate(entry, "log_lost", np.zeros(1, np.uint64))
     digests = nexus.create_group(file, layout.DIGESTS, "NXcollection")
     for name in ("structure", "closing"):
         allocate(digests, name, np.zeros(1, layout.DIGEST))
-    allocate(digests, "chain", np.zeros(layout.chain_capacity(len(c.shots)), layout.CHAIN_ROW))
+    _allocate_rows(digests, "chain", layout.chain_capacity(len(c.shots)), layout.CHAIN_ROW)
     instrument = nexus.create_group(entry, "instrument", "NXinstrument")
     for name, identity in c.identities.items():
         device = nexus.create_group(
@@ -213,7 +220,7 @@ def _fill_data(file: h5py.File, c: RecordContents) -> None:
         allocate(data, name, np.zeros(n, dtype))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
-    data["role"].attrs["names"] = list(layout.ROLES)
+    data["role"].attrs["names"] = list(ROLES)
     reserve(data, "images", (n, rows, columns), np.dtype("u2"))
     data["images"].attrs.update({"units": "DN", "interpretation": "image"})
     for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
@@ -233,6 +240,14 @@ def write_text(parent: h5py.Group, name: str, text: str | list[str]) -> None:
 def allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
     """Create a contiguous dataset of a run's record, and write it so that disk space is taken."""
     parent.create_dataset(name, data=values)
+
+
+def _allocate_rows(parent: h5py.Group, name: str, count: int, kind: np.dtype) -> None:
+    """Create a dataset of empty rows in a run's record, and write it so that space is taken."""
+    dataset = parent.create_dataset(name, (count,), kind)
+    empty = np.zeros(min(count, _ROWS_AT_ONCE), kind)
+    for first in range(0, count, _ROWS_AT_ONCE):
+        dataset[first : first + _ROWS_AT_ONCE] = empty[: count - first]
 
 
 def reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:

@@ -26,11 +26,9 @@ def check_links(record: Record) -> StatusAndDetail:
     stored = record.column("stored")
     if odd := np.flatnonzero(stored > 1).tolist():
         return "WRONG", f"`stored` is neither 0 nor 1: of frames {format_frame_list(odd)}"
-    linked = np.zeros(record.frame_count, bool)
-    beyond = [frame for frame in chain.latest if frame >= record.frame_count]
-    if beyond:
-        return "WRONG", f"links of frames that aren't planned: {format_frame_list(beyond)}"
-    linked[list(chain.latest)] = True
+    linked = chain.linked
+    if chain.beyond:
+        return "WRONG", f"links of frames that aren't planned: {format_frame_list(chain.beyond)}"
     if bare := np.flatnonzero((stored == 1) & ~linked).tolist():
         return "WRONG", f"stored without a link: frames {format_frame_list(bare)}"
     if wrong := _check_unacknowledged(record, np.flatnonzero(linked & (stored == 0)).tolist()):
@@ -48,9 +46,7 @@ def _check_unacknowledged(record: Record, frames: list[int]) -> StatusAndDetail 
     if not frames or record.state.is_under_way:
         return None
     chain = record.frame_chain
-    if record.state is State.INTERRUPTED and [chain.latest[one] for one in frames] == [
-        chain.length - 1
-    ]:
+    if record.state is State.INTERRUPTED and chain.latest[frames].tolist() == [chain.length - 1]:
         return "unfinished", f"frame {frames[0]} is whole, but its writer ended before it said so"
     return "WRONG", f"linked, and yet not stored: frames {format_frame_list(frames)}"
 
@@ -61,7 +57,9 @@ def _written_without_link(record: Record, linked: NDArray[np.bool_]) -> list[int
     A killed writer may leave one that is half written: its first settings, in their order.
     """
     columns = {name: record.column(name) for name in SETTINGS}
-    written = np.any([column != 0 for column in columns.values()], axis=0)
+    written = np.zeros(len(linked), bool)
+    for column in columns.values():
+        written |= column != 0
     found: list[int] = np.flatnonzero(written & ~linked).tolist()
     if len(found) == 1 and not record.state.has_ended:
         (frame,) = found
@@ -85,7 +83,7 @@ def _is_half_written(record: Record, frame: int, settings: dict[str, float]) -> 
 
 def check_log(record: Record) -> StatusAndDetail:
     """Check that the lines of a run's log follow from each other; tell how many were lost."""
-    lines, lost = len(record.log), record.lost_log_lines
+    lines, lost = sum(1 for _ in record.log_lines()), record.lost_log_lines
     if not record.is_protected:
         return "note", f"{lines} lines, which aren't protected: of an older format"
     chain = record.log_chain

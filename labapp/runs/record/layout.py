@@ -44,14 +44,13 @@ half-written, and a full disk damages only the frame that was being written.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, get_args
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labapp.files.plan_file import Role
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot, ShotList
 
 FORMAT = 3
 
@@ -63,8 +62,6 @@ DATA = "entry/data"
 PATTERNS = "entry/patterns"
 
 AXES = ("frame", "y", "x")
-
-ROLES: tuple[Role, ...] = get_args(Role)
 
 PLANNED: dict[str, np.dtype] = {
     "frame": np.dtype("u4"),
@@ -144,21 +141,25 @@ def chain_capacity(frames: int) -> int:
 
 
 def planned_columns(
-    shots: Sequence[Shot], targets: Sequence[str], patterns: Sequence[str]
+    shots: Iterable[Shot], targets: Sequence[str], patterns: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of a run's record that follow from its shots, by name.
 
     Raises ValueError if a shot has a target or pattern that isn't among the names.
     """
-    columns = {
-        "frame": [s.index for s in shots],
-        "step": [s.step for s in shots],
-        "repeat": [s.repeat for s in shots],
-        "role": [ROLES.index(s.role) for s in shots],
-        "target": [targets.index(s.target) for s in shots],
-        "pattern": [patterns.index(s.pattern) for s in shots],
-        "slot": [s.slot for s in shots],
-        "exposure_asked": [s.exposure for s in shots],
-        "wavelength_asked": [s.wavelength for s in shots],
-    }
-    return {name: np.array(columns[name], dtype) for name, dtype in PLANNED.items()}
+    listed = ShotList.of(shots)
+    named = {"frame": "index", "exposure_asked": "exposure", "wavelength_asked": "wavelength"}
+    found = {name: listed.column(named.get(name, name)) for name in PLANNED}
+    found["target"] = _renumbered(found["target"], [one.name for one in listed.targets], targets)
+    found["pattern"] = _renumbered(found["pattern"], listed.patterns, patterns)
+    return {name: found[name].astype(dtype, copy=False) for name, dtype in PLANNED.items()}
+
+
+def _renumbered(
+    indices: NDArray[Any], names: Sequence[str], wanted: Sequence[str]
+) -> NDArray[np.intp]:
+    """Return indices into other names of a run's targets or patterns, in the place of own ones."""
+    others = np.zeros(len(names), np.intp)
+    for index in np.unique(indices):
+        others[index] = wanted.index(names[index])
+    return others[indices]

@@ -8,6 +8,7 @@ from itertools import count
 from pathlib import Path
 
 from labapp.files.write_locks import has_path
+from labapp.files.writing import sync_to_disk
 
 _COPY_BYTES = 1 << 24
 """Bytes that are copied at once. Chosen: little beside a record, and enough for a disk's speed."""
@@ -33,6 +34,6 @@ def _copy(handle: int, path: Path) -> Path:
             while data := os.pread(handle, _COPY_BYTES, file.tell()):
                 file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            sync_to_disk(copy)
             return copy
     raise AssertionError("one of the names is free")

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 import labapp
 from labapp.common.errors import UserError
 from labapp.files import nexus
-from labapp.files.plan_file import PlanFile
+from labapp.files.plain_hdf5 import open_hdf5
+from labapp.files.plan_file import ROLES, PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import layout
@@ -83,7 +84,7 @@ def _rebuild(
     with tempfile.TemporaryDirectory(dir=folder, prefix=".salvage-") as scratch:
         again = Path(scratch, "structure.h5")
         try:
-            with h5py.File(again, "w", libver="latest") as file:
+            with h5py.File(again, "w", libver="latest", locking=False) as file:
                 _write_structure(file, data, found)
         except (ValueError, TypeError, OverflowError):
             return None
@@ -96,7 +97,7 @@ def _places_if_same(again: Path, found: Mapping[str, HeadedDataset]) -> PlaceTab
         there = _first_datasets(new)
     if there is None or not all(_lies_as(one, there[name]) for name, one in found.items()):
         return None
-    with h5py.File(again, "r") as file:
+    with open_hdf5(again) as file:
         return find_places(file, again.stat().st_size)
 
 
@@ -165,7 +166,7 @@ def _write_data(file: h5py.File, shape: tuple[int, ...]) -> None:
         allocate(data, name, np.zeros(shape[0], dtype))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
-    data["role"].attrs["names"] = list(layout.ROLES)
+    data["role"].attrs["names"] = list(ROLES)
     for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
         axis.label = name
 

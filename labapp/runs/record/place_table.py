@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -20,6 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.files.plain_hdf5 import open_hdf5
 from labapp.runs.record import layout
 
 USER_BLOCK = 1 << 15
@@ -74,6 +75,17 @@ class PlaceTable:
             raise TableError(f"{name} is cut off")
         return np.frombuffer(data, place.dtype).reshape(place.shape)
 
+    def read_blocks(self, handle: int, name: str, at_once: int) -> Iterator[NDArray[Any]]:
+        """Yield the rows of a dataset of the record in blocks; raise TableError as read() does."""
+        place = self.places[name]
+        for first in range(0, place.shape[0], at_once):
+            rows = min(at_once, place.shape[0] - first)
+            size = rows * place.row_bytes
+            data = os.pread(handle, size, place.offset + first * place.row_bytes)
+            if len(data) < size:
+                raise TableError(f"{name} is cut off")
+            yield np.frombuffer(data, place.dtype).reshape(rows, *place.shape[1:])
+
     def is_whole(self, handle: int, name: str) -> bool:
         """Return whether a dataset that never changes is as it was when the record was made."""
         place = self.places[name]
@@ -115,7 +127,7 @@ def rebuild_table(path: Path, handle: int) -> PlaceTable:
 
     Raises OSError, RuntimeError, ValueError or KeyError if HDF5 can't read the file.
     """
-    with h5py.File(path, "r") as file:
+    with open_hdf5(path) as file:
         return with_digests(find_places(file, path.stat().st_size), handle)
 
 

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from drivers.interfaces import checksum
 from labapp.common.errors import UserError
 from labapp.files.file_lookup import require_file
-from labapp.files.guarded_reading import open_regular
+from labapp.files.guarded_reading import open_regular, unreadable
+from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import digests, layout, writer_process
-from labapp.runs.record.chain import FrameChain, LogChain, follow_frames, follow_log
+from labapp.runs.record.chain import AT_ONCE, FrameChain, LogChain, follow_frames, follow_log
 from labapp.runs.record.place_table import find_places
 from labapp.runs.record.structure import read_structure, require_plain_structure
 from labapp.runs.state import State
@@ -36,6 +37,10 @@ if TYPE_CHECKING:
     from labapp.files.scene_file import SceneFile
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+_LINKS_AT_ONCE, _LINK_BLOCKS = 1 << 10, 16
+"""Links of frames that are read at once, and how often that many are kept: 1.6 MB, for records of
+up to 16 sittings. Chosen."""
 
 _DAMAGE_ERRORS = (
     KeyError,
@@ -72,16 +77,21 @@ class Record:
     def __init__(self, path: Path, *, damaged: bool = False) -> None:
         self.path = path
         require_file(path)
-        self.structure = read_structure(path)
+        try:
+            self.structure = read_structure(path)
+        except OSError as error:
+            raise unreadable(path, error) from error
         if self.structure is not None and path.stat().st_size < self.structure.table.size:
             there, full = path.stat().st_size, self.structure.table.size
             raise UserError(f"{path}: {_cut_short(there, full)}")
         if self.structure is not None and self.structure.changed and not damaged:
             raise UserError(f"{path}: is damaged: {self.structure.explain()}")
         try:
-            self._file = h5py.File(path, "r")
+            self._file = open_hdf5(path)
         except (OSError, RuntimeError) as error:
             raise UserError(f"{path}: {_explain_open_failure(path, error)}") from error
+        self._found: dict[str, h5py.Dataset] = {}
+        self._links: dict[int, NDArray[Any]] = {}
         try:
             self._require_known_format()
             require_plain_structure(self._file, path)
@@ -106,6 +116,7 @@ class Record:
         self.close()
 
     def close(self) -> None:
+        self._found.clear()
         self._file.close()
 
     @property
@@ -273,10 +284,14 @@ class Record:
 
     @property
     def log(self) -> list[tuple[float, str]]:
-        rows = self._read("entry/log")
-        with self._damage_as_user_error("entry/log"):
-            lines = [(float(r["time"]), r["text"]) for r in rows if r["text"]]
-        return [(time, text.decode(errors="replace")) for time, text in lines]
+        return list(self.log_lines())
+
+    def log_lines(self) -> Iterator[tuple[float, str]]:
+        """Yield bench time and text of the lines in the log of the run's record, one by one."""
+        for rows in self._blocks("entry/log"):
+            with self._damage_as_user_error("entry/log"):
+                lines = [(float(r["time"]), r["text"]) for r in rows[rows["text"] != b""]]
+            yield from ((time, text.decode(errors="replace")) for time, text in lines)
 
     def frames_not_stored(self) -> list[int]:
         """Return the indices of planned frames that were never stored in the run's record."""
@@ -313,13 +328,13 @@ class Record:
             return lambda index: self._image_has(
                 index, lambda image: checksum(image) == sums[index]
             )
-        chain = self.frame_chain
+        latest, rows = self.frame_chain.latest, self._link
         columns = {name: self.column(name) for name in digests.SETTINGS}
 
         def is_whole(index: int) -> bool:
-            if index not in chain.latest:
+            if latest[index] < 0:
                 return False
-            row = chain.rows[chain.latest[index]]
+            row = rows(int(latest[index]))
             settings = {name: column[index] for name, column in columns.items()}
             return bool(
                 digests.settings_digest(settings) == row["settings"].tobytes()
@@ -328,6 +343,17 @@ class Record:
             )
 
         return is_whole
+
+    def _link(self, number: int) -> np.void:
+        """Return a row of the chain of the run's frames; rows nearby are read along with it."""
+        first = number - number % _LINKS_AT_ONCE
+        if first not in self._links:
+            if len(self._links) == _LINK_BLOCKS:
+                del self._links[next(iter(self._links))]
+            name = f"{layout.DIGESTS}/chain"
+            self._links[first] = self._read(name, slice(first, first + _LINKS_AT_ONCE))
+        found: np.void = self._links[first][number - first]
+        return found
 
     def _image_has(self, index: int, test: Callable[[NDArray[np.uint16]], bool]) -> bool:
         """Return whether a frame's image in the run's record can be read and passes a test."""
@@ -344,11 +370,14 @@ class Record:
     @cached_property
     def frame_chain(self) -> FrameChain:
         """The links of the run's frames, as they were when they were first asked for."""
-        return follow_frames(self._read(f"{layout.DIGESTS}/chain"), self._structure_digest)
+        name = f"{layout.DIGESTS}/chain"
+        with self._damage_as_user_error(name):
+            return follow_frames(self._blocks(name), self._structure_digest, self.frame_count)
 
     @property
     def log_chain(self) -> LogChain:
-        return follow_log(self._read("entry/log"), self._structure_digest)
+        with self._damage_as_user_error("entry/log"):
+            return follow_log(self._blocks("entry/log"), self._structure_digest)
 
     @property
     def lost_log_lines(self) -> int:
@@ -420,7 +449,17 @@ class Record:
     def _read(self, name: str, rows: Any = ()) -> Any:
         """Read a dataset of the run's record by its path, or some of its rows."""
         with self._damage_as_user_error(name):
-            return self._file[name][rows]
+            # Finding a dataset takes HDF5 longer than reading a small frame.
+            if name not in self._found:
+                self._found[name] = self._file[name]
+            return self._found[name][rows]
+
+    def _blocks(self, name: str) -> Iterator[NDArray[Any]]:
+        """Yield the rows of a dataset of the run's record, some thousands at once."""
+        with self._damage_as_user_error(name):
+            count = len(self._file[name])
+        for first in range(0, count, AT_ONCE):
+            yield self._read(name, slice(first, first + AT_ONCE))
 
     def _single_text(self, name: str) -> str:
         """Read a text that is a dataset with a single row in the entry of the run's record."""
@@ -441,6 +480,8 @@ class Record:
         try:
             yield
         except _DAMAGE_ERRORS as error:
+            if (told := explain_system_error(error)) is not None:
+                raise UserError(f"{self.path}: {name} {told}") from error
             raise UserError(
                 f"{self.path}: is damaged: {name} is missing or can't be read. "
                 "Restore the file from a copy."
@@ -449,8 +490,8 @@ class Record:
 
 def _explain_open_failure(path: Path, error: Exception) -> str:
     """Return why HDF5 doesn't open a run's record, and what the user should do."""
-    if isinstance(error, PermissionError):
-        return "may not be read. Ask its owner, or copy it."
+    if (told := explain_system_error(error)) is not None:
+        return told
     with path.open("rb") as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:
             return "is not an HDF5 file, or has lost its beginning. Give a record of a run."

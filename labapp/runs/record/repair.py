@@ -24,7 +24,7 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import layout
-from labapp.runs.record.chain import follow_frames, follow_log, follows
+from labapp.runs.record.chain import AT_ONCE, follow_frames, follow_log, follows
 from labapp.runs.record.digests import (
     ENDING,
     SETTINGS,
@@ -140,14 +140,15 @@ def planned_from_texts(
 def _repair_links(handle: int, table: PlaceTable) -> list[str]:
     """Write damaged links of a run's frames anew where the next link proves them."""
     name = f"{layout.DIGESTS}/chain"
-    rows = table.read(handle, name).copy()
     structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
     if structure_digest(handle, table) != structure:
         # Nothing tells where the chain begins.
         return []
-    if follow_frames(rows, structure).broken is None:
-        return []
     stored = table.read(handle, f"{layout.DATA}/stored")
+    blocks = table.read_blocks(handle, name, AT_ONCE)
+    if follow_frames(blocks, structure, len(stored)).broken is None:
+        return []
+    rows = table.read(handle, name).copy()
     repaired = repair_links(
         rows, structure, stored, frame_digests(handle, table), end_proof(handle, table)
     )
@@ -175,7 +176,7 @@ def end_proof(handle: int, table: PlaceTable) -> EndProof:
     """Return the function that compares links with the closing digest of a run's record."""
     closing = table.read(handle, f"{layout.DIGESTS}/closing").tobytes()
     structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
-    lines = follow_log(table.read(handle, "entry/log"), structure)
+    lines = follow_log(table.read_blocks(handle, "entry/log", AT_ONCE), structure)
     ending = [table.read(handle, f"{layout.ENTRY}/{name}").tobytes() for name in ENDING]
 
     def is_proved(links: int, last: bytes) -> bool:

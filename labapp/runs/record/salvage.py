@@ -19,13 +19,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import Identity, checksum
 from labapp.common.errors import UserError
 from labapp.files.frame_list import format_frame_list
+from labapp.files.guarded_reading import unreadable
+from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
+from labapp.files.plan_file import ROLES
 from labapp.runs.record import layout
 from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.digests import SETTINGS
@@ -41,7 +43,7 @@ from labapp.runs.record.repair import (
     repair_links,
 )
 from labapp.runs.record.structure import require_plain_structure
-from labapp.runs.steps import Shot
+from labapp.runs.shots import ShotList, ShotTarget
 from optics.progress import Progress
 
 _UNKNOWN_GAIN = 1.0
@@ -203,7 +205,7 @@ class DamagedRecord:
             )
         lost = ", ".join(sorted(set(there) - set(whole)))
         self._lacks.append(f"the proof of what was planned ({lost}): frames may be of others")
-        counts = {"role": len(layout.ROLES)}
+        counts = {"role": len(ROLES)}
         for kind in ("target", "pattern"):
             names = self._read_known(f"entry/{kind}s/names")
             counts[kind] = len(names) if names is not None else 1 + int(left[kind].max())
@@ -232,16 +234,12 @@ class DamagedRecord:
         texts = {name: self._json(name) for name in _JSON}
         names = self._names("entry/targets/names", columns["target"], "target")
         patterns = self._patterns(columns["pattern"])
-        shots = [
-            Shot(
-                index, int(columns["step"][index]), int(columns["repeat"][index]),
-                names[columns["target"][index]], list(patterns)[columns["pattern"][index]],
-                float(columns["wavelength_asked"][index]),
-                float(columns["exposure_asked"][index]),
-                layout.ROLES[columns["role"][index]], slot=int(columns["slot"][index]),
-            )
-            for index in range(len(columns["frame"]))
-        ]  # fmt: skip
+        shown = {
+            "index": np.arange(len(columns["frame"])),
+            "wavelength": columns["wavelength_asked"],
+            "exposure": columns["exposure_asked"],
+        }
+        shots = ShotList({**columns, **shown}, [ShotTarget(name) for name in names], list(patterns))
         x = self._read_known(f"{layout.DATA}/x")
         times = self._read_known(f"{layout.PATTERNS}/frame_time")
         seed = self._read_known("entry/seed")
@@ -339,7 +337,10 @@ class DamagedRecord:
 @contextmanager
 def open_damaged(path: Path) -> Iterator[DamagedRecord]:
     """Open a damaged record of a run for salvage; raise UserError if nothing tells its places."""
-    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as error:
+        raise unreadable(path, error) from error
     try:
         table, form = _find_table(path, handle)
         yield DamagedRecord(path, handle, table, form)
@@ -371,11 +372,13 @@ def _places_by_hdf5(path: Path) -> tuple[PlaceTable, int]:
     """Return the places of a record's datasets as HDF5 tells them, and the record's format."""
     with _openable(path) as whole:
         try:
-            with h5py.File(whole, "r") as file:
+            with open_hdf5(whole) as file:
                 form = int(file.attrs.get("labapp_format", 0))
                 require_plain_structure(file, whole)
                 table = find_places(file, whole.stat().st_size)
         except (OSError, RuntimeError, KeyError, ValueError) as error:
+            if (told := explain_system_error(error)) is not None:
+                raise UserError(f"{path}: {told}") from error
             raise UserError(
                 f"{path}: neither its table of places nor HDF5 tells where the frames are "
                 f"({error}). Restore the file from a copy."
@@ -389,14 +392,14 @@ def _places_by_hdf5(path: Path) -> tuple[PlaceTable, int]:
 def _openable(path: Path) -> Iterator[Path]:
     """Yield the file, or a copy padded with zeros to the length that HDF5 needs."""
     try:
-        h5py.File(path, "r").close()
+        open_hdf5(path).close()
         yield path
     except OSError as error:
         sizes = stored_file_size(error)
         if sizes is None:
-            raise UserError(
-                f"{path}: HDF5 can't open it: {error}. Restore it from a copy."
-            ) from error
+            told = explain_system_error(error)
+            told = told or f"HDF5 can't open it: {error}. Restore it from a copy."
+            raise UserError(f"{path}: {told}") from error
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             copy = Path(folder, path.name)
             shutil.copyfile(path, copy)

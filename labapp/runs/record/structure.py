@@ -10,14 +10,22 @@ import h5py
 
 from labapp.common.errors import UserError
 from labapp.files.guarded_reading import FREE_EXPANSION
-from labapp.files.plain_hdf5 import has_variable_length, memory_size, walk_datasets
+from labapp.files.plain_hdf5 import (
+    explain_system_error,
+    has_variable_length,
+    memory_size,
+    walk_datasets,
+)
 from labapp.runs.record import layout
 from labapp.runs.record.digests import structure_digest
 from labapp.runs.record.place_table import PlaceTable, TableError, read_table
 
-_LARGEST = 1 << 28
-"""Bytes that a dataset without pictures may have: the digests of a million frames take a little
+_LARGEST = 1 << 29
+"""Bytes that a dataset without pictures may have: the digests of two million frames take a little
 less. Chosen."""
+
+_READ_IN_PARTS = (layout.SHOWN_IMAGES, f"{layout.DATA}/images", f"{layout.ENTRY}/log")
+"""Datasets that may be larger, since they are never in memory as a whole."""
 
 
 _SHORT_TEXTS = frozenset(
@@ -76,6 +84,8 @@ def require_plain_structure(file: h5py.File, path: Path) -> None:
     try:
         _require_plain(file, path)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        if (told := explain_system_error(error)) is not None:
+            raise UserError(f"{path}: {told}") from error
         raise UserError(
             f"{path}: is damaged: HDF5 doesn't find its way in it ({error}). Restore it from a "
             "copy, or save its frames with: labapp salvage"
@@ -100,7 +110,7 @@ def _require_plain(file: h5py.File, path: Path) -> None:
                 "Don't trust the file; get the original."
             )
         most = _LONGEST_TEXT if name in _SHORT_TEXTS else _LARGEST
-        if nbytes > most and name not in (layout.SHOWN_IMAGES, f"{layout.DATA}/images"):
+        if nbytes > most and name not in _READ_IN_PARTS:
             raise UserError(
                 f"{path}: {name} has {nbytes / 1e6:.0f} MB, more than any run writes. Don't trust "
                 "the file; get the original."

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,14 +15,17 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Frame, checksum
 from labapp.common.errors import UserError
-from labapp.files.write_locks import has_path
+from labapp.files.write_locks import close_locked, has_path, lock_limit
 from labapp.runs.record import digests, layout, writer_process
-from labapp.runs.record.chain import follow_frames, follow_log
+from labapp.runs.record.chain import AT_ONCE, follow_frames, follow_log
 from labapp.runs.record.creation import utc_timestamp
 from labapp.runs.record.place_table import TableError, read_table, write_all
 from labapp.runs.record.writer_process import open_for_writing
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
+
+_SMALL = 1 << 17
+"""Bytes up to which handing a picture to a thread costs more than its digest. Chosen."""
 
 _LARGE = 1 << 22
 """Bytes from which a picture's digest takes longer than the disk to begin with it. Chosen."""
@@ -66,8 +70,14 @@ class RecordWriter:
         table = read_table(self._handle)
         self._places = {name.rpartition("/")[2]: table.places[name] for name in layout.CHANGING}
         self._structure = table.read(self._handle, f"{layout.DIGESTS}/structure").tobytes()
-        frames = follow_frames(table.read(self._handle, f"{layout.DIGESTS}/chain"), self._structure)
-        lines = follow_log(table.read(self._handle, f"{layout.ENTRY}/log"), self._structure)
+        frames = follow_frames(
+            table.read_blocks(self._handle, f"{layout.DIGESTS}/chain", AT_ONCE),
+            self._structure,
+            self.frame_count,
+        )
+        lines = follow_log(
+            table.read_blocks(self._handle, f"{layout.ENTRY}/log", AT_ONCE), self._structure
+        )
         for name, broken in (("chain", frames.broken), ("log", lines.broken)):
             if broken is not None:
                 raise TableError(f"its {name} is damaged at row {broken}")
@@ -86,13 +96,18 @@ class RecordWriter:
             os.close(self._handle)
             self._handle = -1
         if self._lock >= 0:
-            os.close(self._lock)
+            close_locked(self._lock)
             self._lock = -1
 
     @property
     def handle(self) -> int:
         """Handle of the run's open record."""
         return self._handle
+
+    @property
+    def lock_limit(self) -> str:
+        """What the lock of the run's record can't promise, in words; empty if it is a whole one."""
+        return lock_limit(self._lock)
 
     @property
     def frame_count(self) -> int:
@@ -139,19 +154,26 @@ class RecordWriter:
         image = np.ascontiguousarray(image, dtype=self._places["images"].dtype)
         if image.shape != self._places["images"].shape[1:]:
             raise CorruptFrame(f"it has {image.shape} pixels")
-        # Checksum and digest are computed while the picture is being written.
-        summed = self._digest_threads.submit(checksum, image)
-        digested = self._digest_threads.submit(digests.image_digest, image)
-        self._write("images", index, image.data.cast("B"))
-        self._begin_writeback(index, image.nbytes)
-        found = summed.result()
+        found, digest = self._write_image(index, image)
         if known is not None and found != known:
             raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
         settings = {**values, "checksum": found}
         for name, value in settings.items():
             self._put(name, index, value)
-        self._append_link(index, digested.result(), digests.settings_digest(settings))
+        self._append_link(index, digest, digests.settings_digest(settings))
         self._put("stored", index, 1)
+
+    def _write_image(self, index: int, image: NDArray[np.uint16]) -> tuple[int, bytes]:
+        """Write a frame's image to the run's record; return its checksum and its digest."""
+        if image.nbytes < _SMALL:
+            self._write("images", index, image.data.cast("B"))
+            return checksum(image), digests.image_digest(image)
+        # Both are computed while the picture is being written.
+        summed = self._digest_threads.submit(checksum, image)
+        digested = self._digest_threads.submit(digests.image_digest, image)
+        self._write("images", index, image.data.cast("B"))
+        self._begin_writeback(index, image.nbytes)
+        return summed.result(), digested.result()
 
     def _append_link(self, frame: int, image: bytes, settings: bytes) -> None:
         """Append a stored frame's link to the chain of the run's record."""
@@ -168,10 +190,10 @@ class RecordWriter:
 
     def is_stored_intact(self, index: int) -> bool:
         """Return whether the file of the run's record holds a frame intact, by its digest."""
-        if index not in self._latest:
+        if self._latest[index] < 0:
             return False
         data = self._read("images", index)
-        (row,) = np.frombuffer(self._read("chain", self._latest[index]), layout.CHAIN_ROW)
+        (row,) = np.frombuffer(self._read("chain", int(self._latest[index])), layout.CHAIN_ROW)
         image = np.frombuffer(data, np.uint8)
         return digests.image_digest(image) == row["image"].tobytes()
 
@@ -230,7 +252,8 @@ class RecordWriter:
         if size >= _LARGE:
             place = self._places["images"]
             offset = place.offset + index * place.row_bytes
-            os.posix_fadvise(self._handle, offset, size, os.POSIX_FADV_DONTNEED)
+            with suppress(OSError):
+                os.posix_fadvise(self._handle, offset, size, os.POSIX_FADV_DONTNEED)
 
     def _put(self, name: str, row: int, value: Any) -> None:
         """Write a row of a dataset at its place in the file of the run's record."""

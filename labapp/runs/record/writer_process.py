@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import logging
 import os
 import socket
 from pathlib import Path
 
 from labapp.common.errors import UserError
-from labapp.files.write_locks import open_locked
+from labapp.files.write_locks import lock_limit, open_locked
+
+log = logging.getLogger(__name__)
+
+_WITHOUT_RIGHTS = "Copy it to where you may write"
+
+_REMEDIES = {
+    errno.ENOENT: "Check the path",
+    errno.EISDIR: "Give the record of a run",
+    errno.EACCES: _WITHOUT_RIGHTS,
+    errno.EPERM: _WITHOUT_RIGHTS,
+    errno.EROFS: _WITHOUT_RIGHTS,
+}
+"""What to do about errors of the system."""
 
 
 def open_for_writing(path: Path) -> int:
@@ -17,11 +32,20 @@ def open_for_writing(path: Path) -> int:
     Raises UserError if another process writes the record, or it isn't a file that may be written.
     """
     try:
-        return open_locked(path)
+        handle = open_locked(path)
     except OSError as error:
+        remedy = _REMEDIES.get(error.errno or 0, "Copy it to another disk")
         raise UserError(
-            f"{path}: can't be opened for writing: {error.strerror}. Give the record of a run."
+            f"{path}: can't be opened for writing: {error.strerror}. {remedy}."
         ) from error
+    warn_of_lock(path, handle)
+    return handle
+
+
+def warn_of_lock(path: Path, handle: int) -> None:
+    """Name in the log what the lock of a run's record can't promise, where there is something."""
+    if limit := lock_limit(handle):
+        log.warning("%s: %s", path, limit)
 
 
 def describe_this_process() -> str:

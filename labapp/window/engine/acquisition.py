@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers.interfaces import Frame
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.engine.channel import Channel
 from labapp.window.engine.effects_reporter import EffectsReporter

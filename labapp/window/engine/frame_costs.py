@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import statistics
+import sys
 from collections.abc import Sequence, Set
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from labapp.common.errors import UserError
 from labapp.files.guarded_reading import open_regular
 from labapp.files.plain_data import parse_json
 from labapp.files.writing import write_atomically
-from labapp.runs.steps import Shot
+from labapp.runs.shots import Shot
 
 log = logging.getLogger(__name__)
 
@@ -46,11 +47,11 @@ def frame_kinds(shots: Sequence[Shot], known: Set[Setting] = frozenset()) -> lis
     runs are `known`: their pictures may be kept.
     """
     seen: set[Setting] = set()
-    kinds = []
+    kinds: list[str] = []
     for shot in shots:
         setting = setting_of(shot)
         kind = "same" if setting in seen else "known" if setting in known else "new"
-        kinds.append(f"{kind} {setting[0]}")
+        kinds.append(sys.intern(f"{kind} {setting[0]}"))
         seen.add(setting)
     return kinds
 

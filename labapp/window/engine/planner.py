@@ -20,8 +20,8 @@ from labapp.runs.acquisition.feasibility import expected_plan, feasible_shots
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record.reader import Record
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 from labapp.window.commands import (
     AcquireBracket,
     KeptRequest,
@@ -171,13 +171,13 @@ class RunPlanner:
             raise UserError(f"{path}: is in the queue already. Wait for it to end.")
         with Record(path) as record:
             title, plan = record.text("title"), record.plan
-            missing = set(record.frames_not_stored())
+            missing = record.frames_not_stored()
         listed = feasible_shots(plan, self._abilities, str(path))
         return QueuedRun(
             title,
             path,
             partial(resume_run, self._bench, path),
-            self._timing([shot for shot in listed if shot.index in missing]),
+            self._timing(listed.pick(missing)),
             planned_frames=len(listed),
             stored_frames=len(listed) - len(missing),
         )

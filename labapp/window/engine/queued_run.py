@@ -7,8 +7,8 @@ from pathlib import Path
 
 from drivers.interfaces import Frame
 from labapp.runs.acquisition.runner import RunOutcome
+from labapp.runs.shots import Shot
 from labapp.runs.state import State
-from labapp.runs.steps import Shot
 from labapp.window.engine.timing import RunTiming
 from labapp.window.messages import RunInfo
 from optics.progress import Progress

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Sequence
 
-from labapp.runs.steps import Shot
+import numpy as np
+
+from labapp.runs.shots import Shot, ShotList
 from labapp.window.engine.frame_costs import (
     PREPARING,
     PREPARING_KNOWN,
@@ -46,14 +48,14 @@ class RunTiming:
 
     def replan(self, shots: Sequence[Shot]) -> None:
         """Take over the frames of a queued run, before the first one."""
-        self.expected_bench_seconds = sum(shot.duration for shot in shots)
-        self._shots, self._taken = list(shots), 0
-        self._kinds = frame_kinds(shots, self._costs.known)
+        self._shots, self._taken = ShotList.of(shots), 0
+        self.expected_bench_seconds = self._shots.total_duration
+        self._note_kinds()
 
     def begin(self) -> None:
         self._began = time.monotonic()
         # Runs before it may have taken its settings since it was put in line.
-        self._kinds = frame_kinds(self._shots, self._costs.known)
+        self._note_kinds()
 
     def end(self, *, complete: bool = False) -> None:
         """Note the end of a run in the window's queue; a complete one's costs are kept."""
@@ -76,13 +78,14 @@ class RunTiming:
     def count_frame(self) -> None:
         """Count the next stored frame of a run in the window's queue."""
         now = time.monotonic()
-        kind, lasts = self._kinds[self._taken], self._shots[self._taken].duration
+        shot = self._shots[self._taken]
+        kind, lasts = self._names[self._kinds[self._taken]], shot.duration
         if self._taken == 0 and self._began is not None:
             self._note_preparing(now - self._began - self._rested - self._rate * lasts)
         elif self._frame_began is not None:
             self._measured[kind].append(now - self._frame_began - self._rate * lasts)
         self._frame_began = now
-        self._costs.known.add(setting_of(self._shots[self._taken]))
+        self._costs.known.add(setting_of(shot))
         self._taken += 1
 
     def _note_preparing(self, seconds: float) -> None:
@@ -95,7 +98,8 @@ class RunTiming:
             self._measured[PREPARING_KNOWN].append(max(0.0, seconds) / known)
 
     def _count(self, kind: str) -> int:
-        return sum(one.startswith(kind) for one in self._kinds)
+        counted = zip(self._names, self._counts(), strict=True)
+        return sum(count for one, count in counted if one.startswith(kind))
 
     @property
     def elapsed_seconds(self) -> float:
@@ -132,13 +136,23 @@ class RunTiming:
     def _rest_of_frames(self, first: int | None = None) -> float | None:
         """Return the real seconds of the window's frames from one on; None if one isn't known."""
         first = self._taken if first is None else first
-        left = self._rate * sum(shot.duration for shot in self._shots[first:])
-        for kind, count in Counter(self._kinds[first:]).items():
-            cost = self._cost(kind)
+        left = self._rate * float(self._shots.column("duration")[first:].sum())
+        for kind, count in zip(self._names, self._counts(first), strict=True):
+            cost = self._cost(kind) if count else 0.0
             if cost is None:
                 return None
             left += count * max(0.0, cost)
         return left
+
+    def _counts(self, first: int = 0) -> list[int]:
+        """Return how many of the window's frames from one on are of each kind."""
+        return np.bincount(self._kinds[first:], minlength=len(self._names)).tolist()
+
+    def _note_kinds(self) -> None:
+        kinds = frame_kinds(self._shots, self._costs.known)
+        numbers = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
+        self._names = list(numbers)
+        self._kinds = np.array([numbers[kind] for kind in kinds], np.intp)
 
     def _cost(self, kind: str) -> float | None:
         """Return the seconds that a kind of frame costs in this run of the window."""
