@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import labapp
+from drivers.interfaces import Clock
 from labapp.bench.opening import BenchFiles, BenchSetup, open_devices
 from labapp.bench.selftest.camera_checks import DescribedCamera
 from labapp.bench.selftest.checks import CheckResult, run_check, run_checks
@@ -57,19 +58,20 @@ def run_selftest(
 
 def _test_device(setup: BenchSetup, role: str, described: DescribedCamera) -> list[CheckResult]:
     with ExitStack() as stack:
-        opened: list[Any] = []
+        opened: list[tuple[Any, Clock]] = []
 
         def open_it() -> str:
             clock, devices = stack.enter_context(open_devices(setup, _needed(setup, role)))
             _light_target(devices)
-            opened.extend((devices[role], clock))
+            opened.append((devices[role], clock))
             return ""
 
         first = run_check("open", open_it)
         if not first.passed:
             return [first]
         progress = stack.enter_context(terminal_progress())
-        return run_checks(device_checks(role, *opened, described), progress)
+        device, clock = opened[0]
+        return run_checks(device_checks(role, device, clock, described), progress)
 
 
 def _needed(setup: BenchSetup, role: str) -> tuple[str, ...]:

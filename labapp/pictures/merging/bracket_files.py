@@ -151,8 +151,16 @@ def equal_times(times: Sequence[float]) -> list[str]:
     ]
 
 
-def other_full_scale(frames: Sequence[Frame], times: Sequence[float], sensor: Sensor) -> list[str]:
-    """Say in words if the numbers of a bracket's files end below the sensor's full scale."""
+def other_full_scale(
+    frames: Sequence[Frame],
+    times: Sequence[float],
+    sensor: Sensor,
+    remedy: str = "Give --full-scale",
+) -> list[str]:
+    """Say in words if the numbers of a bracket's frames end below the sensor's full scale.
+
+    remedy: what to do; the number follows.
+    """
     longest = frames[int(np.argmax(times))]
     top = float(longest.max())
     if top >= sensor.full_scale:
@@ -163,7 +171,7 @@ def other_full_scale(frames: Sequence[Frame], times: Sequence[float], sensor: Se
     return [
         f"{count} pixels of the longest exposure have the number {top:g}, which none exceeds, and "
         f"the full scale is taken to be {sensor.full_scale}: if the sensor's is {top:g}, clipped "
-        f"pixels weren't known. Give --full-scale {top:g}"
+        f"pixels weren't known. {remedy} {top:g}"
     ]
 
 

@@ -16,9 +16,11 @@ from labapp.pictures.analysis.brackets import (
     recorded_bracket,
 )
 from labapp.pictures.analysis.known_defects import known_defects
-from labapp.pictures.merging.bracket_files import BracketFiles
+from labapp.pictures.merging.bracket_files import BracketFiles, other_full_scale
 from labapp.runs.record.reader import Record
 from labapp.runs.recorded_calibrations import camera_in_force, stale_camera
+
+_REMEDY = "Before the next run, write in [sensor] of the bench file: clip_level_dn ="
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
         bracket = recorded_bracket(record, frames, dark_target(record.plan), sensor)
         defects = known_defects(record)
         source, doubts = camera_in_force(record), stale_camera(record)
+        images, times = list(bracket.frames), bracket.times.tolist()
+        doubts = [*doubts, *other_full_scale(images, times, sensor, _REMEDY)]
     return BracketFiles(
         [f"frame {index}" for index in frames],
         [np.asarray(frame)[None] for frame in bracket.frames],
