@@ -24,7 +24,7 @@ from labapp.runs.acquisition.feasibility import (
     prompts_by_frame,
 )
 from labapp.runs.acquisition.frame_delays import measure_frame_delays
-from labapp.runs.acquisition.frame_storage import free_bytes, require_space
+from labapp.runs.acquisition.frame_storage import UNTOLD, free_bytes, require_space
 from labapp.runs.brackets.extremes import possible_plans
 from labapp.runs.bundled_plans import abbreviate_list, format_range
 from labapp.runs.capabilities import BenchCapabilities
@@ -169,10 +169,11 @@ def _print_summary(preview: Preview) -> None:
     steps = "" if preview.plan.has_brackets else f" in {preview.steps} steps"
     seconds = _span(_duration(expected.seconds), _duration(most.seconds))
     disk = _span(_size(expected.disk_bytes), _size(most.disk_bytes))
+    free = "an untold amount" if preview.free == UNTOLD else _size(preview.free)
     lines = (
         f"{frames} frames{steps}",
         f"{seconds} of bench time{person}",
-        f"{disk} on disk, {_size(preview.free)} free in this folder",
+        f"{disk} on disk, {free} free in this folder",
         *_bracket_lines(preview.plan),
     )
     out.print(styled_line((preview.plan.title, "bold")))

@@ -7,6 +7,7 @@ import fcntl
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import h5py
 import pytest
@@ -18,6 +19,7 @@ from labapp.files import write_locks
 from labapp.files.plain_hdf5 import open_hdf5
 from labapp.files.write_locks import close_locked, duplicate_locked, is_locked, open_locked
 from labapp.files.writing import write_atomically
+from labapp.runs.acquisition.frame_storage import require_space
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.export import export_frames
 from labapp.runs.record.checks import check_record
@@ -140,3 +142,16 @@ def test_an_error_of_the_system_is_named_and_nothing_else_guessed(
     assert "HDF5" not in str(caught.value)
     with pytest.raises(OSError, match=os.strerror(code)):
         open_hdf5(path)
+
+
+def test_a_disk_that_tells_no_size_is_not_taken_for_a_full_one(tmp_path, monkeypatch):
+    told = os.statvfs(tmp_path)
+    nothing = SimpleNamespace(f_bavail=0, f_frsize=told.f_frsize, f_blocks=0)
+    monkeypatch.setattr(os, "statvfs", lambda path: nothing)
+    require_space(tmp_path / "run.h5", 1 << 40)
+    refuse(monkeypatch, os, "statvfs", errno.ENOSYS)
+    require_space(tmp_path / "run.h5", 1 << 40)
+    full = SimpleNamespace(f_bavail=0, f_frsize=told.f_frsize, f_blocks=told.f_blocks)
+    monkeypatch.setattr(os, "statvfs", lambda path: full)
+    with pytest.raises(UserError, match="has 0 MB free"):
+        require_space(tmp_path / "run.h5", 1 << 40)

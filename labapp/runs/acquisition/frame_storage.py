@@ -23,10 +23,19 @@ Pause = Callable[[str, Callable[[], bool]], None]
 """Pauses the run for a reason in words, until the function given as second argument is true."""
 
 
+UNTOLD = 1 << 62
+"""Free bytes of a disk that doesn't tell them, as some network shares don't: a write will tell."""
+
+
 def free_bytes(path: Path) -> int:
-    """Return the bytes that the user may still write to the disk of a run's record."""
-    at = os.statvfs(path.parent if not path.exists() else path)
-    return at.f_bavail * at.f_frsize
+    """Return the bytes that the user may still write to the disk of a run's record, or UNTOLD."""
+    try:
+        at = os.statvfs(path.parent if not path.exists() else path)
+    except OSError as error:
+        if error.errno not in (errno.ENOSYS, errno.EOPNOTSUPP):
+            raise
+        return UNTOLD
+    return at.f_bavail * at.f_frsize if at.f_blocks else UNTOLD
 
 
 def require_space(path: Path, needed: int) -> None:
