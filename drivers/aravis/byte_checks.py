@@ -126,7 +126,7 @@ def _require_low_bits(image: NDArray[np.uint16], form: PixelFormat) -> None:
     causes.append((f"of a converter of {form.bits - bits} bits", 'justification = "right"'))
     raise _impossible(
         f"its pixels have {numbers} numbers above 0, all of them multiples of {1 << bits}: it is "
-        f" {' or '.join(words for words, _ in causes)}",
+        f"{' or '.join(words for words, _ in causes)}",
         _choice(causes),
     )
 
