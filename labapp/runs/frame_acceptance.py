@@ -57,8 +57,9 @@ def require_valid_frame(
         raise refuse("camera", f"{shot.exposure * 1e3:g} ms were asked for")
     if frame.exposure != conditions.exposure:
         raise refuse("camera", f"the frame was exposed for {frame.exposure * 1e3:g} ms")
+    # A full well's noise is above the full scale, but not twice as high.
     top, full = int(frame.image.max(initial=0)), bench.camera.full_scale
-    if top > full:
+    if top >= 2 * (full + 1):
         error = refuse("camera", f"the frame's pixels reach {top}, and its full scale is {full}")
         error.lasting = True
         raise error

@@ -45,7 +45,9 @@ class SlowBench:
             current_target="star",
             place=self.place,
         )
-        self.camera = SimpleNamespace(set_exposure=self.expose, capture=self.capture)
+        self.camera = SimpleNamespace(
+            full_scale=4095, set_exposure=self.expose, capture=self.capture
+        )
 
     def cancellable_by(self, cancelled):
         return nullcontext()
