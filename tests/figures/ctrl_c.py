@@ -57,7 +57,10 @@ class FirstImport:
 sys.meta_path.insert(0, FirstImport)
 sys.argv[0] = "labapp"
 from labapp.__main__ import main
-main()
+try:
+    main()
+finally:
+{at_end}
 """
 
 
@@ -112,13 +115,15 @@ def interrupt_often(
     return found
 
 
-def command_with(action: str) -> list[str]:
+def command_with(action: str, at_end: str = "pass") -> list[str]:
     """Python and a script that runs labapp, and some lines of code within its first import.
 
     Before that, Python itself starts and looks for the command, and prints what it likes if it is
-    interrupted. As the finder of modules runs the lines, they can't come too early.
+    interrupted. As the finder of modules runs the lines, they can't come too early. `at_end` runs
+    when the command has ended, and Python only takes itself down.
     """
-    return [sys.executable, "-c", _SCRIPT.format(action=indent(action, "    "))]
+    lines = {"action": indent(action, "    "), "at_end": indent(at_end, "    ")}
+    return [sys.executable, "-c", _SCRIPT.format(**lines)]
 
 
 def _interrupt(words: list[str], moment: float, again: float | None) -> str | None:
@@ -128,8 +133,9 @@ def _interrupt(words: list[str], moment: float, again: float | None) -> str | No
     """
     mark = secrets.token_hex(8)
     reading, told = os.pipe()
+    ended = f"import time\nos.write({told}, str(time.monotonic()).encode())"
     process = subprocess.Popen(
-        [*command_with(f"os.write({told}, b'x')"), *words],
+        [*command_with(f"os.write({told}, b'x')", ended), *words],
         cwd=ROOT,
         env=ENVIRONMENT | {"PYTHONPATH": str(ROOT), _MARK: mark},
         pass_fds=[told],
@@ -140,24 +146,28 @@ def _interrupt(words: list[str], moment: float, again: float | None) -> str | No
         start_new_session=True,
     )
     os.close(told)
-    with open(reading, "rb") as first_import:
-        first_import.read(1)
-    time.sleep(moment)
-    if process.poll() is not None:
-        process.communicate()
-        return None
-    # A terminal sends the signal to all processes in its foreground.
-    os.killpg(process.pid, signal.SIGINT)
-    if again is not None:
-        time.sleep(again)
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGINT)
-    try:
-        printed, said = process.communicate(timeout=_ENDS_WITHIN)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-        return f"goes on for {_ENDS_WITHIN:g} s"
+    with open(reading, "rb", buffering=0) as times:
+        times.read(1)
+        time.sleep(moment)
+        if process.poll() is not None:
+            process.communicate()
+            return None
+        # A terminal sends the signal to all processes in its foreground.
+        os.killpg(process.pid, signal.SIGINT)
+        pressed = time.monotonic()
+        if again is not None:
+            time.sleep(again)
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGINT)
+        try:
+            printed, said = process.communicate(timeout=_ENDS_WITHIN)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            return f"goes on for {_ENDS_WITHIN:g} s"
+        # Python hears no signal while it takes itself down.
+        if process.returncode == 0 and float(times.read(64) or "inf") <= pressed:
+            return None
     return _wrong_end(process.returncode, printed, said, "--json" in words) or _left_running(mark)
 
 
