@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from hashlib import sha256
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labapp.runs.record import layout
-from labapp.runs.record.digests import first_line, first_link, link_digest
+from labapp.runs.record.digests import first_line, first_link, link_digest, next_digest
 
 AT_ONCE = 1 << 11
 """Rows of a chain that are in memory at once: half a megabyte. Chosen."""
@@ -62,7 +61,7 @@ def follow_frames(blocks: Iterable[NDArray[Any]], structure: bytes, frames: int)
     for rows in _used(blocks):
         begin = found.length
         for row in _bytes_of(rows, layout.CHAIN_ROW):
-            if sha256(found.last + row[:_LINK]).digest() != row[_LINK:]:
+            if next_digest(found.last, row[:_LINK]) != row[_LINK:]:
                 found.broken = found.length
                 break
             found.length, found.last = found.length + 1, row[_LINK:]
@@ -94,8 +93,7 @@ def follow_log(blocks: Iterable[NDArray[Any]], structure: bytes) -> LogChain:
     before, length = first_line(structure), 0
     for rows in _used(blocks):
         for row in _bytes_of(rows, layout.LOG_ROW):
-            time, text = row[:_TEXT], row[_TEXT:_DIGEST].rstrip(b"\0")
-            line = sha256(before + time + text).digest()
+            line = next_digest(before, row[:_TEXT] + row[_TEXT:_DIGEST].rstrip(b"\0"))
             if line != row[_DIGEST:]:
                 return LogChain(length, before, length)
             before, length = line, length + 1

@@ -70,6 +70,11 @@ def settings_digest(values: Mapping[str, Any]) -> bytes:
     return sha256(b"".join(packed)).digest()
 
 
+def next_digest(before: bytes, row: bytes) -> bytes:
+    """Return the digest of a row's bytes in a chain of a record, after the row before."""
+    return sha256(before + row).digest()
+
+
 def first_link(structure: bytes) -> bytes:
     """Return what the first frame's link in a record builds on."""
     return sha256(_CHAIN_BEGIN + structure).digest()
@@ -77,7 +82,7 @@ def first_link(structure: bytes) -> bytes:
 
 def link_digest(before: bytes, frame: int, image: bytes, settings: bytes) -> bytes:
     """Return the digest of a frame's link in a record, which builds on the link before."""
-    return sha256(before + int(frame).to_bytes(4, "little") + image + settings).digest()
+    return next_digest(before, int(frame).to_bytes(4, "little") + image + settings)
 
 
 def first_line(structure: bytes) -> bytes:
@@ -87,7 +92,7 @@ def first_line(structure: bytes) -> bytes:
 
 def line_digest(before: bytes, time: float, text: bytes) -> bytes:
     """Return the digest of a line in a record's log, which builds on the line before."""
-    return sha256(before + np.float64(time).tobytes() + text).digest()
+    return next_digest(before, np.float64(time).tobytes() + text)
 
 
 def closing_digest(
