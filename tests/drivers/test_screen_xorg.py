@@ -23,18 +23,13 @@ from drivers.screen import ScreenSLM, driver, identify_screens
 from drivers.x11 import ScreenReader, XConnection
 from simulator.screens import NEIGHBOUR, PANEL, lay_out
 
-pytestmark = pytest.mark.xorg
+pytestmark = [pytest.mark.xorg, pytest.mark.usefixtures("patient")]
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     with xorg(tmp_path_factory.mktemp("xorg")) as running:
         yield running
-
-
-@pytest.fixture(autouse=True)
-def patient(monkeypatch):
-    be_patient(monkeypatch)
 
 
 @pytest.fixture

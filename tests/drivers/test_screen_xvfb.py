@@ -21,20 +21,9 @@ from drivers.x11 import ScreenReader, XConnection, XError
 from drivers.x11.shared_memory import XSharedMemory
 from simulator.screens import running_server
 
-pytestmark = pytest.mark.xvfb
+pytestmark = [pytest.mark.xvfb, pytest.mark.usefixtures("patient")]
 
 SHAPE = (120, 160)
-
-
-@pytest.fixture(autouse=True)
-def patient(monkeypatch):
-    be_patient(monkeypatch)
-
-
-@pytest.fixture(scope="module")
-def server():
-    with xvfb(160, 120) as running:
-        yield running
 
 
 def make(server, **options):

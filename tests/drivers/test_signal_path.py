@@ -7,7 +7,6 @@ import logging
 import numpy as np
 import pytest
 from figures.connector_properties import connector
-from xservers import be_patient, xvfb
 
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
@@ -16,22 +15,11 @@ from drivers.screen import ScreenSLM
 from drivers.x11 import XConnection
 from drivers.x11.outputs import list_outputs
 
-pytestmark = pytest.mark.xvfb
+pytestmark = [pytest.mark.xvfb, pytest.mark.usefixtures("patient")]
 
 SHAPE = (120, 160)
 BROADCAST = ["Automatic", "Full", "Limited 16:235"]
 BLUISH = [0, 1, *[0] * 7, 1, *[0] * 6, 1 << 30, 0]
-
-
-@pytest.fixture(autouse=True)
-def patient(monkeypatch):
-    be_patient(monkeypatch)
-
-
-@pytest.fixture(scope="module")
-def server():
-    with xvfb(160, 120) as running:
-        yield running
 
 
 @pytest.fixture

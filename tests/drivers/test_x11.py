@@ -18,12 +18,6 @@ from simulator.screens import running_server
 pytestmark = pytest.mark.xvfb
 
 
-@pytest.fixture(scope="module")
-def server():
-    with xvfb(160, 120) as running:
-        yield running
-
-
 @pytest.mark.parametrize(
     ("display", "said"),
     [
