@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 T = TypeVar("T")
 
+Region = tuple[int, int, int, int]
+"""x, y, width and height of a part of a camera's frames, in pixels."""
+
 
 @dataclass(frozen=True)
 class Identity:
@@ -178,10 +181,16 @@ class FilterWheel(SpectralFilter, Protocol):
 class Camera(Device, Protocol):
     """Interface of a camera that takes one picture per call; its safe state is stopped.
 
-    Two members are optional, for a camera that may obey a new exposure some frames late. A method
+    Other members are optional. For a camera that may obey a new exposure some frames late, a method
     measure_latency(exposures) takes two exposures in seconds, finds by their light how many frames
     after a change to discard, discards so many from then on, and returns the number. The attribute
     `latency_option` is the name of the driver's option that tells this number.
+
+    A camera whose gain a plan may set has `gain_db`, the present one, `gain_range`, both in
+    decibels, and set_gain(gain_db), which returns the Setting. One whose pixels a plan may choose
+    has set_region(region, binning): region is x, y, width, height in pixels of the frames that the
+    opened camera takes, binning how many of them each way are averaged into one; `shape` follows.
+    Both methods take None for what the camera has when it's opened, and make_safe() restores that.
     """
 
     @property

@@ -14,6 +14,7 @@ from drivers.interfaces import Clock
 from optics.camera import Camera
 from optics.light.bands import Band
 from optics.polarisation import PathEffect
+from optics.sensor import sensor_as_read
 from optics.validation import require_positive
 from simulator.clock import VirtualClock
 from simulator.faults import Fault, FaultScript
@@ -48,8 +49,8 @@ class World:
     panel. path: what polariser, panel and splitter do to the light, where that is known. clock: the
     bench's clock. faults: faults of its devices. memory: bytes that are kept for later pictures;
     default_memory() if None. decide_by: whether bounds decide which effects are left out, or
-    estimates. The devices set the panel's content, `band` and `target`. Pictures are computed from
-    these, and only when something has changed.
+    estimates. The devices set the panel's content, `band`, `target` and `gain_db`. Pictures are
+    computed from these, and only when something has changed.
     """
 
     def __init__(
@@ -75,6 +76,8 @@ class World:
         self.is_picture_unwanted: Callable[[], bool] = lambda: False
         """Function that is called between the steps of a picture, which ends if it returns true."""
         self.band = Band(550e-9, 7e-9)
+        self.gain_db = 0.0
+        """Amplification of the camera's signal, beyond what its description has, in decibels."""
         self.target = next(iter(scene.targets))
         self.begin_frame(0, 0, 0)
         self.grey = np.zeros(camera.panel.shape, dtype=np.uint8)
@@ -154,7 +157,7 @@ class World:
         """
         require_positive("exposure", exposure, "s")
         return Situation(
-            self.camera,
+            self._amplified_camera(self.gain_db),
             self.mount,
             self.scene.targets[self.target],
             self.band,
@@ -172,21 +175,30 @@ class World:
         exposure: float = TYPICAL_EXPOSURE,
         target: str | None = None,
         bandwidth: float | None = None,
+        gain_db: float | None = None,
     ) -> EffectPlan:
         """Return the simulator's effect plan for a pattern or video on its panel.
 
         A video is (n, rows, columns) and is shown at the panel's frame rate. exposure: as a camera
-        is asked for it. target, bandwidth: the present ones if None. Nothing is rendered.
+        is asked for it. target, bandwidth, gain_db: the present ones if None. Nothing is rendered.
         """
         frames = pattern if pattern.ndim == 3 else pattern[None]
         video = PanelContent.of(frames, 1 / self.camera.panel.frame_rate)
         asked = replace(
             self.situation(countable_exposure(exposure)),
+            camera=self._amplified_camera(self.gain_db if gain_db is None else gain_db),
             panel_content=video,
             band=replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth),
             target=self.scene.targets[target or self.target],
         )
         return self.imaging.plan(asked)
+
+    def _amplified_camera(self, gain_db: float) -> Camera:
+        """Return the simulated camera with a gain in decibels beyond its description's."""
+        if not gain_db:
+            return self.camera
+        sensor = sensor_as_read(self.camera.sensor, amplification_db=gain_db)
+        return replace(self.camera, sensor=sensor)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the radiance of the simulator's target through the filter, W/(sr m² m).

@@ -111,6 +111,9 @@ class AppliedSettings:
             return
         if (actual := self._ask("set_binning", *wanted)) != wanted:
             raise self._error(f"binning {wanted}", f"it has set {actual}", "Give another one")
+        if self._options.average_binned and (mode := self._ask("average_binned_pixels")):
+            reply = f"it has only {mode}, and not the mean of binned pixels"
+            raise self._error(f"binning {wanted}", reply, "Leave binning out of the plan")
 
     def _set_region(self) -> list[int]:
         wanted = list(self._options.roi)

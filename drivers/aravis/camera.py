@@ -6,6 +6,8 @@ import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from math import prod
 from typing import Literal, Self
 
 from drivers.aravis.acquisition import (
@@ -20,7 +22,7 @@ from drivers.aravis.camera_options import AravisOptions, Trigger
 from drivers.aravis.library_process import AravisProcess, CameraLost, open_camera
 from drivers.aravis.pixel_formats import ByteOrder, Justification
 from drivers.errors import DeviceError
-from drivers.interfaces import Frame, Identity, Setting, Surroundings
+from drivers.interfaces import Frame, Identity, Region, Setting, Surroundings
 from drivers.latency import light_level, measure_old_frames
 
 
@@ -130,6 +132,8 @@ class AravisCamera:
             justification,
             keep_features,
         )
+        self._requested = self._options
+        self._opened_region: list[int] = []
         self._clock = surroundings.clock
         self._model = f"camera {address}".strip()
         self._link: AravisProcess | None = None
@@ -202,13 +206,47 @@ class AravisCamera:
             self._requested_exposure = exposure
             return Setting(exposure, actual, self._clock.now())
 
-    def set_gain(self, gain_db: float) -> Setting[float]:
-        """Set the Aravis camera's gain in decibels; on opening, the option `gain_db` applies."""
+    @property
+    def gain_db(self) -> float:
+        """Return the gain in decibels that the Aravis camera reports."""
+        return self._settings.gain
+
+    def set_gain(self, gain_db: float | None) -> Setting[float]:
+        """Set the Aravis camera's gain in decibels; that of the option `gain_db` if None."""
+        asked = self._options.gain_db if gain_db is None else gain_db
         with self._translate_errors("set gain"):
             taking = self._ensure_open()
-            actual = self._settings.set_gain(gain_db)
-            taking.mark_settings_changed()
-            return Setting(gain_db, actual, self._clock.now())
+            before = self._settings.gain
+            actual = self._settings.set_gain(asked)
+            self._requested = replace(self._requested, gain_db=asked)
+            if actual != before:
+                taking.mark_settings_changed()
+            return Setting(asked, actual, self._clock.now())
+
+    def set_region(self, region: Region | None, binning: int | None) -> Setting[Region]:
+        """Read a region of the Aravis camera's frames, and average pixels that a camera can bin.
+
+        region: x, y, width, height in pixels of the frames that the options `roi` and `binning`
+        give, which are averaged `binning` times as much each way. None stands for the options.
+        """
+        with self._translate_errors(f"region {region}, binning {binning or 1}"):
+            taking = self._ensure_open()
+            x, y, width, height = region or (0, 0, *self._opened_region[2:])
+            more = binning or 1
+            if more > 1 and tuple(self._options.binning) != (1, 1):
+                reply = f"the bench file's option binning is {list(self._options.binning)}"
+                raise self._error(f"binning {more}", reply, "Leave one of the two out")
+            left, top = self._opened_region[:2]
+            part = [(left + x) // more, (top + y) // more, width // more, height // more]
+            wanted = replace(self._options, gain_db=self._requested.gain_db)
+            if (region, binning) != (None, None):
+                binned = (more, more) if more > 1 else self._options.binning
+                wanted = replace(wanted, roi=part, binning=binned, average_binned=more > 1)
+            if wanted != self._requested:
+                taking.stop()
+                self._requested = wanted
+                self._open_acquisition = self._set_up(taking.link)
+            return Setting((x, y, width, height), (x, y, width, height), self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
         """Take an Aravis frame whose exposure begins after this call."""
@@ -271,11 +309,14 @@ class AravisCamera:
             return told | {name.replace("_", " "): str(n) for name, n in counted.items()}
 
     def make_safe(self) -> None:
-        """Stop the Aravis camera's acquisition."""
+        """Stop the Aravis camera's acquisition, and give it back the options' gain and region."""
         if self._link is None:
             return
         with self._translate_errors("stop"):
             self._acquisition.stop()
+            if self._requested != self._options:
+                self._requested = self._options
+                self._open_acquisition = self._set_up(self._link)
 
     def kill(self) -> None:
         """Kill Aravis' child process, from any thread; the next call starts another one."""
@@ -324,17 +365,19 @@ class AravisCamera:
         return self._open_acquisition
 
     def _set_up(self, link: AravisProcess) -> FrameAcquisition:
-        settings = AppliedSettings(link, self._options, self._applied_settings)
+        settings = AppliedSettings(link, self._requested, self._applied_settings)
         self._applied_settings, self._model = settings, link.model
+        if self._requested == self._options:
+            self._opened_region = settings.region
         first = link.ask("exposure", timeout=REPLY_TIMEOUT)
         us = (
             float(first)
             if self._requested_exposure is None
             else to_microseconds(self._requested_exposure)
         )
-        return FrameAcquisition(
+        taking = FrameAcquisition(
             link,
-            self._options,
+            self._requested,
             settings.pixel_format,
             settings.region,
             set_exposure(link, us),
@@ -343,10 +386,15 @@ class AravisCamera:
             self._note_progress,
             self._counts,
         )
+        if self._open_acquisition is not None:
+            # A measured latency is the camera's, whatever its settings.
+            taking.latency.told = self._open_acquisition.latency.told
+        return taking
 
     def _build_frame(self, taken: AcquiredFrame) -> Frame:
         began = self._clock.now() - (time.monotonic() - taken.began)
-        gain = self._options.electrons_per_number / 10 ** (self._settings.gain / 20)
+        binned = prod(self._requested.binning) / prod(self._options.binning)
+        gain = binned * self._options.electrons_per_number / 10 ** (self._settings.gain / 20)
         number = self._unwrap_number(taken.number)
         return Frame(taken.image, self._acquisition.exposure, gain, began, number)
 

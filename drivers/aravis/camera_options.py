@@ -33,6 +33,8 @@ class AravisOptions:
     byte_order: ByteOrder | Literal[""] = ""
     justification: Justification | Literal[""] = ""
     keep_features: Sequence[str] = ()
+    average_binned: bool = False
+    """Whether binned pixels are averaged, as plans have them; no option of the bench file."""
 
     def __post_init__(self) -> None:
         _require(isinstance(self.address, str), "address", self.address, "a text")

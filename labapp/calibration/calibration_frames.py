@@ -50,7 +50,7 @@ class CalibrationFrames:
                 f"frames. Take them with: labapp resume {record.path}"
             )
         design = validate_design(text, str(record.path))
-        camera = record.bench.build_camera()
+        camera = record.camera
         require_monochrome_sensor(camera.sensor, "labapp calibrate")
         return CalibrationFrames(record, design, camera)
 

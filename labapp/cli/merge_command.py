@@ -11,6 +11,7 @@ from labapp.cli.app import app
 from labapp.cli.shared_options import (
     ForceOption,
     JsonOption,
+    ReadoutOption,
     find_encoding,
     light_in_nanometres,
     readable_path,
@@ -98,6 +99,7 @@ def merge(
             show_default="the only one",
         ),
     ] = None,
+    readout: ReadoutOption = None,
     encoding: Annotated[
         str | None,
         typer.Option(
@@ -167,7 +169,7 @@ def merge(
     request = MergeRequest(
         files, times, dark or [], sensor,
         SensorNumbers(gain, read_noise, black, full_scale),
-        RecordedFrames(target, pattern, wavelength), encoding, found, budget, not as_given, align,
-        out, force,
+        RecordedFrames(target, pattern, wavelength, readout), encoding, found, budget,
+        not as_given, align, out, force,
     )  # fmt: skip
     merge_bracket_files(request, as_json=json)

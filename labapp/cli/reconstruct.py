@@ -18,6 +18,7 @@ from labapp.cli.shared_options import (
     EncodingOption,
     ForceOption,
     JsonOption,
+    ReadoutOption,
     light_in_nanometres,
     readable_path,
 )
@@ -115,6 +116,7 @@ def reconstruct(
             help="Frame of a record, or page of a TIFF.", show_default="all exposures, merged"
         ),
     ] = None,
+    readout: ReadoutOption = None,
     star: Annotated[
         str | None,
         typer.Option(
@@ -259,6 +261,7 @@ def reconstruct(
         "--blind": blind, "--budget": budget, "--refine-psf": refine_psf or None, "--clip": clip,
         "--method": None if method == AUTO else method, "--dark": dark, "--encoding": encoding,
         "--wavelength-nm": wavelength_nm, "--frame": frame, "--grey": grey or None,
+        "--readout": readout,
     }  # fmt: skip
     spectral_only = {
         "--white": white, "--light": light, "--calibration": calibration,
@@ -286,7 +289,7 @@ def reconstruct(
     from labapp.files.output_paths import restoration_output_paths
 
     wavelength = None if wavelength_nm is None else wavelength_nm * 1e-9
-    selected = (target, pattern, wavelength, frame, star, grey)
+    selected = (target, pattern, wavelength, frame, star, grey, readout)
     told: dict[str, Any] = {"noise": noise, "border": border, "clip": clip, "dark": dark}
     told |= {"blind": blind, "truth": truth, "encoding": encoding}
     if decoder is not None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from labapp.cli.app import app
-from labapp.cli.shared_options import ForceOption, JsonOption, RecordArgument
+from labapp.cli.shared_options import ForceOption, JsonOption, ReadoutOption, RecordArgument
 
 
 @app.command()
@@ -30,6 +30,7 @@ def report(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report. Default: the record's own.")
     ] = None,
+    readout: ReadoutOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -47,7 +48,7 @@ def report(
     require_free_names(folder, REPORT_FILES, force=force)
     from labapp.pictures.report import report_record
 
-    report_record(record, folder, force=force, as_json=json)
+    report_record(record, folder, force=force, as_json=json, readout=readout)
 
 
 @app.command()
@@ -110,6 +111,7 @@ def export(
     ] = None,
     target: Annotated[str | None, typer.Option(help="Only frames of this target.")] = None,
     pattern: Annotated[str | None, typer.Option(help="Only frames of this pattern.")] = None,
+    readout: ReadoutOption = None,
     force: ForceOption = False,
 ) -> None:
     """Write the raw frames of the record RUN.h5 as lossless files (--to) for other programs.
@@ -124,4 +126,5 @@ def export(
     """
     from labapp.runs.export import FrameSelection, export_record
 
-    export_record(record, to, out, FrameSelection(frames, target, pattern), force=force)
+    selection = FrameSelection(frames, target, pattern, readout)
+    export_record(record, to, out, selection, force=force)

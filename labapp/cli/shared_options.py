@@ -121,6 +121,16 @@ MemoryOption = Annotated[
 YesOption = Annotated[
     bool, typer.Option("--yes", help="Don't prompt: all targets are in place already.")
 ]
+ReadoutOption = Annotated[
+    int | None,
+    typer.Option(
+        metavar="NUMBER",
+        help="Frames of a record that were read in this way, from 0, where gain, region or binning "
+        "change.",
+        show_default="the only one",
+    ),
+]
+
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace existing output files.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 RecordArgument = Annotated[

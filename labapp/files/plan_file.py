@@ -17,14 +17,29 @@ from labapp.files.reading import FileModel, read_file
 
 Names = Annotated[tuple[str, ...], Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=10_000)]
+Binning = Annotated[int, Field(ge=1, le=64)]
 
-Axis = Literal["target", "pattern", "wavelength", "exposure", "repeat"]
+Axis = Literal["target", "pattern", "wavelength", "region", "binning", "gain", "exposure", "repeat"]
 
 MOST_FRAMES = 2_000_000
 """Frames of a plan: some seconds of processor time to list them, and 0.1 GB. Chosen."""
 
-AXES: tuple[Axis, ...] = ("target", "pattern", "wavelength", "exposure", "repeat")
+AXES: tuple[Axis, ...] = get_args(Axis)
 """The axes of an acquisition block in their usual order, the slowest to change first."""
+
+MOST_AVERAGED = 65_536
+"""Frames whose mean may be stored: their sum is a number of 32 bits."""
+
+_MOST_READOUTS = 10_000
+"""Regions times binnings times gains of a block. Chosen."""
+
+Region = tuple[
+    Annotated[int, Field(ge=0)],
+    Annotated[int, Field(ge=0)],
+    Annotated[int, Field(ge=1)],
+    Annotated[int, Field(ge=1)],
+]
+"""x, y, width and height in pixels."""
 
 Role = Literal["light", "dark", "flat", "neutral"]
 
@@ -68,18 +83,26 @@ class InterleavedFrames(FileModel):
 
 
 class Acquisition(FileModel):
-    """One block of a plan: targets x patterns x wavelengths x exposures x repeats.
+    """One block of a plan: all combinations of the values of its axes.
 
     Attributes
     ----------
     slots : tuple of int
         Slots of a filter wheel, from 1, instead of wavelengths.
+    regions_px : tuple of regions
+        Parts of the camera's frames that are read, each x, y, width and height in pixels.
+    binnings : tuple of int
+        Pixels each way whose mean is one.
+    gains_db : tuple of float
+        Gains of the camera in decibels. Without a key, the camera stays as the bench opens it.
     periods : tuple of int
         Exposures as whole periods of the block's videos, instead of milliseconds.
     bracket : BracketTable
         A signal-to-noise ratio for which the exposures are chosen, instead of either.
     chosen : ChosenTable
         Why the exposures were chosen, in the plan of a record.
+    average : int
+        Frames whose mean is stored as one.
     order : tuple of axis names
         Order of the axes, the slowest first. Axes that are left out follow in their usual order.
     together : tuple of groups of axis names
@@ -94,11 +117,15 @@ class Acquisition(FileModel):
     patterns: Names
     wavelengths_nm: Annotated[tuple[Nanometres, ...], Field(min_length=1)] | None = None
     slots: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
+    regions_px: Annotated[tuple[Region, ...], Field(min_length=1)] | None = None
+    binnings: Annotated[tuple[Binning, ...], Field(min_length=1)] | None = None
+    gains_db: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     exposures_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     periods: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
     bracket: BracketTable | None = None
     chosen: ChosenTable | None = None
     repeats: Count = 1
+    average: Annotated[int, Field(ge=1, le=MOST_AVERAGED)] = 1
     order: tuple[Axis, ...] = ()
     together: tuple[tuple[Axis, ...], ...] = ()
     any_exposure: bool = False
@@ -111,6 +138,21 @@ class Acquisition(FileModel):
             raise ValueError("a block has either wavelengths_nm or slots")
         if sum(one is not None for one in (self.exposures_ms, self.periods, self.bracket)) != 1:
             raise ValueError("a block has either exposures_ms, periods or bracket")
+        return self
+
+    @model_validator(mode="after")
+    def _readouts_fit(self) -> Acquisition:
+        readouts = prod(self.length(axis) for axis in ("region", "binning", "gain"))
+        if readouts > _MOST_READOUTS:
+            raise ValueError(
+                f"a block reads the camera in {readouts:,} ways, and {_MOST_READOUTS:,} are "
+                "possible; split it"
+            )
+        if self.bracket is not None and (readouts > 1 or self.average > 1):
+            raise ValueError(
+                "the exposures of a bracket are chosen for one region, binning and gain, and for "
+                "single frames; give a block for each, or exposures_ms"
+            )
         return self
 
     @model_validator(mode="after")
@@ -140,6 +182,9 @@ class Acquisition(FileModel):
             "target": self.targets,
             "pattern": self.patterns,
             "wavelength": self.wavelengths_nm or self.slots or (),
+            "region": self.regions_px or (None,),
+            "binning": self.binnings or (None,),
+            "gain": self.gains_db or (None,),
             "exposure": self.exposures_ms or self.periods or (),
             "repeat": range(self.repeats),
         }
@@ -152,8 +197,9 @@ class Acquisition(FileModel):
             axes["exposure"] = self.bracket.most_frames
         beside = {axis for group in self.together for axis in group[1:]}
         light = prod(count for axis, count in axes.items() if axis not in beside)
-        colours = axes["wavelength"] * axes["exposure"]
-        settings = {"dark": axes["exposure"], "flat": colours, "neutral": axes["target"] * colours}
+        exposures = prod(axes[axis] for axis in ("region", "binning", "gain", "exposure"))
+        colours = axes["wavelength"] * exposures
+        settings = {"dark": exposures, "flat": colours, "neutral": axes["target"] * colours}
         total = light
         for one in self.interleave:
             size = min(one.every or light, light)

@@ -68,7 +68,7 @@ def take_picture(
     )
     require_complete(outcome)
     with Record(path) as record:
-        require_monochrome_sensor(record.bench.build_camera().sensor, "labapp refine")
+        require_monochrome_sensor(record.camera.sensor, "labapp refine")
         brackets = merge_all(record, merging)
     return find_bracket(brackets, "star", name, None, path)
 

@@ -32,6 +32,14 @@ class BenchCapabilities:
         Period of the lamp's flicker, if the bench file tells it.
     delays : FrameDelays
         What frames take beyond these times; nothing unless it was measured.
+    full_scale : int
+        Digital number at which a pixel counts as clipped; 0 if it isn't known.
+    gain_db : float
+        Gain in decibels with which the bench opens the camera.
+    gain_range : tuple of float, optional
+        Gains in decibels that a plan may set; None if it may set none.
+    has_regions : bool
+        Whether a plan may choose regions and binnings.
     """
 
     targets: tuple[str, ...]
@@ -48,6 +56,10 @@ class BenchCapabilities:
     filter_settling: float
     flicker_period: float | None = None
     delays: FrameDelays = field(default_factory=FrameDelays)
+    full_scale: int = 0
+    gain_db: float = 0.0
+    gain_range: tuple[float, float] | None = None
+    has_regions: bool = False
 
     @staticmethod
     def of(bench: Bench) -> BenchCapabilities:
@@ -67,6 +79,9 @@ class BenchCapabilities:
             filter_settling=bench.filter.settling,
             flicker_period=1 / bench.file.flicker_hz if bench.file.flicker_hz else None,
             delays=bench.frame_delays or FrameDelays(),
+            full_scale=bench.camera.full_scale,
+            has_regions=hasattr(bench.camera, "set_region"),
+            **_gain(bench.camera),
         )
 
     @staticmethod
@@ -87,3 +102,9 @@ class BenchCapabilities:
         asked = round(nm * 1e3) * 1e-12
         ends = (end for end in self.wavelength_range if abs(end - asked) < 0.5e-12)
         return next(ends, asked)
+
+
+def _gain(camera: Any) -> dict[str, Any]:
+    """Return the gain of a bench's camera that a plan may set, as capabilities."""
+    limits = getattr(camera, "gain_range", None) if hasattr(camera, "set_gain") else None
+    return {} if limits is None else {"gain_db": float(camera.gain_db), "gain_range": tuple(limits)}

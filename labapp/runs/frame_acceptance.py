@@ -17,6 +17,9 @@ WAVELENGTH_TOLERANCE = 0.011e-9
 """Allowed difference in metres of a wavelength from the requested one: tunable filters set it in
 steps of 0.01 nm."""
 
+GAIN_TOLERANCE_DB = 0.1
+"""Allowed difference of a gain from the requested one in decibels, 1 %: cameras set it in steps."""
+
 
 def is_exposure_as_requested(exposure: float, requested: float) -> bool:
     """Return whether a run's frame has the requested exposure, as closely as cameras keep it.
@@ -32,12 +35,14 @@ class CaptureConditions:
     """Settings of the bench at the capture of a frame.
 
     exposure is the set value in seconds. settled_at is the clock's time from which all settings
-    had settled. last_number is the camera's number of the last accepted frame.
+    had settled. last_number is the camera's number of the last accepted frame. shape is the frame's
+    (rows, columns).
     """
 
     exposure: float
     settled_at: float
     last_number: int
+    shape: tuple[int, int]
 
 
 def require_valid_frame(
@@ -45,9 +50,9 @@ def require_valid_frame(
 ) -> float:
     """Check that a frame has the settings of the run's shot; return its wavelength in metres.
 
-    Raises DeviceError if the frame is stale, has another exposure or impossible numbers, or if a
-    device doesn't have the setting that it was given. A missing frame does less harm than a wrong
-    one that looks right.
+    Raises DeviceError if the frame is stale, has another exposure or size or impossible numbers, or
+    if a device doesn't have the setting that it was given. A missing frame does less harm than a
+    wrong one that looks right.
     """
 
     def refuse(role: str, what: str) -> DeviceError:
@@ -63,6 +68,9 @@ def require_valid_frame(
         error = refuse("camera", f"the frame's pixels reach {top}, and its full scale is {full}")
         error.lasting = True
         raise error
+    if frame.image.shape != conditions.shape:
+        pixels, wanted = frame.image.shape, conditions.shape
+        raise refuse("camera", f"the frame has {pixels} pixels, and {wanted} were asked for")
     if frame.number <= conditions.last_number:
         raise refuse("camera", f"frame {frame.number} came again: it is stale")
     if frame.time < conditions.settled_at:

@@ -96,7 +96,8 @@ class FrameDoubts:
         self._settled |= {(kind, shot.target) for kind in ("dark", "light", "star", "focus")}
 
     def _doubts(self, shot: Shot, image: NDArray[np.uint16]) -> dict[str, str]:
-        sensor = self._camera.sensor
+        camera = shot.readout.read_camera(self._camera)
+        sensor = camera.sensor
         if shot.role == "dark" or shot.target == self._roles.dark:
             return {"dark": light_in_the_dark(sensor, shot.exposure, image)}
         if shot.role != "light":
@@ -106,7 +107,7 @@ class FrameDoubts:
             found["light"] = lack_of_light(sensor, shot.exposure, image)
         if shot.target == self._roles.star and shot.pattern == self._roles.neutral:
             found["star"] = star_that_is_none(sensor, shot.exposure, image)
-            found["focus"] = star_out_of_focus(self._camera, shot.wavelength, shot.exposure, image)
+            found["focus"] = star_out_of_focus(camera, shot.wavelength, shot.exposure, image)
         return found
 
 

@@ -28,6 +28,7 @@ from labapp.runs.acquisition.frame_storage import UNTOLD, free_bytes, require_sp
 from labapp.runs.brackets.extremes import possible_plans
 from labapp.runs.bundled_plans import abbreviate_list, format_range
 from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.readouts import Readout
 from labapp.runs.shots import Shot, ShotList, group_codes
 from labapp.runs.steps import schedule_shots
 from optics.progress import Progress
@@ -213,6 +214,12 @@ def _limits(preview: Preview) -> list[dict[str, str]]:
     wavelengths = _nm(np.unique(listed.column("wavelength")).tolist())
     slots = [f"{number}" for number in np.unique(listed.column("slot")).tolist() if number]
     videos = sum(isinstance(pattern, VideoPattern) for pattern in plan.patterns.values())
+    gains = sorted({one.gain_db for one in listed.readouts if one.gain_db is not None})
+    parts = [
+        words
+        for one in listed.readouts
+        if (words := Readout(region=one.region, binning=one.binning).describe())
+    ]
     low, high = _nm(abilities.wavelength_range)
     rows, columns = abilities.panel_shape
     asked_and_available = {
@@ -224,6 +231,14 @@ def _limits(preview: Preview) -> list[dict[str, str]]:
         "slots": (
             abbreviate_list(slots),
             f"1 to {len(abilities.slots)}: {abbreviate_list(_nm(abilities.slots))} nm",
+        ),
+        "gains": (
+            f"{format_range(gains)} dB" if gains else "",
+            f"{format_range(abilities.gain_range)} dB" if abilities.gain_range else "none",
+        ),
+        "regions and binnings": (
+            abbreviate_list(dict.fromkeys(parts)),
+            f"in {abilities.frame_shape[1]} x {abilities.frame_shape[0]} pixels",
         ),
         "targets": (
             abbreviate_list(dict.fromkeys(shot.place for shot in listed.distinct("target"))),
@@ -249,6 +264,8 @@ def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> 
     wheel = bool(preview.shots.column("slot").any())
     columns = ["step", "role", "target", "pattern", "nm ", "exposures ms ", "frames ", "due s "]
     columns[5:5] = ["slot "] if wheel else []
+    read = any(one.describe() for one in preview.shots.readouts)
+    columns[-3:-3] = ["read"] if read else []
     groups = _groups(preview.shots)
     printed = groups if every_row else groups[:40]
     heading, rows = "Steps", list[list[Any]]()
@@ -258,7 +275,7 @@ def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> 
             if rows:
                 print_table(heading, columns, rows)
             heading, rows = text, []
-        rows.append(_row(group, wheel))
+        rows.append(_row(group, wheel, read))
     print_table(heading, columns, rows)
     if len(groups) > len(printed):
         out.print(f"... and {len(groups) - len(printed)} more rows; --all prints them")
@@ -266,13 +283,13 @@ def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> 
 
 def _groups(listed: ShotList) -> list[slice]:
     """Group consecutive shots of a run that differ only in exposure and repeat."""
-    names = ("role", "target", "pattern", "wavelength", "slot")
+    names = ("role", "target", "pattern", "wavelength", "slot", "readout")
     codes = group_codes(*(listed.column(name) for name in names))
     ends = [*(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(listed)]
     return [slice(first, last) for first, last in zip([0, *ends], ends, strict=False)]
 
 
-def _row(group: Sequence[Shot], wheel: bool) -> list[Any]:
+def _row(group: Sequence[Shot], wheel: bool, read: bool) -> list[Any]:
     """Return the row for a group of shots in the table of a run's steps."""
     first, steps = group[0], sorted({shot.step for shot in group})
     exposures = dict.fromkeys(f"{shot.exposure * 1e3:g}" for shot in group)
@@ -283,6 +300,7 @@ def _row(group: Sequence[Shot], wheel: bool) -> list[Any]:
         first.pattern,
         f"{first.wavelength * 1e9:g}",
         *([first.slot] if wheel else []),
+        *([first.readout.describe()] if read else []),
         " ".join(exposures),
         len(group),
         f"{first.start_time:.3f}",
@@ -322,6 +340,7 @@ def _shot_data(shot: Shot, prompt: str) -> dict[str, Any]:
         "pattern": shot.pattern,
         "wavelength_nm": round(shot.wavelength * 1e9, 3),
         "slot": shot.slot,
+        "readout": shot.readout.as_data(),
         "exposure_ms": round(shot.exposure * 1e3, 3),
         "due_s": shot.start_time,
         "lasts_s": shot.duration,

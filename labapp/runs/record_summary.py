@@ -20,6 +20,9 @@ from labapp.runs.shots import group_codes
 _SHOWN_LINES = 500
 """Lines of the log that are printed: those of some hundred frames. Chosen."""
 
+_PLAIN = (0, 1, 2, 4, 5, 6)
+"""Columns of the table of frames where the sensor is read in one way, as the bench opens it."""
+
 
 def show_record(path: Path, *, as_json: bool) -> None:
     """Print a summary of a run's record: state, frames, devices, simulator decisions and log."""
@@ -45,8 +48,11 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if data["message"]:
         out.print(data["message"])
     out.print()
-    columns = ["role", "target", "pattern", "wavelength nm ", "exposures ms ", "frames "]
-    print_table("Frames", columns, [list(group.values()) for group in data["groups"]])
+    columns = ["role", "target", "pattern", "read", "wavelength nm ", "exposures ms ", "frames "]
+    rows = [list(group.values()) for group in data["groups"]]
+    if not any(group["readout"] for group in data["groups"]):
+        columns, rows = [columns[n] for n in _PLAIN], [[row[n] for n in _PLAIN] for row in rows]
+    print_table("Frames", columns, rows)
     devices = [[name, *device.values()] for name, device in data["devices"].items()]
     print_table("Devices", ["device", "model", "serial", "simulated"], devices)
     if data["effect_plan"]:
@@ -60,7 +66,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
 def record_data(record: Record) -> dict[str, Any]:
     """Return a summary of a run's record, without its log, as plain data."""
     stored = record.column("stored").astype(bool)
-    rows, columns = record.image(0).shape
+    rows, columns = record.frame_shape
     return {
         "record": str(record.path),
         "title": record.text("title"),
@@ -88,8 +94,9 @@ def record_data(record: Record) -> dict[str, Any]:
 
 
 def _groups(record: Record) -> list[dict[str, Any]]:
-    """Group the planned frames of a run's record by role, target, pattern and wavelength."""
+    """Group the planned frames of a run's record by role, target, pattern, wavelength, readout."""
     names = {"role": ROLES, "target": record.target_names, "pattern": record.pattern_names}
+    names["readout"] = [one.describe() for one in record.readouts]
     nanometres = np.round(record.column("wavelength_asked") * 1e9, 3)
     codes = group_codes(*(record.column(name) for name in names), nanometres)
     _, firsts, counts = np.unique(codes, return_index=True, return_counts=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.files.plan_file import ROLES, Role
+from labapp.runs.readouts import AS_OPENED, Readout
 
 _AT_ONCE = 1024
 """Shots that are made at once while a list is gone through. Chosen: little memory, little loss."""
@@ -40,6 +41,8 @@ class Shot:
         What a person is asked to do before the target is placed.
     slot : int
         Slot of a filter wheel, from 1; 0 means that the wavelength is set.
+    readout : Readout
+        How the sensor is read, and how many frames are averaged.
     start_time : float
         Planned beginning of the exposure, in seconds from the beginning of the run.
     duration : float
@@ -57,6 +60,7 @@ class Shot:
     place: str = ""
     prompt: str = ""
     slot: int = 0
+    readout: Readout = AS_OPENED
     start_time: float = 0.0
     duration: float = 0.0
 
@@ -79,17 +83,19 @@ _KINDS: dict[str, np.dtype[Any]] = {
     "exposure": np.dtype("f8"),
     "role": np.dtype("u1"),
     "slot": np.dtype("u2"),
+    "readout": np.dtype("u2"),
     "start_time": np.dtype("f8"),
     "duration": np.dtype("f8"),
 }
-"""Columns of a list of shots; target, pattern and role are indices."""
+"""Columns of a list of shots; target, pattern, role and readout are indices."""
 
 
 class ShotList(Sequence[Shot]):
     """Shots of a run as columns, each made when it is asked for; it is never changed.
 
     columns: arrays of the same length by name of a Shot's attribute, those of zeros left out.
-    `target` and `pattern` are indices into `targets` and `patterns`, `role` into ROLES.
+    `target`, `pattern` and `readout` are indices into `targets`, `patterns` and `readouts`, `role`
+    into ROLES.
     """
 
     def __init__(
@@ -97,8 +103,13 @@ class ShotList(Sequence[Shot]):
         columns: Mapping[str, NDArray[Any]],
         targets: Sequence[ShotTarget],
         patterns: Sequence[str],
+        readouts: Sequence[Readout] = (AS_OPENED,),
     ) -> None:
-        self.targets, self.patterns = tuple(targets), tuple(patterns)
+        self.targets, self.patterns, self.readouts = (
+            tuple(targets),
+            tuple(patterns),
+            tuple(readouts),
+        )
         self._length = len(columns["target"])
         self._columns = {
             name: np.asarray(columns.get(name, np.zeros(self._length, kind)), kind)
@@ -112,18 +123,20 @@ class ShotList(Sequence[Shot]):
             return shots
         targets: dict[ShotTarget, int] = {}
         patterns: dict[str, int] = {}
+        readouts: dict[Readout, int] = {}
         rows = [
             (
                 one.index, one.step, one.repeat,
                 targets.setdefault(ShotTarget(one.target, one.place, one.prompt), len(targets)),
                 patterns.setdefault(one.pattern, len(patterns)),
-                one.wavelength, one.exposure, ROLES.index(one.role), one.slot, one.start_time,
-                one.duration,
+                one.wavelength, one.exposure, ROLES.index(one.role), one.slot,
+                readouts.setdefault(one.readout, len(readouts)), one.start_time, one.duration,
             )
             for one in shots
         ]  # fmt: skip
         table = np.array(rows, list(_KINDS.items()))
-        return cls({name: table[name] for name in _KINDS}, list(targets), list(patterns))
+        columns = {name: table[name] for name in _KINDS}
+        return cls(columns, list(targets), list(patterns), list(readouts))
 
     def column(self, name: str) -> NDArray[Any]:
         """Return an attribute of all shots of the run; don't change it."""
@@ -131,20 +144,28 @@ class ShotList(Sequence[Shot]):
 
     def with_columns(self, **columns: NDArray[Any]) -> ShotList:
         """Return the run's shots with other values of some attributes."""
-        return ShotList({**self._columns, **columns}, self.targets, self.patterns)
+        columns = {**self._columns, **columns}
+        return ShotList(columns, self.targets, self.patterns, self.readouts)
 
     def pick(self, which: slice | Sequence[int] | NDArray[np.intp]) -> ShotList:
         """Return some of the run's shots: those of a slice, or of indices."""
         which = which if isinstance(which, slice) else np.asarray(which, np.intp)
-        return ShotList(
-            {name: column[which] for name, column in self._columns.items()},
-            self.targets,
-            self.patterns,
-        )
+        columns = {name: column[which] for name, column in self._columns.items()}
+        return ShotList(columns, self.targets, self.patterns, self.readouts)
 
     def distinct(self, *names: str) -> ShotList:
         """Return the first of all shots of the run that are alike in some attributes, in order."""
         codes = group_codes(*(self._columns[name] for name in names))
+        return self.pick(np.sort(np.unique(codes, return_index=True)[1]))
+
+    def distinct_pictures(self) -> ShotList:
+        """Return the first of all shots of the run whose sensor sees the same light and gain.
+
+        Regions and binned pixels are read of the same picture.
+        """
+        gains = np.array([one.amplification_db for one in self.readouts])[self._columns["readout"]]
+        names = ("target", "pattern", "wavelength", "exposure")
+        codes = group_codes(*(self._columns[name] for name in names), gains)
         return self.pick(np.sort(np.unique(codes, return_index=True)[1]))
 
     @property
@@ -171,11 +192,11 @@ class ShotList(Sequence[Shot]):
         for first in range(0, self._length, _AT_ONCE):
             part = (c[first : first + _AT_ONCE].tolist() for c in self._columns.values())
             for index, step, repeat, target, pattern, *rest in zip(*part, strict=True):
-                wavelength, exposure, role, slot, start_time, duration = rest
+                wavelength, exposure, role, slot, readout, start_time, duration = rest
                 name, place, prompt = self.targets[target]
                 yield Shot(
                     index, step, repeat, name, self.patterns[pattern], wavelength, exposure,
-                    ROLES[role], place, prompt, slot, start_time, duration,
+                    ROLES[role], place, prompt, slot, self.readouts[readout], start_time, duration,
                 )  # fmt: skip
 
     def __eq__(self, other: object) -> bool:

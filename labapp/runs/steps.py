@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from labapp.files.plan_file import AXES, ROLES, Acquisition, Axis, InterleavedFrames, PlanFile
 from labapp.files.quantities import exposure_from_ms, round_exposure
 from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.readouts import Readout, block_readouts
 from labapp.runs.shots import Shot, ShotList, ShotTarget, group_codes
 
 Columns = dict[str, NDArray[Any]]
@@ -33,7 +34,12 @@ def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> ShotList:
     if len(blocks) > 1:
         joined = {name: np.concatenate([one[name] for one in blocks]) for name in blocks[0]}
     joined["index"] = np.arange(len(joined["step"]), dtype=np.int32)
-    listed = ShotList(joined, [names.target(name) for name in names.targets], list(names.patterns))
+    listed = ShotList(
+        joined,
+        [names.target(name) for name in names.targets],
+        list(names.patterns),
+        list(names.readouts),
+    )
     return schedule_shots(listed, capabilities)
 
 
@@ -72,7 +78,7 @@ def block_exposures(
 
 
 class _Names:
-    """The names of a plan's targets and patterns, with the indices that shots have for them."""
+    """What a plan's shots have indices for: names of targets and patterns, and readouts."""
 
     def __init__(self, plan: PlanFile) -> None:
         self._plan = plan
@@ -83,6 +89,7 @@ class _Names:
         )
         self.targets = {name: number for number, name in enumerate(dict.fromkeys(targets))}
         self.patterns = {name: number for number, name in enumerate(plan.patterns)}
+        self.readouts: dict[Readout, int] = {}
 
     def target(self, name: str) -> ShotTarget:
         known = self._plan.targets.get(name)
@@ -133,11 +140,17 @@ def _light_columns(
     at = _axis_indices(block)
     count = len(at["target"])
     exposures = np.array(block_exposures(block, plan, capabilities))
+    readouts = [
+        names.readouts.setdefault(one, len(names.readouts))
+        for one in block_readouts(block, capabilities)
+    ]
+    binned = at["region"] * block.length("binning") + at["binning"]
     return {
         "target": _codes(names.targets, block.targets)[at["target"]],
         "pattern": _codes(names.patterns, block.patterns)[at["pattern"]],
         "wavelength": np.array(wavelengths)[at["wavelength"]],
         "slot": np.array(slots, np.uint16)[at["wavelength"]],
+        "readout": np.array(readouts, np.uint16)[binned * block.length("gain") + at["gain"]],
         "exposure": exposures[at["exposure"]],
         "repeat": at["repeat"].astype(np.uint32),
         "role": np.full(count, ROLES.index(block.role), np.uint8),
@@ -175,7 +188,7 @@ def _needed(asked: InterleavedFrames, light: Columns) -> tuple[NDArray[np.intp],
     count = len(light["target"])
     size = asked.every or count
     groups = np.arange(count) // size
-    alike = [groups, light["exposure"]]
+    alike = [groups, light["exposure"], light["readout"]]
     if asked.role == "neutral":
         alike.append(light["target"])
     # Dark frames don't depend on the wavelength, so one for each exposure is enough.
@@ -204,7 +217,7 @@ def _steps(columns: Columns) -> NDArray[np.uint32]:
     A setting that occurs again with the same repeat is a new step. The random numbers of a
     simulated frame depend on step and repeat, so no two frames may share both.
     """
-    named = ("role", "target", "pattern", "slot", "wavelength", "exposure")
+    named = ("role", "target", "pattern", "slot", "wavelength", "exposure", "readout")
     settings = group_codes(*(columns[name] for name in named))
     came = group_codes(settings, _occurrences(group_codes(settings, columns["repeat"])))
     _, first, inverse = np.unique(came, return_index=True, return_inverse=True)
@@ -227,8 +240,9 @@ def schedule_shots(shots: Iterable[Shot], capabilities: BenchCapabilities) -> Sh
     listed = ShotList.of(shots)
     changes = _changes(listed)
     settling, after = (times[changes] for times in _times_of_changes(capabilities))
-    lasts = settling + listed.column("exposure")
-    lasts += after
+    averaged = np.array([one.averaged for one in listed.readouts])[listed.column("readout")]
+    lasts = settling + averaged * listed.column("exposure")
+    lasts += after + (averaged - 1) * max(capabilities.readout + capabilities.delays.frame, 0.0)
     begins = np.empty_like(lasts)
     np.cumsum(lasts[:-1], out=begins[1:])
     begins[:1] = 0.0

@@ -60,7 +60,7 @@ class BandResponse:
 
 def mosaic_of(record: Record) -> Mosaic | None:
     """Return the colour filters of the sensor that took a record's pictures; None without any."""
-    return record.bench.build_camera().sensor.colour
+    return record.camera.sensor.colour
 
 
 def narrow_filters(record: Record, picture: Bracket) -> ColourFilters | None:

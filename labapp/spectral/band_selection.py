@@ -66,7 +66,7 @@ def require_single_slots(record: Record, target: str, pattern: str) -> None:
 
 def sensor_pitch(record: Record) -> float:
     """Return the pitch in metres of the sensor that took a record's pictures."""
-    return record.bench.build_camera().sensor.pitch
+    return record.camera.sensor.pitch
 
 
 def _filter_range(record: Record, wavelength: float) -> str:

@@ -142,7 +142,7 @@ def choose_calibrated_bands(
 def _require_same_sensor(source: SpectraSource, record: Record) -> None:
     """Raise UserError if a spectral calibration is of another sensor than a record."""
     file, mosaic = source.file, require_filters(f"--calibration {source.path}", mosaic_of(record))
-    pitch = record.bench.build_camera().sensor.pitch * 1e6
+    pitch = record.camera.sensor.pitch * 1e6
     if not math.isclose(pitch, file.pitch_um, rel_tol=_PITCH_TOLERANCE):
         raise UserError(
             f"--calibration {source.path}: is of pixels {file.pitch_um:g} µm apart, and those of "

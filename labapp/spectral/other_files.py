@@ -45,7 +45,7 @@ def measure_psfs_of_record(
         If its sensor differs, or it lacks a band's star.
     """
     with Record(path) as record:
-        one, other = (each.bench.build_camera().sensor for each in (record, snapshot))
+        one, other = (each.camera.sensor for each in (record, snapshot))
         if one.colour != other.colour or not math.isclose(one.pitch, other.pitch, rel_tol=1e-3):
             raise UserError(
                 f"--psf {path}: is of another sensor ({one.model}, {one.pitch * 1e6:g} µm) than "

@@ -106,7 +106,7 @@ def _requested_exposures(request: SpectraRequest) -> Exposures:
 def _read_trials(path: Path, tried: dict[tuple[str, float], list[_Trial]], star: str) -> None:
     """Add the frames of a spectral calibration's trial record to those that were tried."""
     with Record(path) as record:
-        sensor = record.bench.build_camera().sensor
+        sensor = record.camera.sensor
         columns = {name: record.column(name) for name in ("target", "wavelength_asked", "exposure")}
         for index in range(record.frame_count):
             target = record.target_names[columns["target"][index]]

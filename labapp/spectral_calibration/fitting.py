@@ -108,7 +108,7 @@ def fit_spectra(path: Path, progress: Progress) -> SpectraFit:
                 f"{path}: the run is {record.state}, and a calibration needs all of its frames. "
                 f"Take them with: labapp resume {path}"
             )
-        require_filters("--spectra", record.bench.build_camera().sensor.colour)
+        require_filters("--spectra", record.camera.sensor.colour)
         names = {request.star, request.flat}
         brackets = merge_all(record, progress.part(0, 0.4), names)
         white = response_from_sheet(

@@ -63,7 +63,7 @@ def compute_nominal_model(
         Place (y, x) of the star relative to the middle pixel, in pixels; its PSFs are those of the
         star. Of a point in the middle if None.
     """
-    camera = record.bench.build_camera()
+    camera = record.camera
     greys = [torch.from_numpy(record.pattern(one)) for one in (request.neutral, request.coded)]
     psfs = _predict_psfs(camera, greys, request, offset)
     sums = psfs.sum((2, 3))

@@ -41,7 +41,7 @@ def build_spectra_file(
     known = bool(transmission) and all(one.relative is not None for one in transmission)
     with Record(fit.path) as record:
         bench = record.bench.model_dump(mode="json")
-        pitch = record.bench.build_camera().sensor.pitch
+        pitch = record.camera.sensor.pitch
         return SpectraFile(
             version=1,
             date=datetime.fromisoformat(record.text("start_time")),

@@ -124,7 +124,7 @@ def _evaluate_and_write(
     progress: Progress,
 ) -> CompletedStudy:
     with Record(path) as record:
-        _require_sensor(found, name, record.bench.build_camera())
+        _require_sensor(found, name, record.camera)
         if record.state is not State.COMPLETE:
             raise UserError(
                 f"{path}: the run is {record.state}, and the study needs all of its frames. "

@@ -64,7 +64,7 @@ def plan(settings: CubicEdofSettings, camera: Camera) -> PlanFile:
 def evaluate(record: Record, settings: CubicEdofSettings, progress: Progress) -> StudyResults:
     """Evaluate the study: compare PSFs and MTFs in and out of focus, and restore the pictures."""
     brackets = merge_all(record, progress.part(0, 0.2))
-    camera = record.bench.build_camera()
+    camera = record.camera
     psfs = {
         (star, pattern): _psf(record, brackets, star, pattern, settings)
         for star in STAR_DISTANCES

@@ -76,7 +76,7 @@ def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress
         pictures[name] = way().image.double().numpy() / white
     plates, blind = [], None
     if settings.blind:
-        blind = _blind(seen, settings, record.bench.build_camera(), progress.part(0.7, 1))
+        blind = _blind(seen, settings, record.camera, progress.part(0.7, 1))
         pictures["blind"] = blind.restored / white
     scores = {name: score(one, pictures["sharp"]) for name, one in pictures.items()}
     del scores["sharp"]

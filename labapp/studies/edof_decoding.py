@@ -202,7 +202,7 @@ def decode_pictures(
 
     Raises UserError if pictures are missing or clipped.
     """
-    camera = record.bench.build_camera()
+    camera = record.camera
     prints = [photograph_name(one) for one in settings.distances_m]
     found: dict[PictureKey, DecodedPicture] = {}
     for number, name in enumerate(PATTERNS):

@@ -69,7 +69,7 @@ def _pattern(shape: str, settings: PSFDesignSettings) -> dict[str, Any]:
 def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) -> StudyResults:
     """Evaluate the study: dispersion power, predicted and reached quality of each design."""
     wavelengths = tuple(one * 1e-9 for one in settings.bands_nm)
-    camera = record.bench.build_camera()
+    camera = record.camera
     mosaic = mosaic_of(record) or bundled_mosaic()
     measured = _measure_psfs(record, settings, camera, wavelengths, progress.part(0, 0.2))
     drawn = draw_designs(settings, camera, wavelengths)

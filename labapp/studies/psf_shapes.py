@@ -65,7 +65,7 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> St
     shapes = list(dict.fromkeys(settings.shapes))
     found = measure_psfs(record, shapes, settings.wavelength_nm, window_px=128, progress=progress)
     rows = [_row(shape, report) for shape, report in found.items()]
-    camera = record.bench.build_camera()
+    camera = record.camera
     first = next(iter(found.values()))
     rows.append(
         ResultRow(

@@ -108,7 +108,7 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Stu
             multiplexed,
         ),
     ]
-    pitch = record.bench.build_camera().sensor.pitch * 1e6
+    pitch = record.camera.sensor.pitch * 1e6
     data = {
         "radius_asked_um": [pitch * one for one in asked],
         "radius_measured_um": [pitch * one for one in seen],

@@ -59,7 +59,7 @@ def star_target_name(metres: float) -> str:
 
 def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> StudyResults:
     """Evaluate the study: find the focus without and with the lens, and the bricks' sharpness."""
-    camera = record.bench.build_camera()
+    camera = record.camera
     brackets = merge_all(record, progress.part(0, 0.8))
     metres = settings.wavelength_nm * 1e-9
 

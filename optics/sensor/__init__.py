@@ -12,6 +12,7 @@ from optics.sensor.pixel_integration import (
     pixel_transfer,
     sample_pixels,
 )
+from optics.sensor.readout import sensor_as_read
 from optics.sensor.shutter import row_starts
 from optics.sensor.stages import ShotNoise, Stages
 
@@ -32,4 +33,5 @@ __all__ = [
     "row_starts",
     "sample_frame",
     "sample_pixels",
+    "sensor_as_read",
 ]

@@ -7,7 +7,11 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from drivers.interfaces import Frame, Setting, Surroundings, checksum
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import Frame, Region, Setting, Surroundings, checksum
+from optics.sensor import sensor_as_read
 from optics.validation import require_positive
 from simulator.devices.base import SimulatedDevice, require_duration
 from simulator.world import countable_exposure
@@ -39,6 +43,8 @@ class SimulatedCamera(SimulatedDevice):
 
     model = "simulated camera"
     role = "camera"
+    gain_range = (0.0, 24.0)
+    """Gain in decibels beyond that of the described sensor, as usual cameras have it."""
 
     def __init__(
         self, surroundings: Surroundings, readout_ms: float = 8.0, reply_s: float | None = None
@@ -47,6 +53,9 @@ class SimulatedCamera(SimulatedDevice):
         require_duration("readout_ms", readout_ms)
         if reply_s is not None:
             require_positive("reply_s", reply_s, "s")
+        self._region: Region | None = None
+        self._binning = 1
+        self._sensor = self._world.camera.sensor
         self.reply_time = reply_s or 15.0 + 5e-6 * math.prod(self.shape)
         self.alive_at = 0.0
         self.frame_time = readout_ms * 1e-3
@@ -57,13 +66,18 @@ class SimulatedCamera(SimulatedDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return the simulated camera's rows and columns."""
-        return self._world.camera.sensor.shape
+        """Return the rows and columns of the simulated camera's frames."""
+        return self._sensor.shape
 
     @property
     def full_scale(self) -> int:
         """Return the largest digital number of the simulated camera's frames."""
-        return self._world.camera.sensor.full_scale
+        return self._sensor.full_scale
+
+    @property
+    def gain_db(self) -> float:
+        """Return the simulated camera's gain in decibels, beyond that of the described sensor."""
+        return self._world.gain_db
 
     @property
     def exposure_range(self) -> tuple[float, float]:
@@ -85,6 +99,46 @@ class SimulatedCamera(SimulatedDevice):
             )
         self._exposure = countable_exposure(exposure)
         return Setting(exposure, self._exposure, self._clock.now())
+
+    def set_gain(self, gain_db: float | None) -> Setting[float]:
+        """Set the simulated camera's gain in decibels; 0 if None.
+
+        Raises DeviceError if it is out of range.
+        """
+        asked = 0.0 if gain_db is None else gain_db
+        low, high = self.gain_range
+        self._faults.begin(f"gain {asked:g} dB", self.reply_time)
+        if not low <= asked <= high:
+            reply = f"out of range, {low:g} to {high:g} dB"
+            raise self._refuse(f"gain {asked:g} dB", reply, "Choose a gain in the range")
+        self._read(asked, self._region, self._binning)
+        return Setting(asked, asked, self._clock.now())
+
+    def set_region(self, region: Region | None, binning: int | None) -> Setting[Region]:
+        """Set the simulated camera's region, x, y, width, height, and the pixels that are averaged.
+
+        Raises DeviceError if it doesn't have these pixels.
+        """
+        rows, columns = self._world.camera.sensor.shape
+        asked = region or (0, 0, columns, rows)
+        command = f"region {list(asked)}, binning {binning or 1}"
+        self._faults.begin(command, self.reply_time)
+        try:
+            self._read(self.gain_db, region, binning or 1)
+        except ValueError as error:
+            raise self._refuse(command, str(error), "Choose another region") from error
+        return Setting(asked, asked, self._clock.now())
+
+    def make_safe(self) -> None:
+        """Give the simulated camera back the gain, region and binning that it was opened with."""
+        self._read(0.0, None, 1)
+
+    def _read(self, gain_db: float, region: Region | None, binning: int) -> None:
+        """Read the simulated camera's sensor in another way from now on; ValueError if it can't."""
+        self._sensor = sensor_as_read(
+            self._world.camera.sensor, amplification_db=gain_db, region=region, binning=binning
+        )
+        self._world.gain_db, self._region, self._binning = gain_db, region, binning
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
         """Expose the simulated camera, and return the next frame in the host's queue.
@@ -123,14 +177,25 @@ class SimulatedCamera(SimulatedDevice):
             raise self._refuse("capture", str(error), "Change the scene or the bench") from error
         # A killed camera must not advance the world's random numbers.
         self._faults.require_alive("capture")
-        image = stream.frame(self._world.random_generator())
+        image = self._read_pixels(stream.frame(self._world.random_generator()))
         self._clock.wait_until(
             began + seconds + self.frame_time, lambda: cancelled() or self._faults.is_killed
         )
         self._faults.require_alive("capture")
         self._number += 1
-        gain = self._world.camera.sensor.gain
+        gain = self._sensor.gain
         return Frame(image, seconds, gain, began, self._number, checksum(image))
+
+    def _read_pixels(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """Return a simulated camera's region of a whole frame, with its pixels averaged."""
+        if self._region is not None:
+            x, y, width, height = self._region
+            image = image[y : y + height, x : x + width]
+        if (n := self._binning) > 1:
+            rows, columns = self.shape
+            blocks = image[: rows * n, : columns * n].reshape(rows, n, columns, n)
+            image = np.rint(blocks.mean(axis=(1, 3))).astype(np.uint16)
+        return np.ascontiguousarray(image)
 
     def _wrong_exposure(self) -> float:
         """Return the exposure time in seconds of a simulated camera's wrongly exposed frame."""

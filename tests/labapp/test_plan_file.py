@@ -170,7 +170,7 @@ def test_a_plan_survives_being_written_and_read():
         (
             simple(order=["colour"]),
             "key 'acquire.0.order.0' is 'colour': input should be 'target', 'pattern', "
-            "'wavelength', 'exposure' or 'repeat'.",
+            "'wavelength', 'region', 'binning', 'gain', 'exposure' or 'repeat'.",
         ),
         (
             simple(exposures_ms=[1, 0]),

@@ -211,6 +211,11 @@ def test_a_block_begins_with_a_step_that_no_other_has():
     assert steps == [0, 1, 2, 3, 4, 5, 2, 3, 6, 7, 6, 7]
 
 
+reads = {
+    "regions_px": ([0, 0, 8, 8], [4, 2, 16, 8]),
+    "binnings": (1, 2),
+    "gains_db": (0.0, 6.0),
+}
 names = {"targets": ("dark", "star", "photograph"), "patterns": ("neutral", "lens", "grey")}
 
 
@@ -220,12 +225,13 @@ def blocks(draw) -> dict[str, Any]:
     few = {"min_size": 1, "max_size": 3}
     made = {key: draw(st.lists(st.sampled_from(known), **few)) for key, known in names.items()}
     made["slots"] = draw(st.lists(st.integers(1, 4), **few))
+    for key, known in reads.items():
+        made[key] = draw(st.lists(st.sampled_from(known), min_size=1, max_size=2))
     made["exposures_ms"] = draw(st.lists(st.sampled_from([1, 2.5, 8]), **few))
-    made["repeats"] = draw(st.integers(1, 3))
-    made["order"] = draw(st.permutations(AXES))[: draw(st.integers(0, 5))]
-    lengths = dict(
-        zip(AXES, [*(len(v) for v in list(made.values())[:4]), made["repeats"]], strict=True)
-    )
+    lengths = {axis: len(v) for axis, v in zip(AXES, made.values(), strict=False)}
+    made["repeats"] = lengths["repeat"] = draw(st.integers(1, 3))
+    made["average"] = draw(st.integers(1, 3))
+    made["order"] = draw(st.permutations(AXES))[: draw(st.integers(0, 8))]
     pairs = [list(p) for p in itertools.permutations(AXES, 2) if lengths[p[0]] == lengths[p[1]]]
     made["together"] = [draw(st.sampled_from(pairs))] if pairs and draw(st.booleans()) else []
     made["interleave"] = draw(
@@ -248,6 +254,9 @@ def test_light_frames_are_the_product_of_the_axes_in_their_order(made):
         made["targets"],
         made["patterns"],
         made["slots"],
+        [tuple(one) for one in made["regions_px"]],
+        made["binnings"],
+        made["gains_db"],
         made["exposures_ms"],
         range(made["repeats"]),
     ]
@@ -261,7 +270,14 @@ def test_light_frames_are_the_product_of_the_axes_in_their_order(made):
     positions.sort(key=lambda p: [p[axis] for axis in order])
     expected = [tuple(v[p[axis]] for axis, v in zip(AXES, values, strict=True)) for p in positions]
     light = [s for s in taken(block(wavelengths_nm=None, **made)) if s.role == "light"]
-    assert [(s.target, s.pattern, s.slot, s.exposure * 1e3, s.repeat) for s in light] == expected
+    assert [
+        (
+            s.target, s.pattern, s.slot, s.readout.region, s.readout.binning, s.readout.gain_db,
+            s.exposure * 1e3, s.repeat,
+        )
+        for s in light
+    ] == expected  # fmt: skip
+    assert {s.readout.averaged for s in light} == {made["average"]}
 
 
 @given(st.lists(blocks(), min_size=1, max_size=3))
@@ -273,7 +289,8 @@ def test_no_two_frames_of_a_plan_share_step_and_repeat(made):
     assert {shot.step for shot in listed} == set(range(max(s.step for s in listed) + 1))
     of_step = defaultdict(set)
     for s in listed:
-        of_step[s.step].add((s.role, s.target, s.pattern, s.slot, s.wavelength, s.exposure))
+        setting = (s.role, s.target, s.pattern, s.slot, s.wavelength, s.exposure, s.readout)
+        of_step[s.step].add(setting)
     assert all(len(settings_) == 1 for settings_ in of_step.values())
 
 
@@ -288,7 +305,7 @@ def test_a_frame_begins_when_the_last_is_read_out_and_all_that_changed_stands(ma
         now = (s.place, s.pattern, s.slot)
         waits = [t for t, a, b in zip((0.5, 0.05, 0.2), before, now, strict=True) if a != b]
         assert s.start_time - end == pytest.approx(max([0.0, *waits]), abs=1e-9)
-        end = s.start_time + s.exposure + 0.008
+        end = s.start_time + s.readout.averaged * (s.exposure + 0.008)
         before = now
     assert [s.start_time for s in listed] == sorted(s.start_time for s in listed)
     assert sum(s.duration for s in listed) == pytest.approx(end)

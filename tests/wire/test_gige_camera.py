@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from coded_pictures import (
     SHAPE,
@@ -144,3 +145,33 @@ def test_frames_of_every_format_are_what_was_sent(fake: FakeGigECamera, name: st
 
 def test_a_camera_that_somebody_has_is_named(fake: FakeGigECamera, opened: AravisCamera) -> None:
     assert "somebody else has it open" in str(outcome(camera().__enter__))
+
+
+def test_a_run_chooses_region_binning_and_gain_and_leaves_the_camera_as_it_was(
+    opened: AravisCamera,
+) -> None:
+    opened.set_exposure(2e-3)
+    assert opened.set_region((16, 8, 64, 32), None).actual == (16, 8, 64, 32)
+    assert opened.shape == (32, 64)
+    assert_shows(opened.capture(never).image, picture(2e-3)[8:40, 16:80])
+    assert opened.set_gain(12.0).actual == opened.gain_db == 12.0
+    loud = opened.capture(never)
+    assert_shows(loud.image, picture(2e-3, 12.0)[8:40, 16:80])
+    opened.set_region((16, 8, 64, 32), 2)
+    opened.set_exposure(2e-3)
+    binned = opened.capture(never)
+    blocks = picture(2e-3, 12.0)[8:40, 16:80].reshape(16, 2, 32, 2).mean(axis=(1, 3))
+    # The lowest bit differs from frame to frame, and the mean is rounded.
+    assert np.abs(binned.image - blocks).max() <= 1.5
+    assert binned.gain == pytest.approx(4 * loud.gain)
+    opened.make_safe()
+    assert opened.shape == SHAPE
+    assert opened.gain_db == 0
+    assert_shows(opened.capture(never).image, picture(2e-3))
+
+
+def test_binning_beside_the_options_is_refused_by_name(fake: FakeGigECamera) -> None:
+    with camera(binning=(2, 2)) as device:
+        with pytest.raises(DeviceError, match="option binning"):
+            device.set_region(None, 2)
+        assert device.capture(never).image.shape == (SHAPE[0] // 2, SHAPE[1] // 2)

@@ -64,6 +64,20 @@ class CameraFeatures:
         self._owner.camera.set_binning(across, down)
         return _pair(self._owner.camera.get_binning())
 
+    def average_binned_pixels(self) -> str:
+        """Let the Aravis camera average the pixels that it bins; return the mode if it can't.
+
+        A camera that doesn't tell the mode is believed: GenICam's SFNC 2.7, BinningHorizontalMode.
+        """
+        for name in ("BinningHorizontalMode", "BinningVerticalMode"):
+            if not self._has(name):
+                continue
+            with contextlib.suppress(Exception):
+                self._owner.device.set_string_feature_value(name, "Average")
+            if (mode := self._read_feature(name)) != "Average":
+                return mode
+        return ""
+
     def set_region(self, x: int, y: int, width: int, height: int) -> list[int]:
         """Set the Aravis camera's region; the whole sensor if width or height is 0."""
         c = self._owner.camera

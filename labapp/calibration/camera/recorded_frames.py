@@ -59,7 +59,12 @@ def read_pairs(record: Record, flat: str | None = None) -> RecordedPairs:
     wavelength = _require_alike(record, lit, flat)
     chosen = np.flatnonzero(lit | dark).tolist()
     sensor = record.bench.sensor
-    shape = record.image(0).shape
+    if words := record.readouts[record.chosen_readout].describe():
+        raise UserError(
+            f"{record.path}: its frames are read otherwise than the bench opens the camera: "
+            f"{words}. {_PLAN_HINT}."
+        )
+    shape = record.frame_shape
     exposures = _exposures(record, lit | dark)
     try:
         frames = PairedFrames(

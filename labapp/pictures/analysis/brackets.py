@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,7 @@ def merge_all(
 
     The dark frames themselves are left out. If `targets` is given, only these are merged.
     """
-    sensor = record.bench.build_camera().sensor
+    sensor = record.camera.sensor
     dark = dark_target(record.plan)
     found = [one for one in find_brackets(record) if targets is None or one.target in targets]
     merged = []
@@ -126,7 +127,7 @@ def _describe(target: str, pattern: str, wavelength: float) -> str:
 
 def merge_frame(record: Record, index: int) -> Bracket:
     """Return one recorded picture as a bracket of one exposure."""
-    sensor = record.bench.build_camera().sensor
+    sensor = record.camera.sensor
     return _merge(record, [index], dark_target(record.plan), sensor)
 
 
@@ -160,9 +161,14 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
         dark=float((state == hdr.DARK).mean()),
         clipped_by_exposure=[float((f >= sensor.full_scale).mean()) for f in by_exposure],
         dark_frames=min(counts),
-        histogram=np.stack([np.bincount(f.ravel(), minlength=2**sensor.bits) for f in by_exposure]),
+        histogram=np.stack([_histogram(f, 2**sensor.bits) for f in by_exposure]),
         defects=defects,
     )
+
+
+def _histogram(frames: NDArray[Any], levels: int) -> NDArray[np.int64]:
+    """Count the recorded pixels of each whole digital number; means have fractions."""
+    return np.bincount(np.rint(frames).astype(np.int64).ravel(), minlength=levels)
 
 
 def recorded_bracket(record: Record, indices: list[int], dark: str, sensor: Sensor) -> hdr.Bracket:

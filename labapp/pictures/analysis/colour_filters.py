@@ -151,7 +151,7 @@ def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters 
 
     The star's light counts as white. Returns None for a sensor without filters.
     """
-    mosaic = record.bench.build_camera().sensor.colour
+    mosaic = record.camera.sensor.colour
     if mosaic is None:
         return None
     which = mosaic.channel_map(star.rate.shape).numpy()
@@ -167,7 +167,7 @@ def described_filters(record: Record, picture: Bracket, is_grey: bool) -> Colour
 
     Returns None for a sensor without filters.
     """
-    mosaic = record.bench.build_camera().sensor.colour
+    mosaic = record.camera.sensor.colour
     if mosaic is None:
         return None
     band = passband(record, picture)

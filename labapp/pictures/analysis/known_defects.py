@@ -24,14 +24,15 @@ def known_defects(record: Record) -> NDArray[np.bool_] | None:
     calibration = record.bench.active_camera_calibration
     if calibration is None or not calibration.defects.pixels:
         return None
-    mask, shape = calibration.defect_mask(), record.image(0).shape
+    readout = record.readouts[record.chosen_readout]
+    mask, shape = calibration.defect_mask(), record.whole_frame
     if mask.shape != shape:
         raise UserError(
             f"{record.path}: its frames are {shape[1]} x {shape[0]} pixels, and its camera was "
             f"calibrated with {mask.shape[1]} x {mask.shape[0]}. Remove the key "
             "'camera_calibration' from the bench file, and take the pictures again."
         )
-    return mask
+    return readout.read_mask(mask)
 
 
 def fill_defects(

@@ -100,7 +100,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
     measured, straight, window = star.measured, star.neutral, star.measured.shape[0]
     share = _unmodulated_share(straight, measured)
     shape = measured - share * straight
-    camera = record.bench.build_camera()
+    camera = record.camera
     target = _target_on_sensor(record.plan.patterns[roles.coded], camera, window)
     predicted = _predict_recorded_star(record, camera, roles, star.wavelength, window)
     total = float(measured.sum())

@@ -27,12 +27,14 @@ _REMEDY = "Before the next run, write in [sensor] of the bench file: clip_level_
 class RecordedFrames:
     """Which frames of a record are merged; None for the only ones there are.
 
-    target, pattern: names in the plan. wavelength: metres.
+    target, pattern: names in the plan. wavelength: metres. readout: number of a way of reading the
+    sensor.
     """
 
     target: str | None = None
     pattern: str | None = None
     wavelength: float | None = None
+    readout: int | None = None
 
 
 def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
@@ -40,7 +42,7 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
 
     Raises UserError, with all brackets of the record, if none fits or several do.
     """
-    with Record(path) as record:
+    with Record(path, readout=wanted.readout) as record:
         every = find_brackets(record)
         found = [one for one in every if _fits(one, wanted)]
         if len(found) != 1:
@@ -49,7 +51,7 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
             raise UserError(
                 f"{path}: {which}. Choose by --target, --pattern and --wavelength-nm: {listed}."
             )
-        frames, sensor = found[0].frames, record.bench.build_camera().sensor
+        frames, sensor = found[0].frames, record.camera.sensor
         bracket = recorded_bracket(record, frames, dark_target(record.plan), sensor)
         defects = known_defects(record)
         source, doubts = camera_in_force(record), stale_camera(record)

@@ -108,7 +108,9 @@ def _read(request: MergeRequest) -> BracketFiles:
             raise UserError("--align: registers files; the frames of a record don't move.")
         return read_recorded_bracket(request.files[0], request.frames)
     if request.frames != RecordedFrames():
-        raise UserError("--target, --pattern, --wavelength-nm: choose frames of a record only.")
+        raise UserError(
+            "--target, --pattern, --wavelength-nm, --readout: choose frames of a record only."
+        )
     raws = find_raw_files(request.files)
     encoding = parse_encoding(request.encoding) if request.encoding else None
     rest = (request.exposures, request.darks, request.sensor, request.numbers, encoding)

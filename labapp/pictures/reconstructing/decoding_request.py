@@ -126,9 +126,9 @@ class DecodingRequest:
         found = request.read_record(progress.part(0, 0.3), star=False)
         if found.filters is not None and not found.filters.is_grey:
             raise _colours_refused(request.source)
-        with Record(request.source) as record:
+        with Record(request.source, readout=request.choice.readout) as record:
             grey = record.pattern(found.photograph.pattern)
-            camera = record.bench.build_camera()
+            camera = record.camera
         source = f"{request.source}: its pattern {found.photograph.pattern!r}"
         shown = match_shown_pattern(pattern, camera, grey, found.photograph.wavelength, source)
         progress.report(0.3, "the decoder's filter")

@@ -38,6 +38,7 @@ class RecordSelection:
 
     `wavelength` is in metres. `frame` selects one frame instead of the merged exposures. `star` is
     the target that gives the PSF. `grey` asks for one band of a sensor with colour filters.
+    `readout` is the number of a way of reading the sensor.
     """
 
     target: str | None = None
@@ -46,6 +47,7 @@ class RecordSelection:
     frame: int | None = None
     star: str | None = None
     grey: bool = False
+    readout: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +191,7 @@ def read_recorded_photograph(
     target that is neither dark nor star, with its exposures merged. The PSF is read only if `star`
     is true. Raises UserError if the record lacks what was selected.
     """
-    with Record(path) as record:
+    with Record(path, readout=choice.readout) as record:
         roles = _choose_roles(record, choice)
         if not star:
             # The neutral photograph, unlike the PSF, needs no star.
@@ -242,7 +244,7 @@ def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
 
     Raises UserError if the record has no such star.
     """
-    with Record(path) as record:
+    with Record(path, readout=choice.readout) as record:
         plan = record.plan.reconstruct
         star = choice.star or (plan.star if plan else "star")
         pattern = choice.pattern or (plan.coded if plan else _last_stored_frame(record, (star,))[1])

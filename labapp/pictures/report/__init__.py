@@ -21,7 +21,9 @@ __all__ = [
 ]
 
 
-def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> None:
+def report_record(
+    record: Path, folder: Path, *, force: bool, as_json: bool, readout: int | None = None
+) -> None:
     """Analyse recorded pictures, write their report into a folder, and print its tables.
 
     Parameters
@@ -34,6 +36,8 @@ def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> 
         Whether existing reports are replaced.
     as_json : bool
         Whether the figures are printed as JSON instead of as tables.
+    readout : int, optional
+        Number of the way in which the sensor was read, where the run had several.
 
     Raises
     ------
@@ -45,7 +49,7 @@ def report_record(record: Path, folder: Path, *, force: bool, as_json: bool) -> 
     if not folder.is_dir():
         raise UserError(f"{folder}: is not a folder. Make it first, or choose another place.")
     with terminal_progress() as progress:
-        analysis = analyse_record(record, progress.part(0, 0.8))
+        analysis = analyse_record(record, progress.part(0, 0.8), readout=readout)
         progress.report(0.8, "report")
         write_report(analysis, folder)
     if as_json:

@@ -96,7 +96,9 @@ class RecordAnalysis:
         return max(undone, key=lambda name: undone[name]) if undone else None
 
 
-def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalysis:
+def analyse_record(
+    path: Path, progress: Progress | None = None, *, readout: int | None = None
+) -> RecordAnalysis:
     """Analyse recorded pictures: merge brackets, measure the PSF, and restore the photograph.
 
     The last two need a [reconstruct] table in the record's plan.
@@ -107,6 +109,8 @@ def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalys
         Record of a run.
     progress : Progress or None
         Receives the progress, and may cancel.
+    readout : int, optional
+        Number of the way in which the sensor was read, where the run had several.
 
     Returns
     -------
@@ -119,7 +123,7 @@ def analyse_record(path: Path, progress: Progress | None = None) -> RecordAnalys
         If frames that the reconstruction needs are missing.
     """
     progress, watch = progress or Progress(), Stopwatch()
-    with Record(path) as record:
+    with Record(path, readout=readout) as record:
         plan = record.plan
         with watch.stage("merge exposures"):
             brackets = merge_all(record, progress.part(0, 0.3))

@@ -124,9 +124,8 @@ class ActiveRun:
             RecordWriter(self._path, self._lock) as self._writer,
             logbook(self._writer, self._bench.clock),
         ):
-            rows, columns = self._bench.camera.shape
             as_planned = not self._bench.file.is_real
-            keeper = FrameStore(self._writer, 2 * rows * columns, as_planned, self._pause)
+            keeper = FrameStore(self._writer, as_planned, self._pause)
             self._doubts = _build_doubts(self._plan, self._bench, shots)
             self._expected = ShotList.of(shots).total_duration
             state, message = self._take_all(shots, keeper, on_frame, is_resumed)
@@ -222,7 +221,7 @@ class ActiveRun:
         self, keeper: FrameStore, shot: Shot, frame: Frame, wavelength: float, attempt: int
     ) -> None:
         """Store a frame of the run, unless a person doubts it and wants it to be taken again."""
-        doubt = self._doubts.doubt(shot, frame.image)
+        doubt = self._doubts.doubt(shot, shot.readout.whole_numbers(frame.image))
         if doubt:
             log.warning("frame %d is doubted: %s", shot.index, doubt)
             if self._judge is not None and not self._keeps(doubt, shot, frame):
@@ -266,6 +265,8 @@ class ActiveRun:
         self._writer.set_state(State.PAUSED, message)
         self._report(f"PAUSED: {message}")
         with self._excluding_time():
+            if meanwhile is not None:
+                self._taker.restore_camera()
             wait_until(is_over, self._progress, meanwhile or Idle())
         self._taker.invalidate_settings()
         log.info("goes on")
@@ -380,4 +381,5 @@ def _describe(shot: Shot) -> str:
     """Describe a run's shot by its role, target, pattern, wavelength and exposure."""
     nm, ms = shot.wavelength * 1e9, shot.exposure * 1e3
     role = "" if shot.role in ("light", shot.target) else f"{shot.role}, "
-    return f"{role}{shot.target}, {shot.pattern}, {nm:g} nm, {ms:g} ms"
+    read = shot.readout.describe()
+    return f"{role}{shot.target}, {shot.pattern}, {nm:g} nm, {ms:g} ms{read and ', '}{read}"

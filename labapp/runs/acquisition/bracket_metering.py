@@ -23,6 +23,7 @@ from labapp.runs.brackets.limits import bracket_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.shots import Shot
 from labapp.runs.steps import planned_settings
+from optics.camera import Sensor
 from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, scene_light
 from optics.progress import Progress
 
@@ -96,7 +97,8 @@ class BracketMetering:
             rates = min(low for low, _ in ends), max(high for _, high in ends)
         seconds = self._bench.clock.now() - began
         try:
-            return settle_block(block, self._sensor, limits, rates, len(shots), metered, seconds)
+            sensor = shots[0].readout.read_sensor(self._sensor)
+            return settle_block(block, sensor, limits, rates, len(shots), metered, seconds)
         except UnreachableSNR as error:
             raise UserError(f"{where}: {error}.") from error
 
@@ -111,8 +113,9 @@ class BracketMetering:
     ) -> MeteredLight:
         """Meter the light of one target, pattern and wavelength of the run's block."""
         assert block.bracket is not None
+        sensor = shot.readout.read_sensor(self._sensor)
         meter = Meter(
-            self._sensor,
+            sensor,
             limits,
             self._first,
             block.bracket.snr_db,
@@ -129,11 +132,12 @@ class BracketMetering:
             name = f"{shot.target} with {shot.pattern} at {shot.wavelength * 1e9:g} nm"
             raise UserError(f"{where}: metering {name}: {error}.") from error
         self._first = frames[-1].exposure
-        remark = clip_remark(found, self._sensor)
+        remark = clip_remark(found, sensor)
         if remark:
             log.warning("metering %s: %s", shot.target, remark)
         self._sensor = found.sensor_as_seen(self._sensor)
-        return self._metered_light(shot, found, frames, remark)
+        sensor = found.sensor_as_seen(sensor)
+        return self._metered_light(shot, found, frames, remark, sensor)
 
     def _take(self, shot: Shot) -> Frame:
         self._steps += 1
@@ -144,11 +148,16 @@ class BracketMetering:
         return self._taker.take(metering, lambda *stored: None)
 
     def _metered_light(
-        self, shot: Shot, found: MeteredRange, frames: Sequence[Frame], remark: str
+        self,
+        shot: Shot,
+        found: MeteredRange,
+        frames: Sequence[Frame],
+        remark: str,
+        sensor: Sensor,
     ) -> MeteredLight:
         """Return what a run's record tells of a metering."""
         seen = ((frame.exposure, frame.image) for frame in frames)
-        light = scene_light(seen, self._sensor)
+        light = scene_light(seen, sensor)
         rows = tuple(tuple(_round_rate(one) for one in row) for row in light.blocks.tolist())
         return MeteredLight(
             target=shot.target,

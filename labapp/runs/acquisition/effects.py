@@ -28,16 +28,16 @@ def effect_plans(
 ) -> dict[str, Any] | None:
     """Return the effect plans that a run's record holds, one for each setting of its shots.
 
-    A setting is a target, pattern, wavelength and exposure. The result is plain data, {"effects":
-    descriptions by name, "plans": [...]}; it is None if the bench has no simulated devices. Nothing
-    is rendered. `check_cancelled` is called before each plan, and may raise. Raises UserError for a
-    picture that can't be simulated.
+    A setting is a target, pattern, wavelength, exposure and gain. The result is plain data,
+    {"effects": descriptions by name, "plans": [...]}; it is None if the bench has no simulated
+    devices. Nothing is rendered. `check_cancelled` is called before each plan, and may raise.
+    Raises UserError for a picture that can't be simulated.
     """
     if bench.world is None:
         return None
     effects: dict[str, Any] = {}
     plans: list[dict[str, Any]] = []
-    for shot in ShotList.of(shots).distinct("target", "pattern", "wavelength", "exposure"):
+    for shot in ShotList.of(shots).distinct_pictures():
         check_cancelled()
         plan = _plan_effects(bench, bench.world, shot, patterns[shot.pattern])
         effects |= {one.effect: _physics(one) for one in plan.decisions}
@@ -48,7 +48,14 @@ def effect_plans(
 def _plan_effects(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint8]) -> EffectPlan:
     place, bandwidth = shot.place or shot.target, _bandwidth(bench, shot)
     try:
-        return world.effect_plan(shown, shot.wavelength, shot.exposure, place, bandwidth)
+        return world.effect_plan(
+            shown,
+            shot.wavelength,
+            shot.exposure,
+            place,
+            bandwidth,
+            shot.readout.amplification_db,
+        )
     except ValueError as error:
         raise UserError(
             f"{shot.target} with {shot.pattern} at {shot.wavelength * 1e9:g} nm can't be "
@@ -76,10 +83,12 @@ def _plan_data(shot: Shot, plan: EffectPlan) -> dict[str, Any]:
         | {"finest": one.levels[-1], "how": one.error.how}
         for one, told in zip(plan.decisions, data["decisions"], strict=True)
     ]
+    gain = {} if shot.readout.gain_db is None else {"gain_db": shot.readout.gain_db}
     return {
         "target": shot.target,
         "pattern": shot.pattern,
         "wavelength_nm": round(shot.wavelength * 1e9, 3),
         "exposure_ms": shot.exposure * 1e3,
+        **gain,
         **data,
     }

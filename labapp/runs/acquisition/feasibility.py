@@ -12,6 +12,7 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import Acquisition, PlanFile
 from labapp.runs.acquisition.hooks import HOOK_GROUP
 from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.readouts import largest_shape
 from labapp.runs.record.layout import (
     CHAIN_ROW,
     LOG_ROW,
@@ -82,16 +83,18 @@ def expected_plan(
 
 def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
     """Estimate the size of a run's finished record in bytes, a little too high."""
-    picture, panel = prod(capabilities.frame_shape), prod(capabilities.panel_shape)
+    readouts = ShotList.of(listed).readouts
+    picture = prod(largest_shape(readouts, capabilities.frame_shape))
+    panel = prod(capabilities.panel_shape)
     shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
-    decided = ShotList.of(listed).distinct("target", "pattern", "wavelength", "exposure")
+    decided = len(ShotList.of(listed).distinct_pictures())
     return (
         len(listed) * (2 * picture + _FRAME_ROW)
         + shown * panel
         + log_capacity(len(listed)) * LOG_ROW.itemsize
         + chain_capacity(len(listed)) * CHAIN_ROW.itemsize
         + len(plan.model_dump_json())
-        + len(decided) * _DECISIONS
+        + decided * _DECISIONS
         # Bench, scene and HDF5's own data take less than this.
         + 100_000
     )
@@ -126,6 +129,7 @@ def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, sourc
         _check_targets(block, plan, capabilities, where)
         _check_wavelengths(block, capabilities, where)
         _check_exposures(block, plan, capabilities, where)
+        _check_readouts(block, capabilities, where)
 
 
 def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> ShotList:
@@ -186,6 +190,47 @@ def _check_wavelengths(block: Acquisition, capabilities: BenchCapabilities, wher
                 f"{where}.wavelengths_nm' has {nm:g}, and no slot of the filter wheel passes it. "
                 f"Choose among {listed} nm."
             )
+
+
+def _check_readouts(block: Acquisition, capabilities: BenchCapabilities, where: str) -> None:
+    """Raise UserError if the bench's camera can't be read as a block of the run's plan asks."""
+    gains = capabilities.gain_range
+    if block.gains_db and gains is None:
+        raise UserError(
+            f"{where}.gains_db': this bench's camera has no gain in decibels that a plan may set. "
+            "Leave it out."
+        )
+    for gain in block.gains_db or ():
+        if gains is not None and not gains[0] <= gain <= gains[1]:
+            raise UserError(
+                f"{where}.gains_db' has {gain:g}, out of the camera's range. "
+                f"Choose {gains[0]:g} to {gains[1]:g} dB."
+            )
+    for name in ("regions_px", "binnings"):
+        if getattr(block, name) and not capabilities.has_regions:
+            raise UserError(
+                f"{where}.{name}': this bench's camera has no regions and binnings that a plan may "
+                "set. Leave it out."
+            )
+    rows, columns = capabilities.frame_shape
+    for x, y, width, height in block.regions_px or ():
+        if x + width > columns or y + height > rows:
+            raise UserError(
+                f"{where}.regions_px' has {[x, y, width, height]}, and the camera's frames have "
+                f"{columns} x {rows} pixels. Give x, y, width and height within them."
+            )
+    for binning in block.binnings or ():
+        for sides in block.regions_px or ((columns, rows),):
+            if binning > min(sides[-2:]):
+                raise UserError(
+                    f"{where}.binnings' has {binning}, more than the {sides[-2]} x {sides[-1]} "
+                    "pixels that are read. Choose fewer."
+                )
+            if block.regions_px and any(side % binning for side in sides):
+                raise UserError(
+                    f"{where}.regions_px' has {list(sides)}, and with binning {binning} all four "
+                    f"must be multiples of {binning}."
+                )
 
 
 def _check_exposures(

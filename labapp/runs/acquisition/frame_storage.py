@@ -54,15 +54,12 @@ def require_space(path: Path, needed: int) -> None:
 class FrameStore:
     """Stores a run's frames in its record, and pauses the run when the disk is full.
 
-    `frame_bytes` is the size of a picture. With `use_planned_times`, frames are stored with their
-    planned time, as on a virtual bench, instead of the clock's. `pause` is called when the disk
-    is full.
+    With `use_planned_times`, frames are stored with their planned time, as on a virtual bench,
+    instead of the clock's. `pause` is called when the disk is full.
     """
 
-    def __init__(
-        self, writer: RecordWriter, frame_bytes: int, use_planned_times: bool, pause: Pause
-    ) -> None:
-        self._writer, self._frame_bytes = writer, frame_bytes
+    def __init__(self, writer: RecordWriter, use_planned_times: bool, pause: Pause) -> None:
+        self._writer, self._frame_bytes = writer, writer.frame_bytes
         self._as_planned, self._pause = use_planned_times, pause
         self._try_at = 0.0
 

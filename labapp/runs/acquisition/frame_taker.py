@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
-from drivers.interfaces import Frame, Setting
+from drivers.interfaces import Frame, Setting, checksum
 from labapp.files.plan_file import Retry
 from labapp.runs.acquisition.feasibility import placement_prompt
 from labapp.runs.bench_interface import Bench
-from labapp.runs.frame_acceptance import CaptureConditions, require_valid_frame
+from labapp.runs.frame_acceptance import (
+    GAIN_TOLERANCE_DB,
+    CaptureConditions,
+    require_valid_frame,
+)
+from labapp.runs.readouts import AS_OPENED, MeanImage, Readout
 from labapp.runs.record.writer import CorruptFrame
 from labapp.runs.shots import Shot
 from optics.progress import Progress
@@ -67,6 +73,9 @@ class FrameTaker:
         self._by_hand = bench.targets.by_hand
         self._placed_target = ""
         self._set: dict[str, str] = {}
+        self._whole_frame = bench.camera.shape
+        self._readout: Readout | None = AS_OPENED
+        self._chosen_once: set[str] = set()
         self._last_number = -1
 
     def invalidate_settings(self) -> None:
@@ -75,9 +84,18 @@ class FrameTaker:
         Somebody else may have used the bench during a pause.
         """
         self._set.clear()
+        if self._chosen_once:
+            self._readout = None
+
+    def restore_camera(self) -> None:
+        """Let the run's camera read its sensor as the bench opened it, for somebody else's use."""
+        if self._readout != AS_OPENED:
+            self._read_sensor(AS_OPENED)
 
     def take(self, shot: Shot, keep: StoreFrame) -> Frame:
-        """Take and store the frame of a run's shot; try again when a device fails.
+        """Take and store the frame of a run's shot, and return it in whole digital numbers.
+
+        It is tried again when a device fails.
 
         Raises DeviceError after as many failures as the plan allows, and at once if another try
         would fail in the same way. Raises Cancelled if the run
@@ -117,14 +135,17 @@ class FrameTaker:
             self._apply("pattern", shot.pattern, lambda: self._show(shot.pattern)),
             self._apply("wavelength", _colour(shot), lambda: self._tune(shot)),
         ]
+        if shot.readout != self._readout:
+            ready.append(self._read_sensor(shot.readout))
         setting = bench.camera.set_exposure(shot.exposure)
         stands = max(*ready, setting.ready_at)
         bench.clock.wait_until(stands, self._is_cancelled)
         progress.raise_if_cancelled()
-        frame = bench.camera.capture(lambda: progress.is_cancelled)
-        progress.raise_if_cancelled()
-        stood = CaptureConditions(setting.actual, stands, self._last_number)
-        wavelength = require_valid_frame(frame, shot, stood, bench)
+        shape = shot.readout.shape(self._whole_frame)
+        stood = CaptureConditions(setting.actual, stands, self._last_number, shape)
+        frame, wavelength = self._capture(shot, stood)
+        if shot.readout.averaged > 1:
+            frame = self._average(frame, shot, stood)
         try:
             keep(shot, frame, wavelength, attempt)
         except CorruptFrame as error:
@@ -132,7 +153,64 @@ class FrameTaker:
                 "camera", "capture", f"the frame is corrupt: {error}"
             ) from error
         self._last_number = frame.number
+        if shot.readout.averaged > 1:
+            return replace(frame, image=shot.readout.whole_numbers(frame.image))
         return frame
+
+    def _capture(self, shot: Shot, stood: CaptureConditions) -> tuple[Frame, float]:
+        """Expose a frame of the run's shot; return it with its wavelength."""
+        progress = self._progress
+        frame = self._bench.camera.capture(lambda: progress.is_cancelled)
+        progress.raise_if_cancelled()
+        return frame, require_valid_frame(frame, shot, stood, self._bench)
+
+    def _average(self, first: Frame, shot: Shot, stood: CaptureConditions) -> Frame:
+        """Take the other frames of the run's shot, and return the mean with the last's number."""
+        mean, last = MeanImage(first.image, self._bench.camera.full_scale), first
+        self._require_intact(first)
+        for _ in range(1, shot.readout.averaged):
+            last, _ = self._capture(shot, replace(stood, last_number=last.number))
+            self._require_intact(last)
+            mean.add(last.image)
+        image = mean.stored(shot.readout.steps_per_dn)
+        return replace(last, image=image, time=first.time, checksum=None)
+
+    def _require_intact(self, frame: Frame) -> None:
+        """Raise DeviceError if a frame of the run isn't what the camera sent, by its checksum."""
+        if frame.checksum is not None and checksum(frame.image) != frame.checksum:
+            raise self._bench.device_error("camera", "capture", "the frame is corrupt")
+
+    def _read_sensor(self, readout: Readout) -> float:
+        """Set how the run's camera reads its sensor; return the time when that stands.
+
+        Not every camera has a gain or regions to be set. What a shot doesn't choose is as the bench
+        opened the camera, and is set only where an earlier shot has chosen it.
+        """
+        camera: Any = self._bench.camera
+        before, self._readout = self._readout, None
+        ready, pixels = 0.0, (readout.region, readout.binning)
+        if self._chosen("pixels", pixels != (None, None)):
+            setting = camera.set_region(*pixels)
+            ready = max(ready, self._require_set(setting, readout.region, 0))
+        if self._chosen("gain", readout.gain_db is not None):
+            setting = camera.set_gain(readout.gain_db)
+            ready = max(ready, self._require_set(setting, readout.gain_db, GAIN_TOLERANCE_DB))
+        if before is not None or readout.describe():
+            log.info("camera: %s", readout.describe() or "as the bench opened it")
+        self._readout = readout
+        return ready
+
+    def _chosen(self, what: str, now: bool) -> bool:
+        """Return whether a shot of the run, this one or an earlier one, has chosen a setting."""
+        if now:
+            self._chosen_once.add(what)
+        return what in self._chosen_once
+
+    def _require_set(self, setting: Setting[Any], asked: Any, tolerance: float) -> float:
+        """Return when a setting of the run's camera stands; DeviceError if it is another one."""
+        if asked is not None and np.abs(np.subtract(setting.actual, asked)).max() > tolerance:
+            raise self._bench.device_error("camera", f"set {asked}", f"it has set {setting.actual}")
+        return setting.ready_at
 
     def _request_placement(self, shot: Shot) -> None:
         """Prompt a person to place the target of a run's shot, if it has changed."""

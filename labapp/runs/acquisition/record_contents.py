@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from labapp.files.plan_file import PlanFile
 from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.readouts import largest_shape
 from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.reader import file_sha256
 from labapp.runs.shots import Shot, ShotList
@@ -46,7 +47,7 @@ def build_record_contents(
         targets=[shot.target for shot in ShotList.of(shots).distinct("target")],
         patterns=patterns,
         shots=shots,
-        frame_shape=capabilities.frame_shape,
+        frame_shape=largest_shape(ShotList.of(shots).readouts, capabilities.frame_shape),
         pixel_pitch=bench.description.sensor.pitch,
         video_frame=capabilities.video_frame,
         pictures={str(path): file_sha256(path) for path in scene.input_files} if scene else {},

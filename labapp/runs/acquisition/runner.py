@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from labapp.runs.acquisition.record_contents import build_record_contents
 from labapp.runs.acquisition.waiting import Meanwhile
 from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.readouts import largest_shape
 from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer_process import open_for_writing
@@ -241,7 +243,7 @@ def resume_run(
         abilities = _with_delays(bench, abilities, listed, progress, patterns)
         listed = schedule_shots(listed, abilities)
     left = listed.pick(missing)
-    require_space(path, 2 * len(left) * abilities.frame_shape[0] * abilities.frame_shape[1])
+    require_space(path, 2 * len(left) * prod(largest_shape(listed.readouts, abilities.frame_shape)))
     _require_person(ask, estimate_run(left, plan, abilities).prompts)
     hooks = Hooks.of(plan, bench)
     # Both handles are of the same open file, which has the lock.
@@ -308,7 +310,7 @@ def _require_same_bench(record: Record, bench: Bench, listed: ShotList) -> None:
     same = (
         np.array_equal(listed.column("exposure"), record.column("exposure_asked"))
         and np.array_equal(listed.column("step"), record.column("step"))
-        and bench.camera.shape == record.image(0).shape
+        and largest_shape(listed.readouts, bench.camera.shape) == record.frame_shape
         and bench.file == record.bench
     )
     if not same:

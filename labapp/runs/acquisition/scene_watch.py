@@ -44,7 +44,8 @@ class SceneWatch:
             np.array(metered.blocks, dtype=np.float64),
             np.array(metered.quantiles, dtype=np.float64),
         )
-        after = scene_light([(frame.exposure, frame.image)], self._sensor)
+        sensor = shot.readout.read_sensor(self._sensor)
+        after = scene_light([(frame.exposure, frame.image)], sensor)
         change = scene_change(before, after)
         if not change.is_notable:
             return ""

@@ -73,7 +73,8 @@ def _possible_blocks(
         yield block
         return
     limits = bracket_limits(block, plan, capabilities, where)
-    settings = len(planned_settings(block, plan, capabilities))
+    shots = planned_settings(block, plan, capabilities)
+    sensor, settings = shots[0].readout.read_sensor(sensor), len(shots)
     try:
         if asked.electrons_per_s is not None:
             yield settle_block(block, sensor, limits, asked.electrons_per_s, settings)

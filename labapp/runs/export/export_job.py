@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from labapp.common.errors import UserError
 from labapp.runs.export.frame_rows import FrameRows
 from labapp.runs.export.naming import file_names
+from labapp.runs.readouts import Readout
 from labapp.runs.record.reader import Record
 from optics.progress import Progress
 
@@ -23,10 +23,10 @@ class ExportJob:
     def __init__(self, record: Record, kind: str, frames: list[int], progress: Progress) -> None:
         self.record, self.kind, self.frames, self._progress = record, kind, frames, progress
         self.rows = FrameRows(record, frames)
-        y, x = record.column("y"), record.column("x")
-        self.shape = len(y), len(x)
-        self.pitch = _pitch(y, x)
-        self.bits = _bits(record)
+        self._first = frames[0] if frames else 0
+        self.shape = record.frame_size(self._first)
+        self.pitch = _pitch(record, record.readout_of(self._first))
+        self.bits = _bits(record, record.readout_of(self._first))
 
     def names(self) -> Iterator[str]:
         """Yield the names of the export's files: of its frames in their order, the table last."""
@@ -41,11 +41,12 @@ class ExportJob:
         """Yield a run's exported frames, (rows, columns) each; raise Cancelled if cancelled."""
         for done, index in enumerate(self.frames):
             self._progress.report(done / len(self.frames), f"export frame {index}")
-            yield self.record.image(index)
+            yield self.record.stored_image(index)
 
 
-def _pitch(y: NDArray[Any], x: NDArray[Any]) -> tuple[float, float] | None:
+def _pitch(record: Record, readout: Readout) -> tuple[float, float] | None:
     """Return the exported frames' pixel pitch (y, x) in metres; None if the axes are too short."""
+    y, x = (record.column(name) * (readout.binning or 1) for name in ("y", "x"))
     if min(len(y), len(x)) < 2:
         return None
     # Rounding to 12 digits restores the bench's pitch from the rounded positions.
@@ -60,8 +61,8 @@ def _round_digits(length: float) -> float:
     return float(f"{length:.12g}")
 
 
-def _bits(record: Record) -> int | None:
+def _bits(record: Record, readout: Readout) -> int | None:
     """Return the bits per exported digital number; None if the record's bench can't be read."""
     with suppress(UserError):
-        return record.bench.sensor.bits
+        return record.bench.sensor.bits + readout.steps_per_dn.bit_length() - 1
     return None

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from itertools import count, repeat
 from pathlib import Path
 
+import numpy as np
+
 from labapp.common.errors import UserError
 from labapp.files.writing import require_free_names
 from labapp.runs.export.atomic_files import all_or_none
@@ -94,8 +96,13 @@ def export_frames(
     progress = progress or Progress()
     if kind not in KINDS:
         raise UserError(f"--to: {kind!r} is none of {', '.join(KINDS)}.")
-    with Record(path) as record:
+    with Record(path, readout=selection.readout) as record:
         chosen = select_frames(record, selection)
+        if kind not in ONE_FILE_PER_FRAME and not _are_alike(record, chosen):
+            raise UserError(
+                f"--to {kind}: one file has frames of one size and unit. Choose some by --readout, "
+                "or export tiff or png."
+            )
         require_free_names(folder, ExportJob(record, kind, chosen, progress).names(), force=force)
         # Reading all frames back, before the first is written, has 30 % of the progress.
         reading, writing = progress.part(0, 0.3), progress.part(0.3, 1)
@@ -104,6 +111,14 @@ def export_frames(
         if found:
             _write(work, folder, force)
         return ExportResult(found, not_stored, damaged, work.bits)
+
+
+def _are_alike(record: Record, frames: list[int]) -> bool:
+    """Return whether frames of an export have one size, and one unit of their numbers."""
+    _, first = np.unique(record.column("readout")[frames], return_index=True)
+    some = [frames[place] for place in first.tolist()]
+    alike = {(record.frame_size(one), record.readout_of(one).steps_per_dn) for one in some}
+    return len(alike) == 1
 
 
 def _write(work: ExportJob, folder: Path, force: bool) -> None:

@@ -29,6 +29,7 @@ class FrameRows:
             "target": record.target_names,
             "pattern": record.pattern_names,
             "role": ROLES,
+            "readout": [one.describe() or "whole frame" for one in record.readouts],
         }
 
     def __len__(self) -> int:

@@ -23,11 +23,14 @@ class FrameSelection:
         Name of a target.
     pattern : str, optional
         Name of a pattern.
+    readout : int, optional
+        Number of a way in which the sensor was read, from 0.
     """
 
     frames: str | None = None
     target: str | None = None
     pattern: str | None = None
+    readout: int | None = None
 
 
 def select_frames(record: Record, selection: FrameSelection) -> list[int]:
@@ -47,6 +50,8 @@ def select_frames(record: Record, selection: FrameSelection) -> list[int]:
         if name not in names:
             raise UserError(f"--{column}: {name!r} is none of the record's: {', '.join(names)}.")
         keep &= record.column(column) == names.index(name)
+    if selection.readout is not None:
+        keep &= record.column("readout") == record.chosen_readout
     if not keep.any():
         raise UserError(f"{record.path}: no frame is all that was asked for. Ask for less.")
     return np.flatnonzero(keep).tolist()

@@ -132,7 +132,7 @@ class _Checks:
         for name in ("title", "definition", "start_time"):
             record.text(name)
         _ = record.plan, record.bench, record.scene, record.effect_plan, record.faults
-        _ = record.devices, record.message, record.seed, record.expected_seconds
+        _ = record.devices, record.message, record.seed, record.expected_seconds, record.readouts
         for _ in record.log_lines():
             pass
         wrong = [
@@ -142,7 +142,7 @@ class _Checks:
         ]
         if wrong:
             return "WRONG", f"of the wrong type or length: {', '.join(wrong)}"
-        rows, columns = record.image(0).shape
+        rows, columns = record.frame_shape
         if not _is_axis(record.column("y"), rows) or not _is_axis(record.column("x"), columns):
             return "WRONG", "the places of the pixels, y and x, aren't even"
         by = f"labapp {record.versions['labapp']}"
@@ -158,6 +158,7 @@ class _Checks:
             "role": len(ROLES),
             "target": len(record.target_names),
             "pattern": len(record.pattern_names),
+            "readout": len(record.readouts),
         }
         for column, count in known.items():
             if bad := _where(record.column(column) >= count):

@@ -56,7 +56,7 @@ class RecordContents:
     shots : sequence of Shot
         The planned frames.
     frame_shape : (rows, columns)
-        Shape of a frame.
+        Shape of the largest frame.
     pixel_pitch : float
         Pitch of the sensor in metres.
     video_frame : float
@@ -165,8 +165,10 @@ def _fill(file: h5py.File, c: RecordContents) -> None:
     texts["versions"] = json.dumps(nexus.program_versions())
     for name, text in texts.items():
         write_text(entry, name, text)
+    listed = ShotList.of(c.shots)
+    write_text(entry, "readouts", json.dumps([one.as_data() for one in listed.readouts]))
     entry["seed"] = c.seed
-    entry["expected_seconds"] = ShotList.of(c.shots).total_duration
+    entry["expected_seconds"] = listed.total_duration
     allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
     allocate(entry, "message", np.zeros(1, layout.MESSAGE))
     allocate(entry, "end_time", np.zeros(1, layout.END_TIME_DTYPE))

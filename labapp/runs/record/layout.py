@@ -9,12 +9,15 @@
     effect_plan      the simulator's effect plans (JSON, null for a real bench): "effects",
                      descriptions by name; "plans", one for each different target, pattern,
                      wavelength and exposure. Older records have one by "pattern, wavelength"
+    readouts         how the sensor is read (JSON): gain, region, binning, number of frames whose
+                     mean is stored, and in how many steps of 1 DN
     pictures         SHA-256 of the simulated scene's picture files (JSON)
     instrument (NXinstrument) slm, filter, camera, targets: model, serial, simulated
     data (NXdata), one row per planned frame, axes frame, y, x
-        images       (n, rows, columns) uint16, raw digital numbers
+        images       (n, rows, columns) uint16, raw digital numbers; of parts of the sensor and
+                     of binned pixels from the first row and column on, with zeros around
         y, x         metres on the sensor, origin at n // 2
-        frame, step, repeat, role, target, pattern, slot       as planned
+        frame, step, repeat, role, target, pattern, slot, readout     as planned
         exposure, exposure_asked, wavelength, wavelength_asked, gain
         time         bench clock at which the exposure began; on a virtual bench the
                      planned time, which doesn't change by retries and resumptions
@@ -35,16 +38,18 @@
 The file begins with a user block: the table of places (see labapp.runs.record.place_table), which
 tells without HDF5 where every dataset lies.
 
-`target` and `pattern` are indices into the names, `role` into ROLES; slot 0 is a tunable
-filter. All datasets are contiguous, and are created before the first frame. HDF5 itself never
-writes again: the writer puts values at their known places in the file. Therefore readers, in SWMR
-mode or not, may open the file at any time. A writer that is killed can't leave the structure
-half-written, and a full disk damages only the frame that was being written.
+`target` and `pattern` are indices into the names, `readout` into readouts, `role` into ROLES; slot
+0 is a tunable filter. Records of older programs have no `readout` and readouts.
+
+All datasets are contiguous, and are created before the first frame. HDF5 itself never writes again:
+the writer puts values at their known places in the file. Therefore readers, in SWMR mode or not,
+may open the file at any time. A writer that is killed can't leave the structure half-written, and a
+full disk damages only the frame that was being written.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -71,10 +76,13 @@ PLANNED: dict[str, np.dtype] = {
     "target": np.dtype("u2"),
     "pattern": np.dtype("u2"),
     "slot": np.dtype("u2"),
+    "readout": np.dtype("u2"),
     "exposure_asked": np.dtype("f8"),
     "wavelength_asked": np.dtype("f8"),
 }
 """Columns of a record that are known before the first frame."""
+
+READOUTS = f"{ENTRY}/readouts"
 
 MEASURED: dict[str, np.dtype] = {
     "exposure": np.dtype("f8"),
@@ -128,6 +136,14 @@ CHANGING = (
 
 SHOWN_IMAGES = f"{PATTERNS}/images"
 """Dataset that never changes, but is large; the table of places has its digest."""
+
+
+def planned_names(there: Collection[str]) -> list[str]:
+    """Return the planned columns of a run's record by the datasets that are there.
+
+    Records of older programs have none that says how the sensor was read.
+    """
+    return [name for name in PLANNED if name != "readout" or f"{DATA}/{name}" in there]
 
 
 def log_capacity(frames: int) -> int:

@@ -162,8 +162,9 @@ def _write_data(file: h5py.File, shape: tuple[int, ...]) -> None:
     data["images"].attrs.update({"units": "DN", "interpretation": "image"})
     for name, size in (("y", shape[1]), ("x", shape[2])):
         data[name] = np.zeros(size)
-    for name, dtype in (layout.PLANNED | layout.MEASURED).items():
-        allocate(data, name, np.zeros(shape[0], dtype))
+    kinds = layout.PLANNED | layout.MEASURED
+    for name in (*layout.planned_names(()), *layout.MEASURED):
+        allocate(data, name, np.zeros(shape[0], kinds[name]))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
     data["role"].attrs["names"] = list(ROLES)

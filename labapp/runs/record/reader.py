@@ -24,6 +24,7 @@ from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
+from labapp.runs.readouts import AS_OPENED, Readout
 from labapp.runs.record import digests, layout, writer_process
 from labapp.runs.record.chain import AT_ONCE, FrameChain, LogChain, follow_frames, follow_log
 from labapp.runs.record.place_table import find_places
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     # These are imported when they are needed, because they load all devices, lenses and scenes.
     from labapp.files.bench_file import BenchFile
     from labapp.files.scene_file import SceneFile
+    from optics.camera import Camera
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -66,6 +68,9 @@ class Record:
     damaged : bool, default False
         Whether a record is opened whose structure has changed since it was made, to see what can
         still be read.
+    readout : int, optional
+        Number of a way of reading the sensor, from 0: only frames of it are selected. It is needed
+        only where the run had several.
 
     Raises
     ------
@@ -74,7 +79,7 @@ class Record:
         other files.
     """
 
-    def __init__(self, path: Path, *, damaged: bool = False) -> None:
+    def __init__(self, path: Path, *, damaged: bool = False, readout: int | None = None) -> None:
         self.path = path
         require_file(path)
         try:
@@ -91,6 +96,7 @@ class Record:
         except (OSError, RuntimeError) as error:
             raise UserError(f"{path}: {_explain_open_failure(path, error)}") from error
         self._found: dict[str, h5py.Dataset] = {}
+        self._chosen = readout
         self._links: dict[int, NDArray[Any]] = {}
         try:
             self._require_known_format()
@@ -269,13 +275,95 @@ class Record:
 
         labapp.runs.record.layout lists the columns.
         """
+        if name == "readout" and not self._has(layout.READOUTS):
+            return np.zeros(self.frame_count, layout.PLANNED[name])
         return self._read(f"{layout.DATA}/{name}")
 
     def image(
         self, index: int, rows: slice = slice(None), columns: slice = slice(None)
+    ) -> NDArray[Any]:
+        """Return a frame of the run's record in DN, or some of its rows and columns.
+
+        It is of uint16, or of float32 where it is the mean of several frames.
+        """
+        return self.readout_of(index).numbers(self.stored_image(index, rows, columns))
+
+    def stored_image(
+        self, index: int, rows: slice = slice(None), columns: slice = slice(None)
     ) -> NDArray[np.uint16]:
-        """Return a frame of the run's record, or some of its rows and columns."""
-        return self._read(f"{layout.DATA}/images", (index, rows, columns))
+        """Return a frame of the run's record, or a part, in the steps in which it is stored."""
+        found: NDArray[np.uint16] = self._read(
+            f"{layout.DATA}/images", (index, *self._part(index, rows, columns))
+        )
+        return found
+
+    def _part(self, index: int, rows: slice, columns: slice) -> tuple[slice, slice]:
+        """Return where a part of the run's frame lies in the row that holds it."""
+        if self._reads_plainly:
+            return rows, columns
+        height, width = self.frame_size(index)
+        return slice(*rows.indices(height)), slice(*columns.indices(width))
+
+    def frame_size(self, index: int) -> tuple[int, int]:
+        """Return rows and columns of a frame of the run."""
+        return self.readout_of(index).shape(self.whole_frame)
+
+    def readout_of(self, index: int) -> Readout:
+        """Return how the sensor was read for a frame of the run."""
+        if self._reads_plainly:
+            return self.readouts[0]
+        return self.readouts[int(self._read(f"{layout.DATA}/readout", index))]
+
+    @cached_property
+    def readouts(self) -> list[Readout]:
+        """How the run's sensor was read: what the column `readout` has indices into."""
+        if not self._has(layout.READOUTS):
+            return [AS_OPENED]
+        with self._damage_as_user_error(layout.READOUTS):
+            return [Readout.of_data(one) for one in self._json("readouts")]
+
+    def _listed(self) -> str:
+        """List how the frames of the run are read."""
+        told = [
+            f"{n}: {one.describe() or 'whole frames'}" for n, one in enumerate(self.readouts[:12])
+        ]
+        return f"its frames are read as {'; '.join(told)}"
+
+    @property
+    def chosen_readout(self) -> int:
+        """The number of the chosen readout of the record, or else of the only one.
+
+        Raises UserError if there are several, or none of the chosen number.
+        """
+        number, count = self._chosen, len(self.readouts)
+        if number is not None and not 0 <= number < count:
+            raise UserError(f"--readout: {self.path} has no number {number}; {self._listed()}.")
+        if number is None and count > 1:
+            raise UserError(f"{self.path}: choose one by --readout NUMBER; {self._listed()}.")
+        return number or 0
+
+    @property
+    def camera(self) -> Camera:
+        """The description of the run's camera, with its sensor as the chosen readout reads it."""
+        return self.readouts[self.chosen_readout].read_camera(self.bench.build_camera())
+
+    @cached_property
+    def _reads_plainly(self) -> bool:
+        """Whether all frames of the run are whole ones, none of which is a mean."""
+        return all(not one.describe() for one in self.readouts)
+
+    @cached_property
+    def whole_frame(self) -> tuple[int, int]:
+        """Rows and columns of the frames as the run's bench opened the camera."""
+        known = self.capabilities
+        return known.frame_shape if known else self.frame_shape
+
+    @cached_property
+    def frame_shape(self) -> tuple[int, int]:
+        """Rows and columns of the largest frame of the run."""
+        with self._damage_as_user_error(f"{layout.DATA}/images"):
+            _, rows, columns = self._file[f"{layout.DATA}/images"].shape
+            return int(rows), int(columns)
 
     @property
     def frame_count(self) -> int:
@@ -358,7 +446,7 @@ class Record:
     def _image_has(self, index: int, test: Callable[[NDArray[np.uint16]], bool]) -> bool:
         """Return whether a frame's image in the run's record can be read and passes a test."""
         try:
-            return test(self.image(index))
+            return test(self._read(f"{layout.DATA}/images", index))
         except UserError:
             return False
 
@@ -416,10 +504,12 @@ class Record:
     def select(self, **criteria: Any) -> list[int]:
         """Return the indices of stored frames in a run's record that have given column values.
 
-        target and pattern are given by name, others by value, for example exposure_asked.
+        target and pattern are given by name, others by value, for example exposure_asked. The
+        frames are those of one readout.
         """
         names = {"target": self.target_names, "pattern": self.pattern_names}
         keep = self.column("stored").astype(bool)
+        keep &= self.column("readout") == self.chosen_readout
         for column, value in criteria.items():
             known = names.get(column)
             if known is not None:
@@ -445,6 +535,11 @@ class Record:
 
         self._file.visititems(collect)
         return found
+
+    def _has(self, name: str) -> bool:
+        """Return whether the run's record has a dataset, which older ones may lack."""
+        with self._damage_as_user_error(name):
+            return name in self._file
 
     def _read(self, name: str, rows: Any = ()) -> Any:
         """Read a dataset of the run's record by its path, or some of its rows."""

@@ -92,7 +92,7 @@ def proved_table(path: Path, handle: int) -> PlaceTable | None:
 
 def _repair_planned(handle: int, table: PlaceTable, path: Path) -> list[str]:
     """Write the planned columns of a run's record anew if they alone have changed."""
-    names = [f"{layout.DATA}/{name}" for name in layout.PLANNED]
+    names = [f"{layout.DATA}/{name}" for name in layout.planned_names(table.places)]
     lost = [name for name in names if not table.is_whole(handle, name)]
     if not lost:
         return []

@@ -28,6 +28,7 @@ from labapp.files.frame_list import format_frame_list
 from labapp.files.guarded_reading import unreadable
 from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
 from labapp.files.plan_file import ROLES
+from labapp.runs.readouts import AS_OPENED, Readout
 from labapp.runs.record import layout
 from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.digests import SETTINGS
@@ -189,14 +190,15 @@ class DamagedRecord:
 
     def _planned_columns(self) -> dict[str, NDArray[Any]]:
         """Return the planned columns of the run's record, or what its plan makes of them."""
-        found = {name: self._read_known(f"{layout.DATA}/{name}") for name in layout.PLANNED}
+        expected = layout.planned_names(self._table.places)
+        found = {name: self._read_known(f"{layout.DATA}/{name}") for name in expected}
         whole = {name: column for name, column in found.items() if column is not None}
         if len(whole) == len(found):
             return whole
         again = self._columns_of_plan()
         if again is not None:
             return again
-        there = {name: self._read_or_none(f"{layout.DATA}/{name}") for name in layout.PLANNED}
+        there = {name: self._read_or_none(f"{layout.DATA}/{name}") for name in expected}
         left = {name: column for name, column in there.items() if column is not None}
         if len(left) < len(there):
             raise UserError(
@@ -239,7 +241,12 @@ class DamagedRecord:
             "wavelength": columns["wavelength_asked"],
             "exposure": columns["exposure_asked"],
         }
-        shots = ShotList({**columns, **shown}, [ShotTarget(name) for name in names], list(patterns))
+        shots = ShotList(
+            {**columns, **shown},
+            [ShotTarget(name) for name in names],
+            list(patterns),
+            self._readouts(columns.get("readout")),
+        )
         x = self._read_known(f"{layout.DATA}/x")
         times = self._read_known(f"{layout.PATTERNS}/frame_time")
         seed = self._read_known("entry/seed")
@@ -295,6 +302,15 @@ class DamagedRecord:
             return [one.decode(errors="replace") for one in found.tolist()]
         self._lacks.append(f"the names of the {kind}s")
         return [f"{kind} {number}" for number in range(int(indices.max()) + 1)]
+
+    def _readouts(self, indices: NDArray[Any] | None) -> list[Readout]:
+        """Return how the run's sensor was read; if that is lost, as the bench opened it."""
+        if indices is None:
+            return [AS_OPENED]
+        told = self._json("readouts")
+        if told is not None:
+            return [Readout.of_data(one) for one in told]
+        return [AS_OPENED] * (int(indices.max(initial=0)) + 1)
 
     def _patterns(self, indices: NDArray[Any]) -> dict[str, NDArray[np.uint8]]:
         """Return the patterns of the run's record by name; those that are lost are black."""

@@ -110,6 +110,11 @@ class RecordWriter:
         return lock_limit(self._lock)
 
     @property
+    def frame_bytes(self) -> int:
+        """Bytes of a frame's image in the run's record."""
+        return self._places["images"].row_bytes
+
+    @property
     def frame_count(self) -> int:
         return self._places["images"].shape[0]
 
@@ -139,6 +144,15 @@ class RecordWriter:
         }
         self.store_values(shot.index, frame.image, values, frame.checksum)
 
+    def _fill_row(self, image: NDArray[np.uint16], known: int | None) -> NDArray[np.uint16]:
+        """Return a frame of a part of the run's sensor with zeros up to the size of all frames."""
+        (rows, columns), (height, width) = self._places["images"].shape[1:], image.shape
+        if height > rows or width > columns:
+            raise CorruptFrame(f"it has {image.shape} pixels")
+        if known is not None and (found := checksum(image)) != known:
+            raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
+        return np.pad(image, ((0, rows - height), (0, columns - width)))
+
     def store_values(
         self,
         index: int,
@@ -153,7 +167,7 @@ class RecordWriter:
         """
         image = np.ascontiguousarray(image, dtype=self._places["images"].dtype)
         if image.shape != self._places["images"].shape[1:]:
-            raise CorruptFrame(f"it has {image.shape} pixels")
+            image, known = self._fill_row(image, known), None
         found, digest = self._write_image(index, image)
         if known is not None and found != known:
             raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")

@@ -118,7 +118,7 @@ def _fits(decoder: str, record: Record, roles: Reconstruction) -> bool:
     frames = record.select(target=roles.photograph, pattern=roles.coded)
     if not frames:
         return False
-    camera, grey = record.bench.build_camera(), record.pattern(roles.coded)
+    camera, grey = record.camera, record.pattern(roles.coded)
     wavelength = float(record.column("wavelength")[frames[0]])
     try:
         match_shown_pattern(find_trained_pattern(decoder), camera, grey, wavelength, roles.coded)

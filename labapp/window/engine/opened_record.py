@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ def open_record(path: Path) -> RecordOpened:
     with Record(path) as record:
         missing = set(record.frames_not_stored())
         stored = [index for index in range(record.frame_count) if index not in missing]
-        found = find_brackets(record)
+        found = [] if len(record.readouts) > 1 else find_brackets(record)
         shown = _frame_to_show(record, stored)
         return RecordOpened(
             path=path,
@@ -57,10 +58,11 @@ def _frame_words(record: Record, index: int) -> str:
     pattern = record.pattern_names[int(record.column("pattern")[index])]
     nm = float(record.column("wavelength")[index]) * 1e9
     ms = float(record.column("exposure_asked")[index]) * 1e3
-    return f"frame {index}: {target}, {pattern}, {nm:.2f} nm, {ms:g} ms"
+    read = record.readout_of(index).describe()
+    return f"frame {index}: {target}, {pattern}, {nm:.2f} nm, {ms:g} ms{read and ', '}{read}"
 
 
-def _screen_picture(image: NDArray[np.uint16]) -> NDArray[np.uint8]:
+def _screen_picture(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Return a raw frame of a record with the grey values of a screen, stretched."""
     black, white = np.percentile(image, [_BLACK, _WHITE])
     share = (image - black) / max(white - black, 1.0)
@@ -72,6 +74,8 @@ def _why_not_restored(record: Record, found: list[RecordedBracket]) -> str:
 
     A restoration needs a photograph, and a star with the same pattern and wavelength.
     """
+    if (ways := len(record.readouts)) > 1:
+        return f"its sensor is read in {ways} ways. Choose one: labapp reconstruct --readout NUMBER"
     plan = record.plan.reconstruct
     roles = plan or Reconstruction(coded="")
     photographs = [one for one in found if one.target != roles.star]

@@ -1,0 +1,174 @@
+"""Ways of reading a run's sensor: gain, region, binning, and frames whose mean is stored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import Region
+
+if TYPE_CHECKING:
+    from labapp.files.plan_file import Acquisition
+    from labapp.runs.capabilities import BenchCapabilities
+    from optics.camera import Camera, Sensor
+
+_LARGEST = np.iinfo(np.uint16).max
+
+
+class Readout(NamedTuple):
+    """How a shot's frame is read; by default as the bench opens the camera.
+
+    gain_db: decibels. amplification_db: what that is beyond the gain with which the bench opens the
+    camera. region: x, y, width and height in pixels of the opened camera's frames.
+    binning: such pixels each way whose mean is one. averaged: frames whose mean is stored.
+    steps_per_dn: the stored number of 1 DN, so that the mean of whole numbers keeps its fraction.
+    """
+
+    gain_db: float | None = None
+    amplification_db: float = 0.0
+    region: Region | None = None
+    binning: int | None = None
+    averaged: int = 1
+    steps_per_dn: int = 1
+
+    def shape(self, whole: tuple[int, int]) -> tuple[int, int]:
+        """Return rows and columns of a run's frame, of a camera with frames of `whole` pixels."""
+        _, _, width, height = self.region or (0, 0, whole[1], whole[0])
+        each = self.binning or 1
+        return height // each, width // each
+
+    def describe(self) -> str:
+        """Describe in words how a run's frame is read; "" as the bench opens the camera."""
+        words = []
+        if self.gain_db is not None:
+            words.append(f"{self.gain_db:g} dB")
+        if self.region is not None:
+            x, y, width, height = self.region
+            words.append(f"{width} x {height} px from ({x}, {y})")
+        if self.binning is not None:
+            words.append(f"binning {self.binning}")
+        if self.averaged > 1:
+            words.append(f"mean of {self.averaged}")
+        if self.steps_per_dn > 1:
+            words.append(f"in steps of 1/{self.steps_per_dn} DN")
+        return ", ".join(words)
+
+    def read_camera(self, camera: Camera) -> Camera:
+        """Return the description of a run's camera with frames that are read so."""
+        if not self.describe():
+            return camera
+        return replace(camera, sensor=self.read_sensor(camera.sensor))
+
+    def read_sensor(self, sensor: Sensor) -> Sensor:
+        """Return the description of a run's sensor with frames that are read so."""
+        if not self.describe():
+            return sensor
+        # Most runs need no description of another sensor.
+        from optics.sensor import sensor_as_read
+
+        return sensor_as_read(
+            sensor,
+            amplification_db=self.amplification_db,
+            region=self.region,
+            binning=self.binning or 1,
+            averaged=self.averaged,
+        )
+
+    def whole_numbers(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+        """Return a stored image of the run in whole DN."""
+        steps = self.steps_per_dn
+        return image if steps == 1 else ((image + np.uint32(steps // 2)) // steps).astype(np.uint16)
+
+    def numbers(self, image: NDArray[np.uint16]) -> NDArray[Any]:
+        """Return a stored image of the run in DN: whole ones, or the mean's with fractions."""
+        return image if self.steps_per_dn == 1 else image / np.float32(self.steps_per_dn)
+
+    def read_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which pixels of a run's frame have any of the marked pixels of a whole frame."""
+        x, y, width, height = self.region or (0, 0, mask.shape[1], mask.shape[0])
+        each = self.binning or 1
+        rows, columns = height // each, width // each
+        part = mask[y : y + rows * each, x : x + columns * each]
+        return np.any(part.reshape(rows, each, columns, each), axis=(1, 3))
+
+    def as_data(self) -> dict[str, Any]:
+        """Return how a run's frame is read as plain data."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in self._asdict().items()
+        }
+
+    @staticmethod
+    def of_data(data: Mapping[str, Any]) -> Readout:
+        """Return what as_data() of a run's record has told."""
+        values: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in data.items()
+        }
+        return Readout(**values)
+
+
+AS_OPENED = Readout()
+"""A run's frames are read as the bench opens the camera."""
+
+
+def block_readouts(block: Acquisition, capabilities: BenchCapabilities) -> Iterator[Readout]:
+    """Yield the ways in which a block of a run's plan is read: regions, then binnings, then gains.
+
+    Where the plan doesn't choose, the camera's own stand.
+    """
+    steps = steps_per_dn(block.average, capabilities.full_scale)
+    for region, binning, gain in product(
+        block.regions_px or (None,), block.binnings or (None,), block.gains_db or (None,)
+    ):
+        more = 0.0 if gain is None else gain - capabilities.gain_db
+        yield Readout(gain, more, region, binning, block.average, steps)
+
+
+def largest_shape(readouts: Iterable[Readout], whole: tuple[int, int]) -> tuple[int, int]:
+    """Return rows and columns that every frame of a run fits into."""
+    shapes = [one.shape(whole) for one in readouts]
+    return max(rows for rows, _ in shapes), max(columns for _, columns in shapes)
+
+
+def steps_per_dn(averaged: int, full_scale: int) -> int:
+    """Return the stored number of 1 DN in a run's frame that is the mean of several.
+
+    It is the largest power of two with which the full scale is still a number of 16 bits, and no
+    more than the mean has steps.
+    """
+    steps = 1
+    while steps < averaged and 2 * steps * full_scale <= _LARGEST:
+        steps *= 2
+    return steps
+
+
+class MeanImage:
+    """The mean of frames of a run, as far as they are taken.
+
+    A pixel that is clipped in any of them is clipped: its mean would be too low.
+    """
+
+    def __init__(self, first: NDArray[np.uint16], full_scale: int) -> None:
+        self._full_scale, self._count = full_scale, 0
+        self._total = np.zeros(first.shape, np.uint32)
+        self._clipped = np.zeros(first.shape, bool)
+        self.add(first)
+
+    def add(self, image: NDArray[np.uint16]) -> None:
+        """Add a frame of the run to the mean; ValueError if it has another size."""
+        if image.shape != self._total.shape:
+            raise ValueError(f"a frame of {image.shape} pixels follows one of {self._total.shape}")
+        self._total += image
+        self._clipped |= image >= self._full_scale
+        self._count += 1
+
+    def stored(self, steps: int) -> NDArray[np.uint16]:
+        """Return the mean of the run's frames in steps of 1 DN / `steps`, as it is stored."""
+        mean = np.rint(self._total * (steps / self._count))
+        mean[self._clipped] = self._full_scale * steps
+        return np.minimum(mean, _LARGEST).astype(np.uint16)
