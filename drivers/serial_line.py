@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -59,12 +60,31 @@ def port_errors() -> tuple[type[BaseException], ...]:
     return (*errors, termios.error)
 
 
+_NETWORK_PORT = re.compile(r"(socket|rfc2217)://[^/?#\s]+:\d{1,5}/?|sim://[\w.-]+", re.IGNORECASE)
+"""Servers of serial ports; sim:// is a simulated line of this process."""
+
+_LOCAL_PORT = re.compile(r"/[^\0]*|COM\d+", re.IGNORECASE)
+
+
+def require_port(port: object) -> None:
+    """Raise ValueError unless the text of a device's option `port` is a port that may be opened.
+
+    Other URLs of pyserial do more than that: spy:// writes a file that its text names.
+    """
+    if isinstance(port, str) and (_LOCAL_PORT.fullmatch(port) or _NETWORK_PORT.fullmatch(port)):
+        return
+    raise ValueError(
+        f'port is {port!r}; give a device path such as "/dev/ttyUSB0", or '
+        '"socket://HOST:NUMBER", or "rfc2217://HOST:NUMBER"'
+    )
+
+
 class SerialLine:
     """Serial port of one device, with timeouts by the bench's clock.
 
-    model: the device's name in errors. url: a port ("/dev/ttyUSB0", "COM3") or any URL of
-    pyserial ("socket://host:port", "spy:///dev/ttyUSB0?file=talk.txt"). baudrate: bits per second.
-    rtscts: whether hardware flow control is used.
+    model: the device's name in errors. url: a port ("/dev/ttyUSB0", "COM3"), or what serves one in
+    the network ("socket://host:port", "rfc2217://host:port"); see require_port(). baudrate: bits
+    per second. rtscts: whether hardware flow control is used.
 
     Every failure is a DeviceError. A port that fails is closed; the next write opens it again. The
     driver sets `in_sync` once the device is at rest. Opening and every failure set it to False,
@@ -74,6 +94,7 @@ class SerialLine:
     def __init__(
         self, model: str, url: str, clock: Clock, *, baudrate: int, rtscts: bool = False
     ) -> None:
+        require_port(url)
         self.model, self.url, self.clock = model, url, clock
         self.in_sync = False
         self._baudrate, self._rtscts = baudrate, rtscts

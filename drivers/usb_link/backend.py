@@ -1,27 +1,39 @@
-"""Choice of the pyusb backend of a USB driver: the libusb of libusb-package, or another one.
+"""Choice of the pyusb backend of a USB driver: the libusb of libusb-package, or an installed one.
 
-Every USB driver has the option `backend`. An empty string means libusb. "module:name" is a pyusb
-backend or a function that returns one; with "module:name@address" the function is called with the
-address. Simulated devices are connected in this way, without any change of the driver.
+Every USB driver has the option `backend`. An empty text means libusb. "NAME" or "NAME@ADDRESS" is
+an entry point of an installed package, in the group "labapp.usb-backends": a function that returns
+a pyusb backend, and is called with the address if there is one. No text names code in another way,
+since it may come from a stranger's file; scripts give the function itself. Simulated devices are
+connected in this way, without any change of the driver.
 """
 
 from __future__ import annotations
 
-import pkgutil
 import re
+from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
+
+GROUP = "labapp.usb-backends"
 
 _CORRECT = "Correct the option backend, or leave it out for libusb"
 
-_NAME = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*(@.+)?")
+_NAME = re.compile(r"[\w.-]+(@.+)?")
+
+Backend = str | Callable[[], Any]
+"""Name of an installed pyusb backend with its address, or a function that returns one."""
 
 
 def require_backend_name(backend: object) -> None:
-    """Raise ValueError unless the USB link's option `backend` has the form of a backend's name."""
-    if not isinstance(backend, str) or (backend and not _NAME.fullmatch(backend)):
+    """Raise ValueError unless the USB link's option `backend` names an installed one, or none."""
+    if callable(backend) or backend == "":
+        return
+    named = isinstance(backend, str) and _NAME.fullmatch(backend) is not None
+    if not (named and _find(str(backend).partition("@")[0])):
+        known = ", ".join(sorted(entry_points(group=GROUP).names)) or "none"
         raise ValueError(
-            f'backend is {backend!r}; leave it empty for libusb, or give "module:name" or '
-            '"module:name@address" of a pyusb backend'
+            f'backend is {backend!r}; leave it empty for libusb, or give "NAME" or "NAME@ADDRESS" '
+            f"of an installed backend: {known}"
         )
 
 
@@ -33,22 +45,26 @@ class BackendMissing(Exception):
         self.remedy = remedy
 
 
-def load_backend(backend: str) -> Any:
+def load_backend(backend: Backend) -> Any:
     """Return the pyusb backend of that name for a USB link, or raise BackendMissing."""
     if not backend:
         return _libusb()
-    name, _, address = backend.partition("@")
     try:
-        thing = pkgutil.resolve_name(name)
-    except (ImportError, AttributeError, ValueError) as error:
-        reply = f"the backend {name} can't be loaded ({error})"
-        raise BackendMissing(reply, _CORRECT) from error
-    try:
-        if address:
-            return thing(address)
-        return thing() if callable(thing) else thing
+        if not isinstance(backend, str):
+            return backend()
+        name, _, address = backend.partition("@")
+        entry = _find(name)
+        if entry is None:
+            raise LookupError("it isn't installed")
+        make = entry.load()
+        return make(address) if address else make()
     except Exception as error:
         raise BackendMissing(f"the backend {backend} doesn't start ({error})", _CORRECT) from error
+
+
+def _find(name: str) -> EntryPoint | None:
+    """Return the entry point of an installed backend for USB links; None if there is none."""
+    return next(iter(entry_points(group=GROUP, name=name)), None)
 
 
 def _libusb() -> Any:

@@ -36,7 +36,8 @@ class UsbLink:
     serial : str, default ""
         Serial number, needed if several such devices are plugged in.
     backend : str, default ""
-        Name of the pyusb backend, empty for libusb; see drivers.usb_link.backend.
+        Name of an installed pyusb backend, or a function that returns one; empty for libusb. See
+        drivers.usb_link.backend.
     interface : int, default 0
         Number of the interface that is claimed.
     timeout : float, default 1.0

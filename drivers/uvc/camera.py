@@ -79,9 +79,9 @@ class UVCCamera:
         Amplification in the camera's units; left as it is by default.
     electrons_per_number : float
         Conversion gain in electrons per digital number, for Frame.gain.
-    source : str or callable
-        Function, or its name "module:name", that opens a device and returns an object like
-        cv2.VideoCapture; OpenCV's by default.
+    source : callable, optional
+        Function that opens a device and returns an object like cv2.VideoCapture; OpenCV's by
+        default. It is for scripts: a bench file can't name one.
 
     Raises
     ------
@@ -107,7 +107,7 @@ class UVCCamera:
         discard_frames: int = 3,
         gain: float | None = None,
         electrons_per_number: float = 1.0,
-        source: str | CaptureFactory = "",
+        source: CaptureFactory | None = None,
     ) -> None:
         self._mode = CaptureMode(
             device, width, height, pixel_format, frame_rate, exposure_unit_us / 1e6, gain

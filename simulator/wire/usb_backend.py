@@ -1,7 +1,7 @@
 """A bus of simulated USB devices, as a backend of pyusb that unmodified drivers can use.
 
-A driver's option backend = "simulator.wire.usb_backend:bus@NAME" calls bus(NAME), which returns the
-bus that was registered under that name. Source: pyusb's usb.backend.IBackend.
+A driver's option backend = "simulated-here@NAME" calls bus(NAME), which returns the bus that was
+registered under that name in this process. Source: pyusb's usb.backend.IBackend.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _buses: dict[str, UsbBus] = {}
 def register_bus(name: str, bus: UsbBus) -> str:
     """Register a bus of simulated USB cables in this process; return drivers' option `backend`."""
     _buses[name] = bus
-    return f"simulator.wire.usb_backend:bus@{name}"
+    return f"simulated-here@{name}"
 
 
 def unregister_bus(name: str) -> None:

@@ -1,7 +1,7 @@
 """Simulated USB devices of another process, as a pyusb backend over a local socket.
 
 The process that holds the bus serves it by `with UsbServer(bus, path)`. A driver in another process
-of the same user reaches it by its option backend = "simulator.wire.usb_remote:backend@PATH". A key
+of the same user reaches it by its option backend = "simulated@PATH". A key
 file beside the socket, which other users can't read, protects it.
 """
 
@@ -51,7 +51,7 @@ def backend_option(path: str | Path) -> str:
 
     path: where the bus is served.
     """
-    return f"simulator.wire.usb_remote:backend@{path}"
+    return f"simulated@{path}"
 
 
 def _key_file(path: str | Path) -> Path:
@@ -184,6 +184,10 @@ class RemoteBackend(SimulatedUsbBackend):
 
     def _exchange(self, request: CallRequest, patience: float) -> CallResult:
         if self._line is None:
+            # What another user serves could send an object that runs a program as it's unpickled.
+            for file in (Path(self._path), _key_file(self._path)):
+                if file.lstat().st_uid != os.getuid():
+                    raise PermissionError(errno.EACCES, f"{file} is another user's")
             key = _key_file(self._path).read_bytes()
             self._line = _message_socket(Client(self._path, "AF_UNIX", authkey=key))
         self._line.send(request)

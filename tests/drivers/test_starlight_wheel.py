@@ -197,7 +197,7 @@ def test_bad_options_are_named(options):
 
 
 def test_it_touches_nothing_before_it_is_entered():
-    StarlightWheel(Surroundings(RealClock()), SEVEN, backend="no.such:thing")
+    StarlightWheel(Surroundings(RealClock()), SEVEN, backend="simulated-here@nothing")
 
 
 def test_killed_a_move_ends_and_another_driver_finds_the_wheel_free():

@@ -152,7 +152,7 @@ def test_a_fault_that_a_machine_cannot_have_is_refused(clock):
 
 def test_buses_are_found_by_name(clock):
     backend = UsbBus(clock)
-    assert register_bus("one", backend) == "simulator.wire.usb_backend:bus@one"
+    assert register_bus("one", backend) == "simulated-here@one"
     assert bus("one") is backend
     unregister_bus("one")
     unregister_bus("one")
