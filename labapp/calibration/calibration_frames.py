@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from labapp.calibration import request as names
 from labapp.calibration.request import CalibrationDesign
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.plain_data import parse_json
 from labapp.files.quantities import exposure_from_ms
 from labapp.files.reading import validate
@@ -47,7 +48,7 @@ class CalibrationFrames:
         if record.state is not State.COMPLETE:
             raise UserError(
                 f"{record.path}: the run is {record.state}, and a calibration needs all of its "
-                f"frames. Take them with: labapp resume {record.path}"
+                f"frames. Take them with: labapp resume {shell_word(record.path)}"
             )
         design = validate_design(text, str(record.path))
         camera = record.camera

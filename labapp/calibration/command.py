@@ -21,6 +21,7 @@ from labapp.calibration.request import CalibrationRequest
 from labapp.calibration.result_report import print_tables, result_data
 from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.common.typed_numbers import parse_whole
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.reading import format_validation_error
@@ -101,7 +102,7 @@ def write_plan_only(
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     with open_bench(files) as bench:
         plan = prepare_plan_only(bench, request, folder, force=execution.force)
-    fit = f"labapp calibrate --fit {folder / RECORD_FILE}"
+    fit = f"labapp calibrate --fit {shell_word(folder / RECORD_FILE)}"
     print_written_plan(
         folder / PLAN_FILE, len(plan.patterns), folder / RECORD_FILE, fit, execution.as_json
     )

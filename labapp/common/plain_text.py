@@ -7,6 +7,7 @@ texts through here, or has its markup switched off.
 from __future__ import annotations
 
 import re
+import shlex
 
 _CONTROLS = re.compile(
     "[\x00-\x09\x0b-\x1f\x7f-\x9f"  # C0 and C1 controls but the line feed; DEL
@@ -50,3 +51,8 @@ def quote(value: object) -> str:
 def shorten(text: str, most: int) -> str:
     """Return a text of labapp's errors with its middle left out if it has more characters."""
     return text if len(text) <= most else f"{text[: most // 2]} … {text[-(most // 2) :]}"
+
+
+def shell_word(value: object) -> str:
+    """Return a name or path as one word of a command that labapp tells a person to type."""
+    return shlex.quote(printable_line(str(value)))

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.bench_file import BenchFile
 from labapp.files.design_file import DecoderContents, bundled_trained_design, read_design
 from labapp.files.reading import validate
@@ -93,7 +94,7 @@ def read_trained_pattern(path: Path) -> TrainedPattern:
     if contents.decoder is None:
         raise UserError(
             f"{path}: holds a pattern without a decoder. Train one: labapp train edof, with "
-            f'start = "{path.name}" in its [pattern] table.'
+            f'start = "{shell_word(path.name)}" in its [pattern] table.'
         )
     stored = contents.decoder.settings
     try:

@@ -13,6 +13,7 @@ import numpy as np
 from labapp.bench.opening import Bench, BenchFiles, open_bench
 from labapp.common.console import out, print_json, print_table, styled_line, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.pattern_table import VideoPattern
 from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.patterns.grey_levels import compute_patterns
@@ -74,7 +75,7 @@ def check_plan(
         return
     _print_summary(preview)
     out.print(
-        f"PASS. Run it with: labapp run {named_plan.name} --out run.h5",
+        f"PASS. Run it with: labapp run {shell_word(named_plan.name)} --out run.h5",
         soft_wrap=True,
     )
 

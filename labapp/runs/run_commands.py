@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from drivers.interfaces import Frame
 from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench
 from labapp.common.console import out, print_error, print_json, print_message, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.fault_file import read_faults
 from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
@@ -108,6 +110,8 @@ def resume_file(
             held = stack.enter_context(hold_record(record, progress))
         with Record(record) as opened:
             setup = bench_setup_of(opened, faults)
+        if bench is None:
+            _confirm_recorded_bench(setup, record, execution)
         made_from = setup if bench is None else _with_bench(setup, bench)
         if not execution.as_json:
             print_message(f"{record}: {len(held.missing)} frames to take")
@@ -118,6 +122,35 @@ def resume_file(
     if execution.as_json:
         print_json(_as_data(outcome))
     require_complete(outcome)
+
+
+def _confirm_recorded_bench(setup: BenchSetup, record: Path, execution: ExecutionOptions) -> None:
+    """Show the real devices that a record names, and ask whether a run may open them.
+
+    A record may come from somebody else. Raises UserError if nobody is there to answer.
+    """
+    devices = [
+        f"  {role}: {table.driver}{_options_in_words(table.options)}"
+        for role, table in setup.bench.devices.run_devices.items()
+        if table.is_exclusive
+    ]
+    if not devices or execution.yes:
+        return
+    print_message("\n".join((f"{record} opens these devices of this computer:", *devices)))
+    with terminal_progress() as progress, open_keyboard(progress) as keyboard:
+        if not keyboard.is_terminal:
+            raise UserError(
+                f"{record}: nobody is there to say whether its devices may be opened. Give the "
+                "bench file by --bench, or --yes."
+            )
+        print_message("Enter opens them, Ctrl-C ends.")
+        keyboard.wait_for_enter(progress)
+
+
+def _options_in_words(options: Mapping[str, Any]) -> str:
+    """Return a device's options as a record has them, on one line without control characters."""
+    words = ", ".join(f"{name} = {value!r}" for name, value in options.items())
+    return f" ({words})" if words else ""
 
 
 def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
@@ -147,7 +180,7 @@ def require_complete(outcome: RunOutcome) -> None:
             f"{outcome.path}: FAILED: {outcome.message}\n"
             f"{len(outcome.missing)} frames are missing ({listed}"
             f"{', ...' if len(outcome.missing) > 8 else ''}). Mend the cause, then: "
-            f"labapp resume {outcome.path}"
+            f"labapp resume {shell_word(outcome.path)}"
         )
 
 
@@ -193,7 +226,7 @@ def print_written_plan(
         print_json({"plan": str(plan), "patterns": patterns})
         return
     both = f" and {patterns} patterns" if patterns else ""
-    lines = f"wrote {plan}{both}. Then:\nlabapp run {plan} --out {record}"
+    lines = f"wrote {plan}{both}. Then:\nlabapp run {shell_word(plan)} --out {shell_word(record)}"
     # A command to copy isn't broken into lines.
     out.print(f"{lines}\n{following}", soft_wrap=True)
 
@@ -209,7 +242,7 @@ def _report_outcome(outcome: RunOutcome, execution: ExecutionOptions) -> None:
     took = (
         f"{outcome.elapsed_seconds:.1f} s of bench time, {outcome.expected_seconds:.1f} s expected"
     )
-    text = f"{outcome.path}: COMPLETE ({took}). See it with: labapp show {outcome.path}"
+    text = f"{outcome.path}: COMPLETE ({took}). See it with: labapp show {shell_word(outcome.path)}"
     out.print(text, soft_wrap=True)
     # Kept elsewhere, it shows later whether the record is still the one that the run left.
     out.print(f"digest {outcome.digest}", soft_wrap=True)

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from labapp.bench.opening import BenchFiles
 from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.reading import format_validation_error
 from labapp.files.writing import require_free_names
@@ -111,7 +112,7 @@ def write_spectra_plan(
     """Write a spectral calibration's plan and patterns to a folder, for `labapp run`."""
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     plan = prepare_spectra_plan(options.job(folder, files))
-    fit = f"labapp calibrate --spectra --fit {folder / RECORD_FILE}"
+    fit = f"labapp calibrate --spectra --fit {shell_word(folder / RECORD_FILE)}"
     print_written_plan(
         folder / PLAN_FILE, len(plan.patterns), folder / RECORD_FILE, fit, execution.as_json
     )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.pictures.analysis.brackets import Bracket, find_bracket, merge_all
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -106,7 +107,7 @@ def fit_spectra(path: Path, progress: Progress) -> SpectraFit:
         if record.state is not State.COMPLETE:
             raise UserError(
                 f"{path}: the run is {record.state}, and a calibration needs all of its frames. "
-                f"Take them with: labapp resume {path}"
+                f"Take them with: labapp resume {shell_word(path)}"
             )
         require_filters("--spectra", record.camera.sensor.colour)
         names = {request.star, request.flat}

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from labapp.common.console import out, print_message, print_table
+from labapp.common.plain_text import shell_word
 from labapp.files.spectra_file import SpectraFile
 from labapp.spectral.refinement import format_estimate
 
@@ -48,7 +49,7 @@ def print_spectra(file: SpectraFile, paths: tuple[Path, ...]) -> None:
     for path in paths:
         out.print(f"wrote {path}", soft_wrap=True)
     out.print(
-        f"labapp reconstruct RUN.h5 --bands all --calibration {paths[0]}",
+        f"labapp reconstruct RUN.h5 --bands all --calibration {shell_word(paths[0])}",
         soft_wrap=True,
     )
 
@@ -94,7 +95,7 @@ def advice(file: SpectraFile) -> list[str]:
         said.append(
             f"The computed PSFs explain the star badly at {listed} nm. Calibrate the panel first "
             "(labapp calibrate), focus the star, or use the measured PSFs: labapp reconstruct "
-            f"RUN.h5 --bands all --psf {file.record}"
+            f"RUN.h5 --bands all --psf {shell_word(file.record)}"
         )
     moved = [
         one for one in file.parameters

@@ -10,6 +10,7 @@ from typing import Any
 from labapp.bench.opening import BenchFiles, open_bench
 from labapp.common.console import out, print_json, print_table, styled_line, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.output_paths import RECORD, STUDY_FILES
 from labapp.files.reading import bundled_path
@@ -128,7 +129,7 @@ def _evaluate_and_write(
         if record.state is not State.COMPLETE:
             raise UserError(
                 f"{path}: the run is {record.state}, and the study needs all of its frames. "
-                f"Take the rest: labapp resume {path}"
+                f"Take the rest: labapp resume {shell_word(path)}"
             )
         with watch.stage("evaluate"):
             results: StudyResults = found.evaluate(record, settings, progress.part(0, 0.9))

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.key_values import parse_key_values
 from labapp.files.plain_data import parse_json
 from labapp.files.plan_file import PlanFile
@@ -50,7 +51,9 @@ def settings_from_record(record: Record, name: str) -> StudySettings:
     metadata = record.plan.metadata
     if metadata.get(_NAME_KEY) != name:
         known = metadata.get(_NAME_KEY)
-        remedy = f"Evaluate it with: labapp study {known}" if known else "See: labapp report"
+        remedy = (
+            f"Evaluate it with: labapp study {shell_word(known)}" if known else "See: labapp report"
+        )
         raise UserError(f"{record.path}: is no record of the study {name!r}. {remedy}.")
     source = f"{record.path}: settings"
     data = parse_json(str(metadata.get(_SETTINGS_KEY, "{}")), source)

@@ -20,7 +20,7 @@ from labapp.bench.virtual_bench.shared_world import SharedWorld
 from labapp.bench.virtual_bench.spectroradiometers import serve_spectroradiometer
 from labapp.common.console import print_message
 from labapp.common.errors import UserError
-from labapp.common.plain_text import printable
+from labapp.common.plain_text import printable, shell_word
 from labapp.files.bench_file import read_bench
 from labapp.files.writing import make_folder, require_writable, write_atomically
 
@@ -142,8 +142,8 @@ def _print_next_steps(options: ServeOptions, names: list[str]) -> None:
     bench = "bench.toml" if options.out is None else options.out
     where = "Save what was printed as bench.toml, then" if options.out is None else "Then"
     print_message(f"{', '.join(names)} served. {where}, in another terminal:")
-    print_message(f"  labapp gui --bench {bench}")
-    print_message(f"  labapp run plan.toml --bench {bench} --out run.h5")
+    print_message(f"  labapp gui --bench {shell_word(bench)}")
+    print_message(f"  labapp run plan.toml --bench {shell_word(bench)} --out run.h5")
     print_message(
         "Type `target NAME` when it asks for a target, `help` for more, `quit` or Ctrl-C to end."
     )

@@ -20,6 +20,7 @@ from labapp.calibration.camera.request import CameraRequest
 from labapp.calibration.camera.result_report import camera_data, print_camera
 from labapp.common.console import print_json, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.reading import format_validation_error
 from labapp.files.writing import require_free_names
@@ -86,7 +87,7 @@ def write_camera_plan(
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     with open_bench(files) as bench:
         prepare_camera_plan(bench, request, folder, force=execution.force)
-    fit = f"labapp calibrate --camera --fit {folder / RECORD_FILE}"
+    fit = f"labapp calibrate --camera --fit {shell_word(folder / RECORD_FILE)}"
     print_written_plan(folder / PLAN_FILE, 0, folder / RECORD_FILE, fit, execution.as_json)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from labapp.calibration.camera.request import CameraRequest, camera_request_of
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.plan_file import ROLES
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -49,7 +50,7 @@ def read_pairs(record: Record, flat: str | None = None) -> RecordedPairs:
     if record.state is not State.COMPLETE:
         raise UserError(
             f"{record.path}: the run is {record.state}, and a calibration needs all of its frames. "
-            f"Take them with: labapp resume {record.path}"
+            f"Take them with: labapp resume {shell_word(record.path)}"
         )
     request = camera_request_of(record) or CameraRequest()
     targets = np.array(record.target_names)[record.column("target")]

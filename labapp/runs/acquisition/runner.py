@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
 from labapp.files.write_locks import close_locked, duplicate_locked
@@ -267,7 +267,7 @@ def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> list[in
         remedy = (
             "Wait for its run to end."
             if found.is_being_written
-            else f"Save its frames with: labapp salvage {shlex.quote(str(path))} --out FILE"
+            else f"Save its frames with: labapp salvage {shell_word(path)} --out FILE"
         )
         raise UserError(f"{path}: can't be resumed: {found.reason}. {remedy}")
     return sorted(found.not_stored + found.damaged)

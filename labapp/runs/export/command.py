@@ -6,6 +6,7 @@ from pathlib import Path
 
 from labapp.common.console import out, terminal_progress
 from labapp.common.errors import UserError
+from labapp.common.plain_text import shell_word
 from labapp.files.frame_list import format_frame_list
 from labapp.runs.export.exporting import ExportResult, export_frames
 from labapp.runs.export.frame_selection import FrameSelection
@@ -55,5 +56,5 @@ def _require_all(done: ExportResult, record: Path) -> None:
     if told:
         raise UserError(
             f"{record}: {len(done.not_stored) + len(done.damaged)} frames are missing and "
-            f"were left out ({'; '.join(told)}). To take them: labapp resume {record}"
+            f"were left out ({'; '.join(told)}). To take them: labapp resume {shell_word(record)}"
         )

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass, field
 from typing import Literal
+
+from labapp.common.plain_text import shell_word
 
 _FIXED_BY_RESUME = {"frames", "checksums", "settings", "camera", "digests", "state", "closing"}
 """Checks of a record that pass again when a resumed run has taken the missing frames."""
@@ -55,7 +56,7 @@ class Verification:
         """The command that completes the run's record; None if none is needed, or none can."""
         if self.is_in_order or self.is_being_written or set(self.failed_checks) - _FIXED_BY_RESUME:
             return None
-        return f"labapp resume {shlex.quote(self.path)}"
+        return f"labapp resume {shell_word(self.path)}"
 
     @property
     def reason(self) -> str:
@@ -75,7 +76,7 @@ class Verification:
         if self.failed_checks:
             remedy = (
                 "Restore it from a copy, or save its frames with: "
-                f"labapp salvage {shlex.quote(self.path)} --out FILE"
+                f"labapp salvage {shell_word(self.path)} --out FILE"
             )
             if self.resume_command:
                 remedy = f"To take again what is missing: {self.resume_command}"

@@ -1,0 +1,102 @@
+"""Texts that become an import, a call, an object or a shell word: every place where one does."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+DOORS = {
+    "drivers/hosted/bootstrap.py: pkgutil.resolve_name": "the function that HostedDevice names",
+    "drivers/hosted/failures.py: pickle.loads": "what this process has pickled itself",
+    "drivers/hosted/message_socket.py: pickle.loads": "messages of a child, and of own sockets",
+    "drivers/hosted/parcels.py: pickle.loads": "messages of a child process",
+    "drivers/hosted/serving.py: pkgutil.resolve_name": "the entry point of a driver",
+    "drivers/serial_line.py: serial.serial_for_url": "a port that require_port() has let pass",
+    "drivers/usb_link/backend.py: entry.load": "an installed USB backend",
+    "labapp/accuracy/peers.py: entry.load": "an installed adapter",
+    "labapp/bench/device_listing.py: entry.load": "an installed driver",
+    "labapp/bench/opening.py: entry.load": "an installed driver",
+    "labapp/runs/acquisition/hooks.py: known[name].load": "an installed hook",
+    "labapp/studies/contract.py: import_module": "the module that a study of labapp names",
+    "labapp/studies/study_lookup.py: import_module": "a study in labapp's own list",
+    "labapp/window/frame_memory.py: pickle.loads": "messages of the window's engine",
+    "optics/deconvolution/__init__.py: importlib.import_module": "a module in a list of names",
+    "optics/deconvolution/restoration_choice.py: import_module": "a method in a list of names",
+}
+"""Where names become code or objects, with what the name can be."""
+
+ACTING = re.compile(
+    r"(^|\.)(resolve_name|import_module|__import__|popen|load_module|run_path|run_module"
+    r"|serial_for_url)$|^(eval|exec|os\.system|yaml\.load|pickle\.loads?|marshal\.loads?)$"
+    r"|^(dill|joblib|shelve)\."
+)
+
+COMMAND = re.compile(r"\blabapp [a-z][a-z-]+ ")
+
+
+def trees() -> Iterator[tuple[str, ast.AST]]:
+    for room in ("labapp", "drivers", "simulator", "optics"):
+        for path in sorted((ROOT / room).rglob("*.py")):
+            yield str(path.relative_to(ROOT)), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def acting_calls(tree: ast.AST) -> Iterator[str]:
+    """Calls of what turns texts into code, entry points, and processes behind a shell."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        name = ast.unparse(node.func)
+        keywords = {one.arg: ast.unparse(one.value) for one in node.keywords}
+        loads = bool(re.search(r"(entry|known\[name\])\.load$", name))
+        fixed = name.endswith("import_module") and isinstance(node.args[0], ast.Constant)
+        if (
+            (ACTING.search(name) and not fixed)
+            or loads
+            or keywords.get("shell", "False") != "False"
+        ):
+            yield name
+        if name == "torch.load" and keywords.get("weights_only") != "True":
+            yield name
+        if name == "np.load" and keywords.get("allow_pickle", "False") != "False":
+            yield name
+
+
+def unquoted_words(tree: ast.AST) -> Iterator[str]:
+    """What stands after a command in a text for a person, without being a shell's word."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.JoinedStr):
+            continue
+        inside = False
+        for part in node.values:
+            if isinstance(part, ast.Constant):
+                text = str(part.value)
+                found = list(COMMAND.finditer(text))
+                if found:
+                    inside = "\n" not in text[found[-1].end() :]
+                elif "\n" in text or ". " in text:
+                    inside = False
+            elif inside and isinstance(part, ast.FormattedValue):
+                word = part.value
+                if not (isinstance(word, ast.Call) and ast.unparse(word.func) == "shell_word"):
+                    yield ast.unparse(word)
+
+
+def test_texts_become_code_only_at_known_doors() -> None:
+    found = {f"{path}: {name}" for path, tree in trees() for name in acting_calls(tree)}
+    assert found == set(DOORS)
+
+
+def test_words_of_commands_that_people_are_told_are_quoted_for_the_shell() -> None:
+    found = [f"{path}: {word}" for path, tree in trees() for word in unquoted_words(tree)]
+    assert found == []
+
+
+def test_what_would_be_found_is_found() -> None:
+    bad = 'import pkgutil\npkgutil.resolve_name(x)()\nf"labapp resume {path}"\nrun(a, shell=True)'
+    tree = ast.parse(bad)
+    assert list(acting_calls(tree)) == ["run", "pkgutil.resolve_name"]
+    assert list(unquoted_words(tree)) == ["path"]
