@@ -255,9 +255,9 @@ class _Checks:
         said = f"{resumed} resumptions, {failed} failed attempts"
         if lines >= layout.log_capacity(record.frame_count):
             return "ok", f"not compared with the log, which is full ({said})"
-        if _min_rising_sequences(memoryview(times)) > 1 + resumed:
+        if _min_rising_sequences(times.data) > 1 + resumed:
             return "WRONG", f"the bench's time runs backwards more often than the log tells: {said}"
-        if _min_rising_sequences(memoryview(numbers)) > 1 + resumed + failed:
+        if _min_rising_sequences(numbers.data) > 1 + resumed + failed:
             return "WRONG", f"the camera counts backwards more often than the log tells: {said}"
         ends = times + record.column("exposure")[stored]
         # Consecutive exposures may seem to overlap by up to 1 µs.
