@@ -23,7 +23,7 @@ _COLOURS = {True: "green", False: "red", None: "dim"}
 def main() -> int:
     """Exit code 1 if a figure misses its goal, 2 if none has that name."""
     asked = _arguments()
-    chosen = [name for name in MEASUREMENTS if _is_asked(name, asked.only)]
+    chosen = [name for name in MEASUREMENTS if is_asked(name, asked.only)]
     if not chosen:
         print_message(f"{' '.join(asked.only)}: no such figure. Choose {', '.join(MEASUREMENTS)}.")
         return 2
@@ -53,7 +53,7 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _is_asked(name: str, only: list[str]) -> bool:
+def is_asked(name: str, only: list[str]) -> bool:
     """A whole name asks for that measurement alone, any other word for all that have it."""
     if name in ON_REQUEST:
         return name in only or set(name.split()) <= set(only)

@@ -25,8 +25,13 @@ _BYTES_PER_FRAME = 18_500
 """Of disk: in the record, and as exported to one array."""
 
 
-def million_frames(folder: Path, frames: int = _MANY) -> list[Figure]:
+def million_frames(folder: Path) -> list[Figure]:
     """Run, verify, damage, resume and export; the record is in order after each."""
+    return many_frames(folder, _MANY)
+
+
+def many_frames(folder: Path, frames: int) -> list[Figure]:
+    """The same of any number of frames, to try it with fewer."""
     free = shutil.disk_usage(folder).free
     if free < 1.1 * frames * _BYTES_PER_FRAME:
         why = f"{free / 1e9:.1f} GB are free in {folder.parent}, and {frames:,} frames need more"
