@@ -103,9 +103,11 @@ class SupervisedDevice:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(f"{self.__dict__.get('role', 'device')} has no {name}")
-        # The lookup runs in the device's thread, too: reading an attribute may query the device.
-        found = self._call(name, lambda device: getattr(device, name))
-        if not callable(found):
+        self._require_alive(name)
+        is_method = callable(getattr(type(self._device), name, None))
+        # Looking up anything else runs in the device's thread, because it may query the device.
+        found = None if is_method else self._read(name)
+        if not (is_method or callable(found)):
             return found
 
         def forward_call(*given: Any, **named: Any) -> Any:
@@ -113,6 +115,15 @@ class SupervisedDevice:
             return self._call(name, lambda device: getattr(device, name)(*given, **named))
 
         return forward_call
+
+    def _read(self, name: str) -> Any:
+        """Read an attribute of the supervised device; what its object holds needs no thread."""
+        with self._turn:
+            held = getattr(self._device, "__dict__", {})
+            if name in held and not hasattr(type(self._device), name):
+                self._require_alive(name)
+                return held[name]
+        return self._call(name, lambda device: getattr(device, name))
 
     @property
     def identity(self) -> Identity:

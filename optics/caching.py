@@ -15,6 +15,21 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 
+class HashedKey:
+    """A cache key of many parts whose hash is computed once; keys of equal parts are equal."""
+
+    __slots__ = ("_hash", "_parts")
+
+    def __init__(self, *parts: Hashable) -> None:
+        self._parts, self._hash = parts, hash(parts)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, HashedKey) and self._parts == other._parts
+
+
 class ByteCache:
     """Cache the results of computations up to a limit in bytes, and drop the oldest beyond it.
 

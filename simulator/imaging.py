@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 
 import torch
 
-from optics.caching import ByteCache
+from optics.caching import ByteCache, HashedKey
 from optics.camera import Camera
 from optics.sensor import moments
 from optics.slm import max_phase
@@ -130,7 +130,6 @@ class Imaging:
 
         Raises ValueError for a filter wavelength at which the panel's phase range isn't known.
         """
-        max_phase(s.camera.panel, s.wavelength)
         # Copies: a plan is kept under the tolerance and levels that it was computed with, even if
         # another thread changes them meanwhile.
         tol, forced, decided_by = self.tol, dict(self.forced), self.decide_by
@@ -156,6 +155,7 @@ class Imaging:
         """Compute the simulator's effect plan of a situation, and time it."""
         self.plan_count += 1
         began = time.thread_time()
+        max_phase(s.camera.panel, s.wavelength)
         self._attach_probes(s, decided_by)
         norms = minimum_norms(s) if decided_by == "bound" else estimated_norms(s)
         plan = plan_effects(EFFECTS, s, norms, tol, forced, decided_by)
@@ -247,7 +247,7 @@ def picture_key(s: Situation) -> Hashable:
 
     The start of the exposure is part of it only if the picture depends on it.
     """
-    return (
+    return HashedKey(
         s.camera,
         s.mount,
         s.target,

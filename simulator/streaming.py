@@ -61,9 +61,9 @@ class FrameSimulator:
 
     electrons: mean electrons that light frees on each pixel during the exposure, (rows, columns).
     recipe: the sensor stages that are simulated. Numbers are always rounded and kept in the
-    converter's range, since frames hold whole numbers. threads: that draw at the same time; frames
-    don't depend on their number. Raises ValueError for electrons that aren't finite, an exposure
-    that isn't positive, or no thread.
+    converter's range, since frames hold whole numbers. threads: that draw at the same time where
+    several blocks of pixels are drawn; frames don't depend on their number. Raises ValueError for
+    electrons that aren't finite, an exposure that isn't positive, or no thread.
     """
 
     @single_threaded
@@ -97,7 +97,8 @@ class FrameSimulator:
         ]
         self._top = sensor.top_number
         self._threads = threads
-        self._pool = ThreadPoolExecutor(threads, "stream") if threads > 1 else None
+        several = max(len(self._blocks), len(self._scattered)) > 1
+        self._pool = ThreadPoolExecutor(threads, "stream") if threads > 1 and several else None
 
     @property
     def bytes(self) -> int:
@@ -110,7 +111,7 @@ class FrameSimulator:
         The frame depends on the generator's state alone, and advances it.
         """
         image = np.empty(math.prod(self._shape), dtype=np.uint16)
-        for blocks in (self._blocks, self._scattered):
+        for blocks in filter(None, (self._blocks, self._scattered)):
             seeds = torch.randint(2**62, (len(blocks),), generator=generator).tolist()
             self._draw(image, list(zip(blocks, seeds, strict=True)))
         return image.reshape(self._shape)
@@ -118,16 +119,17 @@ class FrameSimulator:
     def _draw(self, image: NDArray[np.uint16], blocks: list[tuple[_Block, int]]) -> None:
         """Draw blocks of pixels of a simulated frame, each with its seed."""
 
-        def draw(first: int) -> None:
-            for block, seed in blocks[first :: self._threads]:
+        def draw(some: list[tuple[_Block, int]]) -> None:
+            for block, seed in some:
                 own = torch.Generator().manual_seed(seed)
                 numbers = block.way.draw(own).round_().clamp_(0, self._top)
                 image[block.where] = numbers.numpy().astype(np.uint16)
 
-        if self._pool is None:
-            draw(0)
+        # Handing a block to a thread takes longer than drawing a small one.
+        if self._pool is None or len(blocks) < 2:
+            draw(blocks)
         else:
-            list(self._pool.map(draw, range(self._threads)))
+            list(self._pool.map(draw, (blocks[n :: self._threads] for n in range(self._threads))))
 
 
 def _parts(count: int) -> list[slice]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+import numpy as np
+
 from labapp.common.errors import UserError
 
 _PART = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
@@ -35,12 +37,10 @@ def format_frame_list(frames: Iterable[int]) -> str:
 
     After 12 ranges, only the number of the other frames is given.
     """
-    ranges: list[tuple[int, int]] = []
-    for index in sorted(set(frames)):
-        if ranges and index == ranges[-1][1] + 1:
-            ranges[-1] = ranges[-1][0], index
-        else:
-            ranges.append((index, index))
-    shown = ", ".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges[:12])
-    more = sum(b - a + 1 for a, b in ranges[12:])
+    listed = np.unique(np.fromiter(frames, np.int64))
+    begins = np.flatnonzero(np.diff(listed, prepend=-2) != 1)
+    ends = np.append(begins[1:], len(listed))
+    ranges = [(listed[a], listed[b - 1]) for a, b in zip(begins[:12], ends, strict=False)]
+    shown = ", ".join(f"{a}-{b}" if b > a else f"{a}" for a, b in ranges)
+    more = len(listed) - begins[12] if len(begins) > 12 else 0
     return f"{shown} and {more} more" if more else shown

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from rich.text import Text
 
 from figures import Figure
-from figures.measurements import MEASUREMENTS, measurement
+from figures.measurements import MEASUREMENTS, ON_REQUEST, measurement
 from figures.results import PAGE, RESULTS, Section, Stamp, quote, update
 from labapp.common.console import out, print_json, print_message, print_table, styled_line
 from labapp.common.threads import use_one_thread
@@ -23,7 +23,7 @@ _COLOURS = {True: "green", False: "red", None: "dim"}
 def main() -> int:
     """Exit code 1 if a figure misses its goal, 2 if none has that name."""
     asked = _arguments()
-    chosen = [name for name in MEASUREMENTS if _is_asked(name, asked.only)]
+    chosen = [name for name in MEASUREMENTS if is_asked(name, asked.only)]
     if not chosen:
         print_message(f"{' '.join(asked.only)}: no such figure. Choose {', '.join(MEASUREMENTS)}.")
         return 2
@@ -41,7 +41,11 @@ def _arguments() -> argparse.Namespace:
         prog="figures",
         description="Measure what labapp claims beside its goal, and write it into RESULTS.md. "
         "Measurements that aren't asked for keep what was seen of them, with its date. "
-        "Measurements: " + ", ".join(MEASUREMENTS) + ".",
+        "Measurements: "
+        + ", ".join(MEASUREMENTS)
+        + "; only where all words are given: "
+        + ", ".join(ON_REQUEST)
+        + ".",
     )
     parser.add_argument("only", nargs="*", help="names, or words in names; all without any")
     parser.add_argument("--json", action="store_true", help="print JSON, not a table")
@@ -49,8 +53,10 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _is_asked(name: str, only: list[str]) -> bool:
+def is_asked(name: str, only: list[str]) -> bool:
     """A whole name asks for that measurement alone, any other word for all that have it."""
+    if name in ON_REQUEST:
+        return name in only or set(name.split()) <= set(only)
     exact = [word for word in only if word in MEASUREMENTS]
     return not only or name in only or any(word in name for word in only if word not in exact)
 

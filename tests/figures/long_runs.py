@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,22 +47,25 @@ order = {order}
 
 
 @dataclass(frozen=True)
-class _Cost:
-    """What a command took: the largest process's memory in bytes, and seconds of all of them."""
+class Cost:
+    """What a command took.
+
+    memory: of the largest process, in bytes. seconds: of processor time, of all processes. wall:
+    seconds that passed.
+    """
 
     memory: float
     seconds: float
+    wall: float
 
 
 def long_runs(folder: Path) -> list[Figure]:
     """Two runs of one plan that differ by its repeats, and what else is done with their records."""
-    (folder / "bench.toml").write_text(bench_text(_SIZE))
-    (folder / "scene.toml").write_text(scene_text().split("[targets.photograph]")[0])
     few, many = (_costs(folder, frames) for frames in (_FEW, _MANY))
     return [_figure(name, few[name], many[name]) for name in few]
 
 
-def _figure(name: str, few: _Cost, many: _Cost) -> Figure:
+def _figure(name: str, few: Cost, many: Cost) -> Figure:
     more = _MANY - _FEW
     memory = (many.memory - few.memory) / more
     milliseconds = 1e3 * (many.seconds - few.seconds) / more
@@ -72,20 +77,17 @@ def _figure(name: str, few: _Cost, many: _Cost) -> Figure:
     )
 
 
-def _costs(folder: Path, frames: int) -> dict[str, _Cost]:
+def _costs(folder: Path, frames: int) -> dict[str, Cost]:
     """Costs by command; every record is in order, and every frame the one that HDF5 reads."""
     record = folder / f"{frames}.h5"
-    plan = folder / f"{frames}.toml"
-    plan.write_text(_drawn_plan(frames))
-    bench = ("--bench", folder / "bench.toml", "--scene", folder / "scene.toml")
-    found = {"run": _cost("run", plan, *bench, "--out", record)}
-    before = _damage(record)
-    found["resume"] = _cost("resume", record)
-    assert np.array_equal(_sample(record), before), "frames that were taken again differ"
-    found["verify"] = _cost("verify", record)
-    found["show"] = _cost("show", record)
+    found = {"run": cost("run", *run_files(folder, frames), "--out", record)}
+    before = damage(record, range(0, frames, _DAMAGED))
+    found["resume"] = cost("resume", record)
+    assert np.array_equal(sample(record), before), "frames that were taken again differ"
+    found["verify"] = cost("verify", record)
+    found["show"] = cost("show", record)
     for kind in ("npy", "ome-tiff"):
-        found[f"export to {kind}"] = _cost("export", record, "--to", kind, "--out", folder / kind)
+        found[f"export to {kind}"] = cost("export", record, "--to", kind, "--out", folder / kind)
         if kind == "npy":
             array = np.load(folder / kind / "frames.npy", mmap_mode="r")
             assert len(array) == frames
@@ -94,6 +96,15 @@ def _costs(folder: Path, frames: int) -> dict[str, _Cost]:
             file.unlink()
     record.unlink()
     return found
+
+
+def run_files(folder: Path, frames: int) -> list[object]:
+    """Write plan, bench and scene of a run of so many frames; return them as arguments."""
+    plan, bench, scene = (folder / f"{one}.toml" for one in (frames, "bench", "scene"))
+    plan.write_text(_drawn_plan(frames))
+    bench.write_text(bench_text(_SIZE))
+    scene.write_text(scene_text().split("[targets.photograph]")[0])
+    return [plan, "--bench", bench, "--scene", scene]
 
 
 def _drawn_plan(frames: int) -> str:
@@ -108,15 +119,15 @@ def _drawn_plan(frames: int) -> str:
     )
 
 
-def _damage(record: Path) -> np.ndarray:
-    """Flip a bit of some frames' images; return some of the images as they were."""
-    before = _sample(record)
+def damage(record: Path, which: Iterable[int]) -> np.ndarray:
+    """Flip a bit of some frames' images; return a sample of all images as they were."""
+    before = sample(record)
     with h5py.File(record, "r+") as file:
         images = file["entry/data/images"]
         assert file["entry/data/stored"][()].all()
-        offset, size, count = images.id.get_offset(), 2 * 64 * 64, len(images)
+        offset, size = images.id.get_offset(), 2 * 64 * 64
     with record.open("r+b") as data:
-        for index in range(0, count, _DAMAGED):
+        for index in which:
             data.seek(offset + index * size)
             byte = data.read(1)[0]
             data.seek(offset + index * size)
@@ -124,14 +135,17 @@ def _damage(record: Path) -> np.ndarray:
     return before
 
 
-def _sample(record: Path) -> np.ndarray:
+def sample(record: Path) -> np.ndarray:
+    """Return a hundred of a record's images, evenly chosen, as HDF5 reads them."""
     with h5py.File(record, "r") as file:
         images = file["entry/data/images"]
         found: np.ndarray = images[:: len(images) // 100]
         return found
 
 
-def _cost(*words: object) -> _Cost:
+def cost(*words: object) -> Cost:
+    """Run a command of labapp, and return what it took; it must succeed."""
+    began = time.monotonic()
     command = [sys.executable, "-m", "labapp", *map(str, words)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
@@ -139,7 +153,7 @@ def _cost(*words: object) -> _Cost:
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     assert process.returncode == 0, f"{words[0]}: {said.decode()[-500:]}"
-    return _Cost(1024.0 * used.ru_maxrss, used.ru_utime + used.ru_stime)
+    return Cost(1024.0 * used.ru_maxrss, used.ru_utime + used.ru_stime, time.monotonic() - began)
 
 
 MEASUREMENTS = {"long runs": long_runs}

@@ -29,6 +29,9 @@ _FOUND = {
 MEASUREMENTS = dict(sorted(_FOUND.items()))
 """Name to module: a measurement is a function of one file, and an entry at the file's end."""
 
+ON_REQUEST = ("million frames",)
+"""Measurements that take an hour, and are made only where all words of their name are asked for."""
+
 
 def measurement(name: str) -> Measurement:
     module = importlib.import_module(f"figures.{MEASUREMENTS[name]}")

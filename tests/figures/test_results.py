@@ -7,7 +7,8 @@ import re
 import pytest
 
 from figures import TOLD, Figure
-from figures.measurements import MEASUREMENTS, measurement
+from figures.__main__ import is_asked
+from figures.measurements import MEASUREMENTS, ON_REQUEST, measurement
 from figures.results import (
     PAGE,
     RESULTS,
@@ -105,6 +106,14 @@ def test_the_page_of_this_checkout_has_rows_of_known_measurements():
     assert sections
     assert set(sections) <= set(MEASUREMENTS)
     assert len(seen_rows(RESULTS)) >= len(sections)
+
+
+@pytest.mark.parametrize("name", ON_REQUEST)
+def test_what_takes_an_hour_is_measured_only_where_all_its_words_are_given(name):
+    assert name in MEASUREMENTS
+    words = name.split()
+    assert [is_asked(name, only) for only in ([name], words)] == [True, True]
+    assert [is_asked(name, only) for only in ([], words[:1], words[1:])] == [False] * 3
 
 
 @pytest.mark.parametrize("name", MEASUREMENTS)

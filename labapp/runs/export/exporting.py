@@ -107,6 +107,8 @@ def export_frames(
         # Reading all frames back, before the first is written, has 30 % of the progress.
         reading, writing = progress.part(0, 0.3), progress.part(0.3, 1)
         found, not_stored, damaged = record.read_back(chosen, reading)
+        # Of a million frames, the list takes as much as half of their columns.
+        del chosen
         work = ExportJob(record, kind, found, writing)
         if found:
             _write(work, folder, force)

@@ -199,7 +199,7 @@ class _Checks:
     def _check_checksums(self) -> StatusAndDetail:
         """Check that every stored frame of the run's record still has its checksum."""
         stored = self._stored_indices()
-        _, _, self._found.damaged = self._record.read_back(stored, self.progress)
+        self._found.damaged = self._record.damaged_frames(stored, self.progress)
         if damaged := self._found.damaged:
             return "WRONG", f"{len(damaged)} frames don't read back: {format_frame_list(damaged)}"
         return "ok", f"{len(stored)} stored frames read back as they were"
@@ -238,7 +238,7 @@ class _Checks:
                 return "WRONG", f"no {name}: of frames {format_frame_list(stored[i] for i in bad)}"
         return self._check_order(stored)
 
-    def _check_order(self, stored: list[int]) -> StatusAndDetail:
+    def _check_order(self, stored: NDArray[np.intp]) -> StatusAndDetail:
         """Check that times and frame numbers in a run's record restart only as its log explains.
 
         The run and each of its resumptions take frames in the order of the plan, with a rising
@@ -256,9 +256,9 @@ class _Checks:
         said = f"{resumed} resumptions, {failed} failed attempts"
         if lines >= layout.log_capacity(record.frame_count):
             return "ok", f"not compared with the log, which is full ({said})"
-        if _min_rising_sequences(times.tolist()) > 1 + resumed:
+        if _min_rising_sequences(times.data) > 1 + resumed:
             return "WRONG", f"the bench's time runs backwards more often than the log tells: {said}"
-        if _min_rising_sequences(numbers.tolist()) > 1 + resumed + failed:
+        if _min_rising_sequences(numbers.data) > 1 + resumed + failed:
             return "WRONG", f"the camera counts backwards more often than the log tells: {said}"
         ends = times + record.column("exposure")[stored]
         # Consecutive exposures may seem to overlap by up to 1 µs.
@@ -304,8 +304,8 @@ class _Checks:
             return "note", f"{'; '.join(told)}; the run can't be repeated exactly"
         return "unfinished", f"{'; '.join(told)}; put them back before you resume"
 
-    def _stored_indices(self) -> list[int]:
-        return _where(self._record.column("stored") != 0)
+    def _stored_indices(self) -> NDArray[np.intp]:
+        return np.flatnonzero(self._record.column("stored"))
 
 
 def _where(condition: NDArray[np.bool_]) -> list[int]:

@@ -64,10 +64,19 @@ def image_digest(image: NDArray[Any]) -> bytes:
     return sha256(np.ascontiguousarray(image).data).digest()
 
 
+def pack_settings(values: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return the bytes of a frame's measured columns in a record by name, without `stored`."""
+    return {name: np.array(values[name], layout.MEASURED[name]).tobytes() for name in SETTINGS}
+
+
+def packed_digest(packed: Mapping[str, bytes]) -> bytes:
+    """Return the digest of what pack_settings() returned for a frame of a record."""
+    return sha256(b"".join(packed.values())).digest()
+
+
 def settings_digest(values: Mapping[str, Any]) -> bytes:
     """Return the digest of a frame's measured columns in a record, without `stored`."""
-    packed = [np.asarray(values[name], layout.MEASURED[name]).tobytes() for name in SETTINGS]
-    return sha256(b"".join(packed)).digest()
+    return packed_digest(pack_settings(values))
 
 
 def next_digest(before: bytes, row: bytes) -> bytes:

@@ -387,24 +387,29 @@ class Record:
 
     def missing_frames(self) -> list[int]:
         """Return the indices of a run's frames that were never stored, or are damaged since."""
-        _, not_stored, damaged = self.read_back(range(self.frame_count), Progress())
-        return sorted(not_stored + damaged)
+        stored = np.flatnonzero(self.column("stored"))
+        return sorted(self.frames_not_stored() + self.damaged_frames(stored, Progress()))
 
     def read_back(
         self, indices: Sequence[int], progress: Progress
     ) -> tuple[list[int], list[int], list[int]]:
         """Read a run's frames back; return the indices of intact, never stored and damaged ones."""
-        stored, is_whole = self.column("stored"), self._frame_check()
-        found, not_stored, damaged = [], [], []
-        for done, index in enumerate(indices):
-            progress.report(done / len(indices), f"read frame {index} back")
-            if not stored[index]:
-                not_stored.append(index)
-            elif is_whole(index):
-                found.append(index)
-            else:
-                damaged.append(index)
-        return found, not_stored, damaged
+        wanted, stored = np.array(indices, np.intp), self.column("stored") != 0
+        damaged = self.damaged_frames(wanted[stored[wanted]], progress)
+        whole = stored.copy()
+        whole[damaged] = False
+        return wanted[whole[wanted]].tolist(), wanted[~stored[wanted]].tolist(), damaged
+
+    def damaged_frames(self, indices: NDArray[np.intp], progress: Progress) -> list[int]:
+        """Return those of some stored frames of the run's record that don't read back."""
+        is_whole, count = self._frame_check(), len(indices)
+
+        def is_damaged(done: int, index: int) -> bool:
+            progress.report(done / count, f"read frame {index} back")
+            return not is_whole(index)
+
+        # One by one: a list of all of them would take most of the memory of the check.
+        return [index for done, index in enumerate(map(int, indices)) if is_damaged(done, index)]
 
     def _frame_check(self) -> Callable[[int], bool]:
         """Return the function that tells whether a stored frame of the record is whole.

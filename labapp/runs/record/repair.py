@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -158,18 +158,20 @@ def _repair_links(handle: int, table: PlaceTable) -> list[str]:
     return [f"{len(repaired)} rows of the frames' digests, computed anew or cleared"]
 
 
-def frame_digests(handle: int, table: PlaceTable) -> Digests:
-    """Return the function that computes the digests of a frame in a run's record, once for each."""
+def frame_digests(handle: int, table: PlaceTable, *, keep: bool = True) -> Digests:
+    """Return the function that computes the digests of a frame in a run's record.
+
+    keep: whether it computes them once for each frame, which takes some 300 bytes.
+    """
     place = table.places[f"{layout.DATA}/images"]
     columns = {name: table.read(handle, f"{layout.DATA}/{name}") for name in SETTINGS}
 
-    @cache
     def compute(frame: int) -> tuple[bytes, bytes]:
         data = os.pread(handle, place.row_bytes, place.offset + frame * place.row_bytes)
         settings = {name: column[frame] for name, column in columns.items()}
         return image_digest(np.frombuffer(data, np.uint8)), settings_digest(settings)
 
-    return compute
+    return cache(compute) if keep else compute
 
 
 def end_proof(handle: int, table: PlaceTable) -> EndProof:
@@ -199,7 +201,7 @@ def repair_links(
     follows from it, or the closing digest proves it. Rows behind the last link that can be
     followed become zeros.
     """
-    own = own_frames(rows, compute, len(stored))
+    own = dict(own_frames(rows, compute, len(stored)))
     missing = _frames_without_link(rows, stored, own)
     before, trial = first_link(structure), rows.copy()
     repaired: list[int] = []
@@ -234,16 +236,14 @@ def _make_link(frame: int, before: bytes, compute: Digests) -> tuple[Any, ...]:
     return (frame, *(np.frombuffer(one, np.uint8) for one in (image, settings, link)))
 
 
-def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> dict[int, int]:
-    """Return the frame of each row that has the digests of that frame of the record."""
-    found = {}
+def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> Iterator[tuple[int, int]]:
+    """Yield number and frame of each row that has the digests of that frame of the record."""
     for number, row in enumerate(rows):
         frame = int(row["frame"])
         if frame < frames and row["image"].any():
             image, settings = compute(frame)
             if image == row["image"].tobytes() and settings == row["settings"].tobytes():
-                found[number] = frame
-    return found
+                yield number, frame
 
 
 def _frames_without_link(

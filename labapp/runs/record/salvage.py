@@ -14,7 +14,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
 from labapp.files.plan_file import ROLES
 from labapp.runs.readouts import AS_OPENED, Readout
 from labapp.runs.record import layout
+from labapp.runs.record.chain import AT_ONCE, follow_frames
 from labapp.runs.record.creation import RecordContents
 from labapp.runs.record.digests import SETTINGS
 from labapp.runs.record.older_format import planned_by_older_plan, rebuild_places
@@ -88,8 +89,9 @@ class DamagedRecord:
                 found.whole.append(index)
         if found.whole:
             self._measured = self._read_measured(columns)
-        missing = sorted({*range(count)} - {*found.whole})
-        lost = [f"frames {format_frame_list(missing)}"] if missing else []
+        missing = np.ones(count, bool)
+        missing[found.whole] = False
+        lost = [f"frames {format_frame_list(np.flatnonzero(missing))}"] if missing.any() else []
         found.lacks = [*lost, *self._lacks]
         return found
 
@@ -120,15 +122,13 @@ class DamagedRecord:
             "checksum": np.zeros(count, np.uint32),
         }
 
-    def log_lines(self) -> list[tuple[float, str]]:
-        """Return the lines of the run's log as far as they can be read."""
-        rows = self._read_or_none("entry/log")
-        if rows is None:
-            return []
-        lines = [(float(row["time"]), bytes(row["text"])) for row in rows]
-        return [
-            (time, text.decode(errors="replace")) for time, text in lines if text and time == time
-        ]
+    def log_lines(self) -> Iterator[tuple[float, str]]:
+        """Yield the lines of the run's log as far as they can be read."""
+        with suppress(TableError, KeyError):
+            for rows in self._table.read_blocks(self._handle, "entry/log", AT_ONCE):
+                for time, text in ((float(row["time"]), bytes(row["text"])) for row in rows):
+                    if text and time == time:
+                        yield time, text.decode(errors="replace")
 
     def _read_or_none(self, name: str) -> NDArray[Any] | None:
         """Read a dataset of the run's record; None if it is cut off, or isn't there."""
@@ -159,15 +159,19 @@ class DamagedRecord:
         if rows is None or structure is None or stored is None or any(c is None for c in settings):
             self._lacks.append("the digests of the frames")
             return lambda index: False
-        repaired, compute = rows.copy(), frame_digests(self._handle, self._table)
-        proof = end_proof(self._handle, self._table)
-        repair_links(repaired, structure.tobytes(), stored, compute, proof)
-        whole = {
-            frame
-            for links in (rows, repaired)
-            for frame in own_frames(links, compute, len(stored)).values()
-        }
-        return lambda index: index in whole
+        chain = follow_frames([rows], structure.tobytes(), len(stored))
+        is_broken = chain.broken is not None or bool((stored[~chain.linked] != 0).any())
+        compute = frame_digests(self._handle, self._table, keep=is_broken)
+        chains = [rows]
+        if is_broken:
+            chains.append(rows.copy())
+            proof = end_proof(self._handle, self._table)
+            repair_links(chains[1], structure.tobytes(), stored, compute, proof)
+        whole = np.zeros(len(stored), bool)
+        for links in chains:
+            for _, frame in own_frames(links, compute, len(stored)):
+                whole[frame] = True
+        return lambda index: bool(whole[index])
 
     def _has_checksum(self) -> Callable[[int], bool]:
         """Return the function that tells whether an older record's frame has its checksum."""

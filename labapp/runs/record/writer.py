@@ -171,10 +171,10 @@ class RecordWriter:
         found, digest = self._write_image(index, image)
         if known is not None and found != known:
             raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
-        settings = {**values, "checksum": found}
-        for name, value in settings.items():
-            self._put(name, index, value)
-        self._append_link(index, digest, digests.settings_digest(settings))
+        settings = digests.pack_settings({**values, "checksum": found})
+        for name, data in settings.items():
+            self._write(name, index, memoryview(data))
+        self._append_link(index, digest, digests.packed_digest(settings))
         self._put("stored", index, 1)
 
     def _write_image(self, index: int, image: NDArray[np.uint16]) -> tuple[int, bytes]:
