@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -87,14 +86,15 @@ def read_file(path: Path, model: type[M]) -> M:
 def validate(data: dict[str, Any], model: type[M], source: str) -> M:
     """Validate the plain data of a file as a model; `source` names the file in UserErrors."""
     try:
-        reader: TypeAdapter[M] = _adapter(model)
+        known: Any = model
+        reader: TypeAdapter[M] = _adapter(known)
         return reader.validate_python(data)
     except ValidationError as error:
         raise UserError(format_validation_error(error, source)) from error
 
 
 @lru_cache(maxsize=128)
-def _adapter(model: Hashable) -> TypeAdapter[Any]:
+def _adapter(model: Any) -> TypeAdapter[Any]:
     """Return pydantic's reader of a file's model, which takes tens of milliseconds to make."""
     return TypeAdapter(model)
 
