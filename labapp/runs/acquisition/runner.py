@@ -309,7 +309,7 @@ def _require_same_bench(record: Record, bench: Bench, listed: ShotList) -> None:
         np.array_equal(listed.column("exposure"), record.column("exposure_asked"))
         and np.array_equal(listed.column("step"), record.column("step"))
         and bench.camera.shape == record.image(0).shape
-        and bench.file == record.bench
+        and bench.file == record.bench_as_opened
     )
     if not same:
         raise UserError(
