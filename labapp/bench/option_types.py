@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from labapp.common.plain_text import quote
-from labapp.files.quantities import number_remedy
+from labapp.files.plain_data import number_remedy
 
 _NUMBER = re.compile(r"\b(?:float|int)\b")
 _TEXT = re.compile(r"\b(?:str|Literal|Any)\b")

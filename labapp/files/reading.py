@@ -12,7 +12,14 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
 from labapp.files.guarded_reading import MOST_TEXT_BYTES, read_bytes
-from labapp.files.plain_data import MOST_JSON_BYTES, MOST_TOML_BYTES, parse_json, parse_toml
+from labapp.files.plain_data import (
+    MOST_JSON_BYTES,
+    MOST_TOML_BYTES,
+    number_remedy,
+    only_numbers,
+    parse_json,
+    parse_toml,
+)
 
 M = TypeVar("M")
 
@@ -27,8 +34,6 @@ class FileModel(BaseModel):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
-        from labapp.files.quantities import only_numbers
-
         return only_numbers(source, handler)
 
 
@@ -129,8 +134,6 @@ def _format_problem(problem: dict[str, Any]) -> str:
     message = problem["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     if problem["type"] in ("float_type", "int_type"):
-        from labapp.files.quantities import number_remedy
-
         message = number_remedy(problem["input"])
     elif problem["type"] == "bool_type":
         message = "write true or false, without quotes"

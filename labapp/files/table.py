@@ -97,7 +97,7 @@ class Table:
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
-        from labapp.files.quantities import only_numbers
+        from labapp.files.plain_data import only_numbers
 
         return only_numbers(source, handler)
 
