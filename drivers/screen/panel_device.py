@@ -31,7 +31,12 @@ if TYPE_CHECKING:
 _NEUTRAL = "neutral"
 
 _LOOK_MS = 200
-"""Milliseconds between looks at a gamma ramp, whose changes the X server doesn't report. Chosen."""
+"""Milliseconds between looks at all that is sent to the SLM. Chosen: the X server reports changes
+of most of it."""
+
+_RAMP_LOOK_MS = 20
+"""Milliseconds between looks at the gamma ramp under a still. The X server reports no change of it:
+RandR has no event for gamma, nor has XF86VidMode. Chosen: one look takes about 0.1 ms."""
 
 
 class PanelDevice:
@@ -182,6 +187,10 @@ class PanelDevice:
         looks = QTimer(loop)
         looks.timeout.connect(self._look_at_signal)
         looks.start(_LOOK_MS)
+        ramps = QTimer(loop)
+        ramps.timeout.connect(self._look_at_ramp)
+        if self._video is None and self._shown not in ("", _NEUTRAL):
+            ramps.start(_RAMP_LOOK_MS)
         calls = QSocketNotifier(end, QSocketNotifier.Type.Read)
         calls.activated.connect(loop.quit)
         changes = QSocketNotifier(self._stage.changes.fileno(), QSocketNotifier.Type.Read)
@@ -190,6 +199,7 @@ class PanelDevice:
             self._video.process_refreshes()
         loop.exec()
         looks.stop()
+        ramps.stop()
         calls.setEnabled(False)
         changes.setEnabled(False)
 
@@ -208,6 +218,11 @@ class PanelDevice:
         if self._video is None and self._stage is not None:
             with contextlib.suppress(DeviceError, XError):
                 self._stage.look_at_signal()
+
+    def _look_at_ramp(self) -> None:
+        if self._stage is not None:
+            with contextlib.suppress(DeviceError, XError):
+                self._stage.signal.look_at_ramp()
 
     def _require_screen(self, command: str) -> None:
         """Raise DeviceError while the SLM's screen is gone; once it is back, show grey level 0."""

@@ -85,6 +85,12 @@ class SignalPath:
             if rule_of(name) is not None and not self._fault:
                 self._fault = f"{name} was set by another program"
 
+    def look_at_ramp(self) -> None:
+        """Note whether the gamma ramp of the SLM's screen is as it was, which is soon read."""
+        ramp = read_gamma_ramp(self._x, self._output.crtc)
+        if not np.array_equal(ramp, self._ramp):
+            self._fault = self._fault or _describe_ramp(ramp)
+
     def look(self) -> None:
         """Note whether the SLM's picture is still sent as it was when it was shown."""
         ramp, now = read_gamma_ramp(self._x, self._output.crtc), self._properties.read()

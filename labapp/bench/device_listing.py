@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers.ports import Port, cameras, screens, serial_ports, usb_devices
-from labapp.bench.opening import BenchFiles, BenchSetup, installed_drivers, open_device
-from labapp.bench.selftest.checks import describe_error
 from labapp.common.console import out, print_json, print_table, terminal_progress
+
+if TYPE_CHECKING:
+    from labapp.bench.opening import BenchSetup
 
 
 def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
     """Print the bench's devices with their ranges, the installed drivers, and the ports."""
-    setup = BenchFiles.with_defaults(bench, scene).read()
-    roles = list(setup.bench.devices.tables)
-    described = []
-    with terminal_progress() as progress:
-        for number, role in enumerate(roles):
-            progress.report(number / len(roles), role)
-            described.append(describe_device(setup, role))
-    installed = {entry.name: _load_error(entry) for entry in installed_drivers().values()}
-    ports, trouble = _ports()
+    # Cameras on the network have a second to answer, in which the bench is loaded and opened.
+    with ThreadPoolExecutor(1) as aside:
+        search = aside.submit(_ports)
+        # Loading leaves no garbage, and looking for it takes a tenth of the time.
+        gc.disable()
+        from labapp.bench.opening import BenchFiles, installed_drivers
+
+        gc.enable()
+        setup = BenchFiles.with_defaults(bench, scene).read()
+        roles = list(setup.bench.devices.tables)
+        described = []
+        with terminal_progress() as progress:
+            for number, role in enumerate(roles):
+                progress.report(number / len(roles), role)
+                described.append(describe_device(setup, role))
+        installed = {entry.name: _load_error(entry) for entry in installed_drivers().values()}
+        ports, trouble = search.result()
     if as_json:
         plugged = [vars(port) for port in ports]
         print_json(
@@ -55,6 +66,9 @@ def describe_device(setup: BenchSetup, role: str) -> dict[str, str]:
     The device is opened alone, so that a missing one doesn't prevent the others from being listed.
     For a missing device the limits say why it can't be opened.
     """
+    from labapp.bench.opening import open_device
+    from labapp.bench.selftest.checks import describe_error
+
     try:
         with open_device(setup, role) as alone:
             who = alone.device.identity

@@ -36,6 +36,7 @@ from labapp.bench.calibration_validity import (
 )
 from labapp.bench.camera_match import require_described_camera
 from labapp.bench.locking import lock_devices, lock_serial_number
+from labapp.bench.option_types import require_option_types
 from labapp.common.command_end import delay_interrupts, note_unsafe, raise_on_interrupt
 from labapp.common.errors import UserError, suggest_spelling
 from labapp.common.frame_delays import FrameDelays
@@ -548,6 +549,10 @@ def device_maker(
             f"{where}.options' {said}. {suggest_spelling(unknown[0], known) if unknown else ''}"
             f"{table.driver} takes {', '.join(known) or 'no options'}."
         ) from error
+    try:
+        require_option_types(signature, table.options)
+    except ValueError as error:
+        raise UserError(f"{where}.options': {error}.") from error
     return _with_user_errors(where, table, lambda: factory(surroundings, **table.options))
 
 

@@ -34,7 +34,7 @@ def refine(
         typer.Option(
             metavar="MS,...",
             help="Exposure times of each picture in milliseconds; for a video, whole periods. "
-            'Two need a semicolon, as "2;20".',
+            'Two need a semicolon, as "2;20": one comma may be a decimal sign.',
         ),
     ] = "1,8,64",
     runs: Annotated[

@@ -28,6 +28,12 @@ _GROUPED = (
 _LONGEST = 400
 """Characters of a number: the digits of the largest double are 309."""
 
+_BLANK = re.compile(r"[0-9.]\s+[+\-−.0-9]")
+_TIGHT_COMMA, _LOOSE_COMMA = re.compile(r"[0-9],[0-9]"), re.compile(r",\s+[+\-−.0-9]")
+"""Blanks between numbers of a list, and commas without and with a blank before a number."""
+
+_SEPARATED = 'put semicolons between numbers, in quotes, as in "1.5;20"'
+
 _RIGHT = "type digits with one point or one comma as the decimal sign, as in 0.5 or 1e3"
 
 
@@ -82,8 +88,20 @@ def parse_list(text: str, count: int | None = None) -> list[float]:
 
 
 def split_list(text: str) -> list[str]:
-    """Return the parts of a list that a person typed, by semicolons, or else by commas."""
-    return text.split(";" if ";" in text else ",")
+    """Return the parts of a list that a person typed, by semicolons, or else by commas.
+
+    A comma with a blank after it only separates. Raises ValueError for blanks alone between
+    numbers, and for commas with blanks beside commas without, which may be decimal signs.
+    """
+    parts = text.split(";" if ";" in text else ",")
+    if any(_BLANK.search(one) for one in parts):
+        raise ValueError(f"{quote(text)} has only blanks between numbers: {_SEPARATED}")
+    if ";" not in text and _TIGHT_COMMA.search(text) and _LOOSE_COMMA.search(text):
+        raise ValueError(
+            f"{quote(text)} has commas with and without a blank, of which some may be decimal "
+            f"signs: {_SEPARATED}"
+        )
+    return parts
 
 
 def _may_be_one(text: str) -> bool:

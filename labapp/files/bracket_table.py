@@ -71,8 +71,9 @@ class BracketTable(FileModel):
 class MeteredLight(FileModel):
     """What the metering of a target found, in a record's plan.
 
-    noise_limited says that the darkest pixels can't be told from darkness. remark says in words
-    what was found of the camera's clip level, if the bench file doesn't tell it. blocks and
+    noise_limited says that the darkest pixels can't be told from darkness. clip_level_dn is the
+    number at which pixels were seen to clip, if the bench file doesn't tell it, and remark says so
+    in words, or that it is unknown. blocks and
     quantiles are electrons per second in parts of the picture, and below which shares of the pixels
     lie: by them a later change of the scene is told.
     """
@@ -83,6 +84,7 @@ class MeteredLight(FileModel):
     exposures_ms: tuple[Positive, ...]
     electrons_per_s: Rates
     noise_limited: bool = False
+    clip_level_dn: Annotated[int, Field(ge=1, le=65535)] | None = None
     remark: str = ""
     blocks: tuple[tuple[float | None, ...], ...]
     quantiles: tuple[float | None, ...]

@@ -1,4 +1,9 @@
-"""Parse TOML and JSON from outside into plain data of bounded size and depth."""
+"""Parse TOML and JSON from outside into plain data of bounded size and depth.
+
+Only numbers are numbers: no text in quotes, and neither true nor false. pydantic takes "1_000" for
+1000, true for 1, and 0.0 for false. Whole numbers may be written as 2.0, as some programs do. A
+date is a text, and no number of seconds.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,10 @@ import json
 import re
 import tomllib
 from collections.abc import Callable
+from datetime import datetime
 from typing import Any
+
+from pydantic_core import PydanticCustomError, core_schema
 
 from labapp.common.errors import UserError
 
@@ -35,6 +43,11 @@ _MOST_INTEGER = 1 << 63
 
 _NOT_TEXT = re.compile("[\0\ud800-\udfff]")
 """Characters that neither files nor paths can hold."""
+
+_OTHER_KEYS = ("metadata", "default", "serialization", "config", "expected", "keys_schema")
+"""Keys of pydantic's schemas that hold no schema of a value in a file; TOML's keys are texts."""
+
+_DIGITS = re.compile(r"\s*[+-]?[0-9_.]*\s*")
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
@@ -108,3 +121,72 @@ def _too_deep(source: str) -> UserError:
         f"{source}: is nested in more than {_MOST_LEVELS} levels, which no file of labapp is. "
         "Give another file."
     )
+
+
+def only_numbers(source: Any, handler: Any) -> Any:
+    """Return pydantic's schema of a file's table, in which only numbers are taken for numbers.
+
+    `source` and `handler` are those of `__get_pydantic_core_schema__`.
+    """
+    schema = handler(source)
+    _tighten(handler.resolve_ref_schema(schema))
+    return schema
+
+
+def number_remedy(value: Any) -> str:
+    """Say what a file should have in place of a value that is no number."""
+    if isinstance(value, bool):
+        return "true and false are no numbers. Write a number"
+    if not isinstance(value, str):
+        return "write a number"
+    from labapp.common.typed_numbers import parse_decimal
+
+    try:
+        return f"it is a text. Write {parse_decimal(value)}, without quotes"
+    except ValueError:
+        return "it is a text. Write a number, without quotes"
+
+
+def _tighten(schema: Any) -> None:
+    """Change a schema of pydantic's in place, with those within it."""
+    for one in schema if isinstance(schema, list | tuple) else ():
+        _tighten(one)
+    if not isinstance(schema, dict):
+        return
+    kind = schema.get("type")
+    if kind in ("float", "bool"):
+        schema["strict"] = True
+    elif kind in _CHECKS and not any(isinstance(one, str) for one in schema.get("expected", ())):
+        inner = dict(schema)
+        schema.clear()
+        schema.update(core_schema.no_info_before_validator_function(_CHECKS[kind], inner))
+    elif schema.get("function", {}) not in _CHECKED:
+        for key, one in schema.items():
+            if key not in _OTHER_KEYS:
+                _tighten(one)
+
+
+def _require_number(value: Any) -> Any:
+    if isinstance(value, str | bytes | bool):
+        raise PydanticCustomError("int_type", "Input should be a valid number")
+    return value
+
+
+def _refuse_truth(value: Any) -> Any:
+    """Refuse true for the file's version 1, to which it is equal in Python."""
+    if isinstance(value, bool):
+        raise PydanticCustomError("int_type", "Input should be a valid number")
+    return value
+
+
+def _require_date(value: Any) -> Any:
+    if isinstance(value, datetime) or (isinstance(value, str) and not _DIGITS.fullmatch(value)):
+        return value
+    raise PydanticCustomError(
+        "date_text", "write date and time as a text, as in '2026-01-31T12:00:00Z'"
+    )
+
+
+_CHECKS = {"int": _require_number, "literal": _refuse_truth, "datetime": _require_date}
+_CHECKED = [{"type": "no-info", "function": one} for one in _CHECKS.values()]
+"""How pydantic's schemas name the checks, which are put there once."""

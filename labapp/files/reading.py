@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,15 +12,29 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
 from labapp.files.guarded_reading import MOST_TEXT_BYTES, read_bytes
-from labapp.files.plain_data import MOST_JSON_BYTES, MOST_TOML_BYTES, parse_json, parse_toml
+from labapp.files.plain_data import (
+    MOST_JSON_BYTES,
+    MOST_TOML_BYTES,
+    number_remedy,
+    only_numbers,
+    parse_json,
+    parse_toml,
+)
 
 M = TypeVar("M")
 
 
 class FileModel(BaseModel):
-    """Base of all tables in the application's files; unknown keys are errors, values are frozen."""
+    """Base of all tables in the application's files; unknown keys are errors, values are frozen.
+
+    Texts, true and false aren't taken for numbers.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True, defer_build=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        return only_numbers(source, handler)
 
 
 def bundled_path(name: str) -> Path:
@@ -76,9 +91,17 @@ def read_file(path: Path, model: type[M]) -> M:
 def validate(data: dict[str, Any], model: type[M], source: str) -> M:
     """Validate the plain data of a file as a model; `source` names the file in UserErrors."""
     try:
-        return TypeAdapter(model).validate_python(data)
+        known: Any = model
+        reader: TypeAdapter[M] = _adapter(known)
+        return reader.validate_python(data)
     except ValidationError as error:
         raise UserError(format_validation_error(error, source)) from error
+
+
+@lru_cache(maxsize=128)
+def _adapter(model: Any) -> TypeAdapter[Any]:
+    """Return pydantic's reader of a file's model, which takes tens of milliseconds to make."""
+    return TypeAdapter(model)
 
 
 def format_validation_error(error: ValidationError, source: str) -> str:
@@ -110,6 +133,10 @@ def _format_problem(problem: dict[str, Any]) -> str:
         return f"key {quote(key)} is missing. Add it."
     message = problem["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
+    if problem["type"] in ("float_type", "int_type"):
+        message = number_remedy(problem["input"])
+    elif problem["type"] == "bool_type":
+        message = "write true or false, without quotes"
     if isinstance(problem["input"], dict):
         # The message leaves out the value of a whole table, which is long and tells little.
         return f"key {quote(key)}: {message}." if key else f"{message}."

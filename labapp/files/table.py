@@ -81,10 +81,10 @@ class Key:
 class Table:
     """Base of the tables of a plan file: a frozen dataclass with keyword arguments.
 
-    Unknown keys and numbers that aren't finite are errors. `__post_init__` raises ValueError for
-    other impossible values. title is the table's name on forms; a table without it isn't on
-    forms. summary_template is a short text with keys in braces, for tables whose summary always
-    has the same form.
+    Unknown keys, texts for numbers and numbers that aren't finite are errors. `__post_init__`
+    raises ValueError for other impossible values. title is the table's name on forms; a table
+    without it isn't on forms. summary_template is a short text with keys in braces, for tables
+    whose summary always has the same form.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -94,6 +94,12 @@ class Table:
 
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        from labapp.files.plain_data import only_numbers
+
+        return only_numbers(source, handler)
 
     @property
     def summary(self) -> str:

@@ -180,11 +180,11 @@ def read_field(text: str) -> tuple[float, float]:
 
 
 def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
-    parts = split_list(text) if separator == "," else text.split(separator)
     wanted = f"give {count} numbers with '{separator}' between them"
-    if len(parts) != count:
-        raise UserError(f"{option} {text}: {wanted}.")
     try:
+        parts = split_list(text) if separator == "," else text.split(separator)
+        if len(parts) != count:
+            raise UserError(f"{option} {text}: {wanted}.")
         return [parse_number(part) for part in parts]
     except ValueError as error:
         raise UserError(f"{option} {text}: {error}. There, {wanted}.") from error

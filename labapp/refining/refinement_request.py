@@ -52,7 +52,8 @@ def parse_milliseconds(text: str) -> list[float]:
         return parse_list(text)
     except ValueError as error:
         raise UserError(
-            f"--exposures-ms {text}: give milliseconds with commas between, as in 1,8,64: {error}."
+            f"--exposures-ms {text}: give milliseconds with commas or semicolons between, as in "
+            f"1,8,64: {error}."
         ) from error
 
 

@@ -14,7 +14,7 @@ from labapp.files.frame_list import format_frame_list
 from labapp.files.plan_file import ROLES
 from labapp.runs.effect_plan_tables import show_effects
 from labapp.runs.record.reader import Record
-from labapp.runs.recorded_calibrations import calibrations_in_force
+from labapp.runs.recorded_calibrations import calibrations_in_force, clip_level_in_force
 from labapp.runs.shots import group_codes
 
 _SHOWN_LINES = 500
@@ -37,7 +37,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
     out.print(f"{data['stored']} of {data['frames']} frames stored, {data['size']}")
     out.print(f"started {data['start_time']}, ended {data['end_time'] or 'not yet'}")
     out.print(f"expected {data['expected_s']:.1f} s of bench time, on a {data['clock']} clock")
-    for line in data["calibrations"]:
+    for line in [*data["calibrations"], data["clip_level"]]:
         out.print(line, markup=False)
     if data["digest"]:
         out.print(f"digest {data['digest']}", soft_wrap=True)
@@ -87,6 +87,7 @@ def record_data(record: Record) -> dict[str, Any]:
         "groups": _groups(record),
         "devices": record.devices,
         "calibrations": calibrations_in_force(record),
+        "clip_level": clip_level_in_force(record),
         "faults": record.faults,
         "effect_plan": record.effect_plan,
         "versions": record.versions,

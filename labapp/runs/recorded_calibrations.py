@@ -12,6 +12,7 @@ from labapp.bench.calibration_validity import (
     validity_warnings,
 )
 from labapp.common.errors import UserError
+from labapp.runs.brackets.clip_remarks import metered_clip_level
 from labapp.runs.record.reader import Record
 
 
@@ -30,6 +31,24 @@ def camera_in_force(record: Record) -> str:
     if camera is None:
         return "the bench file's description; no calibration of the camera was in force"
     return camera_calibration_summary(camera)
+
+
+def clip_level_in_force(record: Record) -> str:
+    """Return where the pixels of a run's record clip, and who says so, in a line."""
+    bench, metered = record.bench_as_opened, metered_clip_level(record.plan)
+    number = record.bench.build_camera().sensor.full_scale
+    calibration = bench.active_camera_calibration
+    if bench.sensor.clip_level_dn is not None:
+        source = "by the bench file"
+    elif calibration is not None and calibration.clip_number_dn is not None:
+        source = "by the calibration of the camera"
+    elif bench.tells_clip_level:
+        source = "by the bench file, which the simulated camera follows"
+    elif metered is not None:
+        source = f"seen in metering {metered.target}; the bench file doesn't tell it"
+    else:
+        source = "the largest number of the bench file's bits, which nothing has confirmed"
+    return f"pixels clip at {number} DN: {source}"
 
 
 def stale_calibrations(record: Record) -> list[str]:

@@ -162,7 +162,7 @@ def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
                 "Put it back, or run the plan again."
             )
     return BenchSetup(
-        record.bench,
+        record.bench_as_opened,
         record.scene,
         f"{record.path}: bench",
         f"{record.path}: scene",

@@ -18,7 +18,14 @@ from labapp.window.accuracy_front import AccuracyFront
 from labapp.window.accuracy_table import AccuracyTable, format_decade
 from labapp.window.duration_text import format_duration
 from labapp.window.messages import AccuracyForecast, AccuracyMeasured, JobProgress
-from labapp.window.widgets import PANEL_MARGINS, fill_layout, make_label, plain_tip
+from labapp.window.widgets import (
+    BEGINS,
+    PANEL_MARGINS,
+    STOPS,
+    fill_layout,
+    make_label,
+    plain_tip,
+)
 
 WORDS = {
     1: "rough", 2: "quick look", 3: "usual for predictions", 4: "careful", 5: "fine",
@@ -72,6 +79,8 @@ class AccuracyView(QWidget):
         self.measure.setToolTip(_MEASURE_TIP)
         self.bar = QProgressBar(self)
         self.cancel = QPushButton("Cancel", self)
+        for button, kind in ((self.predict, BEGINS), (self.measure, BEGINS), (self.cancel, STOPS)):
+            button.setProperty(kind, True)
         self.link = make_label(self, rich=True)
         self._scene_tolerance: float | None = None
         self._is_usual = True

@@ -1,44 +1,85 @@
 """The window's actions, declared once; menus, buttons and shortcuts use the same ones.
 
-Menus show an action's text and its shortcut; buttons show both as the action's icon text.
+Menus show an action's text and its shortcut; buttons show both as the action's icon text. An action
+that begins something first sets what is typed, and waits where a field refuses its text.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow
+
+from labapp.window.commit_fields import finish_typing
 
 
 @dataclass(frozen=True)
 class ActionSpec:
-    """Describe an action of the window by its button text, its shortcut and its tool tip."""
+    """Describe an action of the window by its button text, its shortcut and its tool tip.
+
+    `begins` tells that it starts something that uses what the window's fields hold.
+    """
 
     name: str
     text: str
     shortcut: str
     tip: str
     checkable: bool = False
+    begins: bool = False
+
+
+class Action(QAction):
+    """Do something in the window; `performed` is emitted once it goes ahead.
+
+    `triggered` comes before that, also where a field's refused text keeps the action from going on.
+    """
+
+    performed = Signal(bool)
+
+    def __init__(self, window: QMainWindow, declared: ActionSpec) -> None:
+        super().__init__(window, checkable=declared.checkable)
+        self._window, self._begins = window, declared.begins
+        self.triggered.connect(self._perform)
+
+    def _perform(self, on: bool) -> None:
+        if finish_typing(self._window, proposals=self._begins) or not self._begins:
+            self.performed.emit(on)
+        else:
+            self.setChecked(self.isCheckable() and not on)
 
 
 ACTION_SPECS = (
-    ActionSpec("live", "Live", "F5", "Take one picture after the other", checkable=True),
-    ActionSpec("acquire", "Acquire bracket", "F6", "Put the bracket in line, into a new file"),
-    ActionSpec("reconstruct", "Reconstruct", "F7", "Undo the last run's blur, as you choose"),
+    ActionSpec(
+        "live", "Live", "F5", "Take one picture after the other", checkable=True, begins=True
+    ),
+    ActionSpec(
+        "acquire",
+        "Acquire bracket",
+        "F6",
+        "Put the bracket in line, into a new file",
+        begins=True,
+    ),
+    ActionSpec(
+        "reconstruct", "Reconstruct", "F7", "Undo the last run's blur, as you choose", begins=True
+    ),
     ActionSpec("pause", "Pause", "F8", "Let the run rest after its frame, or go on"),
     ActionSpec("cancel", "Cancel", "Esc", "Stop the computation, or the run after a question"),
     ActionSpec("yes", "Yes", "Ctrl+Return", "Answer the question above the picture with yes"),
     ActionSpec("undo", "Undo", "Ctrl+Z", "Set the bench as it was before the last setting"),
     ActionSpec("redo", "Redo", "Ctrl+Y", "Make the setting again that was undone"),
     ActionSpec("lock", "Lock", "Ctrl+L", "Keep the bench as it is: nothing moves", checkable=True),
-    ActionSpec("plan", "Run plan …", "Ctrl+P", "Put the run of a plan file in line"),
-    ActionSpec("resume", "Resume run …", "Ctrl+R", "Take the frames that a record lacks"),
+    ActionSpec("plan", "Run plan …", "Ctrl+P", "Put the run of a plan file in line", begins=True),
+    ActionSpec(
+        "resume", "Resume run …", "Ctrl+R", "Take the frames that a record lacks", begins=True
+    ),
     ActionSpec(
         "open",
         "Open run …",
         "Ctrl+O",
         "See a run taken earlier, and reconstruct it",
+        begins=True,
     ),
     ActionSpec("contrast", "Auto contrast", "A", "Contrast follows the picture", checkable=True),
     ActionSpec("marks", "Clipping marks", "C", "Saturated red, zero blue", checkable=True),
@@ -57,7 +98,7 @@ ACTION_SPECS = (
 """The window's actions. Each has a place in labapp.window.menus, and many a button, too."""
 
 
-def make_actions(window: QMainWindow) -> dict[str, QAction]:
+def make_actions(window: QMainWindow) -> dict[str, Action]:
     """Create the actions of the window and return them by name."""
     actions = {declared.name: _make(declared, window) for declared in ACTION_SPECS}
     window.addActions(list(actions.values()))
@@ -76,8 +117,8 @@ def _with_shortcut(text: str, key: str) -> str:
     return f"{text}  {key}" if key else text
 
 
-def _make(declared: ActionSpec, window: QMainWindow) -> QAction:
-    action = QAction(window, checkable=declared.checkable)
+def _make(declared: ActionSpec, window: QMainWindow) -> Action:
+    action = Action(window, declared)
     action.setObjectName(declared.name)
     if declared.shortcut:
         action.setShortcut(QKeySequence(declared.shortcut))

@@ -26,7 +26,7 @@ from labapp.window.measuring_messages import (
     StarReading,
 )
 from labapp.window.number_fields import NumberBox
-from labapp.window.widgets import PANEL_MARGINS, fill_layout, make_label
+from labapp.window.widgets import BEGINS, PANEL_MARGINS, STOPS, fill_layout, make_label
 
 _LEVEL = 60.0
 """Level of the brightest pixel in percent of full scale, to begin with. Chosen: far above the read
@@ -77,6 +77,8 @@ class AlignmentPanel(QScrollArea):
         self.propose.setToolTip("Meter the light that is seen now, and choose exposures for it")
         self.accept = QPushButton("Use it")
         self.stop = QPushButton("Stop")
+        for button, kind in ((self.expose, BEGINS), (self.propose, BEGINS), (self.stop, STOPS)):
+            button.setProperty(kind, True)
         self.said = make_label(inside, look="faint", wrap=True)
         self.statistics = make_label(inside, look="readings", wrap=True)
         self.star = make_label(inside, look="readings", wrap=True)

@@ -15,7 +15,7 @@ from PySide6.QtCore import QEvent, QObject, QPoint, Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QApplication, QComboBox, QWidget
 
-from labapp.window.number_fields import NumberBox, number_fields
+from labapp.window.number_fields import MENU_REASONS, NumberBox, number_fields
 from labapp.window.widgets import mark_property
 
 PRESSES = (QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonDblClick)
@@ -53,7 +53,7 @@ class _CommitInput(QWidget if TYPE_CHECKING else object):  # type: ignore[misc]
         return super().event(event)
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
-        if event.reason() != Qt.FocusReason.PopupFocusReason:
+        if event.reason() not in MENU_REASONS:
             self.take_back()
         super().focusOutEvent(event)
 
@@ -159,14 +159,19 @@ class CommitSpinBox(_CommitInput, NumberBox):
         self._typed = True
         self._mark()
 
-    def _enter(self) -> None:
+    def set_proposal(self) -> bool:
+        """Set the number that the window's field shows; return False if its text is refused."""
         if self._typed and self.fault:
             self.refuse(self.lineEdit().text())
             self.take_back()
-            return
+            return False
         with self._proposing():
             self.interpretText()
         self._commit()
+        return True
+
+    def _enter(self) -> None:
+        self.set_proposal()
 
     def _commit(self) -> None:
         if self.is_pending:
@@ -262,15 +267,18 @@ def leave_field(field: QWidget) -> None:
         field.window().setFocus()
 
 
-def finish_typing(window: QWidget) -> bool:
-    """Set what is typed into the window's fields, but not into those that only Enter sets.
+def finish_typing(window: QWidget, *, proposals: bool = False) -> bool:
+    """Set what is typed into the window's fields.
 
-    Returns whether that is done; if not, a field has refused its text.
+    Numbers that hardware obeys are set only where `proposals` asks for it, as by Enter. Returns
+    whether that is done; if not, a field has refused its text.
     """
     is_done = True
     for field in number_fields(window):
         if not isinstance(field, CommitSpinBox):
             is_done &= field.finish_typing()
+        elif proposals and field.is_pending:
+            is_done &= field.set_proposal()
     return is_done
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from PySide6.QtCore import QEvent, QObject, QPoint, Qt, QTimer
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import (
@@ -11,11 +13,15 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QSlider,
+    QToolButton,
     QWidget,
 )
+from shiboken6 import isValid
 
-from labapp.window.commit_fields import PRESSES, finish_typing, was_dragged
-from labapp.window.number_fields import NumberField, number_fields
+from labapp.window.actions import Action
+from labapp.window.commit_fields import PRESSES, finish_typing, leave_field, was_dragged
+from labapp.window.number_fields import number_fields
+from labapp.window.widgets import BEGINS, STOPS
 
 _WHEEL_FIELDS = (QAbstractSpinBox, QComboBox, QSlider)
 """Widgets whose value the wheel changes, in Qt also where the mouse only passes over them."""
@@ -27,16 +33,14 @@ _COMMANDS = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifie
 """Keys that make a letter a command."""
 
 
-_FUNCTION_KEYS = range(Qt.Key.Key_F1.value, Qt.Key.Key_F35.value + 1)
-
-
 class InputGuard(QObject):
     """Watch all fields, lists and buttons of a window.
 
     The wheel changes a field only if the field has the focus and Ctrl is held; else it scrolls
     what the field lies in. Letters typed in a list search there. A button that the mouse was
-    dragged over isn't clicked, nor one that is pressed while a typed text can't be set. A click
-    doesn't leave the focus on it, where Space would click it again.
+    dragged over isn't clicked, nor one that is pressed while a typed text can't be set, unless it
+    stops something. A click leaves the focus neither on it, where Space would click it again, nor
+    in the field that had it.
     """
 
     def __init__(self, window: QWidget) -> None:
@@ -62,15 +66,25 @@ class InputGuard(QObject):
         if isinstance(event, QWheelEvent) and isinstance(watched, _WHEEL_FIELDS):
             return self._stops_wheel(watched, event)
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
-            if isinstance(watched, NumberField):
-                return self._keeps_command(watched, event)
             return isinstance(watched, _LISTS) and self._keeps_letter(event)
         if isinstance(watched, QAbstractButton) and isinstance(event, QMouseEvent):
             self._watch_drag(watched, event)
-            # Nothing begins beside a typed text that was refused, by this press or by the focus
-            # that left its field just before.
-            if event.type() in PRESSES:
-                return not finish_typing(watched.window()) or self._refused
+            if event.type() == QEvent.Type.MouseButtonRelease and watched.isDown():
+                QTimer.singleShot(0, partial(_leave, watched.window().focusWidget()))
+            if not _always_clicks(watched):
+                return self._waits(watched, event)
+        return False
+
+    def _waits(self, button: QAbstractButton, event: QMouseEvent) -> bool:
+        """Return whether a button isn't pressed or released, since a typed text was refused.
+
+        It was by this click, or by the focus that left its field just before.
+        """
+        if event.type() in PRESSES:
+            return not finish_typing(button.window()) or self._refused
+        released = event.type() == QEvent.Type.MouseButtonRelease and button.isDown()
+        if released and button.property(BEGINS) and button.hitButton(event.position().toPoint()):
+            button.setDown(finish_typing(button.window(), proposals=True))
         return False
 
     def _note_refusal(self) -> None:
@@ -88,13 +102,6 @@ class InputGuard(QObject):
         event.ignore()
         return True
 
-    def _keeps_command(self, field: QWidget, event: QKeyEvent) -> bool:
-        """Keep a function key from its shortcut if a field refuses what is typed into it."""
-        if event.key() not in _FUNCTION_KEYS or finish_typing(field.window()):
-            return False
-        event.accept()
-        return True
-
     def _keeps_letter(self, event: QKeyEvent) -> bool:
         if event.modifiers() & _COMMANDS or not event.text().isprintable() or not event.text():
             return False
@@ -109,3 +116,15 @@ class InputGuard(QObject):
         ):
             # A button that isn't down doesn't take the release for a click.
             button.setDown(False)
+
+
+def _leave(field: QWidget | None) -> None:
+    """Give the focus from a field to the window, unless the click has moved it."""
+    if field is not None and isValid(field):
+        leave_field(field)
+
+
+def _always_clicks(button: QAbstractButton) -> bool:
+    """Return whether a button of the window stops something, or is an action's, which may wait."""
+    of_action = isinstance(button, QToolButton) and isinstance(button.defaultAction(), Action)
+    return of_action or bool(button.property(STOPS))

@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QMoveEvent, QResizeEvent, QShortcut
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QMouseEvent, QMoveEvent, QResizeEvent, QShortcut
 from PySide6.QtWidgets import (
     QAbstractSpinBox,
     QApplication,
@@ -25,7 +25,6 @@ from labapp.window.accuracy_view import AccuracyView
 from labapp.window.action_bar import ActionBar
 from labapp.window.actions import make_actions
 from labapp.window.alignment_panel import AlignmentPanel
-from labapp.window.commit_fields import finish_typing
 from labapp.window.device_list import DeviceList
 from labapp.window.dock_scroll import DockScroll
 from labapp.window.effects_panel import EffectsPanel
@@ -87,9 +86,6 @@ class MainWindow(QMainWindow):
         self.kept_queue = KeptQueue(remembered.queue_file, connection.bench_name)
         self._keeping = QTimer(self, singleShot=True, interval=_KEEP_AFTER_MS)
         self.actions_ = make_actions(self)
-        for action in self.actions_.values():
-            # Connected before all else that an action does.
-            action.triggered.connect(lambda _: finish_typing(self))
         self.bar = ActionBar(self.actions_, self)
         self.setMenuWidget(self.bar)
         self.live_view = LiveView(self)
@@ -139,13 +135,13 @@ class MainWindow(QMainWindow):
         self._tab_docks()
         self._arrange_docks()
         self._first_layout = self.saveState(_LAYOUT_VERSION)
-        self.actions_["reset"].triggered.connect(self._reset_layout)
+        self.actions_["reset"].performed.connect(self._reset_layout)
         self.help: HelpWindow | None = None
-        self.actions_["help"].triggered.connect(self._show_help)
+        self.actions_["help"].performed.connect(self._show_help)
         self.keys: ShortcutList | None = None
-        self.actions_["keys"].triggered.connect(self._show_keys)
-        self.actions_["accept"].triggered.connect(self.message.acknowledge)
-        self.actions_["quit"].triggered.connect(self.close)
+        self.actions_["keys"].performed.connect(self._show_keys)
+        self.actions_["accept"].performed.connect(self.message.acknowledge)
+        self.actions_["quit"].performed.connect(self.close)
         self._light = LightFilter(_application(), self)
         for name in ("dim", "red"):
             self.actions_[name].toggled.connect(self._set_light)
@@ -153,8 +149,6 @@ class MainWindow(QMainWindow):
         self._restore()
         self._watch_changes()
         self._keeping.timeout.connect(self._save_settings)
-        # A click on no field leaves the field that has the focus, and keys do nothing then.
-        self.setFocusPolicy(Qt.FocusPolicy.ClickFocus)
         self._guard = InputGuard(self)
         for field in number_fields(self):
             field.refused.connect(self.message.show_error)
@@ -198,6 +192,14 @@ class MainWindow(QMainWindow):
             field.clearFocus()
         elif not event.isAutoRepeat():
             self.prompt_bar.done_button.click()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Leave the window's field that has the keyboard, for a click on nothing.
+
+        Buttons and menus take their clicks, and act on what is typed in the field.
+        """
+        self.setFocus(Qt.FocusReason.MouseFocusReason)
+        super().mousePressEvent(event)
 
     def show_queue(self) -> None:
         """Show the window's tab of the run queue, which shares its place with "Why"."""
@@ -246,8 +248,8 @@ class MainWindow(QMainWindow):
         for one, next_ in pairwise(tabs):
             self.tabifyDockWidget(one, next_)
         self._queue_dock.raise_()
-        self.actions_["why"].triggered.connect(self._turn_tab)
-        self.actions_["align"].triggered.connect(self._alignment_dock.raise_)
+        self.actions_["why"].performed.connect(self._turn_tab)
+        self.actions_["align"].performed.connect(self._alignment_dock.raise_)
         # The connection is queued, because the dock's visible region is known only later.
         later = Qt.ConnectionType.QueuedConnection
         for moved in (self._why_dock.visibilityChanged, self._why_dock.topLevelChanged):

@@ -10,8 +10,8 @@ from decimal import Decimal
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QPoint, QTimer, Signal
-from PySide6.QtGui import QValidator
+from PySide6.QtCore import QPoint, Qt, QTimer, Signal
+from PySide6.QtGui import QFocusEvent, QValidator
 from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QSpinBox, QToolTip, QWidget
 
 from labapp.common.plain_text import quote
@@ -20,6 +20,9 @@ from labapp.window.widgets import mark_property, plain_tip
 
 _TOLD_MS = 8000
 """Milliseconds for which a field's reason stays beside it; the log keeps it. Chosen."""
+
+MENU_REASONS = (Qt.FocusReason.PopupFocusReason, Qt.FocusReason.MenuBarFocusReason)
+"""Why a field is without the keyboard while a list or a menu is open."""
 
 _TIP_WIDTH = 60
 """Characters of a line of the reason, which else is as wide as the screen."""
@@ -108,6 +111,11 @@ class _NumberInput(_Spin):
         except ValueError:
             return QValidator.State.Intermediate, text, place
         return QValidator.State.Acceptable, text, place
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        # Behind a menu the text stays as it is typed: the action that is chosen there reads it.
+        if event.reason() not in MENU_REASONS:
+            super().focusOutEvent(event)
 
     def fixup(self, text: str) -> str:
         """Refuse a text that can't be set; Qt shows the former value again."""

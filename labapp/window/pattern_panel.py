@@ -10,7 +10,13 @@ from labapp.window.messages import PatternPreview
 from labapp.window.pattern_form import PatternForm
 from labapp.window.theme import DIFFERS_SIGN
 from labapp.window.thumbnail import PSF_DECADES, Thumbnail
-from labapp.window.widgets import PANEL_MARGINS, fill_layout, make_label, mark_difference
+from labapp.window.widgets import (
+    BEGINS,
+    PANEL_MARGINS,
+    fill_layout,
+    make_label,
+    mark_difference,
+)
 
 
 class PatternPanel(QWidget):
@@ -31,6 +37,7 @@ class PatternPanel(QWidget):
         self.note = make_label(self, look="faint", wrap=True)
         self.displayed_label = make_label(self, "On the SLM: –", look="shown", wrap=True)
         self.show_button = QPushButton("Show on SLM", self)
+        self.show_button.setProperty(BEGINS, True)
         self._wavelength_nm = 550.0
         self._chosen = self._on_panel = ""
         self._showing_allowed = self._has_preview = False

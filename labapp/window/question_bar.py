@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QWidget
 
-from labapp.window.actions import retitle
-from labapp.window.widgets import fill_layout, make_label, make_tool_button
+from labapp.window.actions import Action, retitle
+from labapp.window.widgets import STOPS, fill_layout, make_label, make_tool_button
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class QuestionBar(QWidget):
     pressed by mistake do nothing that can't be undone.
     """
 
-    def __init__(self, yes: QAction, parent: QWidget | None = None) -> None:
+    def __init__(self, yes: Action, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("call")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
@@ -43,10 +42,11 @@ class QuestionBar(QWidget):
         self._yes = yes
         self.yes_button = make_tool_button(self, yes)
         self.no_button = QPushButton(self)
+        self.no_button.setProperty(STOPS, True)
         self._question: Question | None = None
         parts = (self._label, 1), self.yes_button, self.no_button
         fill_layout(QHBoxLayout(self), *parts, margins=(10, 6, 6, 6))
-        yes.triggered.connect(lambda: self._answer(True))
+        yes.performed.connect(lambda: self._answer(True))
         self.no_button.clicked.connect(self.decline)
         self._show(None)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QKeySequence, QShortcut
 from PySide6.QtWidgets import (
@@ -35,7 +37,7 @@ class QueuePanel(WrappingPanel):
     clear_requested = Signal()
     release_requested = Signal()
 
-    def __init__(self, actions: list[QAction], parent: QWidget | None = None) -> None:
+    def __init__(self, actions: Sequence[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.table = RunTable(self)
         self.remove = QPushButton("Remove", self)
@@ -71,7 +73,7 @@ class QueuePanel(WrappingPanel):
         ended = (State.CANCELLED, State.FAILED)
         return next((run for run in self.table.selected_runs if run.state in ended), None)
 
-    def _arrange(self, actions: list[QAction]) -> None:
+    def _arrange(self, actions: Sequence[QAction]) -> None:
         self.buttons = {one.objectName(): make_tool_button(self, one, wide=True) for one in actions}
         above = fill_layout(QHBoxLayout(), *((button, 1) for button in self.buttons.values()))
         below = fill_layout(QHBoxLayout(), self.remove, self.clear, 1)

@@ -44,10 +44,10 @@ class RunRequests(QObject):
         self._queue = QueueState(())
         self._kept = window.kept_queue
         actions, queue, send = window.actions_, window.queue, connection.send
-        actions["acquire"].triggered.connect(self._acquire)
-        actions["plan"].triggered.connect(self._run_plan)
-        actions["resume"].triggered.connect(self._resume)
-        actions["pause"].triggered.connect(self._pause)
+        actions["acquire"].performed.connect(self._acquire)
+        actions["plan"].performed.connect(self._run_plan)
+        actions["resume"].performed.connect(self._resume)
+        actions["pause"].performed.connect(self._pause)
         queue.remove_requested.connect(lambda numbers: send(RemoveRuns(numbers)))
         queue.clear_requested.connect(lambda: send(ClearEndedRuns()))
         queue.release_requested.connect(lambda: send(ReleaseQueue()))

@@ -191,22 +191,22 @@ class Session(QObject):
 
     def _connect_actions(self) -> None:
         actions, view = self._window.actions_, self._window.live_view
-        actions["live"].triggered.connect(lambda on: self._connection.send(SetLive(on)))
-        actions["reconstruct"].triggered.connect(self._reconstruct_last)
+        actions["live"].performed.connect(lambda on: self._connection.send(SetLive(on)))
+        actions["reconstruct"].performed.connect(self._reconstruct_last)
         restored = self._window.reconstruction
         restored.save_requested.connect(self._save_restored)
         restored.spectra.light_requested.connect(
             lambda light: self._connection.send(ShowCubeColours(light))
         )
-        actions["open"].triggered.connect(self._open_run)
-        actions["cancel"].triggered.connect(self._ask_to_cancel)
+        actions["open"].performed.connect(self._open_run)
+        actions["cancel"].performed.connect(self._ask_to_cancel)
         actions["lock"].toggled.connect(lambda _: self._allow())
         for name, change in (
             ("contrast", view.set_auto_contrast),
             ("marks", view.set_clipping_marks),
         ):
             actions[name].setChecked(True)
-            actions[name].triggered.connect(change)
+            actions[name].performed.connect(change)
 
     def _allow(self) -> None:
         """Enable the window's actions that are possible now, and disable the others."""

@@ -51,8 +51,8 @@ class SettingRequests(QObject):
         settings.wavelength_requested.connect(self._request_wavelength)
         settings.exposure_requested.connect(lambda seconds: self._set("exposure", seconds))
         window.pattern.show_requested.connect(lambda table: self._send(ShowPattern(table)))
-        actions["undo"].triggered.connect(self._undo)
-        actions["redo"].triggered.connect(self._redo)
+        actions["undo"].performed.connect(self._undo)
+        actions["redo"].performed.connect(self._redo)
 
     @property
     def is_locked(self) -> bool:

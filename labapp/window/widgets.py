@@ -14,6 +14,10 @@ Margins = tuple[int, int, int, int]
 PANEL_MARGINS: Margins = (8, 4, 8, 6)
 """Margins of a panel in pixels: left, top, right and bottom."""
 
+BEGINS, STOPS = "begins", "stops"
+"""Properties of a panel's buttons. One begins something with what Settings shows, which a click
+sets first; the other ends something, and never waits for a text that a field refuses."""
+
 
 class WrappingPanel(QWidget):
     """Request the height that a panel's wrapped texts need at its width.

@@ -35,8 +35,13 @@ FEATURES = {
     "BlackLevel": CameraFeature(0x8024, "float", 100),
     "BlackLevelClampingEnable": CameraFeature(0x8028, "switch"),
     "SharpeningEnable": CameraFeature(0x802C, "switch"),
+    "TestPattern[ImageProcessor]": CameraFeature(0x8054, "choice"),
 }
-"""Those that the simulated camera has, by their names in GenICam's SFNC."""
+"""Those that the simulated camera has, by their names in GenICam's SFNC, with the entry of the
+selector behind which they lie, if it isn't the first."""
+
+SELECTORS = {"TestPattern": ("TestPatternGeneratorSelector", ("Sensor", "ImageProcessor"), 0x8060)}
+"""Selectors of the simulated camera's features, their entries and their registers."""
 
 _OTHERS = {
     "Gain": CameraFeature(0x110, "float", 10),
@@ -77,7 +82,7 @@ def apply_features(
     if value["LUTEnable"]:
         share = np.sqrt(share)
     numbers = np.rint(share * full_scale)
-    if value["TestPattern"]:
+    if value["TestPattern"] or value["TestPattern[ImageProcessor]"]:
         rows, columns = np.indices(numbers.shape)
         numbers = (rows + columns) % (full_scale + 1)
     across, down = (-1 if value[name] else 1 for name in ("ReverseX", "ReverseY"))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from drivers.aravis.pixel_formats import FORMATS
-from simulator.wire.camera_features import FEATURES
+from simulator.wire.camera_features import FEATURES, SELECTORS
 
 _HEAD = """<?xml version="1.0" encoding="utf-8"?>
 <RegisterDescription ModelName="Fake" VendorName="Aravis" StandardNameSpace="None"
@@ -48,6 +48,9 @@ _LIMITS = {
     "AcquisitionFramePeriod": "<Min>1000</Min><Max>100000000</Max>",
 }
 
+_FEATURES = [name for name in FEATURES if "[" not in name]
+"""Names of the features, each once; the entries of a selector lie 64 bytes apart."""
+
 
 def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:
     """Return the GenICam XML with which the camera on the simulated wire describes itself.
@@ -72,7 +75,9 @@ def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> s
     size = {"W": "Width", "H": "Height", "P": "PixelFormatReg", "M": "MoreBytesReg"}
     payload = "(W * H * ((P &gt;&gt; 16) &amp; 0xFF) + 7) / 8 + M"
     parts += [_swiss_knife("PayloadSize", size, payload), _integer_register("MoreBytesReg", 0x3DC)]
-    parts += [_feature(name) for name in FEATURES]
+    parts += [_feature(name) for name in _FEATURES]
+    for selector, entries, address in SELECTORS.values():
+        parts.append(_enumeration(selector, address, {one: n for n, one in enumerate(entries)}))
     parts.append(_enumeration("PixelFormat", 0x128, {n: FORMATS[n].code for n in pixel_formats}))
     modes = {"Continuous": 1, "SingleFrame": 2, "MultiFrame": 3}
     parts.append(_enumeration("AcquisitionMode", 0x12C, modes))
@@ -106,7 +111,8 @@ def _root_category() -> str:
     names = [*_TEXTS, *_NUMBERS, "PixelFormat", "AcquisitionMode", "AcquisitionStart"]
     names += ["AcquisitionStop", "AcquisitionFrameRate", "TriggerSelector", "TriggerMode"]
     names += ["TriggerSource", "TriggerActivation", "TriggerSoftware", "ExposureTime", "Gain"]
-    names += ["ExposureAuto", "GainAuto", "DeviceTemperature", "PayloadSize", *FEATURES]
+    names += ["ExposureAuto", "GainAuto", "DeviceTemperature", "PayloadSize", *_FEATURES]
+    names += [selector for selector, *_ in SELECTORS.values()]
     features = "".join(f"<pFeature>{name}</pFeature>" for name in names)
     return f'<Category Name="Root">{features}</Category>'
 
@@ -114,7 +120,9 @@ def _root_category() -> str:
 def _feature(name: str) -> str:
     address, kind, scale, _ = FEATURES[name]
     if kind == "choice":
-        return _enumeration(name, address, {"Off": 0, "GreyDiagonalRamp": 1})
+        choices = {"Off": 0, "GreyDiagonalRamp": 1}
+        selector = f"{SELECTORS[name][0]}Reg" if name in SELECTORS else ""
+        return _enumeration(name, address, choices, selector)
     if kind == "float":
         return _scaled_float(name, address, f"FROM * {scale}", f"TO / {scale}", 0, 1000)
     form = "Boolean" if kind == "switch" else "Integer"
@@ -123,9 +131,11 @@ def _feature(name: str) -> str:
     return head + _integer_register(f"{name}Reg", address)
 
 
-def _integer_register(name: str, address: int) -> str:
+def _integer_register(name: str, address: int, selector: str = "") -> str:
+    """Return a register; with a selector's register, that of its entry."""
+    index = f'<pIndex Offset="64">{selector}</pIndex>' if selector else ""
     return (
-        f'<IntReg Name="{name}"><Address>{address:#x}</Address><Length>4</Length>'
+        f'<IntReg Name="{name}"><Address>{address:#x}</Address>{index}<Length>4</Length>'
         "<AccessMode>RW</AccessMode><pPort>Device</pPort><Sign>Unsigned</Sign>"
         "<Endianess>BigEndian</Endianess></IntReg>"
     )
@@ -136,13 +146,13 @@ def _swiss_knife(name: str, variables: dict[str, str], formula: str) -> str:
     return f'<IntSwissKnife Name="{name}">{given}<Formula>{formula}</Formula></IntSwissKnife>'
 
 
-def _enumeration(name: str, address: int, entries: dict[str, int]) -> str:
+def _enumeration(name: str, address: int, entries: dict[str, int], selector: str = "") -> str:
     rows = "".join(
         f'<EnumEntry Name="{entry}"><Value>{value}</Value></EnumEntry>'
         for entry, value in entries.items()
     )
     head = f'<Enumeration Name="{name}">{rows}<pValue>{name}Reg</pValue></Enumeration>'
-    return head + _integer_register(f"{name}Reg", address)
+    return head + _integer_register(f"{name}Reg", address, selector)
 
 
 def _command(name: str, register: str, value: int) -> str:

@@ -21,6 +21,7 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Surroundings
 from drivers.screen import ScreenSLM, driver, identify_screens
 from drivers.x11 import ScreenReader, XConnection
+from drivers.x11.outputs import list_outputs, read_gamma_ramp
 from simulator.screens import NEIGHBOUR, PANEL, lay_out
 
 pytestmark = [pytest.mark.xorg, pytest.mark.usefixtures("patient")]
@@ -466,6 +467,22 @@ def test_night_light_during_a_still_is_named(bench, slm, rng):
         slm.displayed_pattern  # noqa: B018
     slm.show("again", noise(rng))
     assert slm.displayed_pattern == "again"
+
+
+def test_a_gamma_ramp_that_comes_and_goes_within_a_tenth_of_a_second_is_named(bench, slm, rng):
+    slm.show("noise", noise(rng))
+    with XConnection(bench.display) as x:
+        crtc = next(one.crtc for one in list_outputs(x) if one.name == "DUMMY1")
+        plain = read_gamma_ramp(x, crtc)
+        for ramp, seconds in ((plain // 2, 0.1), (plain, 0.0)):
+            body = ramp.astype("<u2").tobytes()
+            # 24 is RRSetCrtcGamma; the X server tells nobody.
+            x.send_extension_request("RANDR", 24, f"IH2x{len(body)}s", crtc, ramp.shape[1], body)
+            x.atom("EDID")
+            time.sleep(seconds)
+        np.testing.assert_array_equal(read_gamma_ramp(x, crtc), plain)
+    with pytest.raises(DeviceError, match=r"gamma ramp changes grey levels by up to 12[78] of 255"):
+        slm.displayed_pattern  # noqa: B018
 
 
 # Names on screens.

@@ -46,7 +46,8 @@ def _limits(field: Any) -> Field:
 
 
 def _type(window: Any, field: Any, typed: Typed) -> tuple[float, float, bool]:
-    _show(field)
+    enable_all(field)
+    field.setFocus()
     window.message.acknowledge()
     before = field.value()
     field.selectAll()
@@ -65,13 +66,12 @@ def _press(field: QWidget, letter: str) -> None:
         QApplication.sendEvent(field, event)
 
 
-def _show(field: QWidget) -> None:
+def enable_all(field: QWidget) -> None:
     """A bench that isn't open yet disables fields; the keys go to the field all the same."""
     parent: QWidget | None = field
     while parent is not None:
         parent.setEnabled(True)
         parent = parent.parentWidget()
-    field.setFocus()
 
 
 def main(arguments: list[str]) -> None:

@@ -1,5 +1,7 @@
 """A bench whose camera isn't as its file describes it isn't opened, and says what to write."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -97,7 +99,48 @@ def test_a_file_that_says_it_is_right():
     assert [line.split(" = ")[0] for line in lines] == ["latency_frames"]
 
 
+class FlickeringLamp(ConverterCamera):
+    """Before a lamp whose light goes up and down a hundred times a second, by `depth` of it.
+
+    Each exposure begins at any phase; the light is the integral of the lamp's over it. All are
+    shorter than two of its periods, so that the linearity rests on what it does.
+    """
+
+    exposure_range = (1e-4, 0.018)
+
+    def __init__(self, depth, seed, **options):
+        super().__init__(**options)
+        self._depth, self._phases = depth, np.random.default_rng(seed)
+
+    def capture(self, cancelled):
+        lit, turn = self._exposure, 2 * np.pi * 100
+        begin = self._phases.uniform(0, 0.01)
+        wave = (np.sin(turn * (begin + lit)) - np.sin(turn * begin)) / turn
+        return self._lit(50 * (1 + self._depth * wave / lit))
+
+    def _lit(self, share):
+        exposure, self._exposure = self._exposure, self._exposure * share
+        try:
+            frame = super().capture(lambda: False)
+        finally:
+            self._exposure = exposure
+        return replace(frame, exposure=exposure)
+
+
+@pytest.mark.parametrize("gamma", [1.0, 0.45])
+@pytest.mark.parametrize("depth", [0.1, 0.4, 0.9])
+def test_a_lamp_that_flickers_is_told_from_a_gamma(depth, gamma):
+    for seed in range(6):
+        checks, _ = seen(FlickeringLamp(depth, seed, gamma=gamma), black_level=900.0)
+        found = checks["linearity"]
+        if gamma == 1:
+            assert "A gamma" not in found.detail, (seed, found.detail)
+            assert found.passed or "the lamp flickers too much" in found.detail
+        else:
+            assert not found.passed, (seed, found.detail)
+
+
 def test_a_gamma_fails():
     checks, _ = seen(ConverterCamera(gamma=0.45), black_level=900.0)
     assert not checks["linearity"].passed
-    assert "a gamma, a table (LUT) or an automatic is on" in checks["linearity"].detail
+    assert "A gamma, a table (LUT) or an automatic is on" in checks["linearity"].detail

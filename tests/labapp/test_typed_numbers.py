@@ -5,10 +5,11 @@ from __future__ import annotations
 import random
 
 import pytest
-from figures.typed_options import command_line_places, judge_lists, judge_places
+from figures.typed_options import command_line_places, judge_lists, judge_places, list_places
 
 from labapp.cli import build_command_line
 from labapp.cli.number_options import number_parameters
+from labapp.common.errors import UserError
 from labapp.common.typed_numbers import parse_list, parse_number, parse_whole
 
 
@@ -86,3 +87,17 @@ def test_a_number_that_cannot_be_read_is_named_by_its_option(labapp, words, mess
     code, _, said = labapp(*words)
     assert code == 1
     assert message in said
+
+
+def test_every_list_option_takes_commas_with_blanks_and_refuses_blanks_alone():
+    for name, _, size, take in list_places():
+        # Bands are some hundred nanometres, and the indices of Zernike small.
+        numbers = ("450", "550", "650")[:size] if name == "--bands" else ("2", "4", "20")[:size]
+        for sound in (", ", ";", "; ", " ; "):
+            taken = list(take(sound.join(numbers)))
+            assert taken == pytest.approx([float(one) for one in numbers]), (name, sound)
+        with pytest.raises((UserError, ValueError), match="put semicolons between numbers"):
+            take(" ".join(numbers))
+        if size == 3:
+            with pytest.raises((UserError, ValueError), match="may be decimal signs"):
+                take("{},{}, {}".format(*numbers))

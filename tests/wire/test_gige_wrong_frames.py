@@ -77,6 +77,17 @@ def test_what_changes_pictures_is_turned_off_and_told() -> None:
         assert "TestPattern = GreyDiagonalRamp" in told
 
 
+def test_what_lies_behind_another_entry_of_a_selector_is_turned_off_and_watched() -> None:
+    sensor, hidden = Sensor(), "TestPattern[ImageProcessor]"
+    with fake(sensor, features={hidden: 1}) as behind, opened() as device:
+        device.set_exposure(1e-3)
+        np.testing.assert_array_equal(device.capture(never).image, sensor.last)
+        assert f"{hidden} = GreyDiagonalRamp" in device.health()["turned off"]
+        behind.set_features(**{hidden: 1})
+        with pytest.raises(DeviceError, match=r"test pattern|ImageProcessor. from Off"):
+            device.capture(never)
+
+
 def test_what_the_bench_file_keeps_stays_on() -> None:
     sensor = Sensor()
     with fake(sensor, features={"ReverseX": 1}), opened(keep_features=["ReverseX"]) as device:

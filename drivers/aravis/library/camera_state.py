@@ -11,6 +11,7 @@ import time
 from typing import Any
 
 from .camera_control import CameraControl
+from .selectors import Selectors
 
 NEUTRAL: dict[str, float | None] = {
     "ExposureAuto": None,
@@ -92,6 +93,7 @@ class CameraState:
         self._known: dict[str, State] = {}
         self._nodes: dict[str, Any] = {}
         self._next = 0
+        self._selectors = Selectors(owner)
 
     def missing_features(self, names: list[str]) -> list[str]:
         """Return which of these features the Aravis camera doesn't have."""
@@ -105,8 +107,10 @@ class CameraState:
         """
         changed: list[list[str]] = []
         stubborn: list[list[str]] = []
-        for name, number in NEUTRAL.items():
-            if name in kept or not self._find(name):
+        for name in self._selectors.with_entries(NEUTRAL):
+            bare = name.partition("[")[0]
+            number = NEUTRAL[bare]
+            if {name, bare} & set(kept) or not self._find(name):
                 continue
             before = self._read_or_none(name)
             if before is None or _is_neutral(before, number):
@@ -123,7 +127,7 @@ class CameraState:
     def note_state(self) -> dict[str, str]:
         """Note how an Aravis camera's features stand; `changes` compares with them."""
         self._known.clear()
-        for name in (*WATCHED, *NEUTRAL):
+        for name in self._selectors.with_entries((*WATCHED, *NEUTRAL)):
             if self._find(name):
                 value = self._read_or_none(name)
                 if value is not None:
@@ -155,12 +159,12 @@ class CameraState:
 
     def _find(self, name: str) -> bool:
         device = self._owner.device
-        node = device.get_feature(name)
         there = False
-        with contextlib.suppress(Exception):
-            there = bool(node) and device.is_feature_available(name)
-        if there:
-            self._nodes[name] = node
+        with contextlib.suppress(Exception), self._selectors.at_entry(name) as bare:
+            node = device.get_feature(bare)
+            there = bool(node) and device.is_feature_available(bare)
+            if there:
+                self._nodes[name] = node
         return there
 
     def _read_or_none(self, name: str) -> State | None:
@@ -170,6 +174,10 @@ class CameraState:
             return None
 
     def _read(self, name: str) -> State:
+        with self._selectors.at_entry(name) as bare:
+            return self._read_shown(bare)
+
+    def _read_shown(self, name: str) -> State:
         aravis, device, node = self._owner.aravis, self._owner.device, self._nodes[name]
         if isinstance(node, aravis.GcBoolean):
             return "on" if device.get_boolean_feature_value(name) else "off"
@@ -180,6 +188,10 @@ class CameraState:
         return float(device.get_integer_feature_value(name))
 
     def _write(self, name: str, number: float | None) -> None:
+        with self._selectors.at_entry(name) as bare:
+            self._write_shown(bare, number)
+
+    def _write_shown(self, name: str, number: float | None) -> None:
         aravis, device, node = self._owner.aravis, self._owner.device, self._nodes[name]
         if isinstance(node, aravis.GcBoolean):
             device.set_boolean_feature_value(name, False)

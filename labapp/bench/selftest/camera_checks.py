@@ -9,6 +9,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.interfaces import Clock, Frame
 from drivers.latency import light_level
@@ -17,6 +18,7 @@ from labapp.bench.selftest.checks import Check, SelfTestFailure, require_refusal
 from labapp.common.errors import UserError
 from optics.camera import Sensor
 from optics.camera_noise.few_exposures import FewExposures
+from optics.camera_noise.repeated_exposures import frame_flicker, repeated_linearity
 
 _LONGEST = 1.0
 """Seconds of the longest exposure that is tried. Chosen: a lit bench clips pixels within it."""
@@ -53,6 +55,21 @@ _MOST_CLIPPED = 0.05
 """Share of the pixels at the largest number up to which a frame's level is light. Chosen."""
 
 _NO_FRAMES = "not measured: too few frames came"
+
+_FEWEST, _MOST_REPEATS, _REPEAT_SECONDS = 8, 40, 2.0
+"""Frames at each exposure that tell flicker from a gamma, at least and at most, and seconds that
+the longest of them may take. Chosen: the mean of 40 is sure to 5 % where the light changes by a
+third."""
+
+_FLICKER_PERIOD, _GOLDEN = 0.02, (math.sqrt(5) - 1) / 2
+"""Seconds over which the repeated frames are spread, two periods of lamps on the mains or more, by
+the fractions of the golden ratio: no lamp keeps step with them."""
+
+_SURE = 0.25
+"""Four deviations of the exponent up to which it tells a gamma from none. Chosen: a gamma of 1/2.2
+lies at 0.45."""
+
+_STEADY = "Light a lamp on direct current, and test it again"
 
 _APART = 1.2
 """Ratio of two exposures from which on both are looked at. Chosen: cameras round them."""
@@ -223,12 +240,50 @@ class _CameraTest:
             f"light rises with the power {power.value:.3f} ± {power.sigma:.3f} of the exposure, "
             f"{first * 1e3:.3g} to {last * 1e3:.3g} ms, {found.pixels} pixels"
         )
-        if abs(power.value - 1) <= _LINEAR + _SIGMAS * power.sigma:
+        is_linear = abs(power.value - 1) <= _LINEAR + _SIGMAS * power.sigma
+        if is_linear and not self._sees_flicker(first, seen):
             return told
-        raise SelfTestFailure(
-            f"{told}: a gamma, a table (LUT) or an automatic is on, or the lamp flickers. Turn "
-            "them off (Gamma 1, LUTEnable false, GainAuto Off); light a lamp on direct current"
+        return self._check_linearity_of_means(told, found.exposures)
+
+    def _sees_flicker(self, exposure: float, seen: FewExposures) -> bool:
+        """Return whether a lamp flickers, so that the self-test may miss a gamma."""
+        if exposure > _FLICKER_PERIOD:
+            return False
+        images = self._repeat(exposure, _FEWEST)
+        return frame_flicker(images, seen.black_level.value) > _LINEAR
+
+    def _check_linearity_of_means(self, told: str, exposures: tuple[float, float, float]) -> str:
+        """Check the camera's linearity by the mean of repeated frames, if a lamp may flicker."""
+        count = round(min(max(_FEWEST, _REPEAT_SECONDS / exposures[-1]), _MOST_REPEATS))
+        repeats = [self._repeat(exposure, count) for exposure in exposures]
+        found = repeated_linearity(exposures, repeats)
+        if found is None:
+            raise SelfTestFailure(f"{told}, and repeated frames have too little light. {_STEADY}")
+        power = found.exponent
+        told = (
+            f"light rises with the power {power.value:.3f} ± {power.sigma:.3f} of the exposure in "
+            f"the mean of {count} frames each"
         )
+        if found.flicker:
+            told += f", between which the light changes by {found.flicker:.1%}: the lamp flickers"
+        if abs(power.value - 1) > _LINEAR + _SIGMAS * power.sigma:
+            raise SelfTestFailure(
+                f"{told}. A gamma, a table (LUT) or an automatic is on. Turn them off (Gamma 1, "
+                "LUTEnable false, GainAuto Off)"
+            )
+        if _SIGMAS * power.sigma > _SURE:
+            raise SelfTestFailure(f"{told} too much to tell the linearity. {_STEADY}")
+        return told
+
+    def _repeat(self, exposure: float, count: int) -> list[NDArray[np.uint16]]:
+        """Take frames of the bench's camera at one exposure, at uneven times."""
+        wait_until_ready(self.device.set_exposure(exposure), self.clock)
+        images = []
+        for number in range(count):
+            pause = _FLICKER_PERIOD * (number * _GOLDEN % 1)
+            self.clock.wait_until(self.clock.now() + pause, lambda: False)
+            images.append(self.device.capture(lambda: False).image)
+        return images
 
     def check_latency(self) -> str:
         """Tell how many frames late the bench's camera obeys a new exposure."""

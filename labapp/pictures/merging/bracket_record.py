@@ -18,7 +18,7 @@ from labapp.pictures.analysis.brackets import (
 from labapp.pictures.analysis.known_defects import known_defects
 from labapp.pictures.merging.bracket_files import BracketFiles, other_full_scale
 from labapp.runs.record.reader import Record
-from labapp.runs.recorded_calibrations import camera_in_force, stale_camera
+from labapp.runs.recorded_calibrations import camera_in_force, clip_level_in_force, stale_camera
 
 _REMEDY = "Before the next run, write in [sensor] of the bench file: clip_level_dn ="
 
@@ -54,7 +54,8 @@ def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
         frames, sensor = found[0].frames, record.camera.sensor
         bracket = recorded_bracket(record, frames, dark_target(record.plan), sensor)
         defects = known_defects(record)
-        source, doubts = camera_in_force(record), stale_camera(record)
+        source = f"{camera_in_force(record)}; {clip_level_in_force(record)}"
+        doubts = stale_camera(record)
         images, times = list(bracket.frames), bracket.times.tolist()
         doubts = [*doubts, *other_full_scale(images, times, sensor, _REMEDY)]
     return BracketFiles(

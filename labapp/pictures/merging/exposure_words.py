@@ -23,7 +23,10 @@ def parse_exposures(text: str) -> list[float]:
     "1/250,1/60,0.25" are seconds; "-2ev,0ev,+2ev" are powers of two, of one second. Raises
     UserError that names the value that isn't understood.
     """
-    parts = [one.strip() for one in split_list(text)]
+    try:
+        parts = [one.strip() for one in split_list(text)]
+    except ValueError as error:
+        raise UserError(f"--exposures {text}: {error}. They {_FORMS}.") from error
     steps = [_EV.fullmatch(one) for one in parts]
     if any(steps) and not all(steps):
         other = next(part for part, step in zip(parts, steps, strict=True) if not step)

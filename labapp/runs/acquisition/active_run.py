@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,6 +34,7 @@ from optics.progress import Cancelled, Progress
 if TYPE_CHECKING:
     from labapp.runs.acquisition.scene_watch import SceneWatch
     from labapp.runs.frame_doubts import FrameDoubts
+    from optics.camera import Camera as CameraDescription
 
 log = logging.getLogger(__name__)
 
@@ -367,14 +368,24 @@ def _watch_scene(plan: PlanFile, bench: Bench) -> SceneWatch | None:
         return None
     from labapp.runs.acquisition.scene_watch import SceneWatch
 
-    return SceneWatch(plan, bench.description.sensor)
+    return SceneWatch(plan, _camera_as_metered(plan, bench).sensor)
 
 
 def _build_doubts(plan: PlanFile, bench: Bench, shots: Sequence[Shot]) -> FrameDoubts:
     """Return what judges a run's frames; it is loaded only once frames are taken."""
     from labapp.runs.frame_doubts import FrameDoubts
 
-    return FrameDoubts(plan, bench.description, shots)
+    return FrameDoubts(plan, _camera_as_metered(plan, bench), shots)
+
+
+def _camera_as_metered(plan: PlanFile, bench: Bench) -> CameraDescription:
+    """Return the run's camera, with the clip level that metering has found."""
+    from labapp.runs.brackets.clip_remarks import metered_clip_level
+
+    camera, found = bench.description, metered_clip_level(plan)
+    if found is None or bench.file.tells_clip_level:
+        return camera
+    return replace(camera, sensor=replace(camera.sensor, clip_level=found.clip_level_dn))
 
 
 def _describe(shot: Shot) -> str:

@@ -166,6 +166,7 @@ class BracketMetering:
             exposures_ms=tuple(round(time * 1e3, 6) for time in found.times),
             electrons_per_s=(found.low, found.high),
             noise_limited=found.is_noise_limited,
+            clip_level_dn=found.clip_level,
             remark=remark,
             blocks=rows,
             quantiles=tuple(_round_rate(one) for one in light.quantiles.tolist()),

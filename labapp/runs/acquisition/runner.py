@@ -311,7 +311,7 @@ def _require_same_bench(record: Record, bench: Bench, listed: ShotList) -> None:
         np.array_equal(listed.column("exposure"), record.column("exposure_asked"))
         and np.array_equal(listed.column("step"), record.column("step"))
         and largest_shape(listed.readouts, bench.camera.shape) == record.frame_shape
-        and bench.file == record.bench
+        and bench.file == record.bench_as_opened
     )
     if not same:
         raise UserError(

@@ -149,6 +149,14 @@ class Record:
 
     @property
     def bench(self) -> BenchFile:
+        """The bench of the recorded run, with the clip level by which its frames were judged."""
+        from labapp.runs.brackets.clip_remarks import bench_as_metered
+
+        return bench_as_metered(self.bench_as_opened, self.plan)
+
+    @property
+    def bench_as_opened(self) -> BenchFile:
+        """The bench file with which the recorded run began."""
         from labapp.files.bench_file import BenchFile
 
         return validate(self._json("bench"), BenchFile, f"{self.path}: bench")

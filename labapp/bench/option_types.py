@@ -1,0 +1,47 @@
+"""Checks that a device's options in a bench file have the types that its driver declares."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from labapp.common.plain_text import quote
+from labapp.files.plain_data import number_remedy
+
+_NUMBER = re.compile(r"\b(?:float|int)\b")
+_TEXT = re.compile(r"\b(?:str|Literal|Any)\b")
+
+
+def require_option_types(signature: inspect.Signature, options: Mapping[str, Any]) -> None:
+    """Refuse texts, true and false where a driver of the bench takes numbers alone.
+
+    Raises ValueError that names option, value and what to write.
+    """
+    for name, value in options.items():
+        kind = _declared(signature, name)
+        if kind == "bool" and not isinstance(value, bool):
+            raise ValueError(f"{name} is {quote(value)}: write true or false, without quotes")
+        if _NUMBER.search(kind) and not _TEXT.search(kind):
+            for one in _leaves(value):
+                if isinstance(one, str | bool):
+                    raise ValueError(f"{name} has {quote(one)}: {number_remedy(one)}")
+
+
+def _declared(signature: inspect.Signature, name: str) -> str:
+    """Return the type that a driver declares for an option of a bench file, as text."""
+    found = signature.parameters.get(name)
+    if found is None or found.annotation is inspect.Parameter.empty:
+        return ""
+    kind = found.annotation
+    return kind.__name__ if isinstance(kind, type) else str(kind)
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    """Yield an option's value, or those of its list and of the lists in it."""
+    if isinstance(value, list | tuple):
+        for one in value:
+            yield from _leaves(one)
+    else:
+        yield value
