@@ -225,14 +225,15 @@ class PSFOperator:
         require_method(method, camera)
         self.pixels = pixels
         cutoff = cutoff_frequencies(numeric_optics(optics), as_number(wavelength))
+        # The integration's part shrinks with the tolerance that is asked for instead.
+        floor = 20 * FLOAT64_ARITHMETIC / (1 - 2 * _SETTINGS.pixel_tol_share)
         self._pixel_integration = None
         if integrate:
-            pixel_tol = pixel_tol or _SETTINGS.pixel_tol_share * tol
+            # Below the floor nothing is kept: no weights are sought for what is refused anyway.
+            pixel_tol = pixel_tol or _SETTINGS.pixel_tol_share * max(floor, tol)
             self._pixel_integration = PixelIntegration(pixels, cutoff, budget, pixel_tol)
         samples = self._pixel_integration.plane if self._pixel_integration else pixels
         rest = self._pixel_integration.error if self._pixel_integration else 0.0
-        # The integration's part shrinks with the tolerance that is asked for instead.
-        floor = 20 * FLOAT64_ARITHMETIC / (1 - 2 * _SETTINGS.pixel_tol_share)
         margin = self._pixel_integration.margin if self._pixel_integration else (0, 0)
         request = PSFRequest(
             lens,

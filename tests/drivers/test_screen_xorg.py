@@ -67,7 +67,7 @@ def process_of(slm) -> int:
     ("scale", "manager"),
     [
         (1.5, True),
-        (1, False),
+        pytest.param(1, False, marks=pytest.mark.sweep),
         *(pytest.param(scale, True, marks=pytest.mark.sweep) for scale in SCALES if scale != 1.5),
         pytest.param(1.5, False, marks=pytest.mark.sweep),
     ],
@@ -214,7 +214,7 @@ def test_no_screen_saver_comes_while_it_is_open(bench, rng):
 # Videos.
 
 
-@pytest.mark.parametrize("hold_up", [False, True])
+@pytest.mark.parametrize("hold_up", [pytest.param(False, marks=pytest.mark.sweep), True])
 def test_a_video_comes_in_order_and_what_comes_late_is_told(bench, hold_up):
     found, times = watched_video(bench, 3.0, hold_up=hold_up)
     assert (found.backwards, found.torn, found.untrue) == (0, 0, 0), found

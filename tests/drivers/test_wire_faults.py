@@ -15,7 +15,8 @@ def trials():
     for case in (*SERIAL_CASES, *USB_CASES):
         for kind in kinds(case):
             if not case.variant or kind in _OF_VARIANTS:
-                yield pytest.param(case, kind, id=f"{case.name}-{kind}")
+                marks = [pytest.mark.sweep] if case.variant else []
+                yield pytest.param(case, kind, id=f"{case.name}-{kind}", marks=marks)
 
 
 @pytest.mark.parametrize("moments", [1, pytest.param(5, marks=pytest.mark.sweep)])

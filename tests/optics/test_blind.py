@@ -38,7 +38,7 @@ def stroke() -> np.ndarray:
     return kernel / kernel.sum()
 
 
-def photograph(kernel: np.ndarray, seed: int = 0, noise: float = 0.005, side: int = 128):
+def photograph(kernel: np.ndarray, seed: int = 0, noise: float = 0.005, side: int = 112):
     scene = data.camera()[60 : 60 + side, 170 : 170 + side] / 255.0
     seen = scipy.signal.convolve2d(scene, kernel, mode="valid")
     seen += np.random.default_rng(seed).normal(0, noise, seen.shape)
@@ -134,7 +134,7 @@ def test_pictures_are_drawn_from_the_posterior_of_dense_algebra():
         seed=0,
     )
     told = [torch.from_numpy(one) for one in (kernel, along, down)]
-    count = 600
+    count = 300
     drawn = np.array(
         [latent.sample_picture(told[0], noise, *told[1:]).numpy().ravel() for _ in range(count)]
     )

@@ -1,5 +1,6 @@
 """L-BFGS-B against finite differences, a bounded least-squares solver, and splitting."""
 
+import itertools
 import math
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import torch
 from judges import natural_image
 from scipy.optimize import lsq_linear
+from sweeps import some
 from test_operators import matrix, operators
 from test_total_variation import blurred, comet, disk, photograph, psnr, seen
 
@@ -118,8 +120,10 @@ def test_an_unknown_border_restores_as_well_as_splitting_does():
     assert float(ours.image.max()) <= 1
 
 
-@pytest.mark.parametrize("prior", SMOOTH_PRIORS)
-@pytest.mark.parametrize("border", ["unknown", "dark", "periodic"])
+@pytest.mark.parametrize(
+    ("border", "prior"),
+    some(itertools.product(["unknown", "dark", "periodic"], SMOOTH_PRIORS), 0, 4, 8),
+)
 def test_every_border_and_prior_ends_converged_and_finite(border, prior):
     _, frame = blurred(photograph(48), comet(), 0.01)
     done = restore_within_bounds(seen(frame, comet(), 0.01, border), prior=prior)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from judges.calibration_bench import NumpyBench, curve, mapped, turned
 from scipy import ndimage
+from sweeps import some
 
 from optics.calibration.first_orders import measure_first_orders
 from optics.calibration.gratings import (
@@ -52,8 +55,10 @@ def measured(rng, phase, reach, law, count=40, noise=0.003):
     return Sweep(low, high, seen, 700 * sigma, law)
 
 
-@pytest.mark.parametrize("reach", [2.3 * np.pi, 5.4 * np.pi, 9.0 * np.pi])
-@pytest.mark.parametrize("gamma", [0.85, 1.2])
+@pytest.mark.parametrize(
+    ("reach", "gamma"),
+    some(itertools.product([2.3 * np.pi, 5.4 * np.pi, 9.0 * np.pi], [0.85, 1.2]), 0, 3, 5),
+)
 def test_a_distorted_response_is_found_and_its_waves_are_counted(rng, law, reach, gamma):
     """Of sin² light with noise; the range is a tenth off the data sheet."""
     truth = curve(1.1 * reach, gamma, wiggle=0.01, bend=0.01)

@@ -8,6 +8,7 @@ import pytest
 import torch
 from judges import positions, relative
 from judges.chain_sums import direct_chain
+from sweeps import some
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel
@@ -89,7 +90,9 @@ def small_camera(stop: float, **changes) -> Camera:
     return replace(camera, **changes)
 
 
-@pytest.mark.parametrize(("distance", "field"), [(0.5, (0.0, 0.0)), (math.inf, (4e-5, -6e-5))])
+@pytest.mark.parametrize(
+    ("distance", "field"), some([(math.inf, (4e-5, -6e-5)), (0.5, (0.0, 0.0))])
+)
 def test_it_keeps_its_tolerance_where_the_stop_is_wide(distance, field, rng):
     """Against a double sum over panel and stop; light is out of focus, and off the axis."""
     camera = small_camera(0.7e-3)
@@ -143,11 +146,11 @@ def test_a_window_in_the_dark_gets_the_whole_chain(rng):
 def test_an_account_names_and_prices_the_engine_that_stood_in(rng):
     """In a dark window a stricter engine stands in: the cheapest, of whichever method."""
     camera, phase = small_camera(0.3e-3), np.zeros((12, 16))
-    plane = Plane((9, 10), (8e-6, 8e-6), (0.0, 1.5e-4))
+    plane = Plane((5, 6), (8e-6, 8e-6), (0.0, 1.5e-4))
     operator = PSFOperator(camera, 0.8, WAVELENGTH, plane, integrate=False, tol=1e-3)
     planned = operator.account
     value, spent = operator(phase), operator.account
-    y, x = positions(9, 8e-6), positions(10, 8e-6, 1.5e-4)
+    y, x = positions(5, 8e-6), positions(6, 8e-6, 1.5e-4)
     nodes = {"across_pixel": 10, "rings": 200}
     truth = direct_chain(camera, np.ones((12, 16)), 0.8, WAVELENGTH, y, x, **nodes) * 64e-12
     assert (planned.method, spent.method) == ("chain", "chain, quadrature")

@@ -1,5 +1,6 @@
 """Demosaicing by its parts written out, and of photographs beside OpenCV's."""
 
+import itertools
 import math
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import torch
 from figures.opencv_demosaicing import interpolate_bayer
 from scipy.signal import fftconvolve
 from skimage import data
+from sweeps import some
 from test_total_variation import disk
 
 from optics.deconvolution.band_coupling import helmert_matrix
@@ -53,8 +55,13 @@ def psnr(image, truth, rim=4) -> float:
     return 10 * math.log10(1 / np.mean(error**2))
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
-@pytest.mark.parametrize("pattern", [("RG", "GB"), ("GR", "BG"), ("BG", "GR"), ("GB", "RG")])
+BAYER_PATTERNS = (("RG", "GB"), ("GR", "BG"), ("BG", "GR"), ("GB", "RG"))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "noise"),
+    some(itertools.product(BAYER_PATTERNS, [0.0, 0.01, 0.03]), 0, 4, 8, 10),
+)
 def test_the_prior_beats_opencv_for_each_bayer_pattern(pattern, noise):
     scene = colours()
     raw = mosaic(scene, pattern, noise)

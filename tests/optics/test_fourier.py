@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from judges import direct_transform, relative
+from sweeps import some
 
 from optics.accuracy import Budget, ToleranceError
 from optics.fourier import (
@@ -101,7 +102,7 @@ def test_the_adjoint_passes_the_dot_test(method, geometry, dtype, bound):
     assert abs(complex(left - right)) <= bound * float(size)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", some(METHODS, 1, 3))
 def test_gradients_pass_both_ways(method):
     """Finite differences, by torch.autograd.gradcheck."""
     geometry = padded(Plane((2, 3), (8e-6, 8e-6)), (3, 2), (5, 4))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from judges.exhaustive_bracket import exhaustive
+from sweeps import some
 
 from optics.camera import Sensor
 from optics.hdr import (
@@ -38,13 +39,16 @@ def least_snr_db(sensor: Sensor, wanted: WantedSNR, times) -> float:
 
 @pytest.mark.parametrize(
     ("snr_db", "decades", "darks", "counted", "readout", "read_noise"),
-    [
-        (30, 4, math.inf, False, 0.008, 2.4),
-        (20, 5, 4, False, 0.001, 2.4),
-        (15, 3, 1, False, 0.0, 30.0),
-        (36, 2, math.inf, False, 0.002, 10.0),
-        (25, 2.5, 4, True, 0.02, 5.0),
-    ],
+    some(
+        [
+            (30, 4, math.inf, False, 0.008, 2.4),
+            (20, 5, 4, False, 0.001, 2.4),
+            (15, 3, 1, False, 0.0, 30.0),
+            (36, 2, math.inf, False, 0.002, 10.0),
+            (25, 2.5, 4, True, 0.02, 5.0),
+        ],
+        *(2, 3, 4),
+    ),
 )
 def test_the_quickest_bracket_is_that_of_an_exhaustive_search(
     snr_db, decades, darks, counted, readout, read_noise
@@ -75,7 +79,7 @@ def test_no_bracket_of_one_frame_less_suffices_where_the_fewest_are_wanted():
     assert not (pairs >= 10**2.6).all(axis=0).any()
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", some(range(3)))
 def test_merged_frames_reach_the_ratio(seed):
     """Frames of a scene of three decades, merged: the error in each tenth of a decade."""
     rng = np.random.default_rng(seed)
@@ -101,7 +105,7 @@ def test_merged_frames_reach_the_ratio(seed):
     assert reached.min() <= wanted.snr_db + 1.5
 
 
-@pytest.mark.parametrize("ratio", [2, 4, 8])
+@pytest.mark.parametrize("ratio", some([2, 4, 8]))
 def test_a_chosen_bracket_takes_no_longer_than_a_ladder(ratio):
     wanted = WantedSNR(28, 1e2, 1e6, 4)
     chosen = choose_bracket(SENSOR, wanted, LIMITS)
@@ -181,7 +185,7 @@ def test_the_common_period_of_a_lamp_and_a_video():
         common_period([0.01, 0.01 * (1 + math.sqrt(5)) / 2])
 
 
-@pytest.mark.parametrize("longest", [0.02, 0.1, 1.0])
+@pytest.mark.parametrize("longest", some([0.02, 0.1, 1.0]))
 def test_exposures_at_the_longest_are_repeated(longest):
     """Where a single exposure can't be long enough, several are taken."""
     wanted, limits = WantedSNR(30, 1e3, 1e6), replace(LIMITS, longest=longest, most_frames=99)

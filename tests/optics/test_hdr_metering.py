@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sweeps import some
 
 from optics.camera import Sensor
 from optics.hdr import ExposureLimits, Meter, scene_change, scene_light
@@ -23,8 +24,17 @@ def metered(rate, first=0.003, snr_db=30.0, decades=None, rng=None, limits=LIMIT
     return meter.metered_range
 
 
-@pytest.mark.parametrize("first", [20e-6, 0.003, 10.0])
-@pytest.mark.parametrize(("low", "decades"), [(30, 5), (1e3, 3), (1e4, 1)])
+@pytest.mark.parametrize(
+    ("first", "low", "decades"),
+    some(
+        (
+            (first, *scene)
+            for first in (20e-6, 0.003, 10.0)
+            for scene in ((30, 5), (1e3, 3), (1e4, 1))
+        ),
+        *(0, 4, 8),
+    ),
+)
 def test_both_ends_of_a_scene_are_found_from_any_exposure(first, low, decades):
     rng = np.random.default_rng(int(low))
     rate = low * 10 ** rng.uniform(0, decades, (120, 160))

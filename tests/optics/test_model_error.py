@@ -1,5 +1,6 @@
 """The error of a PSF, told from a photograph's spectrum, and what restorations make of it."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 from skimage import data
+from sweeps import some
 
 from optics.deconvolution import restore
 from optics.deconvolution.observation_builder import build_observation
@@ -70,7 +72,7 @@ def test_an_exact_kernel_has_no_error(number, noise):
     assert math.sqrt(law.noise_variance) == pytest.approx(noise, rel=0.1)
 
 
-@pytest.mark.parametrize("method", ["total-variation", "wiener", "hyper-laplacian"])
+@pytest.mark.parametrize("method", some(["wiener", "total-variation", "hyper-laplacian"]))
 def test_a_wrong_kernel_is_noticed_and_restored_better_than_without(method):
     gains = []
     for number, scene in enumerate(photographs()):
@@ -103,15 +105,16 @@ def test_told_noise_is_taken_as_told_and_the_error_is_added_to_it():
     assert exact.disturbance == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize("factor", [0.95, 1.05])
-def test_noise_that_is_told_a_twentieth_wrong_costs_next_to_nothing(factor):
-    for number, scene in enumerate(photographs()):
-        truth, frame = capture(scene, shake(number), 0.01)
-        right, wrong = (
-            psnr(restore(build_observation(frame, shake(number), noise)).image, truth)
-            for noise in (0.01, factor * 0.01)
-        )
-        assert wrong > right - 0.3
+@pytest.mark.parametrize(
+    ("factor", "number"), some(itertools.product([0.95, 1.05], range(3)), 0, 4)
+)
+def test_noise_that_is_told_a_twentieth_wrong_costs_next_to_nothing(factor, number):
+    truth, frame = capture(photographs()[number], shake(number), 0.01)
+    right, wrong = (
+        psnr(restore(build_observation(frame, shake(number), noise)).image, truth)
+        for noise in (0.01, factor * 0.01)
+    )
+    assert wrong > right - 0.3
 
 
 def test_clipped_pixels_arent_taken_for_an_error_of_the_kernel():
@@ -124,20 +127,20 @@ def test_clipped_pixels_arent_taken_for_an_error_of_the_kernel():
     assert seen.power_law.model_error_variance == 0
 
 
-def test_noise_isnt_lost_where_the_kernel_keeps_all_detail():
+@pytest.mark.parametrize("number", some(range(3)))
+def test_noise_isnt_lost_where_the_kernel_keeps_all_detail(number):
     """A kernel with a strong peak has no zeros: the power law alone took the noise for detail."""
     psf = peaked_ring()
-    for scene in photographs():
-        truth, frame = capture(scene, psf, 0.005)
-        seen = build_observation(frame, psf, None)
-        assert 0.5 * 0.005 < seen.noise < 2 * 0.005
-        assert psnr(restore(seen).image, truth) > psnr(frame, truth) + 3
+    truth, frame = capture(photographs()[number], psf, 0.005)
+    seen = build_observation(frame, psf, None)
+    assert 0.5 * 0.005 < seen.noise < 2 * 0.005
+    assert psnr(restore(seen).image, truth) > psnr(frame, truth) + 3
 
 
 def test_a_wide_kernel_ends_near_its_limit_beyond_the_frame_too():
     """In the default number of iterations, against five times as many of the same problem."""
     psf = peaked_ring()
-    truth, frame = capture(photographs()[2], psf, 0.003)
+    truth, frame = capture(photographs()[2][:210, :210], psf, 0.003)
     seen = build_observation(frame, psf, 0.003)
     soon = restore(seen)
     late = total_variation(seen, soon.weight, iterations=300)

@@ -9,6 +9,7 @@ import pytest
 import torch
 from scipy.signal import fftconvolve
 from skimage import data
+from sweeps import some
 
 from labapp.accuracy.blurs import disk
 from labapp.pictures.networks import bundled_denoiser
@@ -59,30 +60,30 @@ def restored(frame, psf, method, unit=1.0, border="unknown", noise=None, **weigh
 
 
 @pytest.mark.parametrize("method", RESTORATIONS)
-def test_a_unit_that_is_a_power_of_two_changes_no_bit(frame, method):
+@pytest.mark.parametrize("unit", some(FAR))
+def test_a_unit_that_is_a_power_of_two_changes_no_bit(frame, method, unit):
     clipped = frame >= np.quantile(frame, 0.99)
     seen, at_one = restored(frame, disk(4.0), method, noise=NOISE, clipped=clipped)
     words = judge_restoration(seen, at_one).findings
-    for unit in FAR:
-        seen, far = restored(frame, disk(4.0), method, unit, noise=NOISE, clipped=clipped)
-        assert np.array_equal(far.image / np.float32(unit), at_one.image)
-        assert far.residual == at_one.residual
-        assert far.noise == at_one.noise * unit
-        assert [one.cause for one in judge_restoration(seen, far).findings] == [
-            one.cause for one in words
-        ]
-        left = residual_map(seen, far)
-        assert torch.equal(left.isnan(), torch.from_numpy(clipped))
+    seen, far = restored(frame, disk(4.0), method, unit, noise=NOISE, clipped=clipped)
+    assert np.array_equal(far.image / np.float32(unit), at_one.image)
+    assert far.residual == at_one.residual
+    assert far.noise == at_one.noise * unit
+    assert [one.cause for one in judge_restoration(seen, far).findings] == [
+        one.cause for one in words
+    ]
+    left = residual_map(seen, far)
+    assert torch.equal(left.isnan(), torch.from_numpy(clipped))
 
 
 @pytest.mark.parametrize("method", RESTORATIONS)
-def test_another_unit_changes_nothing_that_counts(frame, scene, method):
+@pytest.mark.parametrize("unit", some(OTHERS))
+def test_another_unit_changes_nothing_that_counts(frame, scene, method, unit):
     truth = scene[12:-12, 12:-12]
     _, at_one = restored(frame, disk(4.0), method)
-    for unit in OTHERS:
-        _, far = restored(frame, disk(4.0), method, unit)
-        now = psnr(far.image.astype(float) / unit, truth)
-        assert now == pytest.approx(psnr(at_one.image, truth), abs=0.02)
+    _, far = restored(frame, disk(4.0), method, unit)
+    now = psnr(far.image.astype(float) / unit, truth)
+    assert now == pytest.approx(psnr(at_one.image, truth), abs=0.02)
 
 
 def test_double_precision_goes_on_where_single_ends(frame):
@@ -178,22 +179,22 @@ def moved(psf, down, along):
 
 
 @pytest.mark.parametrize("method", RESTORATIONS)
-def test_a_psf_off_its_origin_only_moves_the_picture(frame, scene, method):
+@pytest.mark.parametrize(("down", "along"), some([(0, -8), (5, 5), (-1, -1)]))
+def test_a_psf_off_its_origin_only_moves_the_picture(frame, scene, method, down, along):
     """Both are judged where both frames lie, with no margin but the shift."""
-    for down, along in ((5, 5), (0, -8), (-1, -1)):
-        _, centred = restored(frame, disk(4.0), method)
-        seen, off = restored(frame, moved(disk(4.0), down, along), method)
-        assert centroid_offset(seen.psf) == pytest.approx((down, along), abs=1e-5)
-        both = tuple(slice(max(0, s), min(SIDE, SIDE + s)) for s in (down, along))
-        own = tuple(
-            slice(one.start - s, one.stop - s) for one, s in zip(both, (down, along), strict=True)
-        )
-        truth = scene[12:-12, 12:-12][both]
-        lost = psnr(centred.image[both], truth) - psnr(off.image[own], truth)
-        assert lost <= 0.1
-        assert off.residual == pytest.approx(centred.residual, abs=0.03)
-        left = residual_map(seen, off)
-        assert math.sqrt(float(left.square().mean())) == pytest.approx(off.residual, abs=0.02)
+    _, centred = restored(frame, disk(4.0), method)
+    seen, off = restored(frame, moved(disk(4.0), down, along), method)
+    assert centroid_offset(seen.psf) == pytest.approx((down, along), abs=1e-5)
+    both = tuple(slice(max(0, s), min(SIDE, SIDE + s)) for s in (down, along))
+    own = tuple(
+        slice(one.start - s, one.stop - s) for one, s in zip(both, (down, along), strict=True)
+    )
+    truth = scene[12:-12, 12:-12][both]
+    lost = psnr(centred.image[both], truth) - psnr(off.image[own], truth)
+    assert lost <= 0.1
+    assert off.residual == pytest.approx(centred.residual, abs=0.03)
+    left = residual_map(seen, off)
+    assert math.sqrt(float(left.square().mean())) == pytest.approx(off.residual, abs=0.02)
 
 
 def test_a_dark_border_goes_with_the_photograph():

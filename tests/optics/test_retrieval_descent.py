@@ -19,6 +19,7 @@ from judges.retrieval import (
     whole_far_field,
     window_of,
 )
+from sweeps import some
 
 from optics.progress import Progress
 from optics.retrieval import descent as module
@@ -104,7 +105,7 @@ def test_the_light_is_what_the_panels_data_say(name):
     )
 
 
-@pytest.mark.parametrize("name", PANELS)
+@pytest.mark.parametrize("name", some(PANELS, 0, 2, 4, 6))
 def test_the_error_falls(name):
     """Of what the panel makes of it, with the light that the start had on the target; most of
     all on the target, as no pattern takes away the light that none has steered."""

@@ -1,5 +1,6 @@
 """Videos whose mean has the target's shape, judged by whole FFTs."""
 
+import itertools
 import math
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import torch
 from judges import relative
 from judges.retrieval import WAVELENGTH, camera, light, merits, ring, seeded, spiral, tensor
+from sweeps import some
 
 from optics.progress import Progress
 from optics.retrieval import design_plane
@@ -54,8 +56,10 @@ def test_the_speckle_of_independent_frames_falls_with_the_root_of_their_number()
         assert together < alone / math.sqrt(count) * (1 + slack)
 
 
-@pytest.mark.parametrize("frames", [4, 8])
-@pytest.mark.parametrize("target", [ring(WINDOW, 18, 2), spiral(WINDOW, 24, 2.5)])
+@pytest.mark.parametrize(
+    ("frames", "target"),
+    some(itertools.product([4, 8], [ring(WINDOW, 18, 2), spiral(WINDOW, 24, 2.5)])),
+)
 def test_frames_that_know_of_each_other_are_smoother(target, frames):
     """At the same number of frames and of iterations a frame: more, the more they know."""
     blind, aware, together = (contrast(solved(w, target, frames, 40), target) for w in WAYS)

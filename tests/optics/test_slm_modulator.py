@@ -1,3 +1,4 @@
+import itertools
 import math
 from dataclasses import replace
 
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.special import j0
+from sweeps import some
 
 from optics.slm import Modulator, Panel, PanelMap, PhaseResponse, modulator
 from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
@@ -154,8 +156,9 @@ def test_a_flickering_picture_fades_by_bessels_function():
     assert sum(share for share, _ in nodes) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("flicker", [0.0, 0.02])
-@pytest.mark.parametrize("tau", [0.0, 2e-3, 8e-3, 50e-3])
+@pytest.mark.parametrize(
+    ("flicker", "tau"), some(itertools.product([0.0, 0.02], [0.0, 2e-3, 8e-3, 50e-3]), 1, 3, 4, 6)
+)
 def test_a_videos_light_is_the_mean_over_time(tau, flicker):
     """Brute force: 100 moments a frame, 16 of the ripple each, after many cycles from rest."""
     video = phases(3)

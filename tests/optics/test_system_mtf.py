@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sweeps import some
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.stop.aperture import Circle, Stop
@@ -52,7 +53,7 @@ def test_defocus_of_a_rectangle_is_hopkins_closed_form():
     assert neutral_panel_otf(WIDE, GREEN, f, 0.0, 1.9) == pytest.approx(truth, abs=1e-9)
 
 
-@pytest.mark.parametrize(("angle", "distance"), [(0.0, 2.0), (0.6, 1.8), (1.2, 3.0)])
+@pytest.mark.parametrize(("angle", "distance"), some([(0.6, 1.8), (0.0, 2.0), (1.2, 3.0)]))
 def test_a_cut_circle_is_the_sum_over_its_samples(angle, distance):
     """A panel of 8 x 14 mm that cuts a stop of 10 mm, and stands 30 mm before it."""
     camera = Camera(panel=Panel(shape=(400, 450), pitch=20e-6), lens=Lens(0.05, 5.0, 2.03),

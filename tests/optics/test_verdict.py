@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import fftconvolve
 from skimage import data
+from sweeps import some
 from test_model_error import capture, disturb, photographs, shake
 
 from labapp.accuracy.blurs import disk
@@ -13,6 +14,8 @@ from optics.deconvolution import build_observation, find_psf_scale, judge_restor
 from optics.deconvolution.residual_map import residual_map
 
 NOISE = 0.006
+
+each_photograph = pytest.mark.parametrize("number", some(range(3)))
 
 
 @pytest.fixture(scope="module")
@@ -35,31 +38,34 @@ def causes(frame, psf, noise=None, method=None, count=None):
 
 @pytest.mark.parametrize("noise", [None, NOISE])
 @pytest.mark.parametrize("method", ["total-variation", "wiener", "richardson-lucy"])
-def test_what_is_right_is_called_good(frames, noise, method):
-    for frame in frames:
-        assert causes(frame, disk(5.0), noise, method) == []
+@each_photograph
+def test_what_is_right_is_called_good(frames, noise, method, number):
+    assert causes(frames[number], disk(5.0), noise, method) == []
 
 
-def test_what_was_told_wrongly_is_named(frames):
-    for frame in frames:
-        assert causes(frame, disk(5.0), 3 * NOISE) == ["noise"]
-        assert causes(frame, disk(5.0), NOISE / 3) == ["noise"]
-        assert causes(frame, disk(5.0), 0.0) == ["noise"]
-        assert causes(frame, disk(5.25))[0] == "psf-scale"
-        assert causes(frame.clip(max=np.quantile(frame, 0.97)), disk(5.0))[0] == "clipping"
+@each_photograph
+def test_what_was_told_wrongly_is_named(frames, number):
+    frame = frames[number]
+    assert causes(frame, disk(5.0), 3 * NOISE) == ["noise"]
+    assert causes(frame, disk(5.0), NOISE / 3) == ["noise"]
+    assert causes(frame, disk(5.0), 0.0) == ["noise"]
+    assert causes(frame, disk(5.25))[0] == "psf-scale"
+    assert causes(frame.clip(max=np.quantile(frame, 0.97)), disk(5.0))[0] == "clipping"
 
 
-def test_a_wrong_shape_is_named_as_the_psfs_error():
-    for number, scene in enumerate(photographs()):
-        _, frame = capture(scene, shake(number), 0.0015)
-        assert "psf" in causes(frame, disturb(shake(number), 0.6, number))
+@each_photograph
+def test_a_wrong_shape_is_named_as_the_psfs_error(number):
+    _, frame = capture(photographs()[number], shake(number), 0.0015)
+    assert "psf" in causes(frame, disturb(shake(number), 0.6, number))
 
 
 def test_few_iterations_are_named(frames):
     assert causes(frames[0], disk(5.0), NOISE, "richardson-lucy", 2) == ["iterations"]
 
 
-@pytest.mark.parametrize("method", ["total-variation", "wiener", "hyper-laplacian", "l-bfgs-b"])
+@pytest.mark.parametrize(
+    "method", some(["total-variation", "wiener", "hyper-laplacian", "l-bfgs-b"], 0, 3)
+)
 def test_a_dark_level_that_is_too_high_is_named(frames, method):
     """Whatever the method makes of it, and not where nothing but noise lies below 0."""
     frame = frames[0][:120, :120]
@@ -103,12 +109,12 @@ def test_negative_light_that_was_cut_is_named_with_what_helps():
     assert np.mean((kept.image - truth) ** 2) < 0.5 * np.mean((cut.image - truth) ** 2)
 
 
-def test_levels_of_a_camera_that_arent_clipped_arent_named(frames):
+@each_photograph
+def test_levels_of_a_camera_that_arent_clipped_arent_named(frames, number):
     """Whole levels repeat, also the highest; a clipped one stands out from its neighbour."""
-    for frame in frames:
-        levels = np.rint(200 * frame).astype(np.int16)
-        assert "clipping" not in causes(levels, disk(5.0))
-        assert "clipping" in causes(levels.clip(max=int(np.quantile(levels, 0.9))), disk(5.0))
+    levels = np.rint(200 * frames[number]).astype(np.int16)
+    assert "clipping" not in causes(levels, disk(5.0))
+    assert "clipping" in causes(levels.clip(max=int(np.quantile(levels, 0.9))), disk(5.0))
 
 
 def test_the_words_say_what_to_do(frames):

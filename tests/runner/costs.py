@@ -17,16 +17,16 @@ class Meter:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self) -> Generator[None, object, object]:
-        self._before = _cpu_seconds()
+        self._before = cpu_seconds()
         return (yield)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo[None]) -> None:
         if call.when == "teardown":
-            item.user_properties.append((_CPU, _cpu_seconds() - self._before))
+            item.user_properties.append((_CPU, cpu_seconds() - self._before))
 
 
-def _cpu_seconds() -> float:
+def cpu_seconds() -> float:
     """Of this process and of its children that have ended."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)
@@ -55,15 +55,19 @@ class Costs:
         cost.cpu += dict(report.user_properties).get(_CPU, 0.0)
 
     def table(self, rows: int) -> list[str]:
-        """Lines for a person: the sum, and the tests that cost most and more than a second."""
-        cpu = sum(cost.cpu for cost in self._costs.values())
-        wall = sum(cost.wall for cost in self._costs.values())
-        dear = [(name, cost) for name, cost in self._costs.items() if max(cost.cpu, cost.wall) > 1]
-        dear.sort(key=lambda one: -max(one[1].cpu, one[1].wall))
+        """Lines for a person: the sum, and the functions whose cases take most of the processor."""
+        functions: dict[str, Cost] = defaultdict(Cost)
+        for name, cost in self._costs.items():
+            one = functions[function(name)]
+            one.cpu, one.wall = one.cpu + cost.cpu, one.wall + cost.wall
+        dearest = sorted(functions.items(), key=lambda one: -one[1].cpu)[:rows]
+        cpu = sum(cost.cpu for cost in functions.values())
+        wall = sum(cost.wall for cost in functions.values())
         return [
             f"{cpu:.0f} s of processor time, {wall:.0f} s by the clocks of the workers",
-            f"{len(dear)} of {len(self._costs)} tests take more than a second of either",
-            *(f"{one.cpu:6.1f} {one.wall:6.1f}  {name}" for name, one in dear[:rows]),
+            f"The {len(dearest)} dearest of {len(functions)} functions, of the processor and by "
+            "the clock:",
+            *(f"{one.cpu:6.1f} {one.wall:6.1f}  {name}" for name, one in dearest),
         ]
 
     def seconds(self) -> dict[str, float]:

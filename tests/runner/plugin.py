@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from runner.budget import CpuBudget, is_all
 from runner.costs import Meter
 from runner.distribution import Distribution, Worker, words_file
 from runner.heap import Heap
@@ -21,6 +22,7 @@ _RESTARTS = "1000"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini("grace", "Seconds after its timeout in which a test must end.", default="15")
+    parser.addini("cpu_budget", "Processor seconds that all tests may take.", default="inf")
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -33,6 +35,8 @@ def pytest_configure(config: pytest.Config) -> None:
     else:
         words = os.fdopen(os.dup(2), "w")
         plugins.register(Reporter(config))
+        if is_all(config):
+            plugins.register(CpuBudget(config))
     config.add_cleanup(words.close)
     if config.getoption("dist", "no") != "no":
         _distribute(config)

@@ -11,7 +11,7 @@ from runner.costs import Costs
 from runner.durations import Durations
 from runner.processes import memory
 
-_ROWS = 15
+_ROWS = 10
 
 
 class Reporter:

@@ -1,5 +1,7 @@
 """Bounds of what follows from the target alone, against pictures summed up the long way."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scene_situations import (
@@ -19,6 +21,7 @@ from scene_situations import (
     sheets,
     situation,
 )
+from sweeps import some
 
 from optics.light import Waveform
 from simulator.effects.depths import DepthLayers
@@ -141,9 +144,8 @@ def test_a_steady_lamp_causes_nothing():
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 3, 5, 7, *(pytest.param(n, marks=pytest.mark.sweep) for n in (1, 2, 4, 6))]
+    ("seed", "rolling"), some(itertools.product(range(8), [False, True]), 0, 7, 11, 14)
 )
-@pytest.mark.parametrize("rolling", [False, True])
 def test_motion(seed, rolling):
     """By very many instants, each with its own place, lamp and PSF; rows in turn where rolling."""
     rng = np.random.default_rng(seed)

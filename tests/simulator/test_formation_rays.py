@@ -12,8 +12,16 @@ from optics.plane import Plane
 from optics.psf import PSFOperator
 from simulator.formation.rays import RayOperator
 
+SWEPT = ("far in focus", "none in focus")
 
-@pytest.mark.parametrize("distances", PLACES.values(), ids=PLACES)
+
+@pytest.mark.parametrize(
+    "distances",
+    [
+        pytest.param(places, id=name, marks=[pytest.mark.sweep] if name in SWEPT else [])
+        for name, places in PLACES.items()
+    ],
+)
 def test_defocus_and_occlusion_are_those_of_rays(distances):
     """Four strata in a pixel with 256 rays each: 5e6 rays."""
     assert ray_error(distances, GEOMETRIC, 16) <= 0.02

@@ -1,5 +1,6 @@
 """What a video's liquid crystal does to the light, against small steps in time."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ import pytest
 import torch
 from judges import positions, relative
 from small_bench.world import CAMERA, NEUTRAL, lens_pattern, light_of, ring_pattern, world
+from sweeps import some
 
 import optics.slm.modulator
 import simulator.exposure_fields
@@ -67,12 +69,16 @@ def rendered(video, camera, start: float, length: float, tol=1e-4):
     return sum(share * far_field(field) for share, field in parts)
 
 
-@pytest.mark.parametrize("tau", [2e-3, pytest.param(5e-3, marks=pytest.mark.sweep), 40e-3])
+SPANS = ((0.0, 3.0), (0.0, 6.0), (0.0, 1.0), (1.25, 0.5), (2.5, 1.0), (0.75, 3.5))
+
+
 @pytest.mark.parametrize(
-    ("start", "length"), [(0.0, 3.0), (0.0, 6.0), (0.0, 1.0), (1.25, 0.5), (2.5, 1.0), (0.75, 3.5)]
+    ("tau", "span"),
+    some(itertools.product([2e-3, 5e-3, 40e-3], SPANS), 1, 2, 4, 5, 12, 15),
 )
-def test_a_video_is_seen_on_its_way(tau, start, length):
+def test_a_video_is_seen_on_its_way(tau, span):
     """Whole periods, single frames, and parts of frames that begin anywhere."""
+    start, length = span
     truth = stepped(STILLS, tau, start, length)
     assert relative(rendered(STILLS, slow(tau), start, length), truth) <= 5e-4
     standing = stepped(STILLS, 0.0, start, length, steps=4)

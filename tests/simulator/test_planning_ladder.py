@@ -31,7 +31,7 @@ def effects(draw):
     return made
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(effects(), FLOORS, TOLS, TOLS)
 def test_a_larger_tolerance_never_asks_for_more(made, floor, one, other):
     """No effect's level rises, and so no work does."""
@@ -41,7 +41,7 @@ def test_a_larger_tolerance_never_asks_for_more(made, floor, one, other):
     assert ladder.work(coarse) <= ladder.work(fine) * (1 + 1e-12)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(effects(), FLOORS, TOLS)
 def test_all_bounds_together_keep_within_the_tolerance(made, floor, tol):
     """Added up by hand, in each measure by itself."""
@@ -53,7 +53,7 @@ def test_all_bounds_together_keep_within_the_tolerance(made, floor, tol):
         assert total / whole <= tol * (1 + 1e-9) + 1e-12
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(effects(), FLOORS, TOLS)
 def test_what_an_effect_requires_is_on_with_it(made, floor, tol):
     levels = Ladder(made, SITUATION, floor).levels(tol)
@@ -62,7 +62,7 @@ def test_what_an_effect_requires_is_on_with_it(made, floor, tol):
             assert all(levels[need] for need in one.requires)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(effects(), FLOORS)
 def test_the_ladder_goes_from_everything_to_nothing(made, floor):
     """Steps only go down; at the end everything is off; what they save is what is left."""
@@ -76,7 +76,7 @@ def test_the_ladder_goes_from_everything_to_nothing(made, floor):
     assert ladder.work(levels) == 0
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(effects(), FLOORS, TOLS, st.data())
 def test_forced_effects_stay_and_spend_nothing(made, floor, tol, data):
     """What others do is what they do where the forced one has no bound and can't be moved."""

@@ -28,9 +28,16 @@ def generator(seed=0):
     return torch.Generator().manual_seed(seed)
 
 
-def drawn(light, sensor, recipe, count=MANY):
-    stream, chance = FrameSimulator(light, 0.5, sensor, recipe), generator()
-    return np.stack([stream.frame(chance) for _ in range(count)])
+def drawn(light, sensor, recipe, count=MANY, together=1):
+    """Frames, so many together in one: as many pixels below each other, whose noise is their own.
+
+    A sensor whose pixels differ has them one by one.
+    """
+    rows, columns = light.shape
+    wide = replace(sensor, shape=(together * rows, columns))
+    stream, chance = FrameSimulator(light.repeat(together, 1), 0.5, wide, recipe), generator()
+    frames = np.stack([stream.frame(chance) for _ in range(count // together)])
+    return frames.reshape(count, rows, columns)
 
 
 UNEVEN = {"dsnu": 2.0, "prnu": 0.01, "hot": 0.1, "hot_current": 5}
@@ -46,14 +53,19 @@ CHANGES = (
     ("change", "uneven"),
     [
         *((change, {}) for change in CHANGES),
-        *((change, UNEVEN) for change in CHANGES[:2]),
-        *(pytest.param(change, UNEVEN, marks=pytest.mark.sweep) for change in CHANGES[2:]),
+        (CHANGES[1], UNEVEN),
+        *(
+            pytest.param(change, UNEVEN, marks=pytest.mark.sweep)
+            for change in CHANGES
+            if change is not CHANGES[1]
+        ),
     ],
 )
 def test_frames_have_the_mean_and_variance_of_their_stages(change, uneven):
     """Each of 48 pixels from dark to burnt, within five standard errors of 4,000 frames."""
     recipe, sensor = replace(ALL, **change), replace(SENSOR, **uneven)
-    frames = (drawn(LIGHT, sensor, recipe).astype(float) - 20) * 1.1
+    frames = drawn(LIGHT, sensor, recipe, together=1 if uneven else 20)
+    frames = (frames.astype(float) - 20) * 1.1
     stages = {name: getattr(recipe.stages, name) for name in (
         "dark_current", "fixed_pattern", "shot", "clipping", "read_noise"
     )}  # fmt: skip
@@ -72,7 +84,7 @@ def test_dim_pixels_beside_bright_ones_count_as_poisson_does():
     light = torch.full((6, 8), 400.0)
     light[0] = 4.0
     recipe = replace(ALL, shot="Gaussian")
-    numbers = drawn(light, sensor, recipe, 2000)[:, 0].ravel().astype(int) - 20
+    numbers = drawn(light, sensor, recipe, 2000, together=20)[:, 0].ravel().astype(int) - 20
     counts = np.bincount(numbers, minlength=40) / numbers.size
     assert np.abs(counts.cumsum() - st.poisson.cdf(range(len(counts)), 4.0)).max() < 2 / math.sqrt(
         numbers.size

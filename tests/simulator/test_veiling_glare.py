@@ -9,6 +9,7 @@ import torch
 from optical_situations import CAMERA, situation
 from sensor_situations import BARE, changes, picture, read, sensor
 from sensor_situations import situation as sharp_situation
+from sweeps import some
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Sensor
@@ -86,7 +87,7 @@ def seen(light: torch.Tensor, one: Sensor, glare: float):
     return EFFECT.error_bound(s, 0), changes(*found)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", some(range(40), *range(0, 40, 2)))
 def test_what_is_read_differs_by_no_more_than_the_bound(seed):
     rng = np.random.default_rng(seed)
     light = picture(rng, 10 ** rng.uniform(0, 4))

@@ -29,7 +29,7 @@ class ControlTiming:
     poll_interval : float
         Seconds between checks of whether this process still controls the camera. Chosen.
     silence_limit : float
-        Seconds without an answer from the camera after which it counts as lost. Chosen.
+        Seconds that the camera leaves a question unanswered after which it counts as lost. Chosen.
     heartbeat_ms : int
         Milliseconds after the death of its controller until a camera may be opened again. Chosen.
     """
@@ -57,7 +57,7 @@ class CameraControl:
         self.camera: Any = None
         self.device: Any = None
         self.lost = ""
-        self._last_reply_at = time.monotonic()
+        self._silent_since: float | None = None
 
     def find(self) -> list[dict[str, str]]:
         """List the GenICam cameras that Aravis finds, with their addresses."""
@@ -88,7 +88,7 @@ class CameraControl:
             if not device.is_controller():
                 raise RuntimeError(HELD_BY_OTHER)
             device.write_register(_GigeRegister.HEARTBEAT, _TIMING.heartbeat_ms)
-        self._last_reply_at = time.monotonic()
+        self._silent_since = None
         self.camera, self.device = camera, device
         device.connect("control-lost", self._control_lost)
         threading.Thread(target=self._watch, daemon=True).start()
@@ -107,15 +107,17 @@ class CameraControl:
         if self.camera is None:
             return
         gige = self.camera.is_gv_device()
+        # Silence begins with a question: a busy computer that asks late has not lost its camera.
+        self._silent_since = self._silent_since or time.monotonic()
         answer = self.device.read_register(_GigeRegister.CONTROL_PRIVILEGE if gige else 0)
-        self._last_reply_at = time.monotonic()
+        self._silent_since = None
         if gige and not answer & 3:
             self._control_lost(self.device)
 
     def lost_reason(self) -> str:
         """Return why the Aravis camera counts as lost; empty while it doesn't."""
-        limit = _TIMING.silence_limit
-        if not self.lost and self.camera and time.monotonic() - self._last_reply_at > limit:
+        limit, since = _TIMING.silence_limit, self._silent_since
+        if not self.lost and self.camera and since and time.monotonic() - since > limit:
             self.lost = f"no word from it for {limit:g} s"
         return self.lost
 
