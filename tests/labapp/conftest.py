@@ -44,6 +44,15 @@ def children_with_their_libraries_loaded():
         yield
 
 
+_render = Figure.savefig
+
+
+@pytest.fixture
+def every_figure_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests that look at several figures of one kind."""
+    monkeypatch.setattr(Figure, "savefig", _render)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def figures_rendered_once():
     """Of the figures of one kind, the tests of a file render the first: each takes a second.
@@ -62,9 +71,8 @@ def figures_rendered_once():
         if (found := kind(figure)) in kinds:
             figure = Figure(figure.get_size_inches(), figure.dpi)
         kinds.add(found)
-        render(figure, target, **options)
+        _render(figure, target, **options)
 
-    render = Figure.savefig
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", save)
         yield
