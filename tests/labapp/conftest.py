@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import forked
@@ -39,8 +42,15 @@ def children_with_their_libraries_loaded():
 
     `subprocess` would start them the same way: tests/forked sees that nothing else differs.
     """
+
+    def start(command: list[str], **options: Any) -> subprocess.Popen[bytes]:
+        """Another Python is started as ever."""
+        kind = forked if command[:2] == [sys.executable, "-c"] else subprocess
+        return kind.Popen(command, **options)
+
+    processes = SimpleNamespace(**{**vars(subprocess), "Popen": start})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(child_process, "subprocess", forked)
+        patch.setattr(child_process, "subprocess", processes)
         yield
 
 
