@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from labapp.accuracy.reading import (
     SETTINGS,
@@ -271,6 +271,8 @@ def _draw_one(axes: Axes, rows: Sequence[Row], kind: TimeKind, look: _Look, name
     axes.plot(seconds, errors, "-", lw=1.2, color=look.colour[name])
     axes.plot(seconds, errors, look.marker[name], ms=4.5, color=look.colour[name])
     _set_scales(axes, rows, kind, (1, 3))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_minor_locator(NullLocator())  # too small for them
     _label_settings(axes, own, seconds, errors)
     axes.tick_params(labelsize=7)
     axes.set_xlabel(kind.name, fontsize=7.5)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 
-from matplotlib.axes import Axes
+from matplotlib.artist import Artist
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter
@@ -26,17 +28,18 @@ def show_plain_text(figure: Figure) -> None:
 
     Numbers along the axes stay formulas, since Matplotlib writes powers of ten with them.
     """
-    numbers = {text for axes in figure.findobj(Axes) for text in _formatted_numbers(axes)}
-    for text in figure.findobj(Text):
-        if text not in numbers:
-            text.set_parse_math(False)
-            text.set_text(printable(text.get_text()))
+    for text in _own_texts(figure):
+        text.set_parse_math(False)
+        text.set_text(printable(text.get_text()))
 
 
-def _formatted_numbers(axes: Axes) -> set[Text]:
-    """Return the texts of a labapp diagram's axes that Matplotlib writes itself."""
-    found: set[Text] = set()
-    for axis in (axes.xaxis, axes.yaxis):
-        if not isinstance(axis.get_major_formatter(), FixedFormatter):
-            found |= {*axis.get_ticklabels(which="both"), axis.get_offset_text()}
-    return found
+def _own_texts(artist: Artist) -> Iterator[Text]:
+    """Find the texts of a labapp figure that Matplotlib doesn't write itself."""
+    if isinstance(artist, Text):
+        yield artist
+    if isinstance(artist, Axis) and not isinstance(artist.get_major_formatter(), FixedFormatter):
+        # Not its numbers, of which a logarithmic scale has hundreds that are never drawn.
+        yield artist.label
+        return
+    for part in artist.get_children():
+        yield from _own_texts(part)

@@ -33,6 +33,7 @@ LOADED = (
     "labapp.runs.record.checks",
     "labapp.studies.command",
     "labapp.bench.virtual_bench.serving",
+    "labapp.window.engine.engine_loop",
 )
 """What processes would spend their first seconds with. Nothing of it starts threads."""
 

@@ -5,11 +5,12 @@
 For every request it forks a process whose parent becomes the one that asked, so that this one
 can wait for it as for any child. It has one thread, and ends when the other end of its socket is
 closed. A forked process comes back from `serve`, becomes what was asked for, and ends as any
-Python program does.
+Python program does, but that its modules aren't taken down one by one.
 """
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import fcntl
 import gc
@@ -119,7 +120,35 @@ def run(kind: str, program: str) -> None:
         exec(compile(program, "<string>", "exec"), vars(main))
 
 
+class _End:
+    """Where a program has ended well: threads have ended and all that is to be done at exit."""
+
+    def __init__(self) -> None:
+        self.status: int | None = None
+        # The first that is registered is called last.
+        atexit.register(self._leave)
+
+    def note(self, stop: SystemExit | None = None) -> None:
+        code = stop.code if stop else 0
+        self.status = code if isinstance(code, int) else int(code is not None)
+
+    def _leave(self) -> None:
+        """Leave what is loaded as it is: to take it down, it would be copied, a third second long.
+
+        What can't be written is Python's to tell.
+        """
+        if self.status is None:
+            return
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        except (OSError, ValueError):
+            return
+        os._exit(self.status)
+
+
 if __name__ == "__main__":
+    end = _End()
     # Ctrl-C at a terminal is for those who run the tests, and for the processes forked here.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     number, *modules = sys.argv[1:]
@@ -128,4 +157,9 @@ if __name__ == "__main__":
     gc.freeze()
     wish, open_files = serve(socket.socket(fileno=int(number)))
     become(wish, open_files)
-    run(wish["kind"], wish["program"])
+    try:
+        run(wish["kind"], wish["program"])
+    except SystemExit as stop:
+        end.note(stop)
+        raise
+    end.note()

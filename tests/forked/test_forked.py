@@ -71,6 +71,14 @@ def test_a_program_ends_as_it_should(kind, code, status, last):
 
 
 @KINDS
+def test_what_cannot_be_written_at_the_end_is_an_error(kind):
+    with Path("/dev/full").open("w") as full:
+        done = kind.run(python("print('lost')"), stdout=full, stderr=kind.PIPE, text=True)
+    assert done.returncode == 120
+    assert "No space left on device" in done.stderr
+
+
+@KINDS
 def test_signals_are_blocked_as_they_are_here(kind):
     code = python(
         "import signal; print(signal.SIGUSR1 in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"

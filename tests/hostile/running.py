@@ -9,7 +9,6 @@ import json
 import os
 import resource
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import forked
 from figures.own_memory import own_memory
 
 SECONDS = 20.0
@@ -56,7 +56,7 @@ def run_crafted(folder: Path, part: int = 0, parts: int = 1) -> list[Outcome]:
     command = [sys.executable, "-m", "hostile.running", str(folder), str(part), str(parts)]
     paths = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment)
+    done = forked.run(command, stdout=forked.PIPE, text=True, check=True, env=environment)
     return [Outcome(**json.loads(line)) for line in done.stdout.splitlines()]
 
 

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import forked
 import pytest
+from matplotlib.figure import Figure
 from small_bench.files import SmallFiles, write_small, write_tiny
 
+from drivers.hosted import child_process
 from labapp.common.speed import save_speed
 from labapp.pictures.report.record_analysis import RecordAnalysis
 from labapp.studies.demo import run_first_light
@@ -26,6 +33,58 @@ def kept_speed(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         save_speed(MachineSpeed())
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def children_with_their_libraries_loaded():
+    """Processes that check records and hold devices are forked, which spares each its imports.
+
+    `subprocess` would start them the same way: tests/forked sees that nothing else differs.
+    """
+
+    def start(command: list[str], **options: Any) -> subprocess.Popen[bytes]:
+        """Another Python is started as ever."""
+        kind = forked if command[:2] == [sys.executable, "-c"] else subprocess
+        return kind.Popen(command, **options)
+
+    processes = SimpleNamespace(**{**vars(subprocess), "Popen": start})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(child_process, "subprocess", processes)
+        yield
+
+
+_render = Figure.savefig
+
+
+@pytest.fixture
+def every_figure_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests that look at several figures of one kind."""
+    monkeypatch.setattr(Figure, "savefig", _render)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def figures_rendered_once():
+    """Of the figures of one kind, the tests of a file render the first: each takes a second.
+
+    All are made with their data; the later ones are written as empty figures of their size.
+    """
+    kinds = set()
+
+    def kind(figure: Figure) -> Hashable:
+        axes = [
+            (a.get_xlabel(), a.get_ylabel(), a.get_xscale(), a.get_yscale()) for a in figure.axes
+        ]
+        return (*figure.get_size_inches(), figure.dpi, *axes)
+
+    def save(figure: Figure, target: Any, **options: Any) -> None:
+        if (found := kind(figure)) in kinds:
+            figure = Figure(figure.get_size_inches(), figure.dpi)
+        kinds.add(found)
+        _render(figure, target, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", save)
         yield
 
 

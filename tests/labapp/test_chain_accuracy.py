@@ -179,7 +179,7 @@ def test_shares_of_light_are_those_of_the_lobes_in_a_window():
 
 def test_the_diagram_of_a_chain(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.chain.TOLERANCES", (1e-1, 1e-3))
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(repeats=1))
+    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
     files = ["--json", "--plot", tmp_path / "front.png"]
     code, printed, _ = labapp("accuracy", "chain", *SMALL, *files)
     assert code == 0
@@ -196,7 +196,7 @@ def test_the_diagram_of_a_chain(labapp, tmp_path, monkeypatch):
 def test_a_chain_whose_panel_stands_at_the_lens(labapp, monkeypatch):
     """The same question to the methods of a panel; all that fail say why."""
     monkeypatch.setattr("labapp.accuracy.chain.TOLERANCES", (1e-2,))
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(repeats=1))
+    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
     code, printed, _ = labapp("accuracy", "chain", *SMALL, "--separation-mm", "0", "--json")
     assert code == 0
     good = [row for row in json.loads(printed)["rows"] if not row["failure"]]

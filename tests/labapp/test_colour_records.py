@@ -32,11 +32,11 @@ version = 1
 name = "Colour bench"
 transmission = 0.15
 [panel]
-model = "HOLOEYE PLUTO-VIS-006-A"
-width = 1920
-height = 1080
-pitch_um = 8.0
-fill_factor = 0.87
+model = "coarse"
+width = 192
+height = 108
+pitch_um = 80.0
+fill_factor = 0.9
 unmodulated = 0.05
 reflectivity = 0.6
 settling_ms = 50.0
@@ -65,6 +65,7 @@ SCENE = """
 version = 2
 title = "A star and a print under halogen"
 tol = 0.2
+effects = { "panel orders" = false }
 [lights.halogen]
 kind = "halogen"
 [targets.dark]

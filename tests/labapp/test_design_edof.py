@@ -45,7 +45,7 @@ def made(tmp_path_factory):
     small = write_small(folder / "files")
     request = request_of(small, wavelengths=(520e-9, 620e-9))
     files = [folder / name for name in ("a.h5", "a.png", "a_design.png")]
-    command.design_edof(request, files, steps=4, minutes=0.0, as_json=False)
+    command.design_edof(request, files, steps=2, minutes=0.0, as_json=False)
     return small, files[0]
 
 
@@ -256,11 +256,11 @@ def test_the_file_names_what_a_pattern_needs_to_be_shown(made):
         assert {"steps", "cpu_seconds", "bound"} <= set(file["entry/quality"])
 
 
-@pytest.mark.parametrize("orders", [1, 2])
+@pytest.mark.parametrize("orders", [pytest.param(1, marks=pytest.mark.sweep), 2])
 def test_a_design_for_fringing_stays_within_the_panels_range(labapp, small, tmp_path, orders):
     """The phase isn't wrapped again when it is shown, and the file tells of the conditions."""
     code, _, err = labapp(
-        *("design", "edof", "--bench", small.bench, "--size", "64", "--steps", "6", *DEPTHS),
+        *("design", "edof", "--bench", small.bench, "--size", "64", "--steps", "3", *DEPTHS),
         *("--orders", orders, "--fringing-um", "3", "--response-error", ".05"),
         *("--out", tmp_path / "a.h5"),
     )

@@ -155,7 +155,7 @@ def test_prompts_are_answered_with_enter(small, tmp_path):
     assert state_of(path) is State.COMPLETE
 
 
-def test_prompts_with_nobody_there_fail_the_run_in_words(small, tmp_path):
+def test_prompts_with_nobody_there_fail_the_run_in_words(labapp, small, tmp_path):
     small.plan.write_text(small.plan.read_text() + PROMPT)
     path = tmp_path / "run.h5"
     done = forked.run(
@@ -164,8 +164,7 @@ def test_prompts_with_nobody_there_fail_the_run_in_words(small, tmp_path):
     assert done.returncode == 1
     assert "asks a person, and standard input has ended" in done.stderr
     assert state_of(path) is State.FAILED
-    again = forked.run(command("resume", path, "--yes"), stdin=forked.DEVNULL, timeout=60)
-    assert again.returncode == 0
+    assert labapp("resume", path, "--yes")[0] == 0
 
 
 @contextmanager
@@ -289,7 +288,7 @@ def test_a_run_does_not_eat_what_others_want_to_read(small, tmp_path):
 
 
 @pytest.mark.parametrize("wish", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_who_interrupts_a_run_leaves_it_cancelled_and_can_resume_it(small, tmp_path, wish):
+def test_who_interrupts_a_run_leaves_it_cancelled_and_can_resume_it(labapp, small, tmp_path, wish):
     change(small.plan, SHORT, LONG)
     path = tmp_path / "run.h5"
     with forked.Popen(
@@ -306,8 +305,7 @@ def test_who_interrupts_a_run_leaves_it_cancelled_and_can_resume_it(small, tmp_p
         count = int(record.column("stored").sum())
         assert 0 < count < record.frame_count
         assert record.missing_frames() == list(range(count, record.frame_count))
-    done = forked.run(command("resume", path), stdin=forked.DEVNULL, timeout=60)
-    assert done.returncode == 0
+    assert labapp("resume", path)[0] == 0
     assert state_of(path) is State.COMPLETE
 
 

@@ -136,13 +136,21 @@ def in_double(monkeypatch) -> None:
         monkeypatch.setattr(module, "transfer_on_axis", on_axis)
 
 
+STRUCTURE = {"training": {"structure_weight": 0.5}}
+SQUARED = {"training": {"loss": "squared"}, "scenes": {"light": "linear"}}
+KNOWN = {"decoder": {"front": "known", "psf_channel": True}}
+FRINGING = {"pattern": {"fringing_um": 30.0}}
+
+
 @pytest.mark.parametrize(
     "changes",
     [
-        {"training": {"structure_weight": 0.5}},
-        {"training": {"loss": "squared"}, "scenes": {"light": "linear"}},
-        {"decoder": {"front": "known", "psf_channel": True}},
-        {"pattern": {"fringing_um": 30.0}},
+        STRUCTURE | FRINGING,
+        SQUARED | KNOWN,
+        *(
+            pytest.param(one, marks=pytest.mark.sweep)
+            for one in (STRUCTURE, SQUARED, KNOWN, FRINGING)
+        ),
     ],
 )
 def test_gradients_of_a_joint_step_are_those_of_finite_differences(monkeypatch, changes):

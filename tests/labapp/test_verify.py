@@ -8,7 +8,6 @@ import subprocess
 import sys
 from dataclasses import replace
 
-import forked
 import h5py
 import numpy as np
 import pytest
@@ -57,12 +56,6 @@ def good(tmp_path_factory) -> bytes:
     with open_bench(SETUP) as bench:
         assert run_plan(bench, PLAN, path).state is State.COMPLETE
     return path.read_bytes()
-
-
-@pytest.fixture(autouse=True)
-def checks_with_their_libraries_loaded(monkeypatch):
-    """The process that checks a file is forked; `subprocess` would start it the same way."""
-    monkeypatch.setattr(child_process, "subprocess", forked)
 
 
 @pytest.fixture

@@ -80,9 +80,11 @@ def test_measuring_can_be_cancelled():
 
 def test_the_diagram_of_a_psf(labapp, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.accuracy.psf._GRIDS", (64, 128, 256))
-    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(repeats=1))
+    tolerances = tuple(10.0**-k for k in range(1, 9))
+    monkeypatch.setattr("labapp.accuracy.psf._TOLERANCES", tolerances)
+    monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-3))
     files = ["--json", "--plot", tmp_path / "front.png"]
-    code, printed, _ = labapp("accuracy", "psf", "--size", "24", "--f-number", "16", *files)
+    code, printed, _ = labapp("accuracy", "psf", "--size", "16", "--f-number", "32", *files)
     assert code == 0
     rows = json.loads(printed)["rows"]
     assert set(rows[0]) == {field.name for field in fields(Row)}

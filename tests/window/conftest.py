@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import dialogues
+import forked
 import pytest
 import watchdog
 from person import Person
@@ -25,6 +26,7 @@ from waits import wait_until
 from window_bench import Bench
 from window_scene import write_bench
 
+from drivers.hosted import child_process
 from labapp.bench.opening import BenchFiles
 from labapp.common.speed import save_speed
 from labapp.window import theme
@@ -168,9 +170,18 @@ def bench(
 
 @pytest.fixture
 def new_bench(
-    request: pytest.FixtureRequest, dark_theme: None, tmp_path: Path, qtbot: Any
+    request: pytest.FixtureRequest,
+    shared_window: SharedWindow,
+    tmp_path: Path,
+    qtbot: Any,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[Callable[..., Bench]]:
-    """A window of one's own, whose engine begins to start; of the files that are given."""
+    """A window of one's own, whose engine begins to start; of the files that are given.
+
+    That engine is forked: the shared window's has loaded its libraries as a true one does.
+    """
+    monkeypatch.setattr(child_process, "subprocess", forked)
+    shared_window.rest()
     opened: list[Bench] = []
 
     def open_(**files: Path | None) -> Bench:

@@ -33,6 +33,11 @@ class SharedWindow:
         self.discard()
         return self._settled(self._opened(), qtbot, PATIENCE)
 
+    def rest(self) -> None:
+        """Take no pictures while a test looks at a window of its own."""
+        if self._bench is not None and self._bench.window.actions_["live"].isChecked():
+            self._bench.window.actions_["live"].trigger()
+
     def discard(self) -> None:
         """As it is, without asking anybody."""
         bench, self._bench = self._bench, None

@@ -169,7 +169,9 @@ def test_a_supervisor_sees_it_through_an_unplugged_cable(fake: FakeGigECamera) -
         assert not device.failure_reason
 
 
-@pytest.mark.parametrize("latency", [0, 1, 3, 8])
+@pytest.mark.parametrize(
+    "latency", [0, 3, *(pytest.param(one, marks=pytest.mark.sweep) for one in (1, 8))]
+)
 @pytest.mark.parametrize("trigger", ["software", "free"])
 def test_no_frame_of_a_bracket_has_another_exposure(
     fake: FakeGigECamera, latency: int, trigger: str
