@@ -28,7 +28,7 @@ COMMANDS = (
     ("bench", "check", "{bench}", "--open"),
     ("plan", "check", "{plan}", "--bench", "{bench}", "--scene", "{scene}"),
     ("plan", "show", "{plan}", "--bench", "{bench}", "--scene", "{scene}"),
-    ("run", "{plan}", "--bench", "{bench}", "--scene", "{scene}", "--out", "{folder}/run.h5", "--yes"),
+    ("run", "{plan}", "--bench", "{bench}", "--scene", "{scene}", "--out", "{folder}/run.h5"),
     ("devices", "test", "{role}", "--bench", "{bench}"),
 )  # fmt: skip
 
