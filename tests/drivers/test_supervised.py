@@ -203,6 +203,20 @@ def test_every_call_runs_in_the_devices_own_thread(make):
     assert has_ended(own)
 
 
+def test_what_a_device_holds_is_told_as_it_is_now_until_it_is_given_up(make):
+    with SupervisedDevice("slm", make.then(Modest, ["show"])) as slm:
+        device = make.devices[0]
+        assert slm.calls is device.calls
+        device.shown = "ring"
+        assert slm.shown == "ring"
+        device.shown = "lens"
+        assert slm.shown == "lens"
+        killed(slm)
+        with pytest.raises(DeviceError, match="the device hung at show"):
+            _ = slm.shown
+        device.released.set()
+
+
 def test_two_devices_have_two_threads(make):
     with SupervisedDevice("slm", make.then()), SupervisedDevice("filter", make):
         one, other = (device.threads[0] for device in make.devices)
