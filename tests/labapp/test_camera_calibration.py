@@ -280,7 +280,8 @@ def test_reports_say_which_calibration_was_in_force_and_why_it_may_not_have_held
     assert code == 0, errors
     said, page = json.loads(printed), (tmp_path / "merged.html").read_text()
     summary, doubt = camera_calibration_summary(found.file), "per_s was 1.0 and is 2.0"
-    assert said["sensor"]["source"] == summary
+    clips = "pixels clip at 4095 DN: by the calibration of the camera"
+    assert said["sensor"]["source"] == f"{summary}; {clips}"
     gain = found.file.gain_electrons_per_dn.value
     assert said["sensor"]["gain_electrons_per_dn"] == pytest.approx(gain)
     assert any(doubt in one for one in said["warnings"])
