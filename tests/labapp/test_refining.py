@@ -335,7 +335,7 @@ def test_cancelling_leaves_the_bench_safe_and_the_records_readable(small, design
 
 
 WRONG = [
-    (("--exposures-ms", "1,x"), "--exposures-ms 1,x: give milliseconds with commas or semicolons between"),
+    (("--exposures-ms", "1,x"), "1,x: give milliseconds with commas or semicolons between"),
     (("--exposures-ms", "-1"), "refine: key 'exposures_ms.0' is -1.0: input should be greater"),
     (("--exposures-ms", "20000"), "of the PSF is clipped in every exposure; the shortest is 20000"),
     (("--exposures-ms", "0.02"), "the PSF can't be told from noise. Expose longer"),
