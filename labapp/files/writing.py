@@ -68,24 +68,34 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_to_disk(path: Path) -> None:
-    """Wait until all that was written to a file is on the disk.
+    """Wait until all that was written to a file, or changed in a folder, is on the disk.
 
     A file system that can't be asked for that is named in the log.
     """
     handle = os.open(path, os.O_RDONLY)
     try:
-        os.fsync(handle)
+        if not tells_when_on_disk(handle):
+            log.warning(
+                "%s: its file system doesn't tell when data are on the disk: a power cut may take "
+                "more than the last seconds",
+                path if path.is_dir() else path.parent,
+            )
+    finally:
+        os.close(handle)
+
+
+def tells_when_on_disk(handle: int) -> bool:
+    """Wait until what was written to an open file is on the disk; false if nothing tells.
+
+    Raises OSError if the disk lost some of it.
+    """
+    try:
+        os.fdatasync(handle)
     except OSError as error:
         if error.errno not in _NO_SYNC:
             raise
-        log.warning(
-            "%s: its file system doesn't tell when data are on the disk (%s): a power cut may take "
-            "more than the last seconds",
-            path.parent,
-            error.strerror,
-        )
-    finally:
-        os.close(handle)
+        return False
+    return True
 
 
 def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
@@ -112,12 +122,15 @@ def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
 def draft_of(path: Path) -> Iterator[Path]:
     """Give a temporary name to write a file under; move the file to its path when it is complete.
 
-    Raises UserError if a run writes the file that would be replaced.
+    It is on the disk then, and so is its name. Raises UserError if a run writes the file that would
+    be replaced.
     """
     draft = name_draft(path)
     try:
         yield draft
+        sync_to_disk(draft)
         move_into_place(draft, path, force=True)
+        sync_to_disk(path.parent)
     finally:
         draft.unlink(missing_ok=True)
 

@@ -111,7 +111,7 @@ class ActiveRun:
         self._done = self._expected = self._took = self._rested = 0.0
         self._trouble: DeviceError | None = None
         self._unplug_monitor = UnplugMonitor(bench.supervised_devices)
-        self._doing = self._unplugged = ""
+        self._doing = self._unplugged = self._unwritten = ""
         self._watch, self._changes = _watch_scene(plan, bench), list[str]()
 
     def take(
@@ -316,6 +316,7 @@ class ActiveRun:
             return self._writer.set_state(state, message)
         except OSError as error:
             log.error("%s: the end of the run could not be written: %s", self._path, error)
+            self._unwritten = str(error)
             return ""
 
     def _verify_outcome(self, state: State, message: str, is_resumed: bool) -> RunOutcome:
@@ -331,6 +332,11 @@ class ActiveRun:
         if state is State.COMPLETE and missing:
             state, message = State.FAILED, f"{len(missing)} frames don't read back"
         digest = self._write_state(state, message)
+        if state is State.COMPLETE and not digest:
+            state, message = State.FAILED, f"its end isn't on the disk: {self._unwritten}"
+            digest = self._write_state(state, message)
+            with Record(self._path) as record:
+                missing = record.frames_not_stored()
         if state is State.COMPLETE and is_resumed:
             from labapp.runs.record.checks import check_record
 

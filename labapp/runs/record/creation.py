@@ -118,6 +118,7 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
         _protect(draft)
         sync_to_disk(draft)
         move_into_place(draft, path, force=force)
+        sync_to_disk(path.parent)
         created, handle = handle, -1
     except OSError as error:
         raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +19,7 @@ from labapp.files.write_locks import close_locked, has_path, lock_limit
 from labapp.runs.record import digests, layout, writer_process
 from labapp.runs.record.chain import AT_ONCE, follow_frames, follow_log
 from labapp.runs.record.creation import utc_timestamp
+from labapp.runs.record.disk_sync import DiskSync, LostWrites
 from labapp.runs.record.place_table import TableError, read_table, write_all
 from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.shots import Shot
@@ -50,6 +51,7 @@ class RecordWriter:
         self._digest_threads = ThreadPoolExecutor(2, "digest")
         self._handle = -1
         self._open()
+        self._sync = DiskSync(f"/proc/self/fd/{self._handle}")
         try:
             self._continue_chains()
         except (TableError, KeyError) as error:
@@ -92,6 +94,7 @@ class RecordWriter:
 
     def close(self) -> None:
         self._digest_threads.shutdown()
+        self._sync.close()
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
@@ -176,6 +179,20 @@ class RecordWriter:
             self._write(name, index, memoryview(data))
         self._append_link(index, digest, digests.packed_digest(settings))
         self._put("stored", index, 1)
+        try:
+            self._sync.note_frame(index)
+        except LostWrites as error:
+            self._give_up(error.frames)
+            raise
+
+    def _give_up(self, frames: Iterable[int]) -> None:
+        """Note that frames of the run's record aren't stored, because the disk may not have them.
+
+        The operating system still shows them as they were written, for as long as it likes.
+        """
+        with suppress(OSError):
+            for index in frames:
+                self._put("stored", index, 0)
 
     def _write_image(self, index: int, image: NDArray[np.uint16]) -> tuple[int, bytes]:
         """Write a frame's image to the run's record; return its checksum and its digest."""
@@ -229,8 +246,28 @@ class RecordWriter:
         """Write the run's state and its reason to the record, and the time if the run has ended.
 
         Returns the closing digest of an ended run in hexadecimal, which covers the whole record;
-        otherwise an empty text.
+        otherwise an empty text. A run is COMPLETE only once all of its record is on the disk.
+        Raises OSError if it can't be, or something can't be written.
         """
+        if state is State.COMPLETE:
+            self._flush()
+        digest = self._write_state(state, message)
+        if state is State.COMPLETE:
+            self._flush()
+        elif state.has_ended:
+            with suppress(OSError):
+                self._flush()
+        return digest
+
+    def _flush(self) -> None:
+        """Return when all of the run's record is on the disk; give up frames that it refuses."""
+        try:
+            self._sync.flush()
+        except LostWrites as error:
+            self._give_up(error.frames)
+            raise
+
+    def _write_state(self, state: State, message: str) -> str:
         self._ended = state if state.has_ended else None
         self._put("message", 0, message.encode()[: layout.MESSAGE.itemsize])
         self._put("end_time", 0, utc_timestamp().encode() if self._ended else b"")

@@ -1,0 +1,122 @@
+"""When a record is on the disk, by the order of its writes and syncs, and where the disk fails."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+from small_bench.files import SmallFiles
+
+from labapp.bench.opening import open_bench
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import read_file
+from labapp.files.writing import write_atomically
+from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.record import disk_sync
+from labapp.runs.record.reader import Record
+from labapp.runs.state import State
+from labapp.runs.verifying import verify
+
+
+class Disk:
+    """What a run asks of the system, in order; syncs fail where they are told to."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.events: list[str] = []
+        self.fails_from = -1
+        self.cause = errno.EIO
+        self._syncs = 0
+        write, sync = os.pwrite, os.fdatasync
+
+        def pwrite(handle: int, data: bytes, offset: int) -> int:
+            self.events.append("COMPLETE" if b"COMPLETE" in bytes(data)[:16] else "write")
+            return write(handle, data, offset)
+
+        def fdatasync(handle: int) -> None:
+            self._syncs += 1
+            if self._syncs == self.fails_from:
+                raise OSError(self.cause, os.strerror(self.cause))
+            sync(handle)
+            self.events.append("sync")
+
+        monkeypatch.setattr(os, "pwrite", pwrite)
+        monkeypatch.setattr(os, "fdatasync", fdatasync)
+
+    def fail_at(self, later: int, cause: int = errno.EIO) -> None:
+        self.fails_from, self.cause = self._syncs + later, cause
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
+    return Disk(monkeypatch)
+
+
+def run(files: SmallFiles, path: Path, **options):
+    with open_bench(files.bench_files) as bench:
+        return run_plan(bench, read_file(files.plan, PlanFile), path, **options)
+
+
+def test_complete_is_written_when_all_else_is_on_the_disk_and_told_when_it_is_there(
+    tiny: SmallFiles, tmp_path: Path, disk: Disk
+) -> None:
+    outcome = run(tiny, tmp_path / "run.h5")
+    assert outcome.state is State.COMPLETE
+    assert outcome.digest
+    last = disk.events.index("COMPLETE")
+    before = disk.events[:last]
+    # Between the sync and the state there are only message, time of the end and closing digest.
+    assert before[::-1].index("sync") <= 3
+    assert "sync" in disk.events[last:]
+    assert disk.events[::-1].index("sync") < disk.events[::-1].index("COMPLETE")
+
+
+@pytest.mark.parametrize("cause", [errno.EIO, errno.ENOSPC, errno.EDQUOT])
+def test_frames_that_the_disk_lost_are_named_and_taken_again(
+    tiny: SmallFiles, tmp_path: Path, disk: Disk, cause: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(disk_sync, "EVERY", 0.001)
+    path, taken = tmp_path / "run.h5", []
+
+    def after_frame(shot, frame) -> None:
+        taken.append(shot.index)
+        if shot.index == 5:
+            disk.fail_at(1, cause)
+
+    outcome = run(tiny, path, on_frame=after_frame)
+    assert outcome.state is State.FAILED
+    assert "the disk didn't keep what was written: frames" in outcome.message
+    assert outcome.digest
+    monkeypatch.undo()
+    with Record(path) as record:
+        lost = record.frames_not_stored()
+    assert {*range(len(taken), 16)} < {*lost}
+    assert not verify(path).is_in_order
+    with open_bench(tiny.bench_files) as bench:
+        assert resume_run(bench, path).state is State.COMPLETE
+    assert verify(path).is_in_order
+
+
+@pytest.mark.parametrize("later", [1, 2])
+def test_no_run_is_complete_whose_end_the_disk_refused(
+    tiny: SmallFiles, tmp_path: Path, disk: Disk, later: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(disk_sync, "EVERY", 1e9)
+    path = tmp_path / "run.h5"
+    outcome = run(tiny, path, on_frame=lambda shot, _: shot.index or disk.fail_at(later))
+    assert outcome.state is State.FAILED
+    assert "isn't on the disk" in outcome.message
+    with Record(path) as record:
+        assert record.state is State.FAILED
+    with open_bench(tiny.bench_files) as bench:
+        assert resume_run(bench, path).state is State.COMPLETE
+
+
+def test_a_file_is_on_the_disk_before_its_name_and_then_its_name(
+    tmp_path: Path, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = os.link
+    monkeypatch.setattr(os, "link", lambda *given: (disk.events.append("name"), link(*given)))
+    write_atomically(tmp_path / "file", b"text")
+    assert disk.events == ["sync", "name", "sync"]
