@@ -6,17 +6,24 @@ import errno
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from small_bench.files import SmallFiles
 
 from labapp.bench.opening import open_bench
+from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.files.write_locks import close_locked
 from labapp.files.writing import write_atomically
+from labapp.runs.acquisition.record_contents import build_record_contents
 from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import disk_sync
+from labapp.runs.record.creation import create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
+from labapp.runs.steps import planned_shots
 from labapp.runs.verifying import verify
 
 
@@ -120,3 +127,33 @@ def test_a_file_is_on_the_disk_before_its_name_and_then_its_name(
     monkeypatch.setattr(os, "link", lambda *given: (disk.events.append("name"), link(*given)))
     write_atomically(tmp_path / "file", b"text")
     assert disk.events == ["sync", "name", "sync"]
+
+
+def test_a_refused_write_of_any_part_of_the_draft_leaves_no_record(
+    tiny: SmallFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, count, refused = tmp_path / "run.h5", [0], [0]
+    write = os.pwrite
+
+    def pwrite(handle: int, data: bytes, offset: int) -> int:
+        count[0] += 1
+        if count[0] == refused[0]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(handle, data, offset)
+
+    with open_bench(tiny.bench_files) as bench:
+        plan = read_file(tiny.plan, PlanFile)
+        abilities = BenchCapabilities.of(bench)
+        shots = planned_shots(plan, abilities)
+        patterns = {name: np.zeros(abilities.panel_shape, np.uint8) for name in plan.patterns}
+        contents = build_record_contents(bench, plan, patterns, shots, abilities, lambda: None)
+    monkeypatch.setattr(os, "pwrite", pwrite)
+    close_locked(create_record(path, contents))
+    path.unlink()
+    writes = count[0]
+    assert writes > 20
+    for number in range(1, writes + 1):
+        count[0], refused[0] = 0, number
+        with pytest.raises(UserError, match="No space left"):
+            create_record(path, contents)
+        assert [*tmp_path.glob("*.h5*"), *tmp_path.glob(".*h5*")] == []
