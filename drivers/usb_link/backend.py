@@ -1,7 +1,7 @@
 """Choice of the pyusb backend of a USB driver: the libusb of libusb-package, or an installed one.
 
 Every USB driver has the option `backend`. An empty text means libusb. "NAME" or "NAME@ADDRESS" is
-an entry point of an installed package, in the group "labapp.usb-backends": a function that returns
+an entry point of an installed package, in the group "labapp.usb_backends": a function that returns
 a pyusb backend, and is called with the address if there is one. No text names code in another way,
 since it may come from a stranger's file; scripts give the function itself. Simulated devices are
 connected in this way, without any change of the driver.
@@ -14,7 +14,7 @@ from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-GROUP = "labapp.usb-backends"
+GROUP = "labapp.usb_backends"
 
 _CORRECT = "Correct the option backend, or leave it out for libusb"
 

@@ -43,19 +43,21 @@ class Readout(NamedTuple):
         return height // each, width // each
 
     def describe(self) -> str:
-        """Describe in words how a run's frame is read; "" as the bench opens the camera."""
+        """Describe in short how a run's frame is read; "" as the bench opens the camera.
+
+        A region is WIDTHxHEIGHT+X+Y, as X11 has it.
+        """
         words = []
         if self.gain_db is not None:
             words.append(f"{self.gain_db:g} dB")
         if self.region is not None:
             x, y, width, height = self.region
-            words.append(f"{width} x {height} px from ({x}, {y})")
+            words.append(f"{width}x{height}+{x}+{y}")
         if self.binning is not None:
-            words.append(f"binning {self.binning}")
+            words.append(f"bin {self.binning}")
         if self.averaged > 1:
-            words.append(f"mean of {self.averaged}")
-        if self.steps_per_dn > 1:
-            words.append(f"in steps of 1/{self.steps_per_dn} DN")
+            unit = f" in 1/{self.steps_per_dn} DN" if self.steps_per_dn > 1 else ""
+            words.append(f"mean of {self.averaged}{unit}")
         return ", ".join(words)
 
     def read_camera(self, camera: Camera) -> Camera:

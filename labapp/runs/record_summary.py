@@ -98,6 +98,9 @@ def _groups(record: Record) -> list[dict[str, Any]]:
     """Group the planned frames of a run's record by role, target, pattern, wavelength, readout."""
     names = {"role": ROLES, "target": record.target_names, "pattern": record.pattern_names}
     names["readout"] = [one.describe() for one in record.readouts]
+    if len(record.readouts) > 1:
+        # These are the numbers that --readout takes.
+        names["readout"] = [f"{n}: {one or 'whole'}" for n, one in enumerate(names["readout"])]
     nanometres = np.round(record.column("wavelength_asked") * 1e9, 3)
     codes = group_codes(*(record.column(name) for name in names), nanometres)
     _, firsts, counts = np.unique(codes, return_index=True, return_counts=True)

@@ -248,7 +248,7 @@ WRONG = [
     (("pattern", "lens"), "pattern lens: key 'focal_length_m' is missing"),
     (("pattern", "lens", "f=1", "focal_length_m=1"), "pattern lens: key 'f' is unknown"),
     (("pattern", "lens", "20"), "'20' is no KEY=VALUE. The keys are"),
-    (("pattern", "lens", "focal_length_m=far"), "key 'focal_length_m' is 'far': input should be"),
+    (("pattern", "lens", "focal_length_m=far"), "key 'focal_length_m' is 'far': it is a text"),
     (("pattern", "lens", "focal_length_m=0.001"), "lens 0.001 m for 550 nm: focal_length changes"),
     (("pattern", "cubic", "--frames", "2"), "2 frames: its frames would all be alike"),
     (("retrieve", "ring", "width_um=-1"), "target ring: key 'width_um' is -1: input should be"),

@@ -153,9 +153,10 @@ def test_the_table_has_every_column_as_it_is_in_the_record(run, folder):
     heads |= {"gain": "gain_electron_per_DN"}
     with Record(run) as record:
         for name, head in heads.items():
-            if name not in ("target", "pattern", "role"):
+            if name not in ("target", "pattern", "role", "readout"):
                 assert [float(row[head]) for row in rows] == record.column(name).tolist(), name
     assert [row["pattern"] for row in rows] == [shot.pattern for shot in SHOTS]
+    assert {row["readout"] for row in rows} == {"whole frame"}
     assert {row["simulated"] for row in rows} == {"camera"}
 
 

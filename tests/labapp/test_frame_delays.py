@@ -46,7 +46,7 @@ class SlowBench:
             place=self.place,
         )
         self.camera = SimpleNamespace(
-            full_scale=4095, set_exposure=self.expose, capture=self.capture
+            full_scale=4095, shape=(1, 1), set_exposure=self.expose, capture=self.capture
         )
 
     def cancellable_by(self, cancelled):

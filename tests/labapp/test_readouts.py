@@ -72,8 +72,8 @@ def test_the_record_is_in_order_and_tells_each_way_of_reading(record: Path) -> N
         words = [one.describe() for one in opened.readouts]
     assert len(words) == 10
     assert words[0] == ""
-    assert words[2] == "12 dB, 24 x 16 px from (0, 0), binning 1"
-    assert words[-1] == "mean of 6, in steps of 1/8 DN"
+    assert words[2] == "12 dB, 24x16+0+0, bin 1"
+    assert words[-1] == "mean of 6 in 1/8 DN"
 
 
 def test_frames_are_the_pixels_and_gains_that_were_asked_for(record: Path) -> None:

@@ -64,5 +64,5 @@ def _round_digits(length: float) -> float:
 def _bits(record: Record, readout: Readout) -> int | None:
     """Return the bits per exported digital number; None if the record's bench can't be read."""
     with suppress(UserError):
-        return record.bench.sensor.bits + readout.steps_per_dn.bit_length() - 1
+        return record.bench_as_opened.sensor.bits + readout.steps_per_dn.bit_length() - 1
     return None

@@ -145,6 +145,10 @@ class RecordWriter:
             "number": frame.number,
             "attempts": attempts,
         }
+        slot = self._places["images"].shape[1:]
+        read = shot.readout.region or shot.readout.binning
+        if not read and frame.image.shape != slot:
+            raise CorruptFrame(f"it has {frame.image.shape} pixels")
         self.store_values(shot.index, frame.image, values, frame.checksum)
 
     def _fill_row(self, image: NDArray[np.uint16], known: int | None) -> NDArray[np.uint16]:
