@@ -43,6 +43,7 @@ int link(const char *old, const char *new) {
 int linkat(int a, const char *old, int b, const char *new, int how) {
   FAIL("PLAYED_LINK");
   return NEXT("linkat", int (*)(int, const char *, int, const char *, int))(a, old, b, new, how); }
+int fdatasync(int fd) { FAIL("PLAYED_SYNC"); return NEXT("fdatasync", int (*)(int))(fd); }
 int fsync(int fd) { FAIL("PLAYED_SYNC"); return NEXT("fsync", int (*)(int))(fd); }
 int rename(const char *old, const char *new) {
   FAIL("PLAYED_RENAME"); return NEXT("rename", int (*)(const char *, const char *))(old, new); }

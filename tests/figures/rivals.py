@@ -168,7 +168,7 @@ def _hesitate(rng: np.random.Generator, path: Path, deed: Deed) -> None:
 
         return later
 
-    for name in ("open", "link", "replace", "close", "fsync"):
+    for name in ("open", "link", "replace", "close", "fsync", "fdatasync"):
         setattr(os, name, hesitant(getattr(os, name)))
     fcntl.fcntl = hesitant(fcntl.fcntl)
     time.sleep(rng.choice([0.0, 0.01, 0.1]) * rng.random())

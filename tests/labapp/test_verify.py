@@ -446,7 +446,7 @@ def test_a_file_that_is_not_there_is_a_mistake(labapp, tmp_path):
 
 
 def test_a_damaged_record_is_a_line_for_every_command(labapp, run, good):
-    run.write_bytes(good[: len(good) // 2])
+    run.write_bytes(good[: len(good) * 3 // 4])
     for command in (["show", run], ["report", run], ["export", run, "--to", "png", "--out", "o"]):
         code, _, error = labapp(*command)
         assert code == 1

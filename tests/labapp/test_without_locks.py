@@ -79,7 +79,7 @@ def test_a_record_is_written_read_and_resumed_without_locks_links_and_fsync(
     bench, tmp_path, no_locks, monkeypatch, code, caplog
 ):
     refuse(monkeypatch, os, "link", code)
-    refuse(monkeypatch, os, "fsync", code)
+    refuse(monkeypatch, os, "fdatasync", code)
     path = tmp_path / "run.h5"
 
     def intrude(shot, frame):

@@ -131,7 +131,8 @@ def _write_draft(handle: int, contents: RecordContents) -> None:
     """Write a new record's datasets to an open file; OSError if the disk refuses any of it."""
     out = DraftFile(handle)
     try:
-        with h5py.File(out, "w", libver="latest", userblock_size=USER_BLOCK) as file:
+        # The file is locked already, and its file system may have no locks for HDF5.
+        with h5py.File(out, "w", libver="latest", userblock_size=USER_BLOCK, locking=False) as file:
             _fill(file, contents)
     finally:
         # HDF5 may hide the error behind another one, or behind none.
