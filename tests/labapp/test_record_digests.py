@@ -345,3 +345,13 @@ def test_a_record_of_the_older_format_is_read_and_said_to_be_unprotected(tmp_pat
     found = check_record(tmp_path / "old.h5")
     assert found.is_in_order
     assert "aren't protected" in next(f.detail for f in found.findings if f.check == "structure")
+
+
+def test_a_sign_where_nothing_was_written_is_found(tmp_path, interrupted):
+    """Minus zero equals the zero of a frame that was never taken."""
+    path = tmp_path / "run.h5"
+    for name in ("exposure", "wavelength", "gain", "time"):
+        path.write_bytes(interrupted)
+        with h5py.File(path, "r+") as file:
+            file[f"entry/data/{name}"][7] = -0.0
+        assert check_record(path).failed_checks, name

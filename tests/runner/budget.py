@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
+import tomllib
 from collections.abc import Generator
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -49,7 +52,7 @@ class CpuBudget:
     """
 
     def __init__(self, config: pytest.Config) -> None:
-        self._budget = float(config.getini("cpu_budget"))
+        self._budget = read_budget(config.rootpath / "pyproject.toml")
         self._slowness = measure_slowness()
         self._spent: Spent | None = None
 
@@ -65,6 +68,13 @@ class CpuBudget:
         if self._spent:
             too_much = self._spent.is_too_much
             terminalreporter.write_line(self._spent.in_words(), red=too_much, bold=too_much)
+
+
+def read_budget(project: Path) -> float:
+    """The processor seconds of a project's file. They are no option of pytest's own table, which
+    pytest would refuse where somebody else's tests are run in the checkout."""
+    table = tomllib.loads(project.read_text()) if project.exists() else {}
+    return float(table.get("tool", {}).get("labapp-tests", {}).get("cpu_budget", math.inf))
 
 
 def is_all(config: pytest.Config) -> bool:

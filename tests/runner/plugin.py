@@ -22,7 +22,6 @@ _RESTARTS = "1000"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini("grace", "Seconds after its timeout in which a test must end.", default="15")
-    parser.addini("cpu_budget", "Processor seconds that all tests may take.", default="inf")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -30,14 +30,15 @@ INI = """[pytest]
 addopts = -q -m "not sweep" -p xdist -p no:cacheprovider
 testpaths = .
 markers = sweep: more
-cpu_budget = {}
 """
 
 
 def run(folder: Path, *options: str, budget: float, ci: bool) -> tuple[int, str]:
     """Its exit status, and what it prints."""
     (folder / "conftest.py").write_text('pytest_plugins = ["runner.plugin"]\n')
-    (folder / "pytest.ini").write_text(INI.format(budget))
+    (folder / "pytest.ini").write_text(INI)
+    table = f"[tool.labapp-tests]\ncpu_budget = {budget}\n"
+    (folder / "pyproject.toml").write_text(table)
     (folder / "test_busy.py").write_text(BUSY)
     own = {"PYTHONPATH": str(Path(__file__).parents[1]), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     names = [name for name in os.environ if name.startswith("PYTEST") or name == "CI"]

@@ -59,7 +59,8 @@ def _written_without_link(record: Record, linked: NDArray[np.bool_]) -> list[int
     columns = {name: record.column(name) for name in SETTINGS}
     written = np.zeros(len(linked), bool)
     for column in columns.values():
-        written |= column != 0
+        # By its bits: -0.0 equals 0, and was never written.
+        written |= column.view(f"u{column.itemsize}") != 0
     found: list[int] = np.flatnonzero(written & ~linked).tolist()
     if len(found) == 1 and not record.state.has_ended:
         (frame,) = found
@@ -70,8 +71,10 @@ def _written_without_link(record: Record, linked: NDArray[np.bool_]) -> list[int
 
 def _is_half_written(record: Record, frame: int, settings: dict[str, float]) -> bool:
     """Return whether settings are the first of a run's frame that was taken as the plan asks."""
-    last = max(number for number, value in enumerate(settings.values()) if value)
+    last = max((number for number, value in enumerate(settings.values()) if value), default=-1)
     before = list(settings)[:last]
+    if last < 0:
+        return False
     # The bench's clock and a camera's count may begin at 0.
     if not all(settings[name] for name in before if name not in ("time", "number")):
         return False
