@@ -33,7 +33,7 @@ MOST_AVERAGED = 65_536
 _MOST_READOUTS = 10_000
 """Regions times binnings times gains of a block. Chosen."""
 
-Region = tuple[
+_Region = tuple[
     Annotated[int, Field(ge=0)],
     Annotated[int, Field(ge=0)],
     Annotated[int, Field(ge=1)],
@@ -117,7 +117,7 @@ class Acquisition(FileModel):
     patterns: Names
     wavelengths_nm: Annotated[tuple[Nanometres, ...], Field(min_length=1)] | None = None
     slots: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
-    regions_px: Annotated[tuple[Region, ...], Field(min_length=1)] | None = None
+    regions_px: Annotated[tuple[_Region, ...], Field(min_length=1)] | None = None
     binnings: Annotated[tuple[Binning, ...], Field(min_length=1)] | None = None
     gains_db: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
     exposures_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
