@@ -12,14 +12,14 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Generic, Protocol, Self, TypeVar, runtime_checkable
+from typing import Any, Generic, Protocol, Self, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 T = TypeVar("T")
 
-Region = tuple[int, int, int, int]
+Region: TypeAlias = "tuple[int, int, int, int]"
 """x, y, width and height of a part of a camera's frames, in pixels."""
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TypeAlias
 
 from optics.sensor.sensor import Sensor
 from optics.validation import require_count, require_number
 
-Region = tuple[int, int, int, int]
+Region: TypeAlias = "tuple[int, int, int, int]"
 
 
 def sensor_as_read(
