@@ -75,14 +75,15 @@ UNPROTECTED_WHILE_OPEN = tuple(f"entry/{name}" for name in ("state", "message", 
 
 @pytest.mark.parametrize("count", [30, pytest.param(3000, marks=MANY)])
 def test_every_flipped_bit_of_an_interrupted_record_is_found(tmp_path, interrupted, count):
-    """But for those that `verify` says aren't protected yet, and images that were never taken."""
+    """But for those that `verify` says aren't protected yet, images that were never taken, and the
+    last frame's mark, which a killed writer may not have set: `verify` says so."""
     path = tmp_path / "run.h5"
     path.write_bytes(interrupted)
     images = places(path)["entry/data/images"]
     written = interrupted[: images.offset + 5 * images.row_bytes]
     known = UNPROTECTED_WHILE_OPEN
     missed = unnoticed_flips(path, interrupted, count, 2, known)
-    beyond = range(len(written), images.end)
+    beyond = [*range(len(written), images.end), places(path)["entry/data/stored"].offset + 4]
     assert [one for one in missed if int(one.split()[1].rstrip(",")) not in beyond] == []
 
 
