@@ -244,8 +244,7 @@ class AravisCamera:
                 wanted = replace(wanted, roi=part, binning=binned, average_binned=more > 1)
             if wanted != self._requested:
                 taking.stop()
-                self._requested = wanted
-                self._open_acquisition = self._set_up(taking.link)
+                self._set_up_again(wanted)
             return Setting((x, y, width, height), (x, y, width, height), self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
@@ -315,8 +314,7 @@ class AravisCamera:
         with self._translate_errors("stop"):
             self._acquisition.stop()
             if self._requested != self._options:
-                self._requested = self._options
-                self._open_acquisition = self._set_up(self._link)
+                self._set_up_again(self._options)
 
     def kill(self) -> None:
         """Kill Aravis' child process, from any thread; the next call starts another one."""
@@ -363,6 +361,20 @@ class AravisCamera:
             raise
         self._link = link
         return self._open_acquisition
+
+    def _set_up_again(self, options: AravisOptions) -> None:
+        """Give the open Aravis camera other options; if it refuses one, it is opened anew later.
+
+        It then gets the options of the bench file again.
+        """
+        assert self._link is not None
+        self._requested = options
+        try:
+            self._open_acquisition = self._set_up(self._link)
+        except BaseException:
+            self._requested = self._options
+            self._disconnect()
+            raise
 
     def _set_up(self, link: AravisProcess) -> FrameAcquisition:
         settings = AppliedSettings(link, self._requested, self._applied_settings)

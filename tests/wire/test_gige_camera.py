@@ -19,6 +19,7 @@ from coded_pictures import (
 )
 
 from drivers.aravis import AravisCamera, find_cameras
+from drivers.aravis.applied_settings import AppliedSettings
 from drivers.aravis.pixel_formats import FORMATS
 from drivers.errors import DeviceError
 from drivers.ports import cameras
@@ -175,3 +176,20 @@ def test_binning_beside_the_options_is_refused_by_name(fake: FakeGigECamera) -> 
         with pytest.raises(DeviceError, match="option binning"):
             device.set_region(None, 2)
         assert device.capture(never).image.shape == (SHAPE[0] // 2, SHAPE[1] // 2)
+
+
+def test_a_region_that_was_refused_is_never_said_to_be_set(
+    opened: AravisCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(settings: AppliedSettings) -> list[int]:
+        raise DeviceError("camera", "roi", "it has set another one", "Give one it can set")
+
+    opened.set_exposure(2e-3)
+    with monkeypatch.context() as patch:
+        patch.setattr(AppliedSettings, "_set_region", refuse)
+        for _ in range(2):
+            with pytest.raises(DeviceError, match="another one"):
+                opened.set_region((16, 8, 64, 32), None)
+    assert_shows(opened.capture(never).image, picture(2e-3))
+    opened.set_region((16, 8, 64, 32), None)
+    assert_shows(opened.capture(never).image, picture(2e-3)[8:40, 16:80])
