@@ -74,7 +74,7 @@ def sync_to_disk(path: Path) -> None:
     """
     handle = os.open(path, os.O_RDONLY)
     try:
-        if not tells_when_on_disk(handle):
+        if not sync_handle(handle):
             log.warning(
                 "%s: its file system doesn't tell when data are on the disk: a power cut may take "
                 "more than the last seconds",
@@ -84,8 +84,8 @@ def sync_to_disk(path: Path) -> None:
         os.close(handle)
 
 
-def tells_when_on_disk(handle: int) -> bool:
-    """Wait until what was written to an open file is on the disk; false if nothing tells.
+def sync_handle(handle: int) -> bool:
+    """Wait until what was written to an open file is on the disk; return false if nothing tells.
 
     Raises OSError if the disk lost some of it.
     """

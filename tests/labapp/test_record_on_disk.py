@@ -157,3 +157,26 @@ def test_a_refused_write_of_any_part_of_the_draft_leaves_no_record(
         with pytest.raises(UserError, match="No space left"):
             create_record(path, contents)
         assert [*tmp_path.glob("*.h5*"), *tmp_path.glob(".*h5*")] == []
+
+
+def test_frames_that_are_written_while_a_sync_fails_are_given_up_with_the_others(
+    tmp_path: Path, disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The end of a run asks once more, and no frame is noted after the last one."""
+    monkeypatch.setattr(disk_sync, "EVERY", 1e9)
+    (tmp_path / "file").write_bytes(b"text")
+    kept = disk_sync.DiskSync(str(tmp_path / "file"))
+    kept.note_frame(3)
+    monkeypatch.setattr(disk_sync, "sync_handle", lambda _: lose(kept))
+    for _ in range(2):
+        with pytest.raises(disk_sync.LostWrites) as lost:
+            kept.flush()
+    assert lost.value.frames == [3, 4]
+    assert "frames 3-4 may be lost" in str(lost.value)
+    kept.close()
+
+
+def lose(kept: disk_sync.DiskSync) -> None:
+    """A sync that fails while another frame is being written."""
+    kept.note_frame(4)
+    raise OSError(errno.EIO, os.strerror(errno.EIO))

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Sequence
 
 from labapp.files.frame_list import format_frame_list
-from labapp.files.writing import tells_when_on_disk
+from labapp.files.writing import sync_handle
 
 EVERY = 1.0
 """Seconds from one begin to the next. Chosen: a power cut takes the frames of a second or two."""
@@ -55,23 +55,25 @@ class DiskSync:
     def note_frame(self, index: int) -> None:
         """Note that a frame of the record was written; raise LostWrites if the disk loses some."""
         self._written.append(index)
-        if self._failed is not None:
-            self._failed = LostWrites(self._failed, [*self._failed.frames, *self._written])
-            self._written = []
-            raise self._failed
+        self._require_kept()
 
     def flush(self) -> None:
         """Return when all of the record is on the disk; raise LostWrites if it can't be."""
         with self._turn:
+            self._require_kept()
             frames, self._written = self._written, []
-            if self._failed is not None:
-                raise self._failed
             try:
-                if not tells_when_on_disk(self._handle):
-                    self._ended.set()
+                sync_handle(self._handle)
             except OSError as error:
                 self._failed = LostWrites(error, frames)
                 raise self._failed from error
+
+    def _require_kept(self) -> None:
+        """Raise LostWrites if the disk has lost some of the record, with all frames since then."""
+        if self._failed is not None:
+            frames, self._written = self._written, []
+            self._failed = LostWrites(self._failed, [*self._failed.frames, *frames])
+            raise self._failed
 
     def close(self) -> None:
         """End the record's thread; nothing is synchronised any more."""
