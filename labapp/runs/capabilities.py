@@ -40,6 +40,8 @@ class BenchCapabilities:
         Gains in decibels that a plan may set; None if it may set none.
     has_regions : bool
         Whether a plan may choose regions and binnings.
+    mosaic : tuple of int
+        Rows and columns after which the sensor's colour filters repeat; (1, 1) without any.
     """
 
     targets: tuple[str, ...]
@@ -60,10 +62,11 @@ class BenchCapabilities:
     gain_db: float = 0.0
     gain_range: tuple[float, float] | None = None
     has_regions: bool = False
+    mosaic: tuple[int, int] = (1, 1)
 
     @staticmethod
     def of(bench: Bench) -> BenchCapabilities:
-        wheel = bench.wheel
+        wheel, colour = bench.wheel, bench.description.sensor.colour
         return BenchCapabilities(
             targets=bench.targets.names,
             by_hand=bench.targets.by_hand,
@@ -81,6 +84,7 @@ class BenchCapabilities:
             delays=bench.frame_delays or FrameDelays(),
             full_scale=bench.camera.full_scale,
             has_regions=hasattr(bench.camera, "set_region"),
+            mosaic=(len(colour.pattern), len(colour.pattern[0])) if colour else (1, 1),
             **_gain(bench.camera),
         )
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plans import abilities, block, plan_of
 from small_bench.files import SmallFiles, write_tiny
 
 from labapp.bench.opening import open_bench
@@ -14,6 +15,7 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file, validate
 from labapp.pictures.analysis.brackets import merge_all
+from labapp.runs.acquisition.feasibility import feasible_shots
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.export import export_frames
 from labapp.runs.readouts import MeanImage, steps_per_dn
@@ -184,6 +186,22 @@ def test_what_the_camera_does_not_have_is_refused_before_anything_moves(
     with pytest.raises(UserError, match=words), open_bench(files.bench_files) as bench:
         run_plan(bench, read_file(path, PlanFile), tmp_path / "run.h5")
     assert not (tmp_path / "run.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ({"binnings": [1, 2]}, "mix the colours"),
+        ({"regions_px": [[1, 0, 8, 8]]}, "x must be a multiple of 2"),
+        ({"regions_px": [[0, 3, 8, 8]]}, "y of 2"),
+    ],
+)
+def test_colours_are_never_mixed_or_shifted(key: dict, words: str) -> None:
+    able = abilities(has_regions=True, frame_shape=(40, 44), mosaic=(2, 2))
+    with pytest.raises(UserError, match=words):
+        feasible_shots(plan_of(block(wavelengths_nm=None, slots=[1], **key)), able, "plan")
+    even = block(wavelengths_nm=None, slots=[1], binnings=[1], regions_px=[[2, 4, 8, 8]])
+    assert len(feasible_shots(plan_of(even), able, "plan")) == 1
 
 
 def test_a_million_means_have_no_more_steps_than_sixteen_bits() -> None:

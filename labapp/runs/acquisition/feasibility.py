@@ -212,8 +212,18 @@ def _check_readouts(block: Acquisition, capabilities: BenchCapabilities, where: 
                 f"{where}.{name}': this bench's camera has no regions and binnings that a plan may "
                 "set. Leave it out."
             )
+    down, across = capabilities.mosaic
+    if down * across > 1 and any(binning > 1 for binning in block.binnings or ()):
+        raise UserError(
+            f"{where}.binnings' would mix the colours of this sensor's filters. Leave it out."
+        )
     rows, columns = capabilities.frame_shape
     for x, y, width, height in block.regions_px or ():
+        if x % across or y % down:
+            raise UserError(
+                f"{where}.regions_px' has {[x, y, width, height]}; with this sensor's colour "
+                f"filters, x must be a multiple of {across} and y of {down}."
+            )
         if x + width > columns or y + height > rows:
             raise UserError(
                 f"{where}.regions_px' has {[x, y, width, height]}, and the camera's frames have "
