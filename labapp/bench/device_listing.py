@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -20,11 +19,8 @@ def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> No
     # Cameras on the network have a second to answer, in which the bench is loaded and opened.
     with ThreadPoolExecutor(1) as aside:
         search = aside.submit(_ports)
-        # Loading leaves no garbage, and looking for it takes a tenth of the time.
-        gc.disable()
         from labapp.bench.opening import BenchFiles, installed_drivers
 
-        gc.enable()
         setup = BenchFiles.with_defaults(bench, scene).read()
         roles = list(setup.bench.devices.tables)
         described = []

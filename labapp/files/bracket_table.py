@@ -73,9 +73,8 @@ class MeteredLight(FileModel):
 
     noise_limited says that the darkest pixels can't be told from darkness. clip_level_dn is the
     number at which pixels were seen to clip, if the bench file doesn't tell it, and remark says so
-    in words, or that it is unknown. blocks and
-    quantiles are electrons per second in parts of the picture, and below which shares of the pixels
-    lie: by them a later change of the scene is told.
+    in words, or that it is unknown. blocks and quantiles are electrons per second in parts of the
+    picture, and below which shares of the pixels lie: by them a later change of the scene is told.
     """
 
     target: str

@@ -62,13 +62,13 @@ class Readout(NamedTuple):
 
     def read_camera(self, camera: Camera) -> Camera:
         """Return the description of a run's camera with frames that are read so."""
-        if not self.describe():
+        if self == AS_OPENED:
             return camera
         return replace(camera, sensor=self.read_sensor(camera.sensor))
 
     def read_sensor(self, sensor: Sensor) -> Sensor:
         """Return the description of a run's sensor with frames that are read so."""
-        if not self.describe():
+        if self == AS_OPENED:
             return sensor
         # Most runs need no description of another sensor.
         from optics.sensor import sensor_as_read

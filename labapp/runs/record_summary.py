@@ -20,9 +20,6 @@ from labapp.runs.shots import group_codes
 _SHOWN_LINES = 500
 """Lines of the log that are printed: those of some hundred frames. Chosen."""
 
-_PLAIN = (0, 1, 2, 4, 5, 6)
-"""Columns of the table of frames where the sensor is read in one way, as the bench opens it."""
-
 
 def show_record(path: Path, *, as_json: bool) -> None:
     """Print a summary of a run's record: state, frames, devices, simulator decisions and log."""
@@ -48,11 +45,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if data["message"]:
         out.print(data["message"])
     out.print()
-    columns = ["role", "target", "pattern", "read", "wavelength nm ", "exposures ms ", "frames "]
-    rows = [list(group.values()) for group in data["groups"]]
-    if not any(group["readout"] for group in data["groups"]):
-        columns, rows = [columns[n] for n in _PLAIN], [[row[n] for n in _PLAIN] for row in rows]
-    print_table("Frames", columns, rows)
+    _print_groups(data["groups"])
     devices = [[name, *device.values()] for name, device in data["devices"].items()]
     print_table("Devices", ["device", "model", "serial", "simulated"], devices)
     if data["effect_plan"]:
@@ -61,6 +54,14 @@ def show_record(path: Path, *, as_json: bool) -> None:
     if lines and (count := numbered[-1][0]) > len(lines):
         out.print(f"The last {len(lines)} of {count} lines of the log; --json prints all:")
     print_table("Log", ["bench time s ", ""], lines)
+
+
+def _print_groups(groups: list[dict[str, Any]]) -> None:
+    """Print the frames of a run's record, with how they are read where that was chosen."""
+    read = ["read"] if any(group["readout"] for group in groups) else []
+    columns = ["role", "target", "pattern", *read, "wavelength nm ", "exposures ms ", "frames "]
+    rows = [[one for name, one in group.items() if read or name != "readout"] for group in groups]
+    print_table("Frames", columns, rows)
 
 
 def record_data(record: Record) -> dict[str, Any]:

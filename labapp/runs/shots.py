@@ -105,11 +105,8 @@ class ShotList(Sequence[Shot]):
         patterns: Sequence[str],
         readouts: Sequence[Readout] = (AS_OPENED,),
     ) -> None:
-        self.targets, self.patterns, self.readouts = (
-            tuple(targets),
-            tuple(patterns),
-            tuple(readouts),
-        )
+        self.targets, self.patterns = tuple(targets), tuple(patterns)
+        self.readouts = tuple(readouts)
         self._length = len(columns["target"])
         self._columns = {
             name: np.asarray(columns.get(name, np.zeros(self._length, kind)), kind)
@@ -155,8 +152,7 @@ class ShotList(Sequence[Shot]):
 
     def distinct(self, *names: str) -> ShotList:
         """Return the first of all shots of the run that are alike in some attributes, in order."""
-        codes = group_codes(*(self._columns[name] for name in names))
-        return self.pick(np.sort(np.unique(codes, return_index=True)[1]))
+        return self._first_of_each(*(self._columns[name] for name in names))
 
     def distinct_pictures(self) -> ShotList:
         """Return the first of all shots of the run whose sensor sees the same light and gain.
@@ -165,7 +161,11 @@ class ShotList(Sequence[Shot]):
         """
         gains = np.array([one.amplification_db for one in self.readouts])[self._columns["readout"]]
         names = ("target", "pattern", "wavelength", "exposure")
-        codes = group_codes(*(self._columns[name] for name in names), gains)
+        return self._first_of_each(*(self._columns[name] for name in names), gains)
+
+    def _first_of_each(self, *columns: NDArray[Any]) -> ShotList:
+        """Return the first of all shots of the run that are alike in some columns, in order."""
+        codes = group_codes(*columns)
         return self.pick(np.sort(np.unique(codes, return_index=True)[1]))
 
     @property

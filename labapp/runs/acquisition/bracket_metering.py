@@ -23,7 +23,6 @@ from labapp.runs.brackets.limits import bracket_limits
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.shots import Shot
 from labapp.runs.steps import planned_settings
-from optics.camera import Sensor
 from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, scene_light
 from optics.progress import Progress
 
@@ -136,8 +135,7 @@ class BracketMetering:
         if remark:
             log.warning("metering %s: %s", shot.target, remark)
         self._sensor = found.sensor_as_seen(self._sensor)
-        sensor = found.sensor_as_seen(sensor)
-        return self._metered_light(shot, found, frames, remark, sensor)
+        return self._metered_light(shot, found, frames, remark)
 
     def _take(self, shot: Shot) -> Frame:
         self._steps += 1
@@ -148,16 +146,11 @@ class BracketMetering:
         return self._taker.take(metering, lambda *stored: None)
 
     def _metered_light(
-        self,
-        shot: Shot,
-        found: MeteredRange,
-        frames: Sequence[Frame],
-        remark: str,
-        sensor: Sensor,
+        self, shot: Shot, found: MeteredRange, frames: Sequence[Frame], remark: str
     ) -> MeteredLight:
         """Return what a run's record tells of a metering."""
         seen = ((frame.exposure, frame.image) for frame in frames)
-        light = scene_light(seen, sensor)
+        light = scene_light(seen, shot.readout.read_sensor(self._sensor))
         rows = tuple(tuple(_round_rate(one) for one in row) for row in light.blocks.tolist())
         return MeteredLight(
             target=shot.target,

@@ -95,10 +95,8 @@ class FrameTaker:
     def take(self, shot: Shot, keep: StoreFrame) -> Frame:
         """Take and store the frame of a run's shot, and return it in whole digital numbers.
 
-        It is tried again when a device fails.
-
-        Raises DeviceError after as many failures as the plan allows, and at once if another try
-        would fail in the same way. Raises Cancelled if the run
+        It is tried again when a device fails. Raises DeviceError after as many failures as the plan
+        allows, and at once if another try would fail in the same way. Raises Cancelled if the run
         was cancelled; no frame is begun or stored after that.
         """
         attempt = 1
@@ -189,10 +187,10 @@ class FrameTaker:
         camera: Any = self._bench.camera
         before, self._readout = self._readout, None
         ready, pixels = 0.0, (readout.region, readout.binning)
-        if self._chosen("pixels", pixels != (None, None)):
+        if self._was_chosen("pixels", pixels != (None, None)):
             setting = camera.set_region(*pixels)
             ready = max(ready, self._require_set(setting, readout.region, 0))
-        if self._chosen("gain", readout.gain_db is not None):
+        if self._was_chosen("gain", readout.gain_db is not None):
             setting = camera.set_gain(readout.gain_db)
             ready = max(ready, self._require_set(setting, readout.gain_db, GAIN_TOLERANCE_DB))
         if before is not None or readout.describe():
@@ -200,7 +198,7 @@ class FrameTaker:
         self._readout = readout
         return ready
 
-    def _chosen(self, what: str, now: bool) -> bool:
+    def _was_chosen(self, what: str, now: bool) -> bool:
         """Return whether a shot of the run, this one or an earlier one, has chosen a setting."""
         if now:
             self._chosen_once.add(what)

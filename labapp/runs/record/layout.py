@@ -8,7 +8,8 @@
     plan, bench, scene, faults, versions, capabilities         as run (JSON)
     effect_plan      the simulator's effect plans (JSON, null for a real bench): "effects",
                      descriptions by name; "plans", one for each different target, pattern,
-                     wavelength and exposure. Older records have one by "pattern, wavelength"
+                     wavelength, exposure and gain. Older records have one by "pattern,
+                     wavelength"
     readouts         how the sensor is read (JSON): gain, region, binning, number of frames whose
                      mean is stored, and in how many steps of 1 DN
     pictures         SHA-256 of the simulated scene's picture files (JSON)

@@ -358,7 +358,7 @@ class Record:
     @cached_property
     def _reads_plainly(self) -> bool:
         """Whether all frames of the run are whole ones, none of which is a mean."""
-        return all(not one.describe() for one in self.readouts)
+        return all(one == AS_OPENED for one in self.readouts)
 
     @cached_property
     def whole_frame(self) -> tuple[int, int]:

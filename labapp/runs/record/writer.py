@@ -156,8 +156,7 @@ class RecordWriter:
         (rows, columns), (height, width) = self._places["images"].shape[1:], image.shape
         if height > rows or width > columns:
             raise CorruptFrame(f"it has {image.shape} pixels")
-        if known is not None and (found := checksum(image)) != known:
-            raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
+        _require_checksum(checksum(image) if known is not None else 0, known)
         return np.pad(image, ((0, rows - height), (0, columns - width)))
 
     def store_values(
@@ -176,8 +175,7 @@ class RecordWriter:
         if image.shape != self._places["images"].shape[1:]:
             image, known = self._fill_row(image, known), None
         found, digest = self._write_image(index, image)
-        if known is not None and found != known:
-            raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
+        _require_checksum(found, known)
         settings = digests.pack_settings({**values, "checksum": found})
         for name, data in settings.items():
             self._write(name, index, memoryview(data))
@@ -324,3 +322,9 @@ class RecordWriter:
         place = self._places[name]
         offset = place.offset + row * place.row_bytes
         write_all(self._handle, data, offset)
+
+
+def _require_checksum(found: int, known: int | None) -> None:
+    """Raise CorruptFrame if the image of a run's frame isn't the one that the camera sent."""
+    if known is not None and found != known:
+        raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")
