@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +13,6 @@ from typing import Any
 
 import forked
 import pytest
-from matplotlib.figure import Figure
 from small_bench.files import SmallFiles, write_small, write_tiny
 
 from drivers.hosted import child_process
@@ -51,40 +50,6 @@ def children_with_their_libraries_loaded():
     processes = SimpleNamespace(**{**vars(subprocess), "Popen": start})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(child_process, "subprocess", processes)
-        yield
-
-
-_render = Figure.savefig
-
-
-@pytest.fixture
-def every_figure_rendered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For tests that look at several figures of one kind."""
-    monkeypatch.setattr(Figure, "savefig", _render)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def figures_rendered_once():
-    """Of the figures of one kind, the tests of a file render the first: each takes a second.
-
-    All are made with their data; the later ones are written as empty figures of their size.
-    """
-    kinds = set()
-
-    def kind(figure: Figure) -> Hashable:
-        axes = [
-            (a.get_xlabel(), a.get_ylabel(), a.get_xscale(), a.get_yscale()) for a in figure.axes
-        ]
-        return (*figure.get_size_inches(), figure.dpi, *axes)
-
-    def save(figure: Figure, target: Any, **options: Any) -> None:
-        if (found := kind(figure)) in kinds:
-            figure = Figure(figure.get_size_inches(), figure.dpi)
-        kinds.add(found)
-        _render(figure, target, **options)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", save)
         yield
 
 

@@ -84,7 +84,6 @@ def test_a_page_shows_names_as_they_are():
     page.encode()
 
 
-@pytest.mark.usefixtures("every_figure_rendered")
 def test_a_picture_shows_a_dollar_and_no_formula():
     """A formula that isn't one would end the drawing; one that is wouldn't show its dollars."""
 

@@ -76,7 +76,6 @@ def said(labapp, folder, *options, name="frame.npy", psf="psf.npy"):
     return json.loads(printed)
 
 
-@pytest.mark.usefixtures("every_figure_rendered")
 @pytest.mark.parametrize(
     ("method", "gain"),
     [("auto", 4), ("tv", 4), ("hyper-laplacian", 3.5), ("wiener", 2), ("richardson-lucy", 2)],
