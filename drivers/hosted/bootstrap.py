@@ -6,6 +6,7 @@ package import must exist there.
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import os
 import pkgutil
@@ -60,5 +61,7 @@ def run_child(end: str, memory: str, grace: str, target: str, path: list[str]) -
         sys.path = path
         function(line, *line.receive())
     except Exception as error:
-        line.send(CallResult(failure=RemoteFailure.from_exception(error)))
+        # A parent that has ended, say by Ctrl-C, needs no result, and its terminal no traceback.
+        with contextlib.suppress(OSError):
+            line.send(CallResult(failure=RemoteFailure.from_exception(error)))
         sys.exit(1)

@@ -54,6 +54,15 @@ def test_a_large_message_leaves_time_between_its_parts(ends):
     sending.join()
 
 
+def test_a_child_whose_parent_has_gone_ends_without_a_word(tmp_path):
+    """Whether it still gets what it was given depends on the moment; either way it fails."""
+    with (tmp_path / "said").open("w+") as said:
+        for _ in range(3):
+            ChildProcess("operator:truediv", 0, errors=said.fileno()).close()
+        assert said.seek(0) == 0
+        assert not said.read()
+
+
 @pytest.mark.parametrize("piece", [1, 7, 64, 10_000])
 def test_messages_survive_any_cutting(ends, piece):
     line, theirs = ends
