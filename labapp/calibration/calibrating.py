@@ -27,7 +27,7 @@ from labapp.files.calibration_file import CalibrationFile, calibration_to_json
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import PATTERN_FOLDER, PLAN_FILE, RECORD_FILE, write_plan
 from labapp.files.writing import make_folder, require_free_names, write_atomically
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import require_complete, run_written_plan
@@ -178,7 +178,9 @@ def _find_exposures(
         part = progress.part(number / _MOST_TRIALS, (number + 1) / _MOST_TRIALS)
         title = f"Trial of the exposure, {nm:g} nm"
         plan = trial_plan(title, NEUTRAL_NAME, {(request.star, nm): wanted})
-        outcome = run_plan(bench, plan, path, source="trial", force=True, progress=part, ask=ask)
+        outcome = run_plan(
+            bench, plan, path, Attendance(progress=part, ask=ask), source="trial", force=True
+        )
         require_complete(outcome)
         trials += _trials(outcome)
         answer = evaluate_trials(trials, camera)

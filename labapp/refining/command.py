@@ -16,7 +16,7 @@ from labapp.refining.refinement_request import RefinementRequest, with_star_size
 from labapp.refining.result import RefinementResult, refined_design_contents
 from labapp.refining.sensor_view import build_view
 from labapp.refining.start import build_start
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator
 from labapp.runs.run_commands import ExecutionOptions, interactive_progress
 from optics.progress import Progress
 from optics.retrieval import refine

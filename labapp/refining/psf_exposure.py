@@ -16,7 +16,7 @@ from labapp.files.plan_folder import PATTERN_FOLDER, write_plan
 from labapp.files.sensor_file import require_monochrome_sensor
 from labapp.pictures.analysis.brackets import Bracket, find_bracket, merge_all
 from labapp.refining.refinement_request import RefinementRequest
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import require_complete
@@ -60,11 +60,10 @@ def take_picture(
         bench,
         plan,
         path,
+        Attendance(progress=running, ask=ask),
         source=str(source),
         folder=source.parent,
         force=force,
-        progress=running,
-        ask=ask,
     )
     require_complete(outcome)
     with Record(path) as record:

@@ -15,7 +15,7 @@ from labapp.refining.psf_exposure import record_path, take_picture
 from labapp.refining.refinement_request import RefinementRequest
 from labapp.refining.sensor_view import SensorView
 from labapp.refining.start import RefinementStart
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator
 from optics.metrics import scaled_nrmse, speckle_contrast
 from optics.progress import Progress
 from optics.retrieval.camera_feedback import JUDGED_TARGET_SHARE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from labapp.runs.brackets.choice import equal_ladders
 from labapp.runs.brackets.drawing import draw_brackets
 from labapp.runs.brackets.limits import bracket_limits, wanted_snr
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.run_commands import ExecutionOptions, interactive_progress
+from labapp.runs.run_commands import ExecutionOptions, attended_run
 from optics.hdr import ChosenBracket
 from optics.hdr.exposure_snr import ExposureSNR
 
@@ -103,14 +103,13 @@ def _settle(plan: PlanFile, bench: Bench, execution: ExecutionOptions) -> PlanFi
     abilities = BenchCapabilities.of(bench)
     possible = expected_plan(plan, abilities, bench.description.sensor, _SOURCE)
     feasible_shots(possible, abilities, _SOURCE)
-    with interactive_progress(execution) as (progress, ask):
+    with attended_run(execution) as attendance:
+        progress = attendance.progress
         patterns = compute_patterns(
             plan.patterns, bench.description, plan.seed, progress.part(0, 0.3), Path()
         )
-        metering = BracketMetering(
-            bench, plan, patterns, ask, progress.part(0.3, 1), _SOURCE, Hooks()
-        )
-        settled = metering.settle()
+        metering = replace(attendance, progress=progress.part(0.3, 1))
+        settled = BracketMetering(bench, plan, patterns, metering, _SOURCE, Hooks()).settle()
         bench.make_safe()
     return settled
 

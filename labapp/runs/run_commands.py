@@ -18,8 +18,7 @@ from labapp.files.fault_file import read_faults
 from labapp.files.plan_file import NamedPlan, PlanFile
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE
 from labapp.files.writing import make_folder
-from labapp.runs.acquisition.active_run import JudgeFrame
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.queue import RunRequest, run_all
 from labapp.runs.acquisition.runner import RunOutcome, hold_record, resume_run, run_plan
 from labapp.runs.keyboard import open_keyboard
@@ -61,15 +60,13 @@ def run_files(
     ]
     with (
         open_bench(files, speed=execution.speed) as bench,
-        attended_run(execution) as (progress, ask, judge),
+        attended_run(execution) as attendance,
     ):
         outcomes = run_all(
             bench,
             requests,
+            attendance,
             force=execution.force,
-            progress=progress,
-            ask=ask,
-            judge=judge,
             on_outcome=lambda outcome: _report_outcome(outcome, execution),
         )
     if execution.as_json:
@@ -96,7 +93,13 @@ def run_written_plan(
     source = str(folder / PLAN_FILE)
     record = folder / RECORD_FILE
     outcome = run_plan(
-        bench, plan, record, source=source, folder=folder, force=force, progress=progress, ask=ask
+        bench,
+        plan,
+        record,
+        Attendance(progress=progress, ask=ask),
+        source=source,
+        folder=folder,
+        force=force,
     )
     require_complete(outcome)
 
@@ -116,8 +119,8 @@ def resume_file(
         if not execution.as_json:
             print_message(f"{record}: {len(held.missing)} frames to take")
         opened_bench = stack.enter_context(open_bench(made_from, speed=execution.speed))
-        progress, ask, judge = stack.enter_context(attended_run(execution))
-        outcome = resume_run(opened_bench, held, progress=progress, ask=ask, judge=judge)
+        attendance = stack.enter_context(attended_run(execution))
+        outcome = resume_run(opened_bench, held, attendance)
     _report_outcome(outcome, execution)
     if execution.as_json:
         print_json(_as_data(outcome))
@@ -187,18 +190,19 @@ def require_complete(outcome: RunOutcome) -> None:
 @contextmanager
 def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress, AskOperator]]:
     """Yield a run's progress, shown in the terminal, and the function that asks its prompts."""
-    with attended_run(execution) as (progress, ask, _):
-        yield progress, ask
+    with attended_run(execution) as attendance:
+        assert attendance.ask is not None
+        yield attendance.progress, attendance.ask
 
 
 @contextmanager
 def attended_run(
     execution: ExecutionOptions,
-) -> Iterator[tuple[Progress, AskOperator, JudgeFrame | None]]:
-    """Yield what interactive_progress() does, and the function that asks about doubted frames.
+) -> Iterator[Attendance]:
+    """Yield what a person in the terminal sees of a run, and is asked.
 
-    It is None where nobody is at a terminal, or all prompts count as answered: such a frame is
-    kept, and the record's log has the doubt.
+    Nobody is asked about doubted frames where nobody is at a terminal, or all prompts count as
+    answered: such a frame is kept, and the record's log has the doubt.
     """
     with terminal_progress() as progress, open_keyboard(progress) as keyboard:
 
@@ -211,7 +215,8 @@ def attended_run(
             print_message(f"{doubt} Enter takes the frame again, k keeps it.")
             return not keyboard.wait_for_enter(progress, other_key="k")
 
-        yield progress, ask, judge if keyboard.is_terminal and not execution.yes else None
+        judges = keyboard.is_terminal and not execution.yes
+        yield Attendance(progress, ask, judge if judges else None)
 
 
 def print_written_plan(

@@ -14,7 +14,7 @@ from labapp.files.plan_folder import RECORD_FILE, write_plan
 from labapp.files.spectra_file import SpectraFile
 from labapp.files.writing import make_folder, write_atomically
 from labapp.patterns.grey_levels import compute_patterns
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator
 from labapp.runs.run_commands import run_written_plan
 from labapp.spectral.lights import ViewingLight
 from labapp.spectral.snapshot_prior import require_filters

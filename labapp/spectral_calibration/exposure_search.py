@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labapp.bench.opening import Bench
 from labapp.calibration.trial_exposures import limit_exposures, trial_plan
 from labapp.common.errors import UserError
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import require_complete
@@ -79,7 +79,9 @@ def find_exposures(
         part = progress.part(number / _MOST_ROUNDS, (number + 1) / _MOST_ROUNDS)
         path = folder / f"trial-{number + 1}.h5"
         plan = trial_plan(_TITLE, request.neutral, wanted)
-        outcome = run_plan(bench, plan, path, source="trial", force=True, progress=part, ask=ask)
+        outcome = run_plan(
+            bench, plan, path, Attendance(progress=part, ask=ask), source="trial", force=True
+        )
         require_complete(outcome)
         _read_trials(path, tried, request.star)
         wanted = _next_trials(tried, found, sensor, tuple(wanted))

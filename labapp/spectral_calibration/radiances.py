@@ -15,7 +15,7 @@ from labapp.bench.opening import BenchFiles, open_devices
 from labapp.common.errors import UserError
 from labapp.files.spectra_file import TransmissionTable
 from labapp.files.spectrum_file import read_spectra
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator
 from labapp.spectral.lights import ViewingLight
 from labapp.spectral_calibration.request import SpectraRequest
 from optics.light import Spectrum

@@ -16,7 +16,7 @@ from labapp.files.output_paths import RECORD, STUDY_FILES
 from labapp.files.reading import bundled_path
 from labapp.files.sensor_file import require_monochrome_sensor
 from labapp.files.writing import make_folder, require_free_names
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import ExecutionOptions, interactive_progress, require_complete
@@ -91,10 +91,9 @@ def carry_out_study(
             bench,
             plan,
             folder / RECORD,
+            Attendance(progress=acquiring, ask=ask),
             source=f"study {request.name}",
             force=manner.force,
-            progress=acquiring,
-            ask=ask,
             stopwatch=watch,
         )
     require_complete(outcome)

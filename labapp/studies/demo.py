@@ -13,6 +13,7 @@ from labapp.files.reading import bundled_path, read_file
 from labapp.files.writing import make_folder, require_free_names
 from labapp.pictures.report import as_data, print_tables, write_report
 from labapp.pictures.report.record_analysis import RecordAnalysis, analyse_record
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.run_commands import require_complete
 from optics.progress import Progress
@@ -56,9 +57,9 @@ def run_first_light(
             bench,
             plan,
             folder / RECORD,
+            Attendance(progress=progress.part(0, 0.7)),
             source="first_light.toml",
             force=force,
-            progress=progress.part(0, 0.7),
             stopwatch=watch,
         )
     require_complete(outcome)

@@ -213,6 +213,7 @@ class PSFOperator:
             unmodulated=unmodulated,
             tol=tol,
             method=method,
+            pixel_tol=pixel_tol,
             phase_slope=phase_slope,
             budget=budget,
         )

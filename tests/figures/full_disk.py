@@ -23,6 +23,7 @@ from figures.durability import differing_arrays, run_small
 from figures.where import ENVIRONMENT, ROOT
 from labapp.bench.opening import open_bench
 from labapp.runs.acquisition import frame_storage
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.shots import Shot
@@ -108,7 +109,7 @@ def _fill_once(
         frames = whole.frame_count
     filler = _Filler(disk, path, reference, int(rng.integers(frames - 1)), rng.random() < 0.5)
     with open_bench(small_setup()) as bench, _blindfolded(not watched):
-        outcome = run_plan(bench, plan, path, on_frame=filler.after_frame)
+        outcome = run_plan(bench, plan, path, Attendance(on_frame=filler.after_frame))
     filler.join()
     return filler.trouble or _judge(outcome, reference, path), filler.pauses
 

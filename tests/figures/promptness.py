@@ -20,6 +20,7 @@ from figures import Figure
 from labapp.bench.opening import Bench, BenchSetup, open_bench
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import sync_to_disk
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.shots import Shot
@@ -99,7 +100,7 @@ def cancel_seconds(folder: Path, setup: BenchSetup, number: int) -> float:
         bench.make_safe = noted  # type: ignore[method-assign]
         watcher = threading.Thread(target=cancel)
         watcher.start()
-        outcome = run_plan(bench, plan_of([30_000], 2), path, progress=progress)
+        outcome = run_plan(bench, plan_of([30_000], 2), path, Attendance(progress=progress))
         watcher.join()
         assert outcome.state is State.CANCELLED, outcome
         assert bench.slm.displayed_pattern == "neutral"
@@ -139,7 +140,10 @@ def _overheads(bench: Bench, path: Path, spent: list[float]) -> list[float]:
     told: list[tuple[float, float]] = []
     plan = plan_of([1, 8, 64, 512], _FRAMES // 4)
     run_plan(
-        bench, plan, path, on_frame=lambda shot, frame: told.append((time.perf_counter(), spent[0]))
+        bench,
+        plan,
+        path,
+        Attendance(on_frame=lambda shot, frame: told.append((time.perf_counter(), spent[0]))),
     )
     path.unlink()
     ends, camera = np.array(told).T
@@ -222,7 +226,7 @@ def _engine(path: Path, frames: list[NDArray[np.uint16]]) -> float:
         told.append(time.perf_counter())
 
     with open_bench(small_setup(_BIG, reply_s=60.0)) as bench, _ready_pictures(frames):
-        run_plan(bench, plan_of([1], _SUSTAINED), path, on_frame=tell)
+        run_plan(bench, plan_of([1], _SUSTAINED), path, Attendance(on_frame=tell))
     path.unlink()
     return told[-1] - told[0]
 

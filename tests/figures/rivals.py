@@ -26,6 +26,7 @@ from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable, write_atomically
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.export.exporting import export_frames
 from labapp.runs.record.digests import image_digest
@@ -179,7 +180,9 @@ def _run(path: Path, work: dict[str, Any], deed: Deed) -> None:
     with open_bench(small_setup(SHAPE)) as bench:
         plan = small_plan(work["title"])
         told = _noting(deed, work, progress)
-        outcome = run_plan(bench, plan, path, force=force, progress=progress, on_frame=told)
+        outcome = run_plan(
+            bench, plan, path, Attendance(progress=progress, on_frame=told), force=force
+        )
     deed.state = outcome.state
     deed.error = outcome.message
 
@@ -188,7 +191,7 @@ def _resume(path: Path, work: dict[str, Any], deed: Deed) -> None:
     progress = Progress()
     with open_bench(small_setup(SHAPE)) as bench:
         told = _noting(deed, work, progress)
-        outcome = resume_run(bench, path, progress=progress, on_frame=told)
+        outcome = resume_run(bench, path, Attendance(progress=progress, on_frame=told))
     deed.state = outcome.state
     deed.error = outcome.message
 

@@ -29,6 +29,7 @@ from figures.spoiled_screens import (
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -192,7 +193,7 @@ def run_once(
     setup = setup_on(made.server)
     with listening() as ear, open_bench(setup) as bench:
         offset = time.monotonic() - bench.clock.now()
-        outcome = run_plan(bench, _plan(frames), path, on_frame=look)
+        outcome = run_plan(bench, _plan(frames), path, Attendance(on_frame=look))
         for thread in threads:
             thread.join()
     with Record(outcome.path) as record:

@@ -17,8 +17,8 @@ from drivers.errors import DeviceError
 from figures import TOLD, Figure
 from labapp.bench.opening import Bench, BenchFiles, open_bench
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.feasibility import feasible_shots
-from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.state import State
@@ -122,7 +122,10 @@ def _take(
     reader = threading.Thread(target=read)
     reader.start()
     outcome = run_plan(
-        bench, plan, path, progress=run.progress, on_frame=run.count_stored_frame, ask=answer
+        bench,
+        plan,
+        path,
+        Attendance(progress=run.progress, ask=answer, on_frame=run.count_stored_frame),
     )
     end = time.monotonic()
     over.set()

@@ -14,6 +14,7 @@ from figures import Figure
 from figures.durability import differing_arrays, run_small
 from labapp.bench.opening import open_bench
 from labapp.common.console import print_message
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import RunOutcome, resume_run, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -85,7 +86,10 @@ def _suffer_one(folder: Path, kind: Kind, rng: np.random.Generator) -> Suffered:
         script = bench.world.faults
         # A fault may come after the last frame, when the bench is made safe.
         outcome = run_plan(
-            bench, plan, path, on_frame=lambda shot, frame: spared.append(script.is_unused)
+            bench,
+            plan,
+            path,
+            Attendance(on_frame=lambda shot, frame: spared.append(script.is_unused)),
         )
     harmless = outcome.state is State.COMPLETE and spared[-1]
     helps = not lasting or harmless or kind in _PASSING

@@ -20,6 +20,7 @@ from figures.plugs import Plug, Seen, checksum_of
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.shots import Shot
@@ -121,8 +122,9 @@ def unplugged_run(
                 bench,
                 plan_of(patterns),
                 folder / "run.h5",
-                progress=Progress(lambda share, words: said.append(words)),
-                on_frame=look,
+                Attendance(
+                    progress=Progress(lambda share, words: said.append(words)), on_frame=look
+                ),
             )
     with Record(outcome.path) as record:
         again = int((record.column("attempts") > 1).sum())

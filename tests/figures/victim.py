@@ -14,6 +14,7 @@ from small_bench.setups import small_setup
 from figures.fork_server import ForkServer
 from labapp.bench.opening import open_bench
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import resume_run, run_plan
 
 
@@ -72,10 +73,10 @@ def _run(order: dict[str, Any]) -> None:
         with open_bench(small_setup()) as bench:
             path = Path(order["path"])
             if order["plan"] is None:
-                resume_run(bench, path, on_frame=tell)
+                resume_run(bench, path, Attendance(on_frame=tell))
             else:
                 plan = PlanFile.model_validate(order["plan"])
-                run_plan(bench, plan, path, on_frame=tell)
+                run_plan(bench, plan, path, Attendance(on_frame=tell))
     finally:
         os._exit(0)
 

@@ -9,6 +9,7 @@ from small_bench.setups import small_setup
 
 from labapp.bench.opening import open_bench
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.place_table import Place, read_table
 from optics.progress import Progress
@@ -45,7 +46,7 @@ def take(path: Path, frames: int = 8) -> str:
             progress.cancel()
 
     with open_bench(SETUP) as bench:
-        return run_plan(bench, PLAN, path, progress=progress, on_frame=stop).digest
+        return run_plan(bench, PLAN, path, Attendance(progress=progress, on_frame=stop)).digest
 
 
 def places(path: Path) -> dict[str, Place]:

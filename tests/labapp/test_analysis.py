@@ -11,6 +11,7 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.pictures.report.figures import histogram_figure
 from labapp.pictures.report.record_analysis import analyse_record
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.record.writer import RecordWriter
@@ -70,8 +71,10 @@ def test_an_incomplete_run_is_merged_but_not_reconstructed(small, tmp_path):
             bench,
             plan,
             tmp_path / "run.h5",
-            progress=progress,
-            on_frame=lambda shot, frame: progress.cancel() if shot.index == 9 else None,
+            Attendance(
+                progress=progress,
+                on_frame=lambda shot, frame: progress.cancel() if shot.index == 9 else None,
+            ),
         )
     (bracket,) = analyse_record(outcome.path).brackets
     assert bracket.name == "star, neutral, 540 nm"

@@ -17,6 +17,7 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import validate
 from labapp.runs.acquisition import hooks
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.brackets.extremes import possible_plans
 from labapp.runs.record.reader import Record
@@ -102,7 +103,7 @@ def test_a_resumed_run_takes_the_same_bracket(bench, tmp_path):
             progress.cancel()
 
     path = tmp_path / "half.h5"
-    half = run_plan(bench, bracket_plan(), path, progress=progress, on_frame=stop)
+    half = run_plan(bench, bracket_plan(), path, Attendance(progress=progress, on_frame=stop))
     assert half.state is State.CANCELLED
     assert resume_run(bench, path).state is State.COMPLETE
     assert differing_arrays(whole.path, path) == []

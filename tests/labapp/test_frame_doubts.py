@@ -8,7 +8,9 @@ from plans import block, plan_of
 
 from labapp.bench.opening import open_bench
 from labapp.files.plan_file import Reconstruction
-from labapp.runs.acquisition.runner import run_plan
+from labapp.runs.acquisition.attendance import Attendance
+from labapp.runs.acquisition.runner import resume_run, run_plan
+from labapp.runs.acquisition.waiting import Idle
 from labapp.runs.frame_doubts import (
     FrameDoubts,
     lack_of_light,
@@ -21,6 +23,7 @@ from labapp.runs.record.reader import Record
 from labapp.runs.shots import Shot
 from labapp.runs.state import State
 from optics.camera import Camera, Sensor
+from optics.progress import Cancelled, Progress
 
 SENSOR = Sensor(bits=12, gain=2.6, read_noise=2.4, dark_current=1.0, black_level=64.0)
 CAMERA = Camera(sensor=SENSOR)
@@ -159,7 +162,7 @@ def test_a_run_takes_a_doubted_frame_again_and_keeps_it_when_told(small_bench, l
         said.append((doubt, shot.repeat, frame.number))
         return next(answers)
 
-    outcome = run_plan(small_bench, lit_darks, tmp_path / "run.h5", judge=judge)
+    outcome = run_plan(small_bench, lit_darks, tmp_path / "run.h5", Attendance(judge=judge))
     assert (outcome.state, outcome.message) == (State.COMPLETE, "")
     assert [repeat for _, repeat, _ in said] == [0, 0]
     assert said[0][2] < said[1][2]
@@ -176,3 +179,32 @@ def test_where_nobody_is_asked_the_log_has_the_doubt(small_bench, lit_darks, tmp
     assert outcome.state is State.COMPLETE
     with Record(outcome.path) as record:
         assert sum("is doubted" in text for _, text in record.log) == 1
+
+
+def test_a_resumed_run_asks_about_frames_and_pauses_for_its_caller(
+    small_bench, lit_darks, tmp_path
+):
+    """Whether the record is given by its path or held makes no difference."""
+    progress, asked, waited = Progress(), [], []
+
+    def end(*given):
+        progress.cancel()
+        raise Cancelled
+
+    path = tmp_path / "run.h5"
+    assert run_plan(small_bench, lit_darks, path, Attendance(progress, judge=end)).missing
+
+    class Waiting(Idle):
+        def begin(self):
+            waited.append(len(asked))
+            again.resume()
+
+    again = Progress()
+    again.pause()
+
+    def judge(doubt, *given):
+        asked.append(doubt)
+        return True
+
+    resumed = resume_run(small_bench, path, Attendance(again, judge=judge, meanwhile=Waiting()))
+    assert (resumed.state, waited, len(asked)) == (State.COMPLETE, [0], 1)

@@ -14,6 +14,7 @@ from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.write_locks import is_locked, move_into_place, open_locked
 from labapp.files.writing import require_writable, write_atomically
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import hold_record, resume_run, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -75,7 +76,7 @@ def test_whatever_writes_files_is_told_who_has_the_record(bench, path, tmp_path)
         with pytest.raises(UserError, match="exists already"):
             move_into_place(other, path, force=False)
 
-    assert run_plan(bench, PLAN, path, on_frame=intrude).state is State.COMPLETE
+    assert run_plan(bench, PLAN, path, Attendance(on_frame=intrude)).state is State.COMPLETE
     assert not is_locked(path)
     write_atomically(path, b"something else")
     assert path.read_bytes() == b"something else"
@@ -99,7 +100,7 @@ def test_a_run_whose_file_is_moved_fails_and_says_where_its_frames_are(bench, pa
         if shot.index == 1:
             path.rename(moved)
 
-    outcome = run_plan(bench, PLAN, path, on_frame=move)
+    outcome = run_plan(bench, PLAN, path, Attendance(on_frame=move))
     assert (outcome.state, outcome.path, outcome.missing) == (State.FAILED, moved, [])
     assert outcome.message.endswith(f"Its frames are in {moved}")
     assert not path.exists()
@@ -120,7 +121,7 @@ def test_a_run_whose_file_is_deleted_ends_and_keeps_its_frames(bench, path, repl
             if replaced:
                 path.write_text("another file")
 
-    outcome = run_plan(bench, PLAN, path, on_frame=delete)
+    outcome = run_plan(bench, PLAN, path, Attendance(on_frame=delete))
     assert (outcome.state, outcome.path, outcome.missing) == (State.FAILED, copy, [2, 3])
     assert outcome.message.endswith(f"Its frames are in {copy}")
     assert not replaced or path.read_text() == "another file"
@@ -131,7 +132,7 @@ def test_a_run_whose_file_is_deleted_ends_and_keeps_its_frames(bench, path, repl
 
 def test_a_file_that_is_deleted_by_the_last_frame_is_noticed(bench, path):
     outcome = run_plan(
-        bench, PLAN, path, on_frame=lambda shot, _: shot.index == 3 and path.unlink()
+        bench, PLAN, path, Attendance(on_frame=lambda shot, _: shot.index == 3 and path.unlink())
     )
     assert (outcome.state, outcome.missing) == (State.FAILED, [])
     assert outcome.path == path.with_name("run_rescued_1.h5")

@@ -15,6 +15,7 @@ from labapp.bench.opening import DRIVER_GROUP, open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -74,7 +75,7 @@ def test_a_camera_that_hangs_is_killed_named_and_opened_again(strange, tmp_path)
     mending = threading.Thread(target=mend)
     mending.start()
     with open_bench(strange.bench_files) as bench:
-        outcome = run_plan(bench, plan, tmp_path / "run.h5", on_frame=hang_once)
+        outcome = run_plan(bench, plan, tmp_path / "run.h5", Attendance(on_frame=hang_once))
         assert not Path("/proc", str(pids[0])).exists()
     mending.join()
     assert outcome.state is State.COMPLETE
@@ -99,7 +100,10 @@ def test_a_cancelled_run_names_the_camera_that_hangs(strange, tmp_path):
 
     with open_bench(strange.bench_files) as bench:
         outcome = run_plan(
-            bench, plan, tmp_path / "run.h5", progress=progress, on_frame=hang_and_cancel
+            bench,
+            plan,
+            tmp_path / "run.h5",
+            Attendance(progress=progress, on_frame=hang_and_cancel),
         )
     assert outcome.state is State.CANCELLED
     assert outcome.message.startswith("cancelled by the user; the camera hung at capture")

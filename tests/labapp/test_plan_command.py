@@ -14,6 +14,7 @@ from labapp.bench.opening import BenchFiles, open_bench
 from labapp.files.file_lookup import bundled_plans
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.state import State
 
@@ -266,7 +267,10 @@ def test_a_ready_plan_runs_on_a_small_bench_with_the_bundled_scene(small, tmp_pa
     asked: list[str] = []
     with open_bench(BenchFiles.with_defaults(small.bench)) as bench:
         outcome = run_plan(
-            bench, plan, tmp_path / "run.h5", ask=lambda text, progress: asked.append(text)
+            bench,
+            plan,
+            tmp_path / "run.h5",
+            Attendance(ask=lambda text, progress: asked.append(text)),
         )
     assert (outcome.state, outcome.missing) == (State.COMPLETE, [])
     assert len(asked) == (5 if name == "edof-target" else 0)

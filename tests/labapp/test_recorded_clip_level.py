@@ -13,6 +13,7 @@ import labapp.bench.opening
 from drivers.interfaces import Frame, Identity, Setting
 from labapp.bench.opening import DRIVER_GROUP, BenchFiles, open_bench
 from labapp.pictures.merging.bracket_record import RecordedFrames, read_recorded_bracket
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import bench_setup_of
@@ -85,7 +86,7 @@ def test_frames_are_judged_and_kept_with_the_clip_level_that_was_metered(labapp,
         told = bench.file
         assert told.sensor.clip_level_dn is None
         outcome = run_plan(
-            bench, PLAN, path, progress=progress, on_frame=lambda *_: progress.cancel()
+            bench, PLAN, path, Attendance(progress=progress, on_frame=lambda *_: progress.cancel())
         )
     assert outcome.state is State.CANCELLED
     with Record(path) as record:

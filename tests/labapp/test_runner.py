@@ -19,6 +19,7 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.runs.acquisition import feasibility, frame_storage, hooks
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.feasibility import estimate_run
 from labapp.runs.acquisition.queue import RunRequest, run_all
 from labapp.runs.acquisition.runner import resume_run, run_plan
@@ -131,7 +132,9 @@ def test_a_cancelled_run_is_safe_readable_and_says_what_is_missing(plan, bench, 
         if shot.index == 4:
             progress.cancel()
 
-    outcome = run_plan(bench, plan, tmp_path / "run.h5", progress=progress, on_frame=stop_at_five)
+    outcome = run_plan(
+        bench, plan, tmp_path / "run.h5", Attendance(progress=progress, on_frame=stop_at_five)
+    )
     assert outcome.state is State.CANCELLED
     assert outcome.missing == list(range(5, 16))
     assert is_safe(bench)
@@ -284,7 +287,7 @@ def test_each_frame_sees_a_lamp_as_it_is_at_its_moment_of_the_plan(tiny, tmp_pat
             progress.cancel()
 
     with open_bench(tiny.bench_files) as bench:
-        run_plan(bench, plan, path, progress=progress, on_frame=stop)
+        run_plan(bench, plan, path, Attendance(progress=progress, on_frame=stop))
         listed = planned_shots(plan, BenchCapabilities.of(bench))
     with open_bench(tiny.bench_files) as bench:
         assert resume_run(bench, path).state is State.COMPLETE
@@ -322,7 +325,7 @@ def test_a_pattern_is_shown_even_if_the_panel_has_another_of_that_name(small, pl
             bench,
             changed,
             tmp_path / "run.h5",
-            on_frame=lambda shot, frame: seen.append(int(bench.world.grey[0, 0])),
+            Attendance(on_frame=lambda shot, frame: seen.append(int(bench.world.grey[0, 0]))),
         )
     assert set(seen) == {100}
 
@@ -358,7 +361,7 @@ def test_pausing_rests_after_the_frame_and_goes_on_where_it_was(plan, bench, tmp
         bench.filter.set_wavelength(700e-9)
         progress.resume()
 
-    outcome = run_plan(bench, plan, path, progress=progress, on_frame=pause_at_three)
+    outcome = run_plan(bench, plan, path, Attendance(progress=progress, on_frame=pause_at_three))
     assert outcome.state is State.COMPLETE
     assert rested == [[0, 1, 2, 3]]
     run_plan(bench, plan, tmp_path / "quiet.h5")
@@ -377,7 +380,9 @@ def test_a_paused_run_can_be_cancelled(plan, bench, tmp_path):
         progress.pause()
         threading.Timer(0.1, progress.cancel).start()
 
-    outcome = run_plan(bench, plan, tmp_path / "run.h5", progress=progress, on_frame=rest)
+    outcome = run_plan(
+        bench, plan, tmp_path / "run.h5", Attendance(progress=progress, on_frame=rest)
+    )
     assert (outcome.state, outcome.missing) == (State.CANCELLED, list(range(1, 16)))
     assert is_safe(bench)
 
@@ -404,7 +409,7 @@ def test_a_plan_may_pause_when_a_device_goes_on_failing(plan, bench, tmp_path, m
     monkeypatch.setattr(bench.camera, "capture", fail_while_broken)
     patient = changed(plan, retry={"then": "pause", "wait_s": 0})
     path = tmp_path / "run.h5"
-    outcome = run_plan(bench, patient, path, progress=progress, on_frame=break_it)
+    outcome = run_plan(bench, patient, path, Attendance(progress=progress, on_frame=break_it))
     assert outcome.state is State.COMPLETE
     with Record(path) as record:
         assert any(text.startswith("paused: ") and "Mend it" in text for _, text in record.log)
@@ -418,14 +423,18 @@ def test_resuming_takes_the_missing_frames_only(small, plan, tmp_path):
             bench,
             plan,
             path,
-            progress=progress,
-            on_frame=lambda shot, frame: progress.cancel() if shot.index == 6 else None,
+            Attendance(
+                progress=progress,
+                on_frame=lambda shot, frame: progress.cancel() if shot.index == 6 else None,
+            ),
         )
     assert (outcome.state, outcome.missing) == (State.CANCELLED, list(range(7, 16)))
     with h5py.File(path, "r+") as file:
         file["entry/data/images"][2, 0, 0] ^= 1
     with open_bench(small.bench_files) as bench:
-        outcome = resume_run(bench, path, on_frame=lambda shot, frame: again.append(shot.index))
+        outcome = resume_run(
+            bench, path, Attendance(on_frame=lambda shot, frame: again.append(shot.index))
+        )
         assert is_safe(bench)
     assert outcome.state is State.COMPLETE
     assert again == [2, *range(7, 16)]
@@ -472,8 +481,7 @@ def test_a_person_is_asked_once_before_a_target_and_waited_for(plan, bench, tmp_
         bench,
         changed(plan, targets=PROMPTS),
         tmp_path / "run.h5",
-        ask=ask,
-        on_frame=lambda shot, frame: frames.append(shot.index),
+        Attendance(ask=ask, on_frame=lambda shot, frame: frames.append(shot.index)),
     )
     assert asked == [("Place the star at 1.5 m, press Enter.", 8, State.PAUSED)]
 
@@ -490,8 +498,7 @@ def test_who_cancels_at_a_prompt_ends_the_run(plan, bench, tmp_path):
         bench,
         changed(plan, targets=PROMPTS),
         tmp_path / "run.h5",
-        progress=progress,
-        ask=lambda text, progress: progress.cancel(),
+        Attendance(progress=progress, ask=lambda text, progress: progress.cancel()),
     )
     assert (outcome.state, outcome.missing) == (State.CANCELLED, list(range(8, 16)))
 
@@ -536,7 +543,7 @@ def test_a_full_disk_pauses_the_run_until_there_is_space(
 
     monkeypatch.setattr(os, "pwrite", refuse)
     monkeypatch.setattr(frame_storage, "free_bytes", room)
-    outcome = run_plan(bench, plan, path, on_frame=fill)
+    outcome = run_plan(bench, plan, path, Attendance(on_frame=fill))
     monkeypatch.undo()
     assert (outcome.state, outcome.missing) == (State.COMPLETE, [])
     message, missing = messages[0]
@@ -573,7 +580,7 @@ def test_cancelling_ends_a_long_exposure_at_once(small, plan, tmp_path):
 
     with open_bench(small.bench_files, speed=1.0) as bench:
         capture, bench.camera.capture = bench.camera.capture, soon_cancelled
-        outcome = run_plan(bench, long, tmp_path / "run.h5", progress=progress)
+        outcome = run_plan(bench, long, tmp_path / "run.h5", Attendance(progress=progress))
         assert is_safe(bench)
         # Of the 30 s not even half have passed.
         assert bench.clock.now() < 15
@@ -711,6 +718,8 @@ def test_what_a_person_takes_is_not_what_the_run_takes(plan, bench, tmp_path):
     def ask(text, progress):
         bench.clock.wait_until(bench.clock.now() + 1000, lambda: False)
 
-    outcome = run_plan(bench, changed(plan, targets=PROMPTS), tmp_path / "run.h5", ask=ask)
+    outcome = run_plan(
+        bench, changed(plan, targets=PROMPTS), tmp_path / "run.h5", Attendance(ask=ask)
+    )
     assert outcome.state is State.COMPLETE
     assert outcome.elapsed_seconds == pytest.approx(outcome.expected_seconds)

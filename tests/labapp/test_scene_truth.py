@@ -13,6 +13,7 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import bundled_path, read_file
 from labapp.files.scene_file import SceneFile
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import bench_setup_of
@@ -149,8 +150,10 @@ def test_the_truth_is_in_the_record_and_a_resumed_run_ends_in_the_same_arrays(sm
             bench,
             plan,
             path,
-            progress=progress,
-            on_frame=lambda shot, frame: progress.cancel() if shot.index == 5 else None,
+            Attendance(
+                progress=progress,
+                on_frame=lambda shot, frame: progress.cancel() if shot.index == 5 else None,
+            ),
         )
     assert outcome.state is State.CANCELLED
     # Nothing but the record is needed.

@@ -14,6 +14,7 @@ from figures.unplug import plan_of
 from drivers.x11 import XConnection
 from drivers.x11.outputs import list_outputs
 from labapp.bench.opening import open_bench
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -51,7 +52,7 @@ def test_a_frame_whose_levels_were_altered_is_named_and_taken_again(tmp_path, is
 
             with open_bench(plug.setup) as bench:
                 plan = plan_of(["neutral"])
-                outcome = run_plan(bench, plan, tmp_path / "run.h5", on_frame=look)
+                outcome = run_plan(bench, plan, tmp_path / "run.h5", Attendance(on_frame=look))
     assert outcome.state is State.COMPLETE
     with Record(outcome.path) as record:
         assert list(record.column("attempts")) == [1, 2, 1, 1]

@@ -7,6 +7,7 @@ from figures import plugs
 from figures.unplug import plan_of, unplugged_run
 
 from labapp.bench.opening import open_bench
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.state import State
 from optics.progress import Progress
@@ -54,6 +55,8 @@ def test_a_run_that_waits_for_a_plug_can_be_cancelled(tmp_path):
             threading.Timer(2.5, progress.cancel).start()
 
         plan = plan_of(["neutral"])
-        outcome = run_plan(bench, plan, tmp_path / "run.h5", progress=progress, on_frame=pull)
+        outcome = run_plan(
+            bench, plan, tmp_path / "run.h5", Attendance(progress=progress, on_frame=pull)
+        )
     assert outcome.state is State.CANCELLED
     assert outcome.missing == [1, 2, 3]

@@ -18,6 +18,7 @@ from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.record.checks import _min_rising_sequences, check_record
 from labapp.runs.record.reader import Record
@@ -73,7 +74,7 @@ def cancelled_after(path, frames: int) -> None:
             progress.cancel()
 
     with open_bench(SETUP) as bench:
-        run_plan(bench, PLAN, path, progress=progress, on_frame=stop)
+        run_plan(bench, PLAN, path, Attendance(progress=progress, on_frame=stop))
 
 
 def resumed(path) -> State:

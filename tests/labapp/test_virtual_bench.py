@@ -20,6 +20,7 @@ from drivers.x11 import XConnection, XError
 from labapp.bench.opening import BenchFiles, open_bench, open_device
 from labapp.files.bench_file import read_bench
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 
@@ -173,7 +174,7 @@ def test_the_real_drivers_take_a_run_on_it(small, tmp_path):
             served.tell(f"target {name}", f"target {name}")
 
         path = tmp_path / "run.h5"
-        outcome = run_plan(bench, PlanFile.model_validate(PLAN), path, ask=ask)
+        outcome = run_plan(bench, PlanFile.model_validate(PLAN), path, Attendance(ask=ask))
         assert outcome.state == "COMPLETE"
         with Record(path) as record:
             brightest = [int(record.image(i).max()) for i in range(record.frame_count)]

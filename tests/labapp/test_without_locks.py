@@ -19,6 +19,7 @@ from labapp.files import write_locks
 from labapp.files.plain_hdf5 import open_hdf5
 from labapp.files.write_locks import close_locked, duplicate_locked, is_locked, open_locked
 from labapp.files.writing import write_atomically
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.frame_storage import require_space
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.export import export_frames
@@ -92,7 +93,7 @@ def test_a_record_is_written_read_and_resumed_without_locks_links_and_fsync(
             with pytest.raises(UserError, match=rf"is being written by process {os.getpid()} on "):
                 write()
 
-    assert run_plan(bench, PLAN, path, on_frame=intrude).state is State.COMPLETE
+    assert run_plan(bench, PLAN, path, Attendance(on_frame=intrude)).state is State.COMPLETE
     assert "keeps no locks" in caplog.text
     assert "doesn't tell when data are on the disk" in caplog.text
     assert not is_locked(path)

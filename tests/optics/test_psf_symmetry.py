@@ -206,3 +206,18 @@ def test_a_stack_apart_from_its_lens_takes_a_quarter():
         for distance, found in zip((1.0, 0.5), light[:, 0, 0], strict=True):
             plain = PSFOperator(camera, distance, WAVELENGTH, pixels, integrate=False, tol=1e-3)
             assert relative(found.numpy(), plain(whole).numpy()) <= 1.2e-2
+
+
+def test_an_integration_that_was_asked_for_holds_for_all_pixels_too():
+    """An operator that's planned again for a pattern on all pixels keeps every argument."""
+    camera = open_camera()
+    pixels = Plane((3, 4), (20e-6, 20e-6))
+    amplitude = random_pattern("quarter", camera.panel.shape)
+    asked = {"symmetry": "quarter", "tol": 0.1}
+    finest, finer, coarse = (
+        PSFOperator(camera, 0.5, WAVELENGTH, pixels, pixel_tol=one, **asked).unmodulated_psf(
+            amplitude
+        )
+        for one in (1e-7, 1e-5, 1e-2)
+    )
+    assert relative(finer.numpy(), finest.numpy()) <= 1e-5 < relative(coarse, finest)

@@ -17,7 +17,7 @@ from labapp.files.camera_noise_file import CameraNoiseFile
 from labapp.files.plan_file import PlanFile
 from labapp.files.plan_folder import PLAN_FILE, RECORD_FILE, write_plan
 from labapp.files.writing import make_folder, require_free_names, write_atomically
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import run_written_plan
 from optics.camera_noise import CameraNoise, characterise_camera

@@ -14,7 +14,7 @@ from labapp.calibration.camera.request import NEUTRAL_NAME, CameraRequest
 from labapp.calibration.trial_exposures import limit_exposures, trial_plan
 from labapp.common.errors import UserError
 from labapp.files.quantities import round_exposure
-from labapp.runs.acquisition.frame_taker import AskOperator
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import require_complete
@@ -89,7 +89,9 @@ def find_longest_exposure(
             "Trial of the exposure that fills the pixels", NEUTRAL_NAME,
             {(request.flat, request.wavelength_nm): wanted},
         )  # fmt: skip
-        outcome = run_plan(bench, plan, path, source="trial", force=True, progress=part, ask=ask)
+        outcome = run_plan(
+            bench, plan, path, Attendance(progress=part, ask=ask), source="trial", force=True
+        )
         require_complete(outcome)
         trials += _read_trials(path, sensor)
         answer = judge_trials(trials, sensor)

@@ -18,8 +18,9 @@ from drivers.interfaces import Frame
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.write_locks import has_path, is_deleted
+from labapp.runs.acquisition.attendance import AskOperator, Attendance, JudgeFrame
 from labapp.runs.acquisition.frame_storage import FrameStore
-from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
+from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
 from labapp.runs.acquisition.waiting import Idle, Meanwhile, wait_until
@@ -39,13 +40,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-OnFrame = Callable[[Shot, Frame], None]
-
 _FILE_LOST = "the file of the record was moved, deleted or replaced while the run wrote it"
-
-JudgeFrame = Callable[[str, Shot, Frame, Progress], bool]
-"""Shows a person a frame that is doubted, with the reason; returns whether the frame is kept, and
-else it is taken again. Raises Cancelled if the run is ended."""
 
 
 class _TakeAgain(Exception):
@@ -94,19 +89,14 @@ class ActiveRun:
         path: Path,
         patterns: Mapping[str, NDArray[np.uint8]],
         hooks: Hooks,
-        ask: AskOperator | None,
-        progress: Progress,
+        attendance: Attendance,
         lock: int,
-        meanwhile: Meanwhile | None = None,
-        judge: JudgeFrame | None = None,
     ) -> None:
-        self._judge = judge
         self._bench, self._plan, self._path, self._lock = bench, plan, path, lock
-        self._meanwhile = meanwhile or Idle()
-        self._hooks, self._progress = hooks, progress
-        self._ask = self._pausing_while_asked(ask) if ask else None
+        self._hooks, self._attendance, self._progress = hooks, attendance, attendance.progress
+        ask = self._pausing_while_asked(attendance.ask) if attendance.ask else None
         self._taker = FrameTaker(
-            bench, patterns, plan.seed, plan.retry, self._ask, progress, self._is_cancelled
+            bench, patterns, plan.seed, plan.retry, ask, self._progress, self._is_cancelled
         )
         self._done = self._expected = self._took = self._rested = 0.0
         self._trouble: DeviceError | None = None
@@ -114,9 +104,7 @@ class ActiveRun:
         self._doing = self._unplugged = self._unwritten = ""
         self._watch, self._changes = _watch_scene(plan, bench), list[str]()
 
-    def take(
-        self, shots: Sequence[Shot], on_frame: OnFrame | None, *, is_resumed: bool = False
-    ) -> RunOutcome:
+    def take(self, shots: Sequence[Shot], *, is_resumed: bool = False) -> RunOutcome:
         """Take all frames of the run into its record; return how the run ended.
 
         The record's lock is released at the end.
@@ -129,7 +117,7 @@ class ActiveRun:
             keeper = FrameStore(self._writer, as_planned, self._pause)
             self._doubts = _build_doubts(self._plan, self._bench, shots)
             self._expected = ShotList.of(shots).total_duration
-            state, message = self._take_all(shots, keeper, on_frame, is_resumed)
+            state, message = self._take_all(shots, keeper, is_resumed)
             if has_path(self._writer.handle, self._path):
                 outcome = self._verify_outcome(state, message, is_resumed)
                 if has_path(self._writer.handle, self._path):
@@ -138,7 +126,7 @@ class ActiveRun:
             return self._outcome_elsewhere(message)
 
     def _take_all(
-        self, listed: Sequence[Shot], keeper: FrameStore, on_frame: OnFrame | None, again: bool
+        self, listed: Sequence[Shot], keeper: FrameStore, again: bool
     ) -> tuple[State, str]:
         """Take all frames of the run, and leave its bench safe whatever happens.
 
@@ -162,7 +150,7 @@ class ActiveRun:
             self._hooks.call("before_run", listed)
             with self._unplug_monitor, self._bench.cancellable_by(self._is_cancelled):
                 for shot in listed:
-                    self._take_one(shot, keeper, on_frame)
+                    self._take_one(shot, keeper)
             state, message = State.COMPLETE, "; ".join(self._changes)
         except (Cancelled, KeyboardInterrupt):
             state = State.CANCELLED
@@ -184,12 +172,12 @@ class ActiveRun:
             return State.FAILED, str(error)
         return state, message
 
-    def _take_one(self, shot: Shot, keeper: FrameStore, on_frame: OnFrame | None) -> None:
+    def _take_one(self, shot: Shot, keeper: FrameStore) -> None:
         """Take one frame of the run, after waiting for pauses, disk space and hooks."""
         self._report(_describe(shot))
         if self._progress.is_paused:
             text, is_over = "paused by the user", lambda: not self._progress.is_paused
-            self._pause(text, is_over, self._meanwhile)
+            self._pause(text, is_over, self._attendance.meanwhile or Idle())
         keeper.wait_for_space()
         if is_deleted(self._writer.handle):
             raise UserError(_FILE_LOST)
@@ -202,8 +190,8 @@ class ActiveRun:
             self._changes.append(change)
             log.warning("%s", change)
         self._hooks.call("after_frame", shot, frame)
-        if on_frame is not None:
-            on_frame(shot, frame)
+        if self._attendance.on_frame is not None:
+            self._attendance.on_frame(shot, frame)
 
     def _take_with_recovery(self, shot: Shot, keeper: FrameStore) -> Frame:
         while True:
@@ -225,18 +213,18 @@ class ActiveRun:
         doubt = self._doubts.doubt(shot, shot.readout.whole_numbers(frame.image))
         if doubt:
             log.warning("frame %d is doubted: %s", shot.index, doubt)
-            if self._judge is not None and not self._keeps(doubt, shot, frame):
+            judge = self._attendance.judge
+            if judge is not None and not self._keeps(judge, doubt, shot, frame):
                 raise _TakeAgain
             self._doubts.settle(shot)
         keeper.store_frame(shot, frame, wavelength, attempt)
 
-    def _keeps(self, doubt: str, shot: Shot, frame: Frame) -> bool:
+    def _keeps(self, judge: JudgeFrame, doubt: str, shot: Shot, frame: Frame) -> bool:
         """Return whether a person keeps a frame that the run doubts; the run pauses meanwhile."""
-        assert self._judge is not None
         self._writer.set_state(State.PAUSED, doubt)
         self._report(doubt)
         with self._excluding_time():
-            kept = self._judge(doubt, shot, frame, self._progress)
+            kept = judge(doubt, shot, frame, self._progress)
         self._progress.raise_if_cancelled()
         self._writer.set_state(State.RUNNING)
         log.info("kept by a person" if kept else "taken again")

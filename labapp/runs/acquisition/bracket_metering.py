@@ -14,7 +14,8 @@ from drivers.interfaces import Frame
 from labapp.common.errors import UserError
 from labapp.files.bracket_table import MeteredLight
 from labapp.files.plan_file import Acquisition, PlanFile
-from labapp.runs.acquisition.frame_taker import AskOperator, FrameTaker
+from labapp.runs.acquisition.attendance import Attendance
+from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.bench_interface import Bench
 from labapp.runs.brackets.choice import settle_block
@@ -24,7 +25,6 @@ from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.shots import Shot
 from labapp.runs.steps import planned_settings
 from optics.hdr import ExposureLimits, Meter, MeteredRange, UnreachableSNR, scene_light
-from optics.progress import Progress
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ _DIGITS = 4
 class BracketMetering:
     """Settle the brackets of a run's plan, with metering frames where they need any.
 
-    The arguments are those of `FrameTaker`, and the plan with its name in errors.
+    The arguments are those of the run, and the plan's name in errors.
     """
 
     def __init__(
@@ -50,19 +50,19 @@ class BracketMetering:
         bench: Bench,
         plan: PlanFile,
         patterns: Mapping[str, NDArray[np.uint8]],
-        ask: AskOperator | None,
-        progress: Progress,
+        attendance: Attendance,
         source: str,
         hooks: Hooks,
     ) -> None:
         self._bench, self._plan, self._source, self._hooks = bench, plan, source, hooks
         self._abilities = BenchCapabilities.of(bench)
         self._sensor = bench.description.sensor
-        self._progress, self._steps = progress, _METERING_STEP
+        self._progress = progress = attendance.progress
+        self._steps = _METERING_STEP
         self._first = _FIRST_EXPOSURE
         is_cancelled: Callable[[], bool] = lambda: progress.is_cancelled  # noqa: E731
         self._taker = FrameTaker(
-            bench, patterns, plan.seed, plan.retry, ask, progress, is_cancelled
+            bench, patterns, plan.seed, plan.retry, attendance.ask, progress, is_cancelled
         )
 
     def settle(self) -> PlanFile:

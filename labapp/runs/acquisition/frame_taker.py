@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame, Setting, checksum
 from labapp.files.plan_file import Retry
+from labapp.runs.acquisition.attendance import AskOperator
 from labapp.runs.acquisition.feasibility import placement_prompt
 from labapp.runs.bench_interface import Bench
 from labapp.runs.frame_acceptance import (
@@ -26,9 +27,6 @@ from labapp.runs.shots import Shot
 from optics.progress import Progress
 
 log = logging.getLogger(__name__)
-
-AskOperator = Callable[[str, Progress], None]
-"""Prompts a person and returns when they have answered; raises Cancelled if the run is ended."""
 
 StoreFrame = Callable[[Shot, Frame, float, int], None]
 """Stores a shot's frame on the disk, with its true wavelength and the number of attempts."""

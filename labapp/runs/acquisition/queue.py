@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.writing import require_writable
-from labapp.runs.acquisition.active_run import JudgeFrame
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
-from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.runner import RunOutcome, run_plan
 from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.state import State
-from optics.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -32,11 +30,9 @@ class RunRequest:
 def run_all(
     bench: Bench,
     requests: Sequence[RunRequest],
+    attendance: Attendance | None = None,
     *,
     force: bool = False,
-    progress: Progress | None = None,
-    ask: AskOperator | None = None,
-    judge: JudgeFrame | None = None,
     on_outcome: Callable[[RunOutcome], None] = lambda outcome: None,
 ) -> list[RunOutcome]:
     """Take several runs in turn; the next run begins even if one fails.
@@ -45,7 +41,8 @@ def run_all(
     called with the outcome of each run. Raises UserError, before anything has moved, if one of the
     plans can't be run, or two share a record.
     """
-    progress = progress or Progress()
+    attendance = attendance or Attendance()
+    progress = attendance.progress
     seconds = _require_all(bench, requests, force)
     total = sum(seconds) or 1.0
     outcomes: list[RunOutcome] = []
@@ -55,12 +52,10 @@ def run_all(
             bench,
             request.plan,
             request.path,
+            replace(attendance, progress=part),
             source=request.source,
             folder=request.folder,
             force=force,
-            progress=part,
-            ask=ask,
-            judge=judge,
         )
         outcomes.append(outcome)
         on_outcome(outcome)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import prod
 from pathlib import Path
 
@@ -18,13 +18,12 @@ from labapp.common.stopwatch import Stopwatch
 from labapp.files.plan_file import PlanFile
 from labapp.files.write_locks import close_locked, duplicate_locked
 from labapp.files.writing import require_writable
-from labapp.runs.acquisition.active_run import ActiveRun, JudgeFrame, OnFrame, RunOutcome
+from labapp.runs.acquisition.active_run import ActiveRun, RunOutcome
+from labapp.runs.acquisition.attendance import AskOperator, Attendance
 from labapp.runs.acquisition.feasibility import estimate_run, expected_plan, feasible_shots
 from labapp.runs.acquisition.frame_storage import require_space
-from labapp.runs.acquisition.frame_taker import AskOperator
 from labapp.runs.acquisition.hooks import Hooks
 from labapp.runs.acquisition.record_contents import build_record_contents
-from labapp.runs.acquisition.waiting import Meanwhile
 from labapp.runs.bench_interface import Bench
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.readouts import largest_shape
@@ -37,9 +36,8 @@ from labapp.runs.steps import schedule_shots
 from optics.progress import Progress
 
 __all__ = [
+    "Attendance",
     "HeldRecord",
-    "OnFrame",
-    "OnPlanned",
     "RunOutcome",
     "hold_record",
     "resume_run",
@@ -48,25 +46,17 @@ __all__ = [
 
 log = logging.getLogger(__name__)
 
-OnPlanned = Callable[[Sequence[Shot]], None]
-"""Called with the shots of a run once all of them are known."""
-
 
 def run_plan(
     bench: Bench,
     plan: PlanFile,
     path: Path,
+    attendance: Attendance | None = None,
     *,
     source: str = "plan",
     folder: Path = Path(),
     force: bool = False,
-    progress: Progress | None = None,
-    on_frame: OnFrame | None = None,
-    ask: AskOperator | None = None,
-    judge: JudgeFrame | None = None,
     stopwatch: Stopwatch | None = None,
-    on_planned: OnPlanned | None = None,
-    meanwhile: Meanwhile | None = None,
 ) -> RunOutcome:
     """Run a plan: take all of its frames into a record, and leave the bench safe.
 
@@ -81,29 +71,16 @@ def run_plan(
         Targets, patterns, wavelengths and exposures to be acquired.
     path : Path
         File of the record.
+    attendance : Attendance, optional
+        What the run tells the person or program that attends it, asks of them, and lets them do.
     source : str
         Name of the plan in errors.
     folder : Path
         Folder of the plan's picture files.
     force : bool
         Whether an existing record may be replaced.
-    progress : Progress, optional
-        Reports the run's progress. Pausing it pauses the run after a frame; cancelling it ends
-        the run.
-    on_frame : callable, optional
-        Called with each shot and its frame, once the frame is on the disk.
-    ask : AskOperator, optional
-        Prompts a person. It is needed if the plan has prompts.
-    judge : JudgeFrame, optional
-        Asks a person about a frame that shows something else than it was taken for. Without it,
-        the frame is kept, and the record's log has the doubt.
     stopwatch : Stopwatch, optional
         Is told how long the stages of the run took.
-    on_planned : callable, optional
-        Called with all shots, before the first, once the exposures of brackets and the times of
-        frames are known.
-    meanwhile : Meanwhile, optional
-        May use the bench while the user pauses the run, as for live pictures.
 
     Returns
     -------
@@ -115,7 +92,8 @@ def run_plan(
     UserError
         If the plan can't be run at all; then nothing was moved or written.
     """
-    progress, stopwatch = progress or Progress(), stopwatch or Stopwatch()
+    attendance, stopwatch = attendance or Attendance(), stopwatch or Stopwatch()
+    progress = attendance.progress
     abilities = BenchCapabilities.of(bench)
     # The exposures of brackets are settled later; in the brightest light they are shortest.
     possible = expected_plan(plan, abilities, bench.description.sensor, source)
@@ -123,7 +101,7 @@ def run_plan(
     expected = estimate_run(listed, possible, abilities)
     require_writable(path, force=force)
     require_space(path, expected.disk_bytes)
-    _require_person(ask, expected.prompts)
+    _require_person(attendance.ask, expected.prompts)
     from labapp.patterns.grey_levels import compute_patterns
 
     hooks = Hooks.of(plan, bench)
@@ -138,20 +116,19 @@ def run_plan(
         from labapp.runs.acquisition.bracket_metering import BracketMetering
 
         with stopwatch.stage("meter"):
-            part = progress.part(0.3, 0.3)
-            plan = BracketMetering(bench, plan, patterns, ask, part, source, hooks).settle()
+            metering = replace(attendance, progress=progress.part(0.3, 0.3))
+            plan = BracketMetering(bench, plan, patterns, metering, source, hooks).settle()
         listed = feasible_shots(plan, abilities, source)
         require_space(path, estimate_run(listed, plan, abilities).disk_bytes)
-    if on_planned is not None:
-        on_planned(listed)
+    if attendance.on_planned is not None:
+        attendance.on_planned(listed)
     with stopwatch.stage("acquire"):
-        part = progress.part(0.3, 1)
+        acquiring = replace(attendance, progress=progress.part(0.3, 1))
         contents = build_record_contents(
-            bench, plan, patterns, listed, abilities, part.raise_if_cancelled
+            bench, plan, patterns, listed, abilities, progress.raise_if_cancelled
         )
         lock = create_record(path, contents, force=force)
-        run = ActiveRun(bench, plan, path, patterns, hooks, ask, part, lock, meanwhile, judge)
-        return run.take(listed, on_frame)
+        return ActiveRun(bench, plan, path, patterns, hooks, acquiring, lock).take(listed)
 
 
 @dataclass(frozen=True)
@@ -182,14 +159,7 @@ def hold_record(path: Path, progress: Progress | None = None) -> Iterator[HeldRe
 
 
 def resume_run(
-    bench: Bench,
-    record: Path | HeldRecord,
-    *,
-    progress: Progress | None = None,
-    on_frame: OnFrame | None = None,
-    ask: AskOperator | None = None,
-    meanwhile: Meanwhile | None = None,
-    judge: JudgeFrame | None = None,
+    bench: Bench, record: Path | HeldRecord, attendance: Attendance | None = None
 ) -> RunOutcome:
     """Resume a run: take the frames that its record lacks, with its own plan, patterns and seed.
 
@@ -202,17 +172,8 @@ def resume_run(
         The open devices, the same as when the run began.
     record : Path or HeldRecord
         File of the record, or the record that hold_record() has verified.
-    progress : Progress, optional
-        Reports the run's progress, and can pause or cancel it.
-    on_frame : callable, optional
-        Called with each shot and its frame, once the frame is on the disk.
-    ask : AskOperator, optional
-        Prompts a person. It is needed if the plan has prompts.
-    meanwhile : Meanwhile, optional
-        May use the bench while the user pauses the run, as for live pictures.
-    judge : JudgeFrame, optional
-        Asks a person about a frame that shows something else than it was taken for. Without it,
-        the frame is kept, and the record's log has the doubt.
+    attendance : Attendance, optional
+        What the run tells the person or program that attends it, asks of them, and lets them do.
 
     Returns
     -------
@@ -227,8 +188,8 @@ def resume_run(
     """
     if isinstance(record, Path):
         with hold_record(record) as held:
-            return resume_run(bench, held, progress=progress, on_frame=on_frame, ask=ask)
-    progress = progress or Progress()
+            return resume_run(bench, held, attendance)
+    attendance = attendance or Attendance()
     path, missing = record.path, record.missing
     abilities = BenchCapabilities.of(bench)
     with Record(path) as opened:
@@ -240,16 +201,16 @@ def resume_run(
             digest = opened.closing_digest
             return RunOutcome(path, State.COMPLETE, [], opened.message, digest=digest)
     if missing:
-        abilities = _with_delays(bench, abilities, listed, progress, patterns)
+        abilities = _with_delays(bench, abilities, listed, attendance.progress, patterns)
         listed = schedule_shots(listed, abilities)
     left = listed.pick(missing)
     require_space(path, 2 * len(left) * prod(largest_shape(listed.readouts, abilities.frame_shape)))
-    _require_person(ask, estimate_run(left, plan, abilities).prompts)
+    _require_person(attendance.ask, estimate_run(left, plan, abilities).prompts)
     hooks = Hooks.of(plan, bench)
     # Both handles are of the same open file, which has the lock.
     lock = duplicate_locked(record.lock)
-    run = ActiveRun(bench, plan, path, patterns, hooks, ask, progress, lock, meanwhile, judge)
-    return run.take(left, on_frame, is_resumed=True)
+    run = ActiveRun(bench, plan, path, patterns, hooks, attendance, lock)
+    return run.take(left, is_resumed=True)
 
 
 def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> list[int]:

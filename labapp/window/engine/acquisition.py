@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers.interfaces import Frame
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.shots import Shot
 from labapp.runs.state import State
 from labapp.window.engine.bench_controller import BenchController
@@ -73,13 +74,11 @@ class Acquisition:
 
         self._controller.devices.require_alive()
         try:
-            outcome = run.take(
-                progress=run.progress,
-                on_frame=on_frame,
-                ask=ask,
-                judge=judge,
-                meanwhile=self._waiting,
+            # How many frames there are may be measured before the first.
+            attendance = Attendance(
+                run.progress, ask, judge, run.replan, on_frame, meanwhile=self._waiting
             )
+            outcome = run.take(attendance)
         except Cancelled:
             return RunEnded(None, State.CANCELLED, 0, "cancelled before the first frame")
         if outcome.device_error is not None:

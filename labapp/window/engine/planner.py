@@ -153,7 +153,7 @@ class RunPlanner:
         )
         make_folder(request.folder)
         path = self._new_path(request.folder, _stem(name, request.ticket))
-        run = QueuedRun(
+        return QueuedRun(
             plan.title,
             path,
             partial(run_plan, self._bench, plan, path, source=source, folder=pictures),
@@ -161,9 +161,6 @@ class RunPlanner:
             planned_frames=len(listed),
             stored_frames=0,
         )
-        # How many frames there are, and how long they take, may be measured before the first.
-        run.take = partial(run.take, on_planned=run.replan)
-        return run
 
     def _build_resumed_run(self, command: ResumeRun) -> QueuedRun:
         path = command.path

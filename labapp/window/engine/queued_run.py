@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from drivers.interfaces import Frame
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import RunOutcome
 from labapp.runs.shots import Shot
 from labapp.runs.state import State
@@ -13,8 +14,8 @@ from labapp.window.engine.timing import RunTiming
 from labapp.window.messages import RunInfo
 from optics.progress import Progress
 
-TakeRun = Callable[..., RunOutcome]
-"""run_plan() or resume_run() with all arguments bound but progress, on_frame, ask and judge."""
+TakeRun = Callable[[Attendance], RunOutcome]
+"""run_plan() or resume_run() with all arguments bound but the attendance."""
 
 _PAUSED_PREFIX = "PAUSED: "
 """Start of a run's message while it is paused; the reason follows."""
