@@ -41,9 +41,17 @@ def _build_choice(
     camera: Camera | None,
     method: str | None,
     tried_engines: Iterable[PSFEngine] = (),
+    *,
+    for_patterns: bool = False,
 ) -> MethodChoice[PSFEngine]:
-    """Collect the methods that may compute the PSF of a lens or camera and weren't tried yet."""
+    """Collect the methods that may compute the PSF of a lens or camera and weren't tried yet.
+
+    for_patterns: whether they must take any pattern, also one without the lens' symmetry. A method
+    that is named is taken as it is.
+    """
     makers = _engine_factories(request, camera, method)
+    if for_patterns and method is None:
+        makers.pop("axial", None)
     kinds = {one.name for one in tried_engines}
     return MethodChoice(
         [make for name, make in makers.items() if name not in kinds],
@@ -76,14 +84,20 @@ def _engine_factories(
 
 
 def prepare_cheapest_engine(
-    request: PSFRequest, camera: Camera | None, method: str | None, reserved_tol: float
+    request: PSFRequest,
+    camera: Camera | None,
+    method: str | None,
+    reserved_tol: float,
+    *,
+    for_patterns: bool = False,
 ) -> PSFEngine:
     """Prepare the cheapest method that keeps the tolerance of a PSF and fits the memory.
 
     reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
+    for_patterns: whether it must take any pattern.
     Raises ToleranceError, whose message names a tolerance that can be kept or another remedy.
     """
-    choice = _build_choice(request, camera, method)
+    choice = _build_choice(request, camera, method, for_patterns=for_patterns)
     for engine in choice.prepared_candidates():
         return engine
     refusal = choice.refusal(request.tol + reserved_tol)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -22,6 +23,7 @@ from optics.accuracy import (
 from optics.camera import Camera, Lens
 from optics.chain import GridEngine, LightBudget, compute_light_budget
 from optics.plane import Plane
+from optics.psf.axial import AxialEngine
 from optics.psf.engine_choice import (
     fallback_engines,
     prepare_cheapest_engine,
@@ -253,13 +255,13 @@ class PSFOperator:
         if not max(floor, rest + 20 * FLOAT64_ARITHMETIC) <= tol:
             raise tolerance_error_with_advice(request, camera, method, rest, floor)
         self._cached_unmodulated_psfs: list[_UnmodulatedLight] = []
+        self._method, self._reserved_tol = method, rest
         expects_patterns = camera is None and phase_slope is not None
         symmetric = _plan_symmetric_engine(request, camera, method, symmetry)
         self._expands = symmetric is None and symmetry != "none"
         self._request, self.engine = symmetric or _plan_engine(
             request, camera, method, rest, expects_patterns=expects_patterns
         )
-        self._method = method
         self._fallback_engine: PSFEngine | None = None
         self._last_engine = self.engine
         self._finer_operator: PSFOperator | None = None
@@ -350,9 +352,25 @@ class PSFOperator:
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Positions (y, x) in the pupil, in metres, where the PSF takes phase and amplitude.
 
-        The two tensors broadcast against each other.
+        The two tensors broadcast against each other. The method "axial", which is chosen by name
+        only, takes patterns that are the same in all directions, on one radius (y = 0).
         """
-        return self.engine.points()
+        return self._pattern_engine.points()
+
+    @cached_property
+    def _pattern_engine(self) -> PSFEngine:
+        """The engine of the PSF with a pattern.
+
+        The first one, unless it was chosen for the symmetry of a lens, which a pattern needn't
+        have. One that the caller named is kept.
+        """
+        if self._method is not None or not isinstance(self.engine, AxialEngine):
+            return self.engine
+        asked = replace(self._request, tol=self._tol - self._reserved_tol, pattern_tol=None)
+        _, engine = _plan_engine(
+            asked, None, None, self._reserved_tol, expects_patterns=True, for_patterns=True
+        )
+        return engine
 
     @accepts_numpy
     @in_full_precision
@@ -516,7 +534,9 @@ class PSFOperator:
         added: AddedLight | None = None,
     ) -> torch.Tensor:
         """Compute the PSF on the sensor's pixels; `added` tells of light that is added to it."""
-        amplitude, peak = normalise_amplitude(amplitude, self.engine.points()[0].ndim)
+        peak = None
+        if amplitude is not None:
+            amplitude, peak = normalise_amplitude(amplitude, self.points[0].ndim)
         light = self._intensity_with_fallback(phase, amplitude, spectrum, added)
         if self._pixel_integration:
             samples, light = light, self._pixel_integration(light)
@@ -589,14 +609,15 @@ class PSFOperator:
         A fallback is needed if the pattern sends so little light to the window that the first
         engine can't keep the tolerance.
         """
-        self._last_engine = self.engine
+        is_plain = phase is None and amplitude is None
+        self._last_engine = engine = self.engine if is_plain else self._pattern_engine
         try:
-            if spectrum is not None and isinstance(self.engine, GridEngine):
-                light = self.engine.intensity_from_spectrum(spectrum, phase, amplitude)
-            elif isinstance(self.engine, PanelEngine):
-                light = self.engine.intensity(phase, amplitude, added)
+            if spectrum is not None and isinstance(engine, GridEngine):
+                light = engine.intensity_from_spectrum(spectrum, phase, amplitude)
+            elif isinstance(engine, PanelEngine):
+                light = engine.intensity(phase, amplitude, added)
             else:
-                light = self.engine.intensity(phase, amplitude)
+                light = engine.intensity(phase, amplitude)
         except ToleranceError:
             for other in self._fallback_engines():
                 try:
@@ -606,7 +627,7 @@ class PSFOperator:
                 self._fallback_engine, self._last_engine = other, other.used_engine
                 return light
             raise
-        self._last_engine = self.engine.used_engine
+        self._last_engine = engine.used_engine
         return light
 
     def _fallback_engines(self) -> Iterator[PSFEngine]:
@@ -711,12 +732,15 @@ def _plan_engine(
     reserved_tol: float,
     *,
     expects_patterns: bool,
+    for_patterns: bool = False,
 ) -> tuple[PSFRequest, PSFEngine]:
     """Prepare the cheapest engine for a PSF, to a smaller tolerance if that is possible and needed.
 
     With derivatives it is, and for patterns on the points of a lens, of whose light the window may
-    get less than without one. Returns the request that is kept, and its engine.
+    get less than without one. Returns the request that is kept, and its engine. expects_patterns:
+    whether to leave room for such patterns. for_patterns: whether the engine takes any of them.
     """
+    prepare = partial(prepare_cheapest_engine, for_patterns=for_patterns)
     shares = []
     if request.differentiable and method is None:
         shares.append(_SETTINGS.derivative_tol_share)
@@ -728,11 +752,9 @@ def _plan_engine(
             tol=min(shares) * request.tol,
             pattern_tol=request.tol if expects_patterns else None,
         )
-        try:
-            return tight, prepare_cheapest_engine(tight, camera, method, reserved_tol)
-        except ToleranceError:
-            pass
-    return request, prepare_cheapest_engine(request, camera, method, reserved_tol)
+        with suppress(ToleranceError):
+            return tight, prepare(tight, camera, method, reserved_tol)
+    return request, prepare(request, camera, method, reserved_tol)
 
 
 def _plan_symmetric_engine(

@@ -40,7 +40,8 @@ def psf(
     optics : Camera or Lens
         What forms the image.
     phase : torch.Tensor or numpy.ndarray, optional
-        Radians, (..., rows, columns) of the panel, or (..., points) for a lens. Zero by default.
+        Radians, (..., rows, columns) of the panel. Zero by default. A lens alone takes none,
+        because only a PSFOperator tells on which points.
     distance : float or 0-d torch.Tensor
         Metres from the object to the panel, or to a lens that stands alone; ``math.inf`` is
         allowed.
@@ -65,7 +66,14 @@ def psf(
     ------
     ToleranceError
         If `tol` can't be kept.
+    ValueError
+        For invalid arguments.
     """
+    if phase is not None and not isinstance(optics, Camera):
+        raise ValueError(
+            "phase is given, and a lens alone has no panel; plan a PSFOperator, and give it the "
+            "phase on its points"
+        )
     started = time.process_time()
     plan = partial(
         PSFOperator,

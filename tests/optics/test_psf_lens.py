@@ -115,8 +115,11 @@ def test_far_out_of_focus_the_rim_is_taken():
     blur = lens.stop_diameter / 0.3 * lens.image_distance
     geometric = pixels.pitch[0] * pixels.pitch[1] / (math.pi / 4 * blur**2)
     assert float(operator()[5:12].mean()) == pytest.approx(geometric, rel=0.1)
-    with pytest.raises(ValueError, match="takes no extra phase or amplitude; give it aberrations"):
+    with pytest.raises(ToleranceError, match=r"it takes 1.8e\+09 nodes in the stop; bring the"):
         operator(torch.zeros(3))
+    named = PSFOperator(lens, 0.3, WAVELENGTH, pixels, integrate=False, tol=1e-6, method="axial")
+    with pytest.raises(ValueError, match="takes no extra phase or amplitude; give it aberrations"):
+        named(torch.zeros(3))
 
 
 def test_nodes_that_fit_no_memory_are_made_block_by_block(monkeypatch):
@@ -372,7 +375,9 @@ def _patterned_by_brute_force(lens: Lens, distance: float, amplitude, phase) -> 
     return np.abs(field) ** 2 * area * radius**2 / (scale**2 * np.pi)
 
 
-def _plan_as_told(lens: Lens, amplitude, phase, tol: float) -> tuple[np.ndarray, float]:
+def _plan_as_told(
+    lens: Lens, amplitude, phase, tol: float, method: str | None = "scattered"
+) -> tuple[np.ndarray, float]:
     """The light of an operator that is planned as the refusals of others say."""
     settings = {}
     for _ in range(6):
@@ -382,7 +387,7 @@ def _plan_as_told(lens: Lens, amplitude, phase, tol: float) -> tuple[np.ndarray,
             WAVELENGTH,
             PIXELS,
             integrate=False,
-            method="scattered",
+            method=method,
             **{"tol": tol} | settings,
         )
         y, x = np.broadcast_arrays(*(p.numpy() * 2 / lens.stop_diameter for p in operator.points))
@@ -410,6 +415,28 @@ def test_detail_of_a_pattern_is_resolved_or_refused_with_a_remedy_that_works(amp
     light, told = _plan_as_told(lens, amplitude, phase, 1e-3)
     error = relative(light, _patterned_by_brute_force(lens, 2.2, amplitude, phase))
     assert error <= told <= 1e-3
+
+
+@pytest.mark.parametrize(("method", "tol"), [(None, 1e-3), (None, 1e-6), ("sampled", 1e-2)])
+@pytest.mark.parametrize(
+    ("amplitude", "phase"),
+    [
+        (lambda y, x: 1 + 0 * y, lambda y, x: 12 * x - 5 * y),
+        (lambda y, x: 1 + 0 * y, lambda y, x: 8 * (x**3 + y**3)),
+        (lambda y, x: np.exp(-((y - 0.4) ** 2 + (x + 0.2) ** 2)), lambda y, x: 0 * y),
+    ],
+)
+def test_a_pattern_need_not_have_the_symmetry_of_a_round_lens(amplitude, phase, method, tol):
+    """Without a pattern the lens is served by a method for round light, which has one radius."""
+    lens = Lens(0.05, 8.0, 2.0)
+    light, told = _plan_as_told(lens, amplitude, phase, tol, method)
+    error = relative(light, _patterned_by_brute_force(lens, 2.2, amplitude, phase))
+    assert error <= told <= tol
+
+
+def test_a_phase_for_a_lens_whose_points_nobody_knows_is_refused():
+    with pytest.raises(ValueError, match="plan a PSFOperator, and give it the phase on its points"):
+        psf(LENS, torch.zeros(3), distance=4.0, wavelength=WAVELENGTH, pixels=PIXELS)
 
 
 def test_a_spot_that_is_seen_at_one_point_is_refused():
