@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import replace
 from typing import Any
@@ -13,6 +12,7 @@ import torch
 from optics.accuracy import ErrorEstimate
 from optics.caching import byte_limited_cache
 from optics.camera import Camera, Lens
+from optics.fourier.differentiation import apply_function
 from optics.plane import Plane
 from optics.stop.aperture import Stop
 from optics.stop.coverage import Coverage, coverage
@@ -42,48 +42,73 @@ def pupil_amplitude(camera: Camera) -> torch.Tensor:
 
     The result is (rows, columns). Edge pixels get the share of their covered area; with a jagged
     edge the error would be four times as large. The float64 tensor is cached, so don't write into
-    it. If the stop's diameter needs a gradient, the result carries its first derivative.
+    it. It is differentiable twice in the stop's diameter.
     """
-    radius, plane = camera.lens.stop_diameter / 2, camera.panel.plane
-    stop, value = camera.lens.stop, as_number(radius)
-    share = _cached_coverage(stop, value, plane)
-    if not needs_gradient(radius):
-        return share
-    return share + _cached_coverage_derivative(stop, value, plane) * (radius - value)
+    return _open_shares(camera.lens.stop, camera.lens.stop_diameter / 2, camera.panel.plane)
 
 
-# 64 MiB hold three pupils of a panel of 1920 x 1080 pixels, or one of 3840 x 2160.
-@byte_limited_cache(64 << 20)
-def _cached_coverage(stop: Stop, radius: float, plane: Plane) -> torch.Tensor:
-    return coverage(stop, radius, plane)
-
-
-@byte_limited_cache(64 << 20)
-def _cached_coverage_derivative(stop: Stop, radius: float, plane: Plane) -> torch.Tensor:
-    return Coverage(stop, radius, plane).radius_derivative()
-
-
-def open_area(camera: Camera) -> float:
+def open_area(camera: Camera) -> Scalar:
     """Compute the area of the camera's pupil that panel and stop leave open, in square metres.
 
-    Both are treated as if they stood in one plane.
+    Both are treated as if they stood in one plane. It is a number, or a tensor that is
+    differentiable twice in the stop's diameter if that is one.
     """
-    panel = camera.panel
+    panel, lens = camera.panel, camera.lens
     whole = tuple(n * panel.pitch for n in panel.shape)
     # The origin is at n // 2, so that an even number of pixels isn't centred on it.
     middle = tuple((n % 2 - 1) * panel.pitch / 2 for n in panel.shape)
     one = Plane((1, 1), (whole[0], whole[1]), (middle[0], middle[1]))
-    share = _open_share(camera.lens.stop, as_number(camera.lens.stop_diameter) / 2, one)
-    return share * whole[0] * whole[1]
+    share = _open_shares(lens.stop, lens.stop_diameter / 2, one)[0, 0]
+    area = share * (whole[0] * whole[1])
+    return area if needs_gradient(area) else float(area)
 
 
-@functools.lru_cache(maxsize=256)
-def _open_share(stop: Stop, radius: float, cell: Plane) -> float:
-    """Compute the open share of a pupil that is one cell. It is cached: every call of a PSF asks.
+def _open_shares(stop: Stop, radius: Scalar, plane: Plane) -> torch.Tensor:
+    """Compute the share of each cell of a plane that the pupil's stop leaves open."""
+    if not needs_gradient(radius):
+        return _cached_shares(stop, as_number(radius), plane, 0)
+    shares: torch.Tensor = apply_function(_OpenShares, radius, stop, plane, 0)
+    return shares
 
-    radius: of the stop, metres.
-    """
-    return float(coverage(stop, radius, cell))
+
+# 64 MiB hold three pupils of a panel of 1920 x 1080 pixels, or one of 3840 x 2160.
+@byte_limited_cache(64 << 20)
+def _cached_shares(stop: Stop, radius: float, plane: Plane, order: int) -> torch.Tensor:
+    """Compute open shares of a pupil's cells, or their derivative in the radius of this order."""
+    if order == 0:
+        return coverage(stop, radius, plane)
+    if order == 1:
+        return Coverage(stop, radius, plane).radius_derivative()
+    # Between radii at which the stop's boundary meets the cells' corners it is smooth.
+    step = 1e-6 * radius
+    wider, narrower = (
+        Coverage(stop, radius + change, plane).radius_derivative() for change in (step, -step)
+    )
+    return (wider - narrower) / (2 * step)
+
+
+class _OpenShares(torch.autograd.Function):
+    """The autograd function of the open shares of a pupil's cells, and of their derivative."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, radius: torch.Tensor, stop: Stop, plane: Plane, order: int
+    ) -> torch.Tensor:
+        ctx.asked = stop, plane, order + 1
+        ctx.save_for_backward(radius)
+        # What is cached must not become part of a graph.
+        return _cached_shares(stop, float(radius), plane, order).detach()
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        (radius,) = ctx.saved_tensors
+        if ctx.asked[-1] > 2:
+            raise NotImplementedError(
+                "the light that a stop lets through can be differentiated twice in its diameter; "
+                "take differences of its second derivatives"
+            )
+        change: torch.Tensor = apply_function(_OpenShares, radius, *ctx.asked)
+        return (gradient * change).sum().to(radius), None, None, None
 
 
 def require_open_pupil(camera: Camera) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch.autograd import forward_ad
 
 _SHORTEST_WAVELENGTH, _LONGEST_WAVELENGTH = 1e-9, 1e-3
 """Range in metres of light: optical radiation lies between X-rays and radio waves, about 1 nm and
@@ -133,7 +134,38 @@ def to_plain_numbers(value: Any) -> Any:
 
 def needs_gradient(value: object) -> bool:
     """Tell whether an optical parameter is a tensor that requires a gradient."""
-    return isinstance(value, torch.Tensor) and value.requires_grad
+    if not isinstance(value, torch.Tensor):
+        return False
+    require_reverse_mode(value)
+    return value.requires_grad
+
+
+def records_gradient(*values: torch.Tensor) -> bool:
+    """Tell whether an optical operation on these tensors must record derivatives."""
+    for value in values:
+        require_reverse_mode(value)
+    return torch.is_grad_enabled() and any(value.requires_grad for value in values)
+
+
+def require_reverse_mode(value: torch.Tensor) -> None:
+    """Raise NotImplementedError inside torch.func's transforms and forward-mode derivatives.
+
+    Optical operations have derivatives of their own, which these would pass by.
+    """
+    functorch = torch._C._functorch
+    # No tensor has a tangent outside of a dual level.
+    unpack: Any = forward_ad.unpack_dual
+    is_dual = forward_ad._current_level >= 0 and unpack(value).tangent is not None
+    if (
+        is_dual
+        or functorch.is_functorch_wrapped_tensor(value)
+        or functorch.is_legacy_batchedtensor(value)
+    ):
+        raise NotImplementedError(
+            "optics computes no derivatives inside torch.func (vmap, grad, jvp, hessian), in "
+            "forward mode or with vectorize=True; give a batch (..., rows, columns) in one call, "
+            "and take torch.autograd.grad, or hessian, hvp or jvp of torch.autograd.functional"
+        )
 
 
 def require_unchanged_attributes(
@@ -169,6 +201,8 @@ def require_tensor(name: str, value: Any) -> None:
         raise TypeError(
             f"{name} is a {type(value).__name__}; give a torch tensor or a numpy array of numbers"
         )
+    if value is not None:
+        require_reverse_mode(value)
 
 
 def require_tolerance(tol: Any) -> None:

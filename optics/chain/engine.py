@@ -18,7 +18,7 @@ from optics.chain.panel_to_lens import PropagatorVariables
 from optics.psf_engines.engine import PSFEngine
 from optics.psf_engines.request import PSFRequest
 from optics.pupil import Scalar, numeric_camera, open_area
-from optics.validation import as_number, needs_gradient
+from optics.validation import needs_gradient
 
 _SEARCH_CALLS = 240.0
 """Time of the search for a band and a grid, in calls; fitted to 170 random chains."""
@@ -141,18 +141,8 @@ class ChainEngine(PSFEngine):
 
     def _open_pixel_area(self) -> Scalar:
         """Return the chain's open pixel area in m², as if panel and stop stood in one plane."""
-        fill = self._camera.panel.fill_factor
-        area, radius = open_area(self._camera) * fill, self._request.radius
-        if not needs_gradient(radius):
-            return area
-        # The area changes smoothly with the radius, so a central difference gives its derivative.
-        lens, part = self._camera.lens, 1e-5
-        wider, narrower = (
-            open_area(replace(self._camera, lens=replace(lens, f_number=lens.f_number / (1 + p))))
-            for p in (part, -part)
-        )
-        growth = (wider - narrower) * fill / (2 * part)
-        return area + growth * (radius / as_number(radius) - 1)
+        camera = replace(self._camera, lens=self._request.lens)
+        return open_area(camera) * camera.panel.fill_factor
 
     def intensity_scale(self) -> Scalar:
         """Return the factor from ``|sum over the chain's lens samples|²`` to PSF values.

@@ -13,16 +13,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
 
 import scipy.fft
 import torch
 
 from optics.accuracy import MachineSpeed
 from optics.fourier import fft, unit_phasor
+from optics.fourier.differentiation import Derivatives, ShapedMap, apply_linear_map
 from optics.fourier.fft import fft_operations
-from optics.fourier.transform import apply_function, apply_linear_map
 
 
 @dataclass(frozen=True)
@@ -89,6 +88,12 @@ class PropagatorAxis:
     def step(self) -> float:
         """The pitch in metres of the chain's samples at the lens, in the panel's coordinates."""
         return self.period / self.folded_length
+
+    @property
+    def sample_positions(self) -> torch.Tensor:
+        """The positions of the chain's samples at the lens, in the panel's coordinates, float64."""
+        steps = torch.arange(self.sample_count, dtype=torch.float64)
+        return self.first_sample_position + self.step * steps
 
     @cached_property
     def first_frequency_number(self) -> int:
@@ -319,12 +324,7 @@ class PanelToLensPropagator:
         extra_y, extra_x: further factors on the band's frequencies, on top of the transfer
         function.
         """
-        y, x = (
-            transfer if also is None else (transfer * also.to(spectrum.device)).to(self.dtype)
-            for transfer, also in zip(
-                self.transfers(spectrum.device), (extra_y, extra_x), strict=True
-            )
-        )
+        y, x = self._weighted_transfers(spectrum.device, extra_y, extra_x)
         return self.axes[1].to_lens(self.axes[0].to_lens(spectrum, y, -2), x, -1)
 
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
@@ -333,9 +333,25 @@ class PanelToLensPropagator:
 
     def adjoint(self, grid: torch.Tensor) -> torch.Tensor:
         """Apply the conjugate transpose: from the chain's lens grid back to the panel."""
-        y, x = self.transfers(grid.device)
+        return self.spectrum_adjoint(self.to_lens_adjoint(grid))
+
+    def to_lens_adjoint(
+        self,
+        grid: torch.Tensor,
+        extra_y: torch.Tensor | None = None,
+        extra_x: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """Apply the conjugate transpose of `to_lens`: from the chain's lens to the spectrum."""
+        y, x = self._weighted_transfers(grid.device, extra_y, extra_x)
         lines = self.axes[1].to_lens_adjoint(grid.resolve_conj(), x, -1)
-        return self.spectrum_adjoint(self.axes[0].to_lens_adjoint(lines, y, -2))
+        return self.axes[0].to_lens_adjoint(lines, y, -2)
+
+    def _weighted_transfers(
+        self, device: torch.device, *extra: torch.Tensor | None
+    ) -> Iterator[torch.Tensor]:
+        """Yield the chain's transfer functions along y and x, times further factors."""
+        for transfer, also in zip(self.transfers(device), extra, strict=True):
+            yield transfer if also is None else (transfer * also.to(device)).to(self.dtype)
 
     def fields_at_lens(
         self, spectrum: torch.Tensor, blocks: Sequence[slice]
@@ -399,69 +415,49 @@ def propagate_to_lens(
     """Propagate a field from the chain's panel to its lens, differentiable in all arguments."""
     if variables is None or not torch.is_grad_enabled():
         return apply_linear_map(propagator, propagator.adjoint, field)
-    return apply_function(
-        _PropagateToLens,
-        propagator,
-        field,
-        variables.fresnel_area,
-        variables.stretch,
-        *variables.shift,
+    spectrum = apply_linear_map(
+        propagator.spectrum, propagator.spectrum_adjoint, field.to(propagator.dtype)
     )
+    numbers = (variables.fresnel_area, variables.stretch, *variables.shift)
+    return _shaped_map(propagator)(spectrum, numbers)
 
 
-class _PropagateToLens(torch.autograd.Function):
-    @staticmethod
-    def forward(
-        ctx: Any, propagator: PanelToLensPropagator, field: torch.Tensor, *numbers: Any
-    ) -> torch.Tensor:
-        ctx.propagator, ctx.dtype = propagator, field.dtype
-        spectrum = propagator.spectrum(field)
-        ctx.numbers = numbers
-        ctx.save_for_backward(spectrum if any(ctx.needs_input_grad[2:]) else None)
-        return propagator.to_lens(spectrum)
+def _shaped_map(
+    propagator: PanelToLensPropagator,
+    extra_y: torch.Tensor | None = None,
+    extra_x: torch.Tensor | None = None,
+) -> ShapedMap:
+    """Return the chain's step to the lens as a map that `PropagatorVariables` shape.
 
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        propagator: PanelToLensPropagator = ctx.propagator
-        gradient = gradient.resolve_conj()
-        answers: list[Any] = [None] * 5
-        if ctx.needs_input_grad[1]:
-            answers[0] = propagator.adjoint(gradient).to(ctx.dtype)
-        if any(ctx.needs_input_grad[2:]):
-            (spectrum,) = ctx.saved_tensors
-            found = _variable_gradients(propagator, spectrum, gradient)
-            answers[1:] = [value.to(n) for n, value in zip(ctx.numbers, found, strict=True)]
-        return (None, *answers)
-
-
-def _variable_gradients(
-    propagator: PanelToLensPropagator, spectrum: torch.Tensor, gradient: torch.Tensor
-) -> tuple[torch.Tensor, ...]:
-    """Compute gradients of the chain's step from panel to lens in its PropagatorVariables.
-
-    Returns those in the Fresnel area, the stretch, the shift along y and the shift along x.
+    A spectrum's light of frequency f arrives at y as exp(i pi (2 f (stretch y + shift) - f² area)),
+    times further factors on the band's frequencies.
     """
-    fy, fx = (axis.band_frequencies for axis in propagator.axes)
-    turned = 2j * math.pi
 
-    def weigh_by_gradient(also_y: torch.Tensor | None, also_x: torch.Tensor | None) -> torch.Tensor:
-        change = propagator.to_lens(spectrum, also_y, also_x)
-        # Sums of many samples are kept in double precision.
-        product = gradient.to(torch.complex128).conj() * change
-        return product.real.reshape(-1, *propagator.shape).sum(0)
+    def weighted(by_y: torch.Tensor | None, by_x: torch.Tensor | None) -> ShapedMap:
+        return _shaped_map(propagator, _times(extra_y, by_y), _times(extra_x, by_x))
 
-    along_y, along_x = weigh_by_gradient(turned * fy, None), weigh_by_gradient(None, turned * fx)
-    bend = weigh_by_gradient(-0.5 * turned * fy**2, None) + weigh_by_gradient(
-        None, -0.5 * turned * fx**2
+    def derive(_: ShapedMap) -> Derivatives:
+        fy, fx = (axis.band_frequencies for axis in propagator.axes)
+        y, x = (axis.sample_positions for axis in propagator.axes)
+        turn = 2j * math.pi
+        along_y, along_x = weighted(turn * fy, None), weighted(None, turn * fx)
+        bends = weighted(-0.5 * turn * fy**2, None), weighted(None, -0.5 * turn * fx**2)
+        return [
+            [(1.0, one, 1.0) for one in bends],
+            [(y[:, None], along_y, 1.0), (x[None, :], along_x, 1.0)],
+            [(1.0, along_y, 1.0)],
+            [(1.0, along_x, 1.0)],
+        ]
+
+    return ShapedMap(
+        partial(propagator.to_lens, extra_y=extra_y, extra_x=extra_x),
+        partial(propagator.to_lens_adjoint, extra_y=extra_y, extra_x=extra_x),
+        derive,
     )
-    y, x = (
-        axis.first_sample_position
-        + axis.step * torch.arange(axis.sample_count, dtype=torch.float64, device=along_y.device)
-        for axis in propagator.axes
-    )
-    stretch = (along_y * y[:, None]).sum() + (along_x * x).sum()
-    return bend.sum(), stretch, along_y.sum(), along_x.sum()
+
+
+def _times(one: torch.Tensor | None, other: torch.Tensor | None) -> torch.Tensor | None:
+    return other if one is None else one if other is None else one * other
 
 
 def _row_count(rows: slice) -> int:

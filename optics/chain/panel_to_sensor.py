@@ -12,8 +12,8 @@ from optics.chain.lens_wave import LensWave
 from optics.chain.panel_to_lens import PanelToLensPropagator
 from optics.chain.stop_mask import BlockwiseStopMask
 from optics.fourier import FourierGeometry, valid_transforms
+from optics.fourier.differentiation import apply_linear_map
 from optics.fourier.separable import SeparableTransform
-from optics.fourier.transform import apply_linear_map
 
 PictureMap = Callable[[torch.Tensor], torch.Tensor]
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import torch
@@ -22,13 +21,13 @@ from optics.camera import Camera
 from optics.chain.engine import ChainEngine
 from optics.chain.panel_to_lens import PropagatorAxis, TaperedBand, fast_fft_length
 from optics.chain.propagator_axes import fresnel_area, stop_extent
+from optics.fourier.differentiation import Derivatives, ShapedMap, Term
 from optics.fourier.nonuniform import (
     FINEST_NUFFT,
     NonuniformTransform,
     nonuniform_bytes,
     nonuniform_seconds,
 )
-from optics.fourier.transform import apply_function
 from optics.plane import Plane
 from optics.psf_engines.engine import wrap_phase
 from optics.psf_engines.request import PSFRequest
@@ -41,7 +40,6 @@ from optics.stop.quadrature import (
     stop_rule,
     stop_rule_blocks,
 )
-from optics.validation import needs_gradient
 
 
 @dataclass(frozen=True)
@@ -326,8 +324,11 @@ class _StopNodeBlock:
         """Compute the chain's field at the sensor from these nodes, in square stop radii."""
         q = self._engine._request
         moved, onward = self._engine._propagator_variables(), q.transform_variables
-        numbers = (moved.stretch, *moved.shift) if moved is not None else (None, None, None)
-        arriving = _field_at_nodes(self._to_lens, light, *numbers)
+        if moved is None:
+            arriving = self._to_lens.adjoint(light)
+        else:
+            numbers = (moved.stretch, *moved.shift)
+            arriving = _shaped_adjoint(self._to_lens)(light, numbers)
         wave = self._lens_wave() if q.differentiable else self._kept_lens_wave
         return self._to_sensor(arriving * wave.to(arriving.device), onward.stretch, onward.shift)
 
@@ -343,44 +344,17 @@ class _StopNodeBlock:
         return torch.polar(torch.ones_like(phase), phase) * nodes.weight
 
 
-def _field_at_nodes(
-    transform: NonuniformTransform, light: torch.Tensor, *numbers: Any
-) -> torch.Tensor:
-    """Compute the field at a chain's stop nodes from the spectrum `light` at the lens."""
-    wanted = light.requires_grad or any(map(needs_gradient, numbers))
-    if not (wanted and torch.is_grad_enabled()):
-        return transform.adjoint(light.detach())
-    return apply_function(_FieldAtNodes, transform, light, *numbers)
+def _shaped_adjoint(transform: NonuniformTransform) -> ShapedMap:
+    """Return the sum of a chain's light at the stop nodes as a map that their places shape.
 
+    It sums light exp(2 pi i f (stretch y + shift)) over all frequencies f, at the nodes y.
+    """
 
-class _FieldAtNodes(torch.autograd.Function):
-    """Sums light exp(2 pi i f (stretch y + shift)) over all frequencies f, at the nodes y."""
+    def derive(same: ShapedMap) -> Derivatives:
+        at_y, at_x = transform.positions()
+        fy, fx = (2j * math.pi * transform.image.coordinates(axis) for axis in (0, 1))
+        turn_y, turn_x = fy[:, None], fx[None, :]
+        stretch: list[Term] = [(at_y, same, turn_y), (at_x, same, turn_x)]
+        return [stretch, [(1.0, same, turn_y)], [(1.0, same, turn_x)]]
 
-    @staticmethod
-    def forward(
-        ctx: Any, transform: NonuniformTransform, light: torch.Tensor, *numbers: Any
-    ) -> torch.Tensor:
-        ctx.transform, ctx.numbers = transform, numbers
-        ctx.save_for_backward(light)
-        return transform._adjoint(light)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        transform: NonuniformTransform = ctx.transform
-        answers: list[Any] = [None] * 4
-        if ctx.needs_input_grad[1]:
-            answers[0] = transform._forward(gradient)
-        if any(ctx.needs_input_grad[2:]):
-            (light,) = ctx.saved_tensors
-            f = (transform.image.coordinates(0)[:, None], transform.image.coordinates(1)[None, :])
-            turned = [transform._adjoint(light * (2j * math.pi * one)) for one in f]
-            # y and x are the derivatives in each node's position, per metre.
-            y, x = (
-                (gradient.conj() * one).real.reshape(-1, one.shape[-1]).sum(0) for one in turned
-            )
-            at_y, at_x = transform.positions()
-            found = ((y * at_y).sum() + (x * at_x).sum(), y.sum(), x.sum())
-            for place, (number, value) in enumerate(zip(ctx.numbers, found, strict=True), start=1):
-                answers[place] = value.to(number) if number is not None else None
-        return (None, *answers)
+    return ShapedMap(transform._adjoint, transform._forward, derive)

@@ -19,6 +19,7 @@ from optics.deconvolution.observation import Observation
 from optics.deconvolution.priors import Prior
 from optics.deconvolution.splitting import PictureStep
 from optics.fourier import irfft2, rfft2, rfft_column_weights
+from optics.fourier.differentiation import differentiate_once
 from optics.plane import centred_pad
 
 _LEAST_PENALTY = 2e-4
@@ -220,13 +221,18 @@ class _SymmetricSolution(torch.autograd.Function):
     ) -> torch.Tensor:
         """Solve the deconvolution's equations for one right-hand side, a picture."""
         ctx.solve = solve
+        ctx.save_for_backward(picture)
         return solve(picture)
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
         """Solve the deconvolution's equations for the gradient by the solution."""
         with torch.no_grad():
-            return ctx.solve(gradients[0]), None
+            found = ctx.solve(gradients[0])
+        # The equations themselves depend on the PSF, which a second derivative would have to know.
+        return differentiate_once(
+            "a restored picture", found, (*ctx.saved_tensors, *gradients)
+        ), None
 
 
 class ConjugateGradientStep(PictureStep):

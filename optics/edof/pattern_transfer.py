@@ -13,6 +13,7 @@ from optics.edof.field_maps import FieldMap
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.transfer_design import TransferDesign
 from optics.fourier import unit_phasor
+from optics.fourier.differentiation import differentiate_once
 from optics.psf_engines.engine import phase_factor
 from optics.threads import in_full_precision
 
@@ -166,7 +167,8 @@ class PatternTransfer(ABC):
     def _gradient_by_modulation(
         self, gradient: torch.Tensor, waves: Sequence[torch.Tensor], dioptres: Sequence[float]
     ) -> torch.Tensor:
-        """Compute the gradient by a panel's modulation from that by its OTFs at depths."""
+        """Compute the gradient by a panel's modulation from that by its OTFs at depths, once."""
+        gradient = gradient.detach()
         total: torch.Tensor | None = None
         for one, wave, by_transfer in zip(dioptres, waves, gradient, strict=True):
             found = self._wave_adjoint(2 * self._transfer_adjoint(by_transfer) * wave, one)
@@ -198,6 +200,9 @@ class PatternTransfer(ABC):
         return (self._map.adjoint(wave) * row.conj()).mul_(column.conj())
 
 
+_OTF = "the OTFs of a pattern"
+
+
 class _DepthTransfer(torch.autograd.Function):
     """The autograd function of a pattern's OTFs at depths, one depth at a time.
 
@@ -212,20 +217,20 @@ class _DepthTransfer(torch.autograd.Function):
     ) -> torch.Tensor:
         modulation = transfer.modulation(phase.detach())
         ctx.transfer, ctx.dioptres, ctx.phase_dtype = transfer, dioptres, phase.dtype
-        ctx.save_for_backward(modulation)
+        ctx.save_for_backward(phase, modulation)
         keep = ctx.needs_input_grad[0]
         found, ctx.waves = transfer._depth_waves(modulation, dioptres, keep=keep)
         return found
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     # torch runs this with the precision of whoever asks for gradients, inside autocast or not.
     @in_full_precision
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        (modulation,) = ctx.saved_tensors
+        phase, modulation = ctx.saved_tensors
         total = ctx.transfer._gradient_by_modulation(gradient, ctx.waves, ctx.dioptres)
         by_phase = total.imag * modulation.real - total.real * modulation.imag
-        return by_phase.to(ctx.phase_dtype), None, None
+        found = by_phase.to(ctx.phase_dtype)
+        return differentiate_once(_OTF, found, (phase, gradient)), None, None
 
 
 class _FieldTransfer(torch.autograd.Function):
@@ -236,16 +241,16 @@ class _FieldTransfer(torch.autograd.Function):
         ctx: Any, field: torch.Tensor, transfer: PatternTransfer, dioptres: tuple[float, ...]
     ) -> torch.Tensor:
         ctx.transfer, ctx.dioptres = transfer, dioptres
+        ctx.save_for_backward(field)
         keep = ctx.needs_input_grad[0]
         found, ctx.waves = transfer._depth_waves(field.detach(), dioptres, keep=keep)
         return found
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     @in_full_precision
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         by_field = ctx.transfer._gradient_by_modulation(gradient, ctx.waves, ctx.dioptres)
-        return by_field, None, None
+        return differentiate_once(_OTF, by_field, (*ctx.saved_tensors, gradient)), None, None
 
 
 def binned_phasors(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable
-from typing import Any
 
 import torch
 
 from optics.accuracy import CandidateMethod, MachineSpeed
+from optics.fourier.differentiation import Derivatives, ShapedMap, Term, apply_linear_map
 from optics.fourier.geometry import FourierGeometry
 from optics.plane import Plane, RectilinearGrid
 
@@ -106,108 +105,28 @@ class Transform(CandidateMethod):
         """
         self._require_samples(field)
         field = field.to(self.dtype)
-        if stretch is None and shift is None and not _needs_gradient(field):
-            return self._forward(field)
+        if stretch is None and shift is None:
+            return apply_linear_map(self._forward, self._adjoint, field)
         zero = torch.zeros((), dtype=torch.float64)
         y, x = shift or (zero, zero)
         one = torch.ones_like(zero) if stretch is None else stretch
-        return apply_function(_Forward, self, field, one, y, x)
+        return self._shaped_map()(field, (one, y, x))
+
+    def _shaped_map(self) -> ShapedMap:
+        """The Fourier transform as a function of `stretch` and both parts of `shift` as well."""
+
+        def derive(same: ShapedMap) -> Derivatives:
+            y, x = (position * (-2j * math.pi / self.scale) for position in self.positions())
+            u, v = (self.image.coordinates(axis) for axis in (0, 1))
+            stretch: list[Term] = [(u[:, None], same, y), (v[None, :], same, x)]
+            return [stretch, [(1.0, same, y)], [(1.0, same, x)]]
+
+        return ShapedMap(self._forward, self._adjoint, derive)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         """Apply the Fourier transform's conjugate transpose, from the image back to the pupil."""
         _require_shape(self.image, field)
         return apply_linear_map(self._adjoint, self._forward, field.to(self.dtype))
-
-
-def _needs_gradient(field: torch.Tensor) -> bool:
-    """Tell whether a Fourier transform of a field must record derivatives."""
-    return field.requires_grad and torch.is_grad_enabled()
-
-
-def apply_function(function: Any, *arguments: Any) -> torch.Tensor:
-    """Call a Fourier transform's torch autograd function, which returns one tensor.
-
-    This function exists because torch's `apply` has no type annotations.
-    """
-    answer: torch.Tensor = function.apply(*arguments)
-    return answer
-
-
-class _Forward(torch.autograd.Function):
-    """The autograd function of a Fourier transform, whose derivative is the adjoint transform.
-
-    With an explicit derivative, transforms may use libraries that have no autograd.
-    """
-
-    @staticmethod
-    def forward(
-        ctx: Any,
-        transform: Transform,
-        field: torch.Tensor,
-        stretch: torch.Tensor,
-        shift_y: torch.Tensor,
-        shift_x: torch.Tensor,
-    ) -> torch.Tensor:
-        ctx.transform = transform
-        ctx.save_for_backward(field, stretch, shift_y, shift_x)
-        return transform._forward(field)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        transform: Transform = ctx.transform
-        field, *numbers = ctx.saved_tensors
-        answers: list[torch.Tensor | None] = [None] * 4
-        if ctx.needs_input_grad[1]:
-            answers[0] = transform._adjoint(gradient)
-        if any(ctx.needs_input_grad[2:]):
-            y, x = (
-                _position_gradient(transform, field, p.to(field.device), gradient)
-                for p in transform.positions()
-            )
-            u, v = (transform.image.coordinates(axis).to(y.device) for axis in (0, 1))
-            found = (y * u[:, None]).sum() + (x * v[None, :]).sum(), y.sum(), x.sum()
-            answers[1:] = [value.to(n) for n, value in zip(numbers, found, strict=True)]
-        return (None, *answers)
-
-
-def apply_linear_map(
-    forward: Callable[[torch.Tensor], torch.Tensor],
-    adjoint: Callable[[torch.Tensor], torch.Tensor],
-    field: torch.Tensor,
-) -> torch.Tensor:
-    """Apply a linear map such as a Fourier transform, with its adjoint as the derivative."""
-    if not _needs_gradient(field):
-        return forward(field.detach())
-    return apply_function(_Linear, forward, adjoint, field)
-
-
-class _Linear(torch.autograd.Function):
-    """The autograd function of a linear map, whose derivative is its adjoint."""
-
-    @staticmethod
-    def forward(ctx: Any, forward: Any, adjoint: Any, field: torch.Tensor) -> Any:
-        ctx.adjoint, ctx.dtype = adjoint, field.dtype
-        return forward(field)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
-        return None, None, ctx.adjoint(gradient).to(ctx.dtype)
-
-
-def _position_gradient(
-    transform: Transform, field: torch.Tensor, position: torch.Tensor, gradient: torch.Tensor
-) -> torch.Tensor:
-    """Compute a loss' derivative by a shift of the Fourier transform's image, for each sample.
-
-    `position` holds the pupil coordinates along the axis of the shift, and `gradient` is the
-    gradient of the loss with respect to the transform.
-    """
-    moved = transform._forward((field * position).to(transform.dtype))
-    turned = (-2j * math.pi / transform.scale) * moved.to(torch.complex128)
-    change = (gradient.to(torch.complex128).conj() * turned).real
-    return change.reshape(-1, *change.shape[-2:]).sum(0)
 
 
 class PlaneTransform(Transform):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import wofz
 
 from optics.fourier import unit_phasor
-from optics.fourier.transform import apply_function
+from optics.fourier.differentiation import apply_function
 from optics.gauss_legendre import gauss_legendre
 
 _Reals = NDArray[np.float64]
@@ -39,7 +39,7 @@ def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
     where w is Faddeeva's function (Abramowitz and Stegun 7.3.22, 7.1.3). So no two large phases
     are subtracted: the phases at the ends are pi (width² / 4 ± width place). Over short intervals,
     where the terms of the two ends would cancel, a Gauss-Legendre sum is used instead. The result
-    is differentiable once in both arguments.
+    is differentiable in both arguments.
     """
     return apply_function(_MeanChirp, place, width)
 
@@ -55,7 +55,6 @@ class _MeanChirp(torch.autograd.Function):
         return mean
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: torch.Tensor) -> Any:
         place, width, mean = ctx.saved_tensors
         end = unit_phasor(width**2 / 8, torch.complex128).to(place.device)

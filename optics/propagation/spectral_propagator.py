@@ -11,8 +11,9 @@ import torch
 
 from optics.accuracy import FLOAT64_ARITHMETIC, MachineSpeed, ToleranceError, require_memory
 from optics.fourier import FourierGeometry, plan_transform, unit_phasor
+from optics.fourier.differentiation import apply_linear_map
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.fourier.transform import RETAINED_BYTES, PlaneTransform, apply_linear_map
+from optics.fourier.transform import RETAINED_BYTES, PlaneTransform
 from optics.plane import Plane
 from optics.propagation.band import FrequencyBand, target_band
 from optics.propagation.paraxial import paraxial_model_error

@@ -20,10 +20,10 @@ from optics.accuracy import (
     ErrorEstimate,
     ToleranceError,
 )
-from optics.fourier.transform import apply_function
+from optics.fourier.differentiation import apply_function
 from optics.psf_engines.request import PSFRequest
 from optics.psf_engines.window_error import EvenNoise, window_norm
-from optics.validation import require_finite, rounded_down, rounded_up
+from optics.validation import records_gradient, require_finite, rounded_down, rounded_up
 
 _BLOCK_SAMPLES = 1 << 16
 """Samples of a phase that are processed at a time, so that they fit in the cache."""
@@ -278,7 +278,7 @@ def phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     sixth of the time of torch.polar in single precision, and blocks that fit in the cache less than
     half of that of a whole panel.
     """
-    if not needs_autograd(phase):
+    if not records_gradient(phase):
         return _phase_factor(phase.detach(), dtype)
     return apply_function(_PhaseFactor, phase, dtype)
 
@@ -302,7 +302,7 @@ class _PhaseFactor(torch.autograd.Function):
 
 def squared_modulus(field: torch.Tensor, scale: torch.Tensor | float) -> torch.Tensor:
     """Compute a PSF's intensity, ``|field|²`` times a scale; differentiable in both."""
-    if needs_autograd(field) and not isinstance(scale, torch.Tensor):
+    if records_gradient(field) and not isinstance(scale, torch.Tensor):
         return apply_function(_SquaredModulus, field, scale)
     return (field.real**2 + field.imag**2) * scale
 
@@ -322,11 +322,6 @@ class _SquaredModulus(torch.autograd.Function):
         # A real factor on a complex tensor would be copied to complex numbers first.
         weighted = torch.view_as_real(field.resolve_conj()) * (2 * ctx.scale * gradient)[..., None]
         return torch.view_as_complex(weighted), None
-
-
-def needs_autograd(*values: torch.Tensor) -> bool:
-    """Tell whether a PSF engine's operation on these tensors must record derivatives."""
-    return torch.is_grad_enabled() and any(value.requires_grad for value in values)
 
 
 def _phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:

@@ -17,9 +17,9 @@ from optics.accuracy import MachineSpeed
 from optics.caching import byte_limited_cache
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.banded_matrix import BandedMatrix
+from optics.fourier.differentiation import apply_function, apply_linear_map
 from optics.fourier.fitted_interpolation import FittedInterpolation, interpolation_width
 from optics.fourier.spectrum_grid import FullSpectrum, MirroredSpectrum, SpectrumGrid
-from optics.fourier.transform import apply_function
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
 from optics.psf_engines.pixel_integral import PixelIntegralTransform
@@ -149,15 +149,18 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return y.spectrum.unfold(columns.mT.contiguous())
 
     def _adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        return _for_each(
-            lambda one: self._adjoint_of_columns(self._parts[0].matrix.adjoint(one)), field
-        )
+        return _for_each(lambda one: self._grid_adjoint(self._adjoint_to_grid(one)), field)
 
     def _adjoint_of_columns(self, columns: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of `_columns`, back to the panel of the PSF."""
+        """Apply the conjugate transpose of `_columns_from_grid`, back to the FFTs' grid."""
         y, x = self._parts
-        grid = x.spectrum.fold(x.matrix.adjoint(y.spectrum.fold(columns).mT.contiguous()))
-        pixels = y.spectrum.adjoint(x.spectrum.adjoint(grid.mT.contiguous(), 1), 0)
+        folded = x.spectrum.fold(x.matrix.adjoint(y.spectrum.fold(columns).mT.contiguous()))
+        return folded.mT.contiguous()
+
+    def _grid_adjoint(self, grid: torch.Tensor) -> torch.Tensor:
+        """Apply the conjugate transpose of `_grid`, back to the panel of the PSF."""
+        y, x = self._parts
+        pixels = y.spectrum.adjoint(x.spectrum.adjoint(grid, 1), 0)
         waves = (one.wave.conj().to(pixels.device) for one in (y, x))
         return pixels.mul_(next(waves)[:, None]).mul_(next(waves))
 
@@ -179,7 +182,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         """
         self._require_samples(field)
         return _for_each(
-            lambda one: apply_function(_Intensity, self, one.to(self.dtype), scale), field
+            lambda one: apply_function(_Intensity, self, one.to(self.dtype), scale)[0], field
         )
 
     def _squared_modulus(self, columns: torch.Tensor, scale: float) -> torch.Tensor:
@@ -197,10 +200,14 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     def _intensity_adjoint(
         self, grid: torch.Tensor, gradient: torch.Tensor, scale: float
     ) -> torch.Tensor:
-        """Return a loss' derivative in the panel's field from that in a PSF's intensity.
+        """Return a loss' derivative in the FFTs' grid from that in a PSF's intensity.
 
         grid: what `_grid` gave for the field.
         """
+        if torch.is_grad_enabled():
+            to_field, to_grid = self._field_from_grid, self._adjoint_to_grid
+            field = apply_linear_map(to_field, to_grid, grid)
+            return apply_linear_map(to_grid, to_field, 2 * scale * gradient * field)
         columns = self._columns_from_grid(grid)
         change = torch.zeros_like(columns)
         for rows, points, block in self._parts[0].matrix.blocks(columns.device):
@@ -208,6 +215,12 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
             field.mul_((2 * scale * gradient[rows])[..., None])
             change[points].addmm_(block.mH, torch.view_as_complex(field))
         return self._adjoint_of_columns(change)
+
+    def _field_from_grid(self, grid: torch.Tensor) -> torch.Tensor:
+        return self._parts[0].matrix.forward(self._columns_from_grid(grid))
+
+    def _adjoint_to_grid(self, field: torch.Tensor) -> torch.Tensor:
+        return self._adjoint_of_columns(self._parts[0].matrix.adjoint(field))
 
     def forward_axis(self, field: torch.Tensor, axis: int) -> torch.Tensor:
         """Apply the Fourier transform along axis 0 (y) or 1 (x) of a field only."""
@@ -268,22 +281,31 @@ def _for_each(
 
 
 class _Intensity(torch.autograd.Function):
-    """The autograd function of a PSF's intensity, which keeps the FFTs' grid alone."""
+    """The autograd function of a PSF's intensity, which keeps the FFTs' grid alone.
+
+    The grid is a second result, so that derivatives of the first derivative reach the field.
+    """
 
     @staticmethod
     def forward(
         ctx: Any, transform: InterpolatedPixelTransform, field: torch.Tensor, scale: float
-    ) -> torch.Tensor:
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         grid = transform._grid(field)
         ctx.transform, ctx.scale = transform, scale
         ctx.save_for_backward(grid)
-        return transform._squared_modulus(transform._columns_from_grid(grid), scale)
+        ctx.set_materialize_grads(False)
+        return transform._squared_modulus(transform._columns_from_grid(grid), scale), grid
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+    def backward(ctx: Any, gradient: torch.Tensor | None, by_grid: torch.Tensor | None) -> Any:
         (grid,) = ctx.saved_tensors
-        return None, ctx.transform._intensity_adjoint(grid, gradient, ctx.scale), None
+        transform: InterpolatedPixelTransform = ctx.transform
+        if gradient is not None:
+            found = transform._intensity_adjoint(grid, gradient, ctx.scale)
+            by_grid = found if by_grid is None else by_grid + found
+        if by_grid is None:
+            return None, None, None
+        return None, apply_linear_map(transform._grid_adjoint, transform._grid, by_grid), None
 
 
 @dataclass(frozen=True, eq=False)

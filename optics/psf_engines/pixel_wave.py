@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from optics.camera import Panel
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane, RectilinearGrid
-from optics.psf_engines.engine import needs_autograd, phase_factor
+from optics.psf_engines.engine import phase_factor
 from optics.psf_engines.request import PSFRequest
 from optics.pupil import Scalar, defocus_curvature, pupil_phase
 from optics.stop.quadrature import gauss_node_count
+from optics.validation import records_gradient
 
 Array = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ class WaveTerm:
         if self.row is None:
             return field * column
         row = self.row.to(field.device)
-        if needs_autograd(field, column, row) or field.ndim != 2:
+        if records_gradient(field, column, row) or field.ndim != 2:
             return field * column * row
         product = torch.empty_like(field)
         # Blocks of rows fit in the cache.

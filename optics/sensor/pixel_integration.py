@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from optics.accuracy import Budget, MachineSpeed, require_memory
 from optics.fourier.banded_matrix import BandedMatrix
-from optics.fourier.transform import apply_linear_map
+from optics.fourier.differentiation import apply_linear_map
 from optics.plane import Plane
 
 PIXEL_OVERSAMPLING = 1.5

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import torch
 from scipy.special import ndtr
-from torch.autograd.function import once_differentiable
 from torch.nn.functional import pad
 
 from optics.gauss_legendre import gauss_legendre
@@ -47,7 +46,7 @@ def fringing_field_mean(
 
     The blurred staircase is a sum of error functions, which can be evaluated at any point. The
     mean is taken over Gauss-Legendre nodes inside the pixel, by default as many as the largest
-    step needs, and no array is finer than the panel. The result can be differentiated once. The
+    step needs, and no array is finer than the panel. The result is differentiable. The
     nodes are computed again for the gradient, so that the memory stays that of a few pictures.
 
     Raises ValueError for phase steps that need more than 32 nodes.
@@ -81,7 +80,6 @@ class _FringingFieldMean(torch.autograd.Function):
         return torch.complex(real, imaginary)
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         (phase,), (down, along) = ctx.saved_tensors, ctx.rules
         total = torch.zeros_like(phase)

@@ -332,6 +332,7 @@ def test_derivatives_of_the_fresnel_integral(width):
     t = torch.tensor([-30.0, -2.0, -0.1, 0.0, 0.7, 9.0], dtype=torch.float64, requires_grad=True)
     w = torch.tensor(width, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(mean_chirp, (t, w), atol=1e-6)
+    assert torch.autograd.gradgradcheck(mean_chirp, (t, w), atol=1e-5)
 
 
 @pytest.mark.parametrize("turn", [0.01, 0.3, 2.0])

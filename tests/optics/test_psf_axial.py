@@ -180,9 +180,7 @@ def test_a_spherical_aberration_is_a_phase_over_the_radius(method):
 
 def test_the_gradient_equals_finite_differences():
     lens, plane = Lens(0.1, 50.0, 2.0), Plane((4, 5), (15e-6, 15e-6))
-    operator = PSFOperator(
-        lens, 1.8, WAVELENGTH, plane, integrate=False, tol=1e-8, method="axial"
-    )
+    operator = PSFOperator(lens, 1.8, WAVELENGTH, plane, integrate=False, tol=1e-8, method="axial")
     phase = torch.linspace(0, 2, operator.points[1].numel(), dtype=torch.float64).requires_grad_()
     assert torch.autograd.gradcheck(lambda p: 100 * operator(p), (phase,), atol=1e-7)
 
