@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
 from collections.abc import Iterator
 
@@ -19,6 +20,7 @@ from coded_pictures import (
     outcome,
     picture,
 )
+from judges.wired_state import camera_register
 
 from drivers.aravis import AravisCamera, find_cameras
 from drivers.aravis.applied_settings import AppliedSettings
@@ -149,6 +151,20 @@ def test_frames_of_every_format_are_what_was_sent(fake: FakeGigECamera, name: st
 
 def test_a_camera_that_somebody_has_is_named(fake: FakeGigECamera, opened: AravisCamera) -> None:
     assert "somebody else has it open" in str(outcome(camera().__enter__))
+
+
+def test_a_camera_whose_process_was_killed_is_stopped_and_released(fake: FakeGigECamera) -> None:
+    """As its registers tell, which are asked over the network."""
+    running, controller = 0x124, 0xA00
+    with camera() as device:
+        device.set_exposure(1e-3)
+        device.capture(never)
+        assert camera_register("127.0.0.1", running) == 1
+        assert device._link is not None
+        os.kill(device._link._process.pid, signal.SIGKILL)
+        device.make_safe()
+        assert camera_register("127.0.0.1", running) == 0
+    assert camera_register("127.0.0.1", controller) == 0
 
 
 def test_who_has_a_camera_that_tells_its_controller_is_named(

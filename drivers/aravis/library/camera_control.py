@@ -104,6 +104,9 @@ class CameraControl:
             if not device.is_controller():
                 raise RuntimeError(HELD_BY_OTHER + _controller_place(device))
             device.write_register(_GigeRegister.HEARTBEAT, _TIMING.heartbeat_ms)
+        with contextlib.suppress(Exception):
+            # A controller that was killed has left it running.
+            camera.stop_acquisition()
         self._silent_since = None
         self.camera, self.device = camera, device
         device.connect("control-lost", self._control_lost)
