@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import pwd
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 _COMMAND_WORDS = 3
 """Words of a command that are told of a process. Chosen."""
+
+_LEFT_BEHIND = re.compile(r"drivers\.hosted\.\w+:\w+")
+"""A word of the command of processes that `drivers.hosted` has started: what they do."""
 
 _PROCESSES = Path("/proc")
 
@@ -93,8 +97,16 @@ def _has_open(process: int, device: int) -> bool:
     if not here:
         return False
     far = [number for number, name in files.items() if name.endswith("/ptmx")]
-    index = f"tty-index:\t{os.minor(device)}"
-    return not any(index in _lines(folder / "fdinfo" / number) for number in far)
+    return not any(_is_far_end(folder / "fdinfo" / number, device) for number in far)
+
+
+def _is_far_end(told: Path, device: int) -> bool:
+    """Return whether the master of a pseudo-terminal may be that of a device.
+
+    told: what the system tells of it, which is its number but on an old Linux.
+    """
+    numbers = [line.split()[-1] for line in _lines(told) if line.startswith("tty-index:")]
+    return not numbers or int(numbers[0]) == os.minor(device)
 
 
 def _lock_holders(path: str) -> Iterator[int]:
@@ -119,7 +131,7 @@ def _lines(path: str | Path) -> list[str]:
 def _command(process: int) -> str:
     """Return the command of the process that holds a device of the bench, in words.
 
-    The window's engine is a child of the process that was called as a command.
+    The window's engine and other processes of labapp are children of the one that was called.
     """
     for number in (process, _parent(process)):
         words = _words(number)
@@ -128,6 +140,8 @@ def _command(process: int) -> str:
             start = names.index("labapp")
             return " ".join(["labapp", *words[start + 1 : start + _COMMAND_WORDS]])
     words = _words(process)
+    if any(_LEFT_BEHIND.fullmatch(word) for word in words):
+        return "a process of a labapp that was killed, which makes it safe and ends by itself"
     python = bool(words) and Path(words[0]).name.startswith("python")
     if python and len(words) > 1 and not words[1].startswith("-"):
         return words[1]

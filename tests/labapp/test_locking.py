@@ -57,7 +57,11 @@ def prefix(monkeypatch):
     """What the names of the locks begin with, of this test alone."""
     name = f"test-{secrets.token_hex(8)}"
     monkeypatch.setattr(locking, "_PREFIX", name)
-    return name
+    yield name
+    # Of processes that were killed, the files stay until somebody takes the lock again.
+    for folder in named_locks._folders():
+        for file in folder.glob(f"*-{name}-*"):
+            file.unlink()
 
 
 @pytest.fixture
