@@ -12,8 +12,8 @@ pytestmark = [pytest.mark.aravis, pytest.mark.sweep]
 
 
 def test_a_wired_bench_is_safe_whichever_process_of_it_is_killed(tmp_path):
-    found = kill_at_states(tmp_path, ("application", "screen", "camera", "engine"), 2)
+    found = kill_at_states(tmp_path, ("application", "camera", "engine"), 2)
     if found is None:
         pytest.skip("the bench can't be served here")
     assert [one.trouble for one in found if one.trouble] == []
-    assert sum(one.was_there for one in found) >= 6
+    assert sum(one.was_there for one in found) >= 5
