@@ -51,7 +51,7 @@ def kill_at_states(folder: Path, processes: Sequence[str], states: int) -> list[
     """Kill each of the processes once at so many states; None if no bench can be served here."""
     write_small(folder)
     rng = np.random.default_rng(56)
-    small = ["--bench", folder / "bench.toml", "--scene", folder / "scene.toml"]
+    small: list[str | Path] = ["--bench", folder / "bench.toml", "--scene", folder / "scene.toml"]
     (wired := folder / "wired").mkdir()
     with (
         served_bench(wired, *small) as bench,
