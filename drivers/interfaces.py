@@ -77,7 +77,7 @@ class Clock(Protocol):
 class Device(Protocol):
     """Interface of every device.
 
-    Four members are optional. A device whose calls may hang has a method kill(), which may be
+    Five members are optional. A device whose calls may hang has a method kill(), which may be
     called from any thread: it ends the hanging call and the device; __exit__() is called after it.
     A device whose work takes longer than it can document has an attribute `alive_at`, the
     time.monotonic() of its last progress; it counts as hanging when its reply time has passed since
@@ -86,7 +86,10 @@ class Device(Protocol):
     counts as unplugged, an empty string while it is there, and None if that is unknown. The
     application then waits until the device is there again. A driver that changes something which
     isn't the device's own, such as a connector's properties, has a property `notices`, a tuple of
-    sentences for the records of runs, which may be read from any thread.
+    sentences for the records of runs, which may be read from any thread. A driver whose device is
+    left safe even if its process is killed, by a process of the driver's own or by the system, has
+    the class attribute `is_left_safe_when_killed`, which is true. Of others, a guard does it: it
+    opens the device with the same options and calls make_safe().
     """
 
     @property

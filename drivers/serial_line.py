@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from drivers.device_holders import name_holders
 from drivers.errors import DeviceError
 from drivers.interfaces import Clock
 
@@ -24,6 +25,7 @@ _FORBIDDEN = (
     "Add yourself to the group dialout (sudo adduser NAME dialout), and log in again",
 )
 _PORT_BUSY = ("another program uses it", "Close the other program that uses the port")
+_CLOSE_FIRST = "Close that first"
 _NO_PORT = ("it is no serial port", "Look up the device's port by: labapp devices")
 
 _ERRNO_EXPLANATIONS = {
@@ -62,6 +64,9 @@ def port_errors() -> tuple[type[BaseException], ...]:
 
 _NETWORK_PORT = re.compile(r"(socket|rfc2217)://[^/?#\s]+:\d{1,5}/?|sim://[\w.-]+", re.IGNORECASE)
 """Servers of serial ports; sim:// is a simulated line of this process."""
+
+_PSEUDO_TERMINALS = range(136, 144)
+"""Major device numbers of pseudo-terminals, from Linux' devices.txt."""
 
 _LOCAL_PORT = re.compile(r"/[^\0]*|COM\d+", re.IGNORECASE)
 
@@ -141,6 +146,23 @@ class SerialLine:
             )
         except self._errors as error:
             raise self._close_with_error(command, error) from error
+        self._take_alone(command)
+
+    def _take_alone(self, command: str) -> None:
+        """Keep other programs from the driver's serial port; DeviceError if one has it open.
+
+        pyserial has locked the port by flock(2), which not all programs heed.
+        """
+        if not os.path.isabs(self.url):
+            return
+        if who := name_holders(self.url):
+            self.close()
+            raise self.error(command, f"port {self.url}: it is in use by {who}", _CLOSE_FIRST)
+        with contextlib.suppress(*self._errors):
+            handle = self._port.fileno()
+            # A pseudo-terminal would stay closed to all after its program was killed.
+            if os.major(os.fstat(handle).st_rdev) not in _PSEUDO_TERMINALS:
+                _forbid_others(handle)
 
     def unplugged_reason(self) -> str | None:
         """Return why a driver's serial device counts as unplugged; empty while its port exists.
@@ -292,7 +314,20 @@ class SerialLine:
         """Close a serial port that has failed, and return the DeviceError for its driver."""
         self.close()
         reply, remedy = _explain_port_error(error)
+        if (reply, remedy) == _PORT_BUSY and (who := name_holders(self.url)):
+            reply, remedy = f"it is in use by {who}", _CLOSE_FIRST
         return self.error(command, f"port {self.url}: {reply}", remedy)
+
+
+def _forbid_others(handle: int) -> None:
+    """Have the system refuse a driver's serial port to other programs until it was closed.
+
+    Root is let in nevertheless, and whoever has it open already stays.
+    """
+    import fcntl
+    import termios
+
+    fcntl.ioctl(handle, termios.TIOCEXCL)
 
 
 def _explain_port_error(error: BaseException) -> tuple[str, str]:

@@ -165,9 +165,9 @@ class SupervisedDevice:
         """Begin to make the supervised device safe; the returned function waits for the end.
 
         That function raises DeviceError if the device can't be made safe. A device that was given
-        up is opened again first, because it may be in any state.
+        up, or whose process was killed, is opened again first, because it may be in any state.
         """
-        if self._failure_reason and self._entered:
+        if self._entered and (self._failure_reason or self._is_dead):
             helper = Worker(f"{self.role} again")
             again = helper.submit(self._revive_safely)
             helper.end()
@@ -178,10 +178,21 @@ class SupervisedDevice:
         done = self._worker.submit(lambda: device.make_safe())
 
         def finish() -> None:
-            with self._only_device_errors("make safe"):
-                self._wait("make safe", done, self._reply_time + SETTINGS.timeout_margin)
+            try:
+                with self._only_device_errors("make safe"):
+                    self._wait("make safe", done, self._reply_time + SETTINGS.timeout_margin)
+            except DeviceError:
+                if not (self._entered and self._is_dead):
+                    raise
+                self._revive_safely()
 
         return finish
+
+    @property
+    def _is_dead(self) -> bool:
+        """Whether the supervised device runs in a process that has ended."""
+        device = self._device
+        return hasattr(type(device), "is_dead") and bool(device.is_dead)
 
     def make_safe(self) -> None:
         self.begin_make_safe()()

@@ -91,6 +91,7 @@ class AravisCamera:
 
     settling = 0.0
     latency_option = "latency_frames"
+    is_left_safe_when_killed = True
 
     def __init__(
         self,
@@ -142,6 +143,7 @@ class AravisCamera:
         self._requested_exposure: float | None = None
         self._counts: Counter[str] = Counter()
         self._number = self._camera_number = 0
+        self._entered = False
         self.alive_at = 0.0
         waits = trigger_wait_s if trigger == "hardware" else 0.0
         self.reply_time = 5.0 + frame_timeout_ms * 1e-3 + waits
@@ -308,11 +310,20 @@ class AravisCamera:
             return told | {name.replace("_", " "): str(n) for name, n in counted.items()}
 
     def make_safe(self) -> None:
-        """Stop the Aravis camera's acquisition, and give it back the options' gain and region."""
-        if self._link is None:
+        """Stop the Aravis camera's acquisition, and give it back the options' gain and region.
+
+        If Aravis' process was killed, or the camera was lost, it is opened again for that.
+        """
+        if not self._entered:
             return
+        try:
+            self._stop()
+        except CameraLost:
+            self._stop()
+
+    def _stop(self) -> None:
         with self._translate_errors("stop"):
-            self._acquisition.stop()
+            self._ensure_open().stop()
             if self._requested != self._options:
                 self._set_up_again(self._options)
 
@@ -330,9 +341,11 @@ class AravisCamera:
     def __enter__(self) -> Self:
         with self._translate_errors("open"):
             self._ensure_open()
+        self._entered = True
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._entered = False
         self._disconnect()
 
     @property

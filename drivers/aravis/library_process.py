@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import mmap
+import socket
 import sys
 import threading
 import time
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.aravis.library.camera_control import HELD_BY_OTHER
+from drivers.device_holders import udp_socket_holder
 from drivers.errors import DeviceError
 from drivers.hosted.calls import CallRequest
 from drivers.hosted.child_process import ChildProcess, ProcessEnded
@@ -186,10 +188,27 @@ def _cannot_open_error(link: AravisProcess, address: str, error: DeviceError) ->
     """Return the DeviceError for a camera that Aravis can't open, naming those that it finds."""
     asked = f"open {address}" if address else "open"
     if HELD_BY_OTHER in error.reply:
-        return DeviceError(link.model, asked, error.reply, "Close the other program")
+        who = _name_controller(error.reply)
+        reply = f"it is in use by {who}" if who else error.reply
+        return DeviceError(link.model, asked, reply, "Close that first")
     there: list[dict[str, str]] = []
     with contextlib.suppress(DeviceError):
         there = link.ask("find", timeout=_START_TIMEOUT)
     words = [f"{c['id']} ({c['model']}, serial {c['serial']}, {c['address']})" for c in there]
     remedy = "Give one of: " + "; ".join(words) if words else "Plug one in, and look at its network"
     return DeviceError(link.model, asked, f"it can't be opened: {error.reply}", remedy)
+
+
+def _name_controller(reply: str) -> str:
+    """Return which program of this computer controls an Aravis camera; empty if none is known.
+
+    reply: why the camera can't be opened, which may end in the program's IP address and UDP port.
+    """
+    address, _, port = reply.rpartition(" ")[2].partition(":")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            # Only this computer's own addresses can be bound.
+            probe.bind((address, 0))
+        except OSError:
+            return ""
+    return udp_socket_holder(int(port)) if port.isdigit() else ""

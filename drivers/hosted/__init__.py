@@ -4,7 +4,8 @@
 the engine of the window. `bootstrap` is the code with which it begins; a watchdog ensures that it
 doesn't outlive its parent. A `MessageSocket` carries requests, results and notifications between
 the two processes. `HostedDevice` is the proxy of a device in a child process, where `serving`
-answers its calls. Their arrays go through a `SharedMemoryChannel`, in memory that both map.
+answers its calls; `guard_devices` has a process that makes devices of this one safe if it is
+killed. Arrays go through a `SharedMemoryChannel`, in memory that both map.
 Importing this package loads only the standard library, because every child process begins with it.
 """
 

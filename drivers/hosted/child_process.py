@@ -39,7 +39,8 @@ class ChildProcess:
     see `MessageSocket`. It has no name, so that nothing remains when a process is killed. grace:
     seconds that the child has to end after the line was closed, by `close` or because this process
     has ended; the watchdog then kills it. errors: descriptor for the child's output. Signals to the
-    whole process group, for example by Ctrl-C, don't end the child.
+    whole process group, for example by Ctrl-C, don't end the child; in a session of its own, not
+    even SIGKILL to the group does.
 
     Raises OSError if there is no such Python.
     """
@@ -53,6 +54,7 @@ class ChildProcess:
         memory: int = 0,
         grace: float | None = None,
         errors: int = 2,
+        own_session: bool = False,
     ) -> None:
         self._grace = _EXIT_GRACE if grace is None else grace
         ours, theirs = socket.socketpair()
@@ -71,6 +73,7 @@ class ChildProcess:
                 stdout=errors,
                 stderr=errors,
                 pass_fds=(theirs.fileno(), shared),
+                start_new_session=own_session,
             )
         except BaseException:
             self.line.close()

@@ -96,6 +96,7 @@ class ScreenSLM:
     """
 
     reply_time = _TIMEOUTS.reopen + _TIMEOUTS.call
+    is_left_safe_when_killed = True
 
     def __init__(
         self,
@@ -189,8 +190,13 @@ class ScreenSLM:
         return self._notices
 
     def make_safe(self) -> None:
-        """Show grey level 0 on the SLM's whole screen."""
-        self._ask("make safe", lambda window: window.make_safe())
+        """Show grey level 0 on the SLM's whole screen, by another window if this one is killed."""
+        try:
+            self._ask("make safe", lambda window: window.make_safe())
+        except DeviceError:
+            if self._window is None or not self._window.is_dead:
+                raise
+            self._ask("make safe", lambda window: window.make_safe())
 
     def unplugged_reason(self) -> str | None:
         """Return why the SLM's screen counts as unplugged, empty while it is lit; see Device.

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from drivers.device_holders import name_holders
 from drivers.errors import DeviceError
 from drivers.usb_link.backend import load_backend, require_backend_name
 from drivers.usb_link.device_strings import (
@@ -366,10 +367,19 @@ class UsbLink:
             if code == errno.EPIPE and endpoint and self._device is not None:
                 with contextlib.suppress(Exception):
                     self._device.clear_halt(endpoint)
+            who = self._name_holders() if code == errno.EBUSY else ""
             if code not in (errno.ETIMEDOUT, errno.EPIPE):
                 self.close()
+            if who:
+                raise self._error(command, f"it is in use by {who}", "Close that first") from error
             words = explain_usb_error(error, seconds, self._vendor, self._product)
             raise self._error(command, *words) from error
+
+    def _name_holders(self) -> str:
+        """Return who else has the USB link's device open, in words; empty if nobody is known to."""
+        if self._backend_name or self._device is None:
+            return ""
+        return name_holders(f"/dev/bus/usb/{self._device.bus:03d}/{self._device.address:03d}")
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
         return DeviceError(self._model, command, reply, remedy)

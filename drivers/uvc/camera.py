@@ -91,6 +91,8 @@ class UVCCamera:
 
     model = "UVC camera"
     latency_option = "discard_frames"
+    # The system stops the stream when the process ends.
+    is_left_safe_when_killed = True
     settling = 0.0
     reply_time = 2 * CALL_TIMEOUT
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drivers.device_holders import name_holders
 from drivers.uvc.pixel_decoding import FULL_SCALES, is_decoded
 from drivers.uvc.stream import StreamStopped
 
@@ -91,7 +92,9 @@ def open_capture(mode: CaptureMode, source: CaptureFactory) -> Any:
     capture = source(mode.device)
     try:
         if not capture.isOpened():
-            raise StreamStopped(f"{mode.device} is in use by another program, or is no camera")
+            who = name_holders(str(device_path(mode.device)))
+            trouble = f"in use by {who}" if who else "in use by another program, or is no camera"
+            raise StreamStopped(f"{mode.device} is {trouble}")
         _set_format(capture, mode)
         _disable_automatics(capture, mode)
     except BaseException:

@@ -1,30 +1,32 @@
-"""Lock devices, so that only one application at a time on this computer uses a device."""
+"""Lock devices, so that only one application of the user at a time uses a device.
+
+Other users' applications aren't kept out by this, but by the lock of the device itself: that of the
+serial port, the claim of the USB interface, or the control of the camera, which drivers take.
+"""
 
 from __future__ import annotations
 
 import hashlib
-import os
-import pwd
+import logging
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
+from contextlib import ExitStack, closing, contextmanager
 
+from drivers.device_holders import name_process
 from drivers.interfaces import Identity
 from labapp.bench.device_names import device_names
 from labapp.common.errors import UserError
 from labapp.common.named_locks import find_lock_holder, take_named_lock
 from labapp.files.bench_file import DeviceTable
 
+log = logging.getLogger(__name__)
+
 _PREFIX = "labapp-device"
 """What the names of the locks begin with."""
-
-_COMMAND_WORDS = 3
-"""Words of a command that are told of the one that holds a lock. Chosen."""
 
 
 @contextmanager
 def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
-    """Lock the bench's real devices on this computer for this process while the block runs.
+    """Lock the bench's real devices for this process, among the user's, while the block runs.
 
     Simulated devices need no lock, because each application creates its own. The operating system
     releases the locks of a process that dies.
@@ -37,7 +39,7 @@ def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
     Raises
     ------
     UserError
-        If another application uses a device; the message names it.
+        If another application of the user's uses a device; the message names it.
     """
     with ExitStack() as stack:
         for role, table in tables.items():
@@ -71,55 +73,14 @@ def _lock(name: str, device: str) -> Iterator[None]:
     full = f"{_PREFIX}-{hashlib.sha256(name.encode()).hexdigest()[:32]}"
     lock = take_named_lock(full)
     if lock is None:
-        raise UserError(f"{device} is in use by {_owner(full)}. Close that first.")
-    with lock:
+        holder = find_lock_holder(full)
+        who = name_process(holder) if holder else "another program of yours"
+        raise UserError(f"{device} is in use by {who}. Close that first.")
+    if not lock.is_held:
+        log.warning(
+            "%s: nothing but the device itself keeps your other programs from it, because there is "
+            "no folder for locks. Make ~/.local/state a folder of yours that you may write",
+            device,
+        )
+    with closing(lock):
         yield
-
-
-def _owner(lock: str) -> str:
-    """Return who holds the lock of a bench's device, in words."""
-    if (found := find_lock_holder(lock)) is None:
-        return "another application"
-    process, user = found
-    of_user = "" if user == os.getuid() else f" of {_user_name(user)}"
-    return f"{_command(process)} (process {process}{of_user})"
-
-
-def _user_name(user: int) -> str:
-    try:
-        return pwd.getpwuid(user).pw_name
-    except KeyError:
-        return f"user {user}"
-
-
-def _command(process: int) -> str:
-    """Return the command of the process that holds a device of the bench, in words.
-
-    The window's engine is a child of the process that was called as a command.
-    """
-    for number in (process, _parent(process)):
-        words = _words(number)
-        names = [Path(word).name for word in words]
-        if "labapp" in names:
-            start = names.index("labapp")
-            return " ".join(["labapp", *words[start + 1 : start + _COMMAND_WORDS]])
-    words = _words(process)
-    return words[1] if len(words) > 1 and not words[1].startswith("-") else "another application"
-
-
-def _words(process: int) -> list[str]:
-    """Return the words of a process's command, printable; none if it is gone or hidden."""
-    try:
-        told = Path("/proc", str(process), "cmdline").read_bytes().decode(errors="replace")
-    except OSError:
-        return []
-    return ["".join(c if c.isprintable() else "?" for c in word) for word in told.split("\0")[:-1]]
-
-
-def _parent(process: int) -> int:
-    """Return the parent of a process that holds a device of the bench; 0 if it can't be told."""
-    try:
-        told = Path("/proc", str(process), "stat").read_text()
-    except OSError:
-        return 0
-    return int(told.rpartition(")")[2].split()[1])

@@ -16,6 +16,7 @@ from typing import Any, cast
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.hosted import HostedDevice
+from drivers.hosted.guard import guard_devices
 from drivers.interfaces import (
     SLM,
     Camera,
@@ -35,6 +36,7 @@ from labapp.bench.calibration_validity import (
     wavelength_warnings,
 )
 from labapp.bench.camera_match import require_described_camera
+from labapp.bench.left_safe import guarded_devices
 from labapp.bench.locking import lock_devices, lock_serial_number
 from labapp.bench.option_types import require_option_types
 from labapp.common.command_end import delay_interrupts, note_unsafe, raise_on_interrupt
@@ -443,6 +445,7 @@ def _open_devices(
         if surroundings.world is not None:
             stack.callback(_forget, surroundings.world)
         stack.enter_context(lock_devices(tables))
+        stack.enter_context(guard_devices(guarded_devices(tables, installed_drivers())))
         watched: dict[str, SupervisedDevice] = {}
         for name, table in tables.items():
             make = device_maker(name, table, surroundings, setup.source)

@@ -1,8 +1,8 @@
 """Lock a file that is being written, and move new files to their paths only past such locks.
 
 A lock belongs to the open file, not to the process. The operating system releases it when the file
-is closed, however the process ends. Where a file system keeps no locks, a named lock of this
-computer takes its place, which other computers don't see.
+is closed, however the process ends. Where a file system keeps no locks, a named lock of the user
+takes its place, which other users and other computers don't see.
 """
 
 from __future__ import annotations
@@ -11,14 +11,19 @@ import errno
 import fcntl
 import glob
 import os
+import secrets
 import socket
 import stat
 import struct
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from labapp.common.errors import UserError
+
+if TYPE_CHECKING:
+    from labapp.common.named_locks import NamedLock
 
 _LOCK = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 2**62, 1, 0)
 """The lock for writing, as fcntl(2) takes it.
@@ -35,7 +40,7 @@ _PAUSE = 0.01
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL, errno.ENOTTY)
 """Errors of file systems that keep no locks, such as some network shares."""
 
-_named_locks: dict[int, socket.socket] = {}
+_named_locks: dict[int, NamedLock] = {}
 """Named locks of this process, by the handles of the open files that they stand for."""
 
 
@@ -64,11 +69,10 @@ def _take_named_lock(handle: int) -> bool:
 
 
 def _named_lock_holder(file: os.stat_result) -> int | None:
-    """Return the process that holds the named lock of a file; None if nobody does."""
+    """Return the process that holds the named lock of a file, 0 if unknown; None if nobody does."""
     from labapp.common.named_locks import find_lock_holder
 
-    found = find_lock_holder(_lock_name(file))
-    return found[0] if found else None
+    return find_lock_holder(_lock_name(file))
 
 
 def _lock_name(file: os.stat_result) -> str:
@@ -86,7 +90,7 @@ def duplicate_locked(handle: int) -> int:
     """Return another handle of an open file; its lock is released with the last of them."""
     found = os.dup(handle)
     if (lock := _named_locks.get(handle)) is not None:
-        _named_locks[found] = lock.dup()
+        _named_locks[found] = lock.share()
     return found
 
 
@@ -95,8 +99,8 @@ def lock_limit(handle: int) -> str:
     if handle not in _named_locks:
         return ""
     return (
-        "the file system keeps no locks. Other processes of this computer can't write the file "
-        "meanwhile; don't write it from another computer"
+        "the file system keeps no locks. Your other processes on this computer can't write the "
+        "file meanwhile; don't write it as another user or from another computer"
     )
 
 
@@ -231,9 +235,10 @@ def _move_onto_placeholder(draft: Path, path: Path) -> bool:
 
 
 def name_draft(path: Path) -> Path:
-    """Return the temporary name under which this process writes a file.
+    """Return a new temporary name under which this process writes a file.
 
-    Drafts that killed processes left behind are removed.
+    In a folder of several users, none can take it beforehand, because it can't be guessed. Drafts
+    that killed processes left behind are removed.
     """
     for draft in path.parent.glob(f".{glob.escape(path.name)}.*.new"):
         pid = draft.name.removesuffix(".new").rpartition(".")[2]
@@ -241,13 +246,13 @@ def name_draft(path: Path) -> Path:
         if pid.isdigit() and not Path("/proc", pid).exists() and not is_locked(draft):
             with suppress(OSError):
                 draft.unlink()
-    return path.with_name(f".{path.name}.{os.getpid()}.new")
+    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.{os.getpid()}.new")
 
 
 def _lock_holder(path: Path) -> int | None:
     """Return the process of this user that holds a file's lock; None if it can't be found."""
     with suppress(OSError):
-        if (holder := _named_lock_holder(path.stat())) is not None:
+        if holder := _named_lock_holder(path.stat()):
             return holder
     for process in Path("/proc").iterdir():
         # Processes end meanwhile, and those of other users tell nothing.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from drivers.aravis.library_process import python_with_gi
 from drivers.aravis.pixel_formats import FORMATS, PixelFormat
+from drivers.device_holders import udp_socket_holder
 from drivers.hosted.calls import CallRequest, CallResult, Notification
 from drivers.hosted.child_process import ChildProcess
 from drivers.hosted.message_socket import LineClosed, MessageTimeout
@@ -298,5 +299,6 @@ def _await_free(address: str) -> None:
                 return
             except OSError as error:
                 if time.monotonic() > late:
-                    raise OSError(f"{address}:{port} is taken: {error}") from error
+                    who = udp_socket_holder(port) or "another program"
+                    raise OSError(f"{address}:{port} is in use by {who}") from error
         time.sleep(0.1)

@@ -23,6 +23,7 @@ class Modest:
     """A camera that does as it is told. notes: a file that it writes down its life in."""
 
     full_scale = 4095
+    reply_time = 1.0
     Kind = Identity
 
     def __init__(self, surroundings, notes="", shape=(3, 4)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import threading
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -115,6 +116,20 @@ def test_a_dead_window_comes_back_neutral(server, slm, rng):
     grey = noise(rng)
     slm.show("again", grey)
     assert (server.pixels() == grey[..., None]).all()
+
+
+def test_a_window_that_is_killed_while_it_is_made_safe_has_a_successor(server, slm, rng):
+    slm.show("noise", noise(rng))
+    dead = process_of(slm)
+    # It hears nothing more, and is killed when the call has begun.
+    os.kill(dead, signal.SIGSTOP)
+    killer = threading.Timer(0.3, os.kill, (dead, signal.SIGKILL))
+    killer.start()
+    slm.make_safe()
+    killer.join()
+    assert process_of(slm) != dead
+    assert slm.displayed_pattern == "neutral"
+    assert not server.pixels().any()
 
 
 def test_a_supervised_panel_that_was_killed_is_named_and_revived(server, rng):

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
 
+import forked
 import pytest
 
+from drivers import serial_line
 from drivers.clock import RealClock
 from drivers.errors import DeviceError
 from drivers.serial_line import SerialLine
@@ -207,3 +211,69 @@ def test_a_port_that_is_no_file_any_more_is_gone(tmp_path, port, clock):
     assert line.unplugged_reason() == ""
     (tmp_path / "pts").unlink()
     assert "isn't there" in line.unplugged_reason()
+
+
+RIVAL = """
+import fcntl, os, sys
+if {user}:
+    os.setgroups([]); os.setgid({user}); os.setuid({user})
+port = os.open({port!r}, os.O_RDWR | os.O_NOCTTY)
+if {locked}:
+    fcntl.flock(port, fcntl.LOCK_EX)
+print("open", flush=True)
+sys.stdin.readline()
+"""
+
+NOBODY = 65534 if os.geteuid() == 0 else 0
+
+
+@pytest.mark.parametrize("locked", [True, False])
+def test_who_has_a_port_open_is_named_and_its_far_end_is_not_meant(locked, tmp_path):
+    """Another user, where the tests are root's: who has no lock is seen only by root, and its own.
+
+    The far end of the pseudo-terminal, which this process has open, is the device itself.
+    """
+    with PtyLine(SimulatedLine(Echo(), baudrate=9600), tmp_path / "port"):
+        name = os.path.realpath(tmp_path / "port")
+        os.chmod(name, 0o666)
+        port = SerialLine("echo", str(tmp_path / "port"), RealClock(), baudrate=9600)
+        code = RIVAL.format(user=NOBODY, port=name, locked=locked)
+        with forked.Popen(
+            [sys.executable, "-c", code], stdin=forked.PIPE, stdout=forked.PIPE, text=True
+        ) as rival:
+            assert rival.stdout.readline() == "open\n"
+            of_user = " of nobody" if NOBODY else ""
+            words = rf"is in use by .* \(process {rival.pid}{of_user}\)\. Close that first"
+            with pytest.raises(DeviceError, match=words):
+                port.open()
+            assert not port.is_open
+            rival.kill()
+            rival.wait(10)
+        port.open()
+        port.close()
+
+
+@pytest.mark.skipif(not NOBODY, reason="only root may become another user")
+def test_a_port_of_a_device_is_closed_to_other_users_while_it_is_open(tmp_path):
+    """By TIOCEXCL, which pseudo-terminals aren't given: it would outlive a killed process."""
+    near, far = os.openpty()
+    name = os.ttyname(far)
+    os.chmod(name, 0o666)
+    port = SerialLine("echo", name, RealClock(), baudrate=9600)
+    port.open()
+    assert tries_to_open(name) == "opened\n"
+    serial_line._forbid_others(port._port.fileno())
+    assert tries_to_open(name) == "EBUSY\n"
+    port.close()
+    for end in (near, far):
+        os.close(end)
+
+
+def tries_to_open(name):
+    code = (
+        "import errno, os; os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
+        f"try:\n    os.open({name!r}, os.O_RDWR | os.O_NOCTTY); print('opened')\n"
+        "except OSError as error: print(errno.errorcode[error.errno])\n"
+    )
+    done = forked.run([sys.executable, "-c", code], stdout=forked.PIPE, text=True)
+    return done.stdout

@@ -55,11 +55,15 @@ def _figure(measured: str, met: bool | None) -> Figure:
 
 
 @contextmanager
-def served_bench(folder: Path) -> Iterator[Path | None]:
-    """The bench file of a virtual bench that is served while the block runs; None without one."""
+def served_bench(folder: Path, *options: str | Path) -> Iterator[Path | None]:
+    """The bench file of a virtual bench that is served while the block runs; None without one.
+
+    options: more options of the command that serves it.
+    """
     bench = folder / "bench.toml"
+    serve = ["virtual-bench", "serve", "--until-eof", "--out", bench, *options]
     with subprocess.Popen(
-        [sys.executable, "-m", "labapp", "virtual-bench", "serve", "--until-eof", "--out", bench],
+        [sys.executable, "-m", "labapp", *serve],
         cwd=ROOT,
         env=ENVIRONMENT | {"PYTHONPATH": str(ROOT)},
         stdin=subprocess.PIPE,

@@ -1,19 +1,25 @@
-"""What another user of the computer can do to a virtual bench that is served to real drivers."""
+"""What another user of the computer can do to a bench, virtual or real, that this user has."""
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import os
 import signal
+import socket
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import gettempdir
 
+from drivers.errors import DeviceError
 from drivers.x11 import XConnection
 from figures import Figure
 from figures.expected_time import served_bench
+from labapp.bench.device_names import device_names
 from labapp.bench.locking import lock_devices
+from labapp.bench.opening import BenchFiles, open_device
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile, DeviceTable
 from labapp.files.reading import read_file
@@ -21,12 +27,12 @@ from labapp.files.reading import read_file
 _NOBODY = 65534
 """Number of the user `nobody`, and of its group."""
 
-_LOCKS_WITHIN = 10.0
-"""Seconds after which a process that hasn't locked a device won't. Chosen."""
+_HOLDS = 600.0
+"""Seconds for which the other user holds something at most."""
 
 _NAME = (
-    "another user of a served bench: X pixels read or drawn, port opened, device opened twice, "
-    "lasting denial"
+    "another user: X pixels read or drawn, port opened, this user denied by locks and sockets, "
+    "a port that they have open used beside them or not refused by their name"
 )
 
 
@@ -46,7 +52,11 @@ def intrusions(folder: Path) -> list[Figure]:
         assert all(_succeeds(attempt, os.getuid()) for attempt in open_files.values())
         tried = {
             **{name: _succeeds(attempt, _NOBODY) for name, attempt in open_files.items()},
-            **_camera_twice({"camera": tables["camera"]}),
+            "denied by what they hold": _is_denied(tables),
+            **{
+                f"beside them, {words}": _is_beside(file, locked)
+                for words, locked in (("locked", True), ("not locked", False))
+            },
             "files left behind": _has_left_files(Path(gettempdir())),
         }
     done = [name for name, succeeded in tried.items() if succeeded]
@@ -68,43 +78,73 @@ def _open_port(table: DeviceTable) -> None:
     os.close(os.open(str(table.options["port"]), os.O_RDWR | os.O_NOCTTY))
 
 
-def _camera_twice(tables: dict[str, DeviceTable]) -> dict[str, bool]:
-    """Which of two users that both want the camera get it at the same time, and afterwards."""
-    assert _succeeds(lambda: _lock(tables), _NOBODY)
-    with lock_devices(tables):
-        beside_us = _succeeds(lambda: _lock(tables), _NOBODY)
-    reading, locked = os.pipe()
-    process = _begin(lambda: _hold(tables, locked), _NOBODY)
-    os.close(locked)
-    with open(reading, "rb") as told:
-        told.read(1)
-    beside_them = _is_free(tables)
-    os.kill(process, signal.SIGKILL)
-    os.waitpid(process, 0)
-    late = time.monotonic() + _LOCKS_WITHIN
-    while not (free := _is_free(tables)) and time.monotonic() < late:
-        time.sleep(0.05)
-    return {
-        "the camera opened beside us": beside_us,
-        "the camera opened beside them": beside_them,
-        "the camera locked for good": not free,
-    }
+def _is_denied(tables: dict[str, DeviceTable]) -> bool:
+    """Whether this user can't have a device whose names another user holds in every way."""
+    names = [name for table in tables.values() for name in device_names(table)]
+    with _held_by_nobody(lambda: _hold_names(tables, names)):
+        return not _is_free(tables)
 
 
-def _lock(tables: dict[str, DeviceTable]) -> None:
-    with lock_devices(tables):
-        pass
+def _hold_names(tables: dict[str, DeviceTable], names: list[str]) -> list[object]:
+    """Hold a bench's devices by their locks, and by sockets and files of the names of old ones."""
+    held: list[object] = [lock_devices(tables)]
+    held[0].__enter__()  # type: ignore[attr-defined]
+    for name in names:
+        digest = hashlib.sha256(name.encode()).hexdigest()[:32]
+        held.append(socket.socket(socket.AF_UNIX))
+        held[-1].bind(f"\0labapp-device-{digest}")  # type: ignore[attr-defined]
+    for place in (f"labapp-{os.getppid()}", "labapp-0", "labapp"):
+        with suppress(OSError):
+            (Path(gettempdir()) / place).mkdir()
+            (Path(gettempdir()) / place).rmdir()
+    return held
 
 
-def _hold(tables: dict[str, DeviceTable], locked: int) -> None:
-    with lock_devices(tables):
-        os.write(locked, b"x")
-        time.sleep(10 * _LOCKS_WITHIN)
+def _is_beside(file: Path, locked: bool) -> bool:
+    """Whether this user uses a port that another has open, or isn't told who has it."""
+    port = os.path.realpath(str(read_file(file, BenchFile).devices.filter.options["port"]))
+    mode = os.stat(port).st_mode
+    os.chmod(port, 0o666)
+
+    def hold() -> int:
+        handle = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        if locked:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        return handle
+
+    try:
+        with _held_by_nobody(hold), open_device(BenchFiles.with_defaults(file), "filter"):
+            return True
+    except DeviceError as error:
+        return "of nobody" not in str(error)
+    finally:
+        os.chmod(port, mode)
+
+
+@contextmanager
+def _held_by_nobody(take: Callable[[], object]) -> Iterator[None]:
+    """Something that a process of another user takes, and holds while the block runs."""
+    reading, taken = os.pipe()
+
+    def hold() -> None:
+        held = take()
+        os.write(taken, b"x")
+        time.sleep(_HOLDS)
+        del held
+
+    process = _begin(hold, _NOBODY)
+    os.close(taken)
+    try:
+        with open(reading, "rb") as told:
+            assert told.read(1) == b"x"
+        yield
+    finally:
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
 
 
 def _is_free(tables: dict[str, DeviceTable]) -> bool:
-    with suppress(UserError):
-        _lock(tables)
+    with suppress(UserError), lock_devices(tables):
         return True
     return False
 

@@ -21,8 +21,10 @@ from labapp.runs.acquisition.runner import resume_run, run_plan
 class Victims(ForkServer):
     """A context manager; every run is a process of its own, with its libraries loaded."""
 
+    module = "figures.victim"
+
     def __init__(self) -> None:
-        super().__init__("figures.victim")
+        super().__init__(self.module)
 
     def begin(self, path: Path, acknowledged: Path, plan: PlanFile | None) -> int:
         """Begin a run of a plan into a record, or to resume it (None); its process number.

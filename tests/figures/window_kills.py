@@ -60,6 +60,11 @@ def window_kill_figures(folder: Path) -> list[Figure]:
 def _write_bench(folder: Path) -> None:
     write_small(folder)
     (folder / "runs").mkdir()
+    write_plans(folder)
+
+
+def write_plans(folder: Path) -> None:
+    """Write the plans that a window is asked for."""
     for number, repeats in enumerate((2, 10, 60)):
         text = _PLAN.format(number=number, repeats=repeats)
         (folder / f"plan-{number}.toml").write_text(text)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import socket
 from collections.abc import Iterator
 
 import numpy as np
@@ -17,10 +20,12 @@ from coded_pictures import (
     outcome,
     picture,
 )
+from judges.wired_state import camera_register
 
 from drivers.aravis import AravisCamera, find_cameras
 from drivers.aravis.applied_settings import AppliedSettings
 from drivers.aravis.pixel_formats import FORMATS
+from drivers.device_holders import name_process
 from drivers.errors import DeviceError
 from drivers.ports import cameras
 from simulator.wire.fake_gige import FakeGigECamera
@@ -146,6 +151,35 @@ def test_frames_of_every_format_are_what_was_sent(fake: FakeGigECamera, name: st
 
 def test_a_camera_that_somebody_has_is_named(fake: FakeGigECamera, opened: AravisCamera) -> None:
     assert "somebody else has it open" in str(outcome(camera().__enter__))
+
+
+def test_a_camera_whose_process_was_killed_is_stopped_and_released(fake: FakeGigECamera) -> None:
+    """As its registers tell, which are asked over the network."""
+    running, controller = 0x124, 0xA00
+    with camera() as device:
+        device.set_exposure(1e-3)
+        device.capture(never)
+        assert camera_register("127.0.0.1", running) == 1
+        assert device._link is not None
+        os.kill(device._link._process.pid, signal.SIGKILL)
+        device.make_safe()
+        assert camera_register("127.0.0.1", running) == 0
+    assert camera_register("127.0.0.1", controller) == 0
+
+
+def test_who_has_a_camera_that_tells_its_controller_is_named(
+    fake: FakeGigECamera, opened: AravisCamera
+) -> None:
+    """By the registers of GigE Vision that tell the controller's address and port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
+        controller.bind(("127.0.0.1", 0))
+        told = [(0x0A14, 0x7F000001), (0x0A04, controller.getsockname()[1])]
+        fake._send_request("write_registers", told)
+        try:
+            words = str(outcome(camera().__enter__))
+        finally:
+            fake._send_request("write_registers", [(0x0A14, 0), (0x0A04, 0)])
+    assert f"in use by {name_process(os.getpid())}. Close that first" in words
 
 
 def test_a_run_chooses_region_binning_and_gain_and_leaves_the_camera_as_it_was(

@@ -19,6 +19,12 @@ class _GigeRegister(IntEnum):
     CONTROL_PRIVILEGE = 0x0A00
     """Which application controls the camera; 0 if none does."""
 
+    CONTROLLER_PORT = 0x0A04
+    """UDP port of the application that controls the camera, where the camera tells it."""
+
+    CONTROLLER_ADDRESS = 0x0A14
+    """IP address of the application that controls the camera, where the camera tells it."""
+
 
 @dataclass(frozen=True)
 class ControlTiming:
@@ -43,6 +49,16 @@ _TIMING = ControlTiming()
 
 HELD_BY_OTHER = "somebody else has it open"
 """Reply for a camera that answers, but is controlled by another program."""
+
+
+def _controller_place(device: Any) -> str:
+    """Return where the program is that controls an Aravis camera; empty if it isn't told."""
+    with contextlib.suppress(Exception):
+        address = device.read_register(_GigeRegister.CONTROLLER_ADDRESS) & 0xFFFFFFFF
+        port = device.read_register(_GigeRegister.CONTROLLER_PORT) & 0xFFFF
+        if address and port:
+            return f", at {'.'.join(map(str, address.to_bytes(4, 'big')))}:{port}"
+    return ""
 
 
 class CameraControl:
@@ -86,8 +102,11 @@ class CameraControl:
         device = camera.get_device()
         if camera.is_gv_device():
             if not device.is_controller():
-                raise RuntimeError(HELD_BY_OTHER)
+                raise RuntimeError(HELD_BY_OTHER + _controller_place(device))
             device.write_register(_GigeRegister.HEARTBEAT, _TIMING.heartbeat_ms)
+        with contextlib.suppress(Exception):
+            # A controller that was killed has left it running.
+            camera.stop_acquisition()
         self._silent_since = None
         self.camera, self.device = camera, device
         device.connect("control-lost", self._control_lost)

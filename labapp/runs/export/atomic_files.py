@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shutil
+import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import islice
@@ -51,14 +51,14 @@ def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], for
 def _draft_folder(folder: Path) -> Iterator[Path]:
     """Yield a hidden draft folder in the folder of a run's export, and remove it in any case."""
     is_new = not folder.exists()
-    draft = folder / f".export.{os.getpid()}.new"
+    draft = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(draft, ignore_errors=True)
-        draft.mkdir()
+        draft = Path(tempfile.mkdtemp(".new", ".export.", folder))
         yield draft
     finally:
-        shutil.rmtree(draft, ignore_errors=True)
+        if draft is not None:
+            shutil.rmtree(draft, ignore_errors=True)
         if is_new:
             # This removes the folder only if it is empty.
             with suppress(OSError):
