@@ -8,7 +8,7 @@ from hashlib import sha256
 import h5py
 import numpy as np
 import pytest
-from eight_frames import places, take
+from eight_frames import copy_edited, places, second_places, take
 from forging import forge
 
 from labapp.runs.record.checks import check_record
@@ -36,6 +36,7 @@ def interrupted(tmp_path_factory) -> bytes:
         file["entry/state"][0] = b"RUNNING"
         file["entry/message"][0] = file["entry/end_time"][0] = b""
         file["entry/digests/closing"][0] = 0
+    copy_edited(path)
     assert check_record(path).failed_checks == []
     return path.read_bytes()
 
@@ -45,10 +46,13 @@ def unnoticed_flips(path, data: bytes, count: int, seed: int, aside: tuple[str, 
     rng, missed = np.random.default_rng(seed), []
     path.write_bytes(data)
     known = {name: place for name, place in places(path).items() if name not in aside}
+    twice = second_places(path)
     everywhere = np.ones(len(data), bool)
-    for name, place in places(path).items():
+    for name, place in (*places(path).items(), *twice.items()):
         everywhere[place.offset : place.end] = name not in aside
     positions = np.flatnonzero(everywhere)
+    known |= {f"copy of {name}": twice[name] for name in known if name in twice}
+    del known["entry/copy"]
     for number in range(count):
         place = known[list(known)[rng.integers(len(known))]]
         inside = place.offset + int(rng.integers(place.size))
@@ -208,6 +212,7 @@ def test_an_edit_is_named_unless_the_digests_are_made_anew(tmp_path, complete, e
     path.write_bytes(data)
     with h5py.File(path, "r+") as file:
         EDITS[edit](file)
+    copy_edited(path)
     assert path.read_bytes() != data
     found = check_record(path)
     assert found.failed_checks
@@ -295,6 +300,7 @@ def test_a_writer_that_is_killed_while_it_closes_leaves_nothing_wrong(
     )
     with h5py.File(path, "r+") as file:
         file["entry/message"][0] = b"changed"
+    copy_edited(path)
     assert check_record(path).failed_checks == ["closing"]
 
 
@@ -338,7 +344,7 @@ def test_a_record_of_the_older_format_is_read_and_said_to_be_unprotected(tmp_pat
     with h5py.File(path, "r") as new, h5py.File(tmp_path / "old.h5", "w") as old:
         new.copy("entry", old)
         old.attrs["labapp_format"] = 2
-        for name in ("digests", "log_lost", "capabilities"):
+        for name in ("digests", "log_lost", "capabilities", "copy"):
             del old[f"entry/{name}"]
     with Record(tmp_path / "old.h5") as record:
         assert record.state is State.COMPLETE

@@ -32,8 +32,12 @@ from labapp.runs.record.place_table import (
     rebuild_table,
     write_all,
 )
+from labapp.runs.record.second_copy import renew_copy, room_for_copy
 from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State
+
+_COPY_STRUCTURE = 1 << 14
+"""Bytes that HDF5 needs at most for the structure of the copy itself; it takes less than one kB."""
 
 _ROWS_AT_ONCE = 1 << 12
 """Rows that are written at once to a dataset without content: a megabyte. Chosen."""
@@ -148,6 +152,7 @@ def _protect(draft: Path) -> None:
         digest = structure_digest(handle, table)
         place = table.places[f"{layout.DIGESTS}/structure"]
         write_all(handle, memoryview(digest), place.offset)
+        renew_copy(handle, table)
     finally:
         os.close(handle)
 
@@ -185,7 +190,6 @@ def _fill(file: h5py.File, c: RecordContents) -> None:
     allocate(
         entry, "writer", np.array([writer_process.describe_this_process().encode()], layout.WRITER)
     )
-    _allocate_rows(entry, "log", layout.log_capacity(len(c.shots)), layout.LOG_ROW)
     allocate(entry, "log_lost", np.zeros(1, np.uint64))
     digests = nexus.create_group(file, layout.DIGESTS, "NXcollection")
     for name in ("structure", "closing"):
@@ -201,13 +205,13 @@ def _fill(file: h5py.File, c: RecordContents) -> None:
         device["simulated"] = identity.simulated
     _fill_patterns(file, c)
     _fill_data(file, c)
+    _fill_large(file, c)
 
 
 def _fill_patterns(file: h5py.File, c: RecordContents) -> None:
     patterns = nexus.create_group(file, layout.PATTERNS, "NXcollection")
     videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
     lengths = [len(video) for video in videos]
-    patterns["images"] = np.concatenate(videos)
     write_text(patterns, "names", list(c.patterns))
     patterns["first"] = np.cumsum([0, *lengths[:-1]])
     patterns["frames"] = lengths
@@ -233,10 +237,32 @@ def _fill_data(file: h5py.File, c: RecordContents) -> None:
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
     data["role"].attrs["names"] = list(ROLES)
-    reserve(data, "images", (n, rows, columns), np.dtype("u2"))
-    data["images"].attrs.update({"units": "DN", "interpretation": "image"})
-    for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
+
+
+def _fill_large(file: h5py.File, c: RecordContents) -> None:
+    """Make the datasets that end the record: first all of HDF5's own structure, then their data."""
+    entry, n = file[layout.ENTRY], len(c.shots)
+    videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
+    shown = np.concatenate(videos)
+    rows = layout.log_capacity(n)
+    reserve(entry, "log", (rows,), layout.LOG_ROW, late=True)
+    reserve(file[layout.PATTERNS], "images", shown.shape, shown.dtype, late=True)
+    reserve(file[layout.DATA], "images", (n, *c.frame_shape), np.dtype("u2"), late=True)
+    images = file[layout.DATA]["images"]
+    images.attrs.update({"units": "DN", "interpretation": "image"})
+    for axis, name in zip(images.dims, layout.AXES, strict=True):
         axis.label = name
+    file.flush()
+    front = file.id.get_filesize() + _COPY_STRUCTURE
+    large = rows * layout.LOG_ROW.itemsize + shown.nbytes + images.nbytes
+    reserve(entry, "copy", (room_for_copy(front, large),), np.dtype("u1"), late=True)
+    # HDF5 gives the names of many objects their place only now.
+    file.flush()
+    _write_empty(entry["log"])
+    file[layout.SHOWN_IMAGES][:] = shown
+    # The first value takes the place of all.
+    images[0, 0, 0] = 0
+    entry["copy"][0] = 0
 
 
 def write_text(parent: h5py.Group, name: str, text: str | list[str]) -> None:
@@ -256,17 +282,27 @@ def allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
 
 def _allocate_rows(parent: h5py.Group, name: str, count: int, kind: np.dtype) -> None:
     """Create a dataset of empty rows in a run's record, and write it so that space is taken."""
-    dataset = parent.create_dataset(name, (count,), kind)
-    empty = np.zeros(min(count, _ROWS_AT_ONCE), kind)
+    _write_empty(parent.create_dataset(name, (count,), kind))
+
+
+def _write_empty(dataset: h5py.Dataset) -> None:
+    """Write empty rows to a dataset of a run's record, so that disk space is taken."""
+    count = len(dataset)
+    empty = np.zeros(min(count, _ROWS_AT_ONCE), dataset.dtype)
     for first in range(0, count, _ROWS_AT_ONCE):
         dataset[first : first + _ROWS_AT_ONCE] = empty[: count - first]
 
 
-def reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
-    """Reserve a fixed place for a contiguous dataset in a run's record, without disk space."""
+def reserve(
+    parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype, *, late: bool = False
+) -> None:
+    """Reserve a fixed place for a contiguous dataset in a run's record, without disk space.
+
+    late: whether it gets its place only when something is written to it.
+    """
     how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     how.set_layout(h5py.h5d.CONTIGUOUS)
-    how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    how.set_alloc_time(h5py.h5d.ALLOC_TIME_LATE if late else h5py.h5d.ALLOC_TIME_EARLY)
     how.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     kind = h5py.h5t.py_create(dtype, logical=True)
     h5py.h5d.create(parent.id, name.encode(), kind, h5py.h5s.create_simple(shape), how)
