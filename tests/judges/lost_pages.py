@@ -97,14 +97,19 @@ class LostPages:
             return Salvaged(lost=self.whole(data), unexpected=f"{type(error).__name__}: {error}")
         return self.judge(new, self.whole(data), settings_told=" ".join(done.lacks))
 
-    def judge(self, new: Path, whole: set[int], settings_told: str) -> Salvaged:
-        """Compare a record with the pictures that were whole, and with how they were taken."""
+    def judge(
+        self, new: Path, whole: set[int], settings_told: str, *, taken_again: bool = False
+    ) -> Salvaged:
+        """Compare a record with the pictures that were whole, and with how they were taken.
+
+        taken_again: whether others than these may have been taken since.
+        """
         found = Salvaged()
         planned = "measured settings" in settings_told
         with h5py.File(new) as file:
             data = file["entry/data"]
             saved = set(np.flatnonzero(data["stored"][()]).tolist())
-            for n in saved:
+            for n in saved & whole if taken_again else saved:
                 same = data["images"][n].tobytes() == self.images.get(n)
                 as_taken = all(data[k][n] == v[n] for k, v in self._settings.items())
                 if not same or not (as_taken or planned):

@@ -155,7 +155,7 @@ def _protect(draft: Path, ledger: DraftLedger) -> None:
         digest = structure_digest(handle, table)
         place = table.places[f"{layout.DIGESTS}/structure"]
         write_all(handle, memoryview(digest), place.offset)
-        renew_copy(handle, table)
+        renew_copy(handle, table, is_new=True)
     finally:
         os.close(handle)
 

@@ -134,8 +134,11 @@ def differing_rows(handle: int, table: PlaceTable) -> Iterator[tuple[str, int]]:
         yield layout.COPY, 0
 
 
-def renew_copy(handle: int, table: PlaceTable) -> bool:
-    """Write a record's copy anew from what stands before the log; return whether it differed."""
+def renew_copy(handle: int, table: PlaceTable, *, is_new: bool = False) -> bool:
+    """Write a record's copy anew from what stands before the log; return whether it differed.
+
+    is_new: whether all of it is written, so that disk space is taken.
+    """
     copy = find_copy(table)
     if copy is None:
         return False
@@ -146,7 +149,7 @@ def renew_copy(handle: int, table: PlaceTable) -> bool:
             write_all(handle, memoryview(right), offset)
             differed = True
     for first, front, second in _blocks(handle, copy):
-        if (front != second).any():
+        if is_new or (front != second).any():
             write_all(handle, memoryview(front.tobytes()), copy.begin + first)
             differed = True
     return differed
