@@ -226,7 +226,7 @@ def repair_links(
             if frame is None:
                 break
             missing = [one for one in missing if one != frame]
-            trial[number] = _make_link(frame, before, compute)[: len(trial.dtype)]
+            trial[number] = _make_link(frame, before, compute)[: len(trial.dtype.names or ())]
             pending.append(number)
         else:
             repaired += pending

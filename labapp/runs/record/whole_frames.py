@@ -80,7 +80,8 @@ class WholeFrames:
         ]
         if not blocks:
             raise TableError("the chain is cut off")
-        return blocks[0] if len(blocks) == 1 else merge_copies(*blocks, structure)
+        own, *copied = blocks
+        return merge_copies(own, copied[0], structure) if copied else own
 
     def _structure(self) -> bytes:
         """Return the digest from which the record's chain begins; one of two, if they differ."""
@@ -150,7 +151,7 @@ class WholeFrames:
 def _find_settings(row: np.void, columns: Iterable[_Columns]) -> bytes | None:
     """Return the settings of a frame of the record that have the digest in its link."""
     known, frame = row["settings"].tobytes(), int(row["frame"])
-    inside = [row["values"].tobytes()] if "values" in row.dtype.names else []
+    inside = [row["values"].tobytes()] if "values" in (row.dtype.names or ()) else []
     told = chain(inside, (_pack(one, frame) for one in columns))
     return next((values for values in told if packed_digest(values) == known), None)
 
