@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from hashlib import sha256
 
 import h5py
@@ -302,6 +303,35 @@ def test_a_writer_that_is_killed_while_it_closes_leaves_nothing_wrong(
         file["entry/message"][0] = b"changed"
     copy_edited(path)
     assert check_record(path).failed_checks == ["closing"]
+
+
+KILLS = 8
+"""Of so many writes of a run, one is the last; each of them in a sweep."""
+
+
+@pytest.mark.parametrize("part", [0, *(pytest.param(k, marks=MANY) for k in range(1, KILLS))])
+def test_a_writer_that_is_killed_at_any_write_leaves_nothing_wrong(tmp_path, monkeypatch, part):
+    """The record as it was after each write: what stands twice is one row apart at most."""
+    path, writes, write = tmp_path / "run.h5", [], os.pwrite
+
+    def note(handle: int, data: bytes, offset: int) -> int:
+        if path.exists():
+            before = os.pread(handle, len(data), offset)
+            writes.append((offset, before.ljust(len(data), b"\0")))
+        return write(handle, data, offset)
+
+    monkeypatch.setattr(os, "pwrite", note)
+    take(path, 5)
+    monkeypatch.undo()
+    monkeypatch.setattr("labapp.runs.record.writer_process.is_alive", lambda _: False)
+    wrong, count = {}, len(writes)
+    for number, (offset, before) in reversed(list(enumerate(writes))):
+        with path.open("r+b") as file:
+            file.seek(offset)
+            file.write(before)
+        if number % KILLS == part and (failed := check_record(path).failed_checks):
+            wrong[number] = failed
+    assert (wrong, count > 100) == ({}, True)
 
 
 def test_a_run_that_goes_on_has_no_time_of_its_end(tmp_path, interrupted):
