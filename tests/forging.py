@@ -10,6 +10,7 @@ import numpy as np
 
 from labapp.runs.record import digests, layout
 from labapp.runs.record.place_table import encode, rebuild_table
+from labapp.runs.record.second_copy import renew_copy
 
 
 def replace_text(file: h5py.File, name: str, text: str) -> None:
@@ -44,9 +45,11 @@ def forge(path: Path) -> None:
         for number in frames:
             frame = int(rows[number]["frame"])
             image = digests.image_digest(images[frame])
-            settings = digests.settings_digest({k: v[frame] for k, v in columns.items()})
+            own = digests.pack_settings({k: v[frame] for k, v in columns.items()})
+            packed = b"".join(own.values())
+            settings = digests.packed_digest(packed)
             link = digests.link_digest(link, frame, image, settings)
-            values = (np.frombuffer(one, np.uint8) for one in (image, settings, link))
+            values = (np.frombuffer(one, np.uint8) for one in (image, settings, link, packed))
             row = np.array((frame, *values), layout.CHAIN_ROW)
             write(f"{layout.DIGESTS}/chain", number, row.tobytes())
         line = digests.first_line(structure)
@@ -60,5 +63,6 @@ def forge(path: Path) -> None:
         ending = [read(f"entry/{name}").tobytes() for name in digests.ENDING]
         closing = digests.closing_digest(structure, len(frames), link, len(used), line, ending)
         write(f"{layout.DIGESTS}/closing", 0, closing)
+        renew_copy(handle, table)
     finally:
         os.close(handle)

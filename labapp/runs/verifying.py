@@ -13,7 +13,7 @@ from drivers.hosted.calls import CallResult
 from drivers.hosted.child_process import ChildProcess, ProcessEnded
 from labapp.common.console import out, print_json, print_table, terminal_progress
 from labapp.files.guarded_reading import require_regular
-from labapp.runs.record.verification import RecordFinding, Verification
+from labapp.runs.record.verification import RecordFinding, Verification, advise_salvage
 from optics.progress import Progress
 
 _STALL_TIMEOUT = 60.0
@@ -80,7 +80,7 @@ def verify(
 
 
 def _unreadable_verification(path: Path) -> Verification:
-    detail = "is damaged so badly that HDF5 doesn't come back from it. Restore it from a copy."
+    detail = f"is damaged so badly that HDF5 doesn't come back from it. {advise_salvage(path)}"
     return Verification(str(path), [RecordFinding("file", "WRONG", detail)])
 
 

@@ -117,7 +117,7 @@ def _record_cases(folder: Path) -> Iterator[Case]:
         crafted += [changed_copy(whole, name, kind, folder) for kind, name in _RECORD_CHANGES]
     for file in crafted:
         for command in _RECORD_COMMANDS:
-            yield _case(folder, file, command, may_pass=command[0] == "salvage")
+            yield _case(folder, file, command, may_pass=command[0] in ("salvage", "resume"))
 
 
 def _design_cases(folder: Path) -> Iterator[Case]:

@@ -12,6 +12,7 @@ from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.place_table import Place, read_table
+from labapp.runs.record.second_copy import find_copy, renew_copy
 from optics.progress import Progress
 
 PLAN = PlanFile.model_validate(
@@ -54,5 +55,25 @@ def places(path: Path) -> dict[str, Place]:
     handle = os.open(path, os.O_RDONLY)
     try:
         return dict(read_table(handle).places)
+    finally:
+        os.close(handle)
+
+
+def second_places(path: Path) -> dict[str, Place]:
+    """The places of the datasets that a record has twice, in its copy."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        table = read_table(handle)
+    finally:
+        os.close(handle)
+    copy = find_copy(table)
+    return {name: copy.of(place) for name, place in table.places.items() if copy.has(place)}
+
+
+def copy_edited(path: Path) -> None:
+    """Make the copy in a record that was edited by hand that of what it is now."""
+    handle = os.open(path, os.O_RDWR)
+    try:
+        renew_copy(handle, read_table(handle))
     finally:
         os.close(handle)

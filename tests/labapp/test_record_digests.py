@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 from hashlib import sha256
 
 import h5py
 import numpy as np
 import pytest
-from eight_frames import places, take
+from eight_frames import copy_edited, places, second_places, take
 from forging import forge
 
 from labapp.runs.record.checks import check_record
@@ -36,6 +37,7 @@ def interrupted(tmp_path_factory) -> bytes:
         file["entry/state"][0] = b"RUNNING"
         file["entry/message"][0] = file["entry/end_time"][0] = b""
         file["entry/digests/closing"][0] = 0
+    copy_edited(path)
     assert check_record(path).failed_checks == []
     return path.read_bytes()
 
@@ -45,10 +47,13 @@ def unnoticed_flips(path, data: bytes, count: int, seed: int, aside: tuple[str, 
     rng, missed = np.random.default_rng(seed), []
     path.write_bytes(data)
     known = {name: place for name, place in places(path).items() if name not in aside}
+    twice = second_places(path)
     everywhere = np.ones(len(data), bool)
-    for name, place in places(path).items():
+    for name, place in (*places(path).items(), *twice.items()):
         everywhere[place.offset : place.end] = name not in aside
     positions = np.flatnonzero(everywhere)
+    known |= {f"copy of {name}": twice[name] for name in known if name in twice}
+    del known["entry/copy"]
     for number in range(count):
         place = known[list(known)[rng.integers(len(known))]]
         inside = place.offset + int(rng.integers(place.size))
@@ -208,6 +213,7 @@ def test_an_edit_is_named_unless_the_digests_are_made_anew(tmp_path, complete, e
     path.write_bytes(data)
     with h5py.File(path, "r+") as file:
         EDITS[edit](file)
+    copy_edited(path)
     assert path.read_bytes() != data
     found = check_record(path)
     assert found.failed_checks
@@ -295,7 +301,37 @@ def test_a_writer_that_is_killed_while_it_closes_leaves_nothing_wrong(
     )
     with h5py.File(path, "r+") as file:
         file["entry/message"][0] = b"changed"
+    copy_edited(path)
     assert check_record(path).failed_checks == ["closing"]
+
+
+KILLS = 8
+"""Of so many writes of a run, one is the last; each of them in a sweep."""
+
+
+@pytest.mark.parametrize("part", [0, *(pytest.param(k, marks=MANY) for k in range(1, KILLS))])
+def test_a_writer_that_is_killed_at_any_write_leaves_nothing_wrong(tmp_path, monkeypatch, part):
+    """The record as it was after each write: what stands twice is one row apart at most."""
+    path, writes, write = tmp_path / "run.h5", [], os.pwrite
+
+    def note(handle: int, data: bytes, offset: int) -> int:
+        if path.exists():
+            before = os.pread(handle, len(data), offset)
+            writes.append((offset, before.ljust(len(data), b"\0")))
+        return write(handle, data, offset)
+
+    monkeypatch.setattr(os, "pwrite", note)
+    take(path, 5)
+    monkeypatch.undo()
+    monkeypatch.setattr("labapp.runs.record.writer_process.is_alive", lambda _: False)
+    wrong, count = {}, len(writes)
+    for number, (offset, before) in reversed(list(enumerate(writes))):
+        with path.open("r+b") as file:
+            file.seek(offset)
+            file.write(before)
+        if number % KILLS == part and (failed := check_record(path).failed_checks):
+            wrong[number] = failed
+    assert (wrong, count > 100) == ({}, True)
 
 
 def test_a_run_that_goes_on_has_no_time_of_its_end(tmp_path, interrupted):
@@ -338,7 +374,7 @@ def test_a_record_of_the_older_format_is_read_and_said_to_be_unprotected(tmp_pat
     with h5py.File(path, "r") as new, h5py.File(tmp_path / "old.h5", "w") as old:
         new.copy("entry", old)
         old.attrs["labapp_format"] = 2
-        for name in ("digests", "log_lost", "capabilities"):
+        for name in ("digests", "log_lost", "capabilities", "copy"):
             del old[f"entry/{name}"]
     with Record(tmp_path / "old.h5") as record:
         assert record.state is State.COMPLETE

@@ -6,6 +6,7 @@ import errno
 import os
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from small_bench.files import SmallFiles
@@ -19,8 +20,8 @@ from labapp.files.writing import write_atomically
 from labapp.runs.acquisition.record_contents import build_record_contents
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.record import disk_sync
-from labapp.runs.record.creation import create_record
+from labapp.runs.record import creation, disk_sync, draft_file
+from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from labapp.runs.steps import planned_shots
@@ -56,6 +57,16 @@ class Disk:
 
 
 @pytest.fixture
+def contents(tiny: SmallFiles) -> RecordContents:
+    with open_bench(tiny.bench_files) as bench:
+        plan = read_file(tiny.plan, PlanFile)
+        abilities = BenchCapabilities.of(bench)
+        shots = planned_shots(plan, abilities)
+        patterns = {name: np.zeros(abilities.panel_shape, np.uint8) for name in plan.patterns}
+        return build_record_contents(bench, plan, patterns, shots, abilities, lambda: None)
+
+
+@pytest.fixture
 def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     return Disk(monkeypatch)
 
@@ -73,8 +84,9 @@ def test_complete_is_written_when_all_else_is_on_the_disk_and_told_when_it_is_th
     assert outcome.digest
     last = disk.events.index("COMPLETE")
     before = disk.events[:last]
-    # Between the sync and the state there are only message, time of the end and closing digest.
-    assert before[::-1].index("sync") <= 3
+    # Between the sync and the state there are only message, time of the end and closing digest,
+    # each twice.
+    assert before[::-1].index("sync") <= 6
     assert "sync" in disk.events[last:]
     assert disk.events[::-1].index("sync") < disk.events[::-1].index("COMPLETE")
 
@@ -130,7 +142,7 @@ def test_a_file_is_on_the_disk_before_its_name_and_then_its_name(
 
 
 def test_a_refused_write_of_any_part_of_the_draft_leaves_no_record(
-    tiny: SmallFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    contents: RecordContents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, count, refused = tmp_path / "run.h5", [0], [0]
     write = os.pwrite
@@ -141,12 +153,6 @@ def test_a_refused_write_of_any_part_of_the_draft_leaves_no_record(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return write(handle, data, offset)
 
-    with open_bench(tiny.bench_files) as bench:
-        plan = read_file(tiny.plan, PlanFile)
-        abilities = BenchCapabilities.of(bench)
-        shots = planned_shots(plan, abilities)
-        patterns = {name: np.zeros(abilities.panel_shape, np.uint8) for name in plan.patterns}
-        contents = build_record_contents(bench, plan, patterns, shots, abilities, lambda: None)
     monkeypatch.setattr(os, "pwrite", pwrite)
     close_locked(create_record(path, contents))
     path.unlink()
@@ -157,6 +163,62 @@ def test_a_refused_write_of_any_part_of_the_draft_leaves_no_record(
         with pytest.raises(UserError, match="No space left"):
             create_record(path, contents)
         assert [*tmp_path.glob("*.h5*"), *tmp_path.glob(".*h5*")] == []
+
+
+def content(path: Path) -> dict[str, tuple[list[tuple[str, str]], bytes]]:
+    """Attributes and data of all in a record that is written before its first frame."""
+    found = {}
+
+    def collect(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        attributes = sorted((key, str(value)) for key, value in item.attrs.items())
+        data = item[()].tobytes() if isinstance(item, h5py.Dataset) else b""
+        changes = name in ("entry/digests/structure", "entry/copy")
+        found[name] = attributes, b"" if changes else data
+
+    with h5py.File(path) as file:
+        collect("", file)
+        file.visititems(collect)
+    return found
+
+
+SWALLOWED = 20
+"""Of so many writes to the draft, one is tried; all of them in a sweep."""
+
+
+@pytest.mark.parametrize(
+    "part", [0, *(pytest.param(k, marks=pytest.mark.sweep) for k in range(1, SWALLOWED))]
+)
+def test_a_swallowed_write_of_the_draft_leaves_no_record_or_a_whole_one(
+    contents: RecordContents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int
+) -> None:
+    """What wasn't written may have been zeros, or have been written again later."""
+    path, count, swallowed, refused = tmp_path / "run.h5", [0], [0], 0
+    write = draft_file.DraftFile.write
+
+    def forgetful(self: draft_file.DraftFile, data: bytes) -> int:
+        count[0] += 1
+        if count[0] == swallowed[0]:
+            self.seek(len(data), os.SEEK_CUR)
+            return len(data)
+        return write(self, data)
+
+    monkeypatch.setattr(draft_file.DraftFile, "write", forgetful)
+    monkeypatch.setattr(creation, "utc_timestamp", lambda: "2026-01-02T03:04:05.678+00:00")
+    close_locked(create_record(path, contents))
+    good, writes = content(path), count[0]
+    path.unlink()
+    for number in range(1 + part, writes + 1, SWALLOWED):
+        count[0], swallowed[0] = 0, number
+        try:
+            close_locked(create_record(path, contents))
+        except UserError as error:
+            refused += "doesn't read back" in str(error)
+            assert not path.exists()
+        else:
+            assert content(path) == good
+            path.unlink()
+        assert [*tmp_path.glob("*.h5*"), *tmp_path.glob(".*h5*")] == []
+    assert refused > 3
 
 
 def test_frames_that_are_written_while_a_sync_fails_are_given_up_with_the_others(

@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from eight_frames import SETUP, places, take
+from eight_frames import SETUP, copy_edited, places, take
 
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
@@ -163,6 +163,7 @@ def test_what_follows_from_the_rest_is_repaired(path, good, caplog, name, row, w
     with h5py.File(path, "r+") as file:
         rows = file[name]
         rows[row] = np.frombuffer(b"\x5a" * rows.dtype.itemsize, rows.dtype)[0]
+    copy_edited(path)
     assert check_record(path).failed_checks
     assert frames_to_take(path) == []
     assert words in caplog.text
@@ -179,6 +180,7 @@ def test_a_lost_table_of_places_is_made_anew(path, good):
 def test_a_changed_plan_is_not_mended_but_its_frames_are_saved(path, good, tmp_path):
     at = places(path)["entry/plan"].offset + 10
     path.write_bytes(good[:at] + b"#" + good[at + 1 :])
+    copy_edited(path)
     with pytest.raises(UserError, match=r"can't be resumed: structure: entry/plan changed"):
         frames_to_take(path)
     done = salvage(path, tmp_path / "saved.h5")
@@ -190,7 +192,7 @@ def test_frames_of_the_older_format_are_saved_by_their_checksums(path, tmp_path)
     with h5py.File(path, "r") as new, h5py.File(old, "w") as file:
         new.copy("entry", file)
         file.attrs["labapp_format"] = layout.UNPROTECTED_FORMAT
-        for name in ("digests", "log_lost", "capabilities"):
+        for name in ("digests", "log_lost", "capabilities", "copy"):
             del file[f"entry/{name}"]
         file["entry/data/images"][2, 0, 0] ^= 1
     done = salvage(old, tmp_path / "saved.h5")

@@ -88,16 +88,16 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapab
     panel = prod(capabilities.panel_shape)
     shown = sum(getattr(pattern, "length", 1) for pattern in plan.patterns.values())
     decided = len(ShotList.of(listed).distinct_pictures())
-    return (
-        len(listed) * (2 * picture + _FRAME_ROW)
-        + shown * panel
-        + log_capacity(len(listed)) * LOG_ROW.itemsize
+    twice = (
+        len(listed) * _FRAME_ROW
         + chain_capacity(len(listed)) * CHAIN_ROW.itemsize
         + len(plan.model_dump_json())
         + decided * _DECISIONS
         # Bench, scene and HDF5's own data take less than this.
         + 100_000
     )
+    log = log_capacity(len(listed)) * LOG_ROW.itemsize
+    return len(listed) * 2 * picture + shown * panel + log + 2 * twice
 
 
 def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> dict[int, str]:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labapp.runs.record import layout
-from labapp.runs.record.digests import first_line, first_link, link_digest, next_digest
+from labapp.runs.record.digests import first_line, first_link, next_digest
 
 AT_ONCE = 1 << 11
 """Rows of a chain that are in memory at once: half a megabyte. Chosen."""
 
-_LINK = layout.CHAIN_ROW.fields["link"][1]  # type: ignore[index]
+_SETTINGS, _LINK = (layout.CHAIN_ROW.fields[name][1] for name in ("settings", "link"))  # type: ignore[index]
+_VALUES = layout.LINK_ROW.itemsize
 _TEXT, _DIGEST = (layout.LOG_ROW.fields[name][1] for name in ("text", "digest"))  # type: ignore[index]
 """Where parts of the rows begin, in bytes."""
 
@@ -53,18 +55,18 @@ class LogChain:
 def follow_frames(blocks: Iterable[NDArray[Any]], structure: bytes, frames: int) -> FrameChain:
     """Follow the links of a record's frames from the first on.
 
-    blocks: all rows in their order, of the type CHAIN_ROW. structure: digest of the record's
-    structure. frames: number of the planned ones. Rows of zeros before the last link are broken
-    links.
+    blocks: all rows in their order, of the type CHAIN_ROW, or LINK_ROW in older records. structure:
+    digest of the record's structure. frames: number of the planned ones. Rows of zeros before the
+    last link are broken links.
     """
     found = FrameChain(0, first_link(structure), np.full(frames, -1, np.int64), set())
     for rows in _used(blocks):
         begin = found.length
-        for row in _bytes_of(rows, layout.CHAIN_ROW):
-            if next_digest(found.last, row[:_LINK]) != row[_LINK:]:
+        for row in _bytes_of(rows, chain_kind(rows.dtype)):
+            if not _follows(row, found.last):
                 found.broken = found.length
                 break
-            found.length, found.last = found.length + 1, row[_LINK:]
+            found.length, found.last = found.length + 1, row[_LINK:_VALUES]
         _note_latest(found, rows["frame"][: found.length - begin], begin)
         if found.broken is not None:
             break
@@ -79,10 +81,52 @@ def _note_latest(found: FrameChain, frames: NDArray[Any], begin: int) -> None:
     found.latest[frames[planned]] = begin + np.flatnonzero(planned)
 
 
+def chain_kind(kind: np.dtype) -> np.dtype:
+    """Return the type of rows in a record's chain, by that which HDF5 or the table tells."""
+    return layout.CHAIN_ROW if "values" in (kind.names or ()) else layout.LINK_ROW
+
+
 def follows(row: np.void, before: bytes) -> bool:
     """Return whether a link of a record's frame follows from the digest of the one before."""
-    digest = link_digest(before, row["frame"], row["image"].tobytes(), row["settings"].tobytes())
-    return bool(digest == row["link"].tobytes())
+    return _follows(row.tobytes(), before)
+
+
+def _follows(row: bytes, before: bytes) -> bool:
+    """Return whether a row's link follows from the one before, and its settings have its digest."""
+    linked = next_digest(before, row[:_LINK]) == row[_LINK:_VALUES]
+    values = row[_VALUES:]
+    return linked and (not values or sha256(values).digest() == row[_SETTINGS:_LINK])
+
+
+def merge_copies(
+    blocks: Iterable[NDArray[Any]], copied: Iterable[NDArray[Any]], structure: bytes
+) -> Iterator[NDArray[Any]]:
+    """Yield the rows of a record's chain, each as it is in whichever of two copies it follows."""
+    before = first_link(structure)
+    for front, second in zip(blocks, copied, strict=True):
+        merged = front
+        for n in _differing(front, second):
+            merged = front.copy() if merged is front else merged
+            link = merged[n - 1]["link"].tobytes() if n else before
+            if not follows(front[n], link) and (
+                follows(second[n], link) or _has_settings(second[n]) > _has_settings(front[n])
+            ):
+                merged[n] = second[n]
+        before = merged[-1]["link"].tobytes()
+        yield merged
+
+
+def _has_settings(row: np.void) -> bool:
+    """Return whether a row of the record's chain has the settings of which it has the digest."""
+    return sha256(row["values"].tobytes()).digest() == row["settings"].tobytes()
+
+
+def _differing(front: NDArray[Any], second: NDArray[Any]) -> list[int]:
+    """Return the rows in which two copies of a record's chain differ."""
+    kind = (np.uint8, front.dtype.itemsize)
+    both = [np.ascontiguousarray(one).view(kind) for one in (front, second)]
+    found: list[int] = np.flatnonzero((both[0] != both[1]).any(axis=1)).tolist()
+    return found
 
 
 def follow_log(blocks: Iterable[NDArray[Any]], structure: bytes) -> LogChain:

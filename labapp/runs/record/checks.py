@@ -26,6 +26,7 @@ from labapp.files.frame_list import format_frame_list
 from labapp.files.plan_file import ROLES
 from labapp.runs.frame_acceptance import EXPOSURE_TOLERANCE, WAVELENGTH_TOLERANCE
 from labapp.runs.record import layout
+from labapp.runs.record.copy_check import check_copy
 from labapp.runs.record.digest_checks import check_closing, check_links, check_log
 from labapp.runs.record.reader import Record, file_sha256
 from labapp.runs.record.verification import (
@@ -110,6 +111,7 @@ class _Checks:
             "camera": self._check_camera,
             "state": self._check_state,
             "closing": lambda: check_closing(self._record, self._digest),
+            "copy": lambda: check_copy(self._record),
             "scene pictures": self._check_scene_pictures,
         }
 
@@ -121,7 +123,7 @@ class _Checks:
         if structure is None:
             return "WRONG", "the table of places at the file's beginning is missing or damaged"
         if structure.changed:
-            return "WRONG", structure.explain()
+            return "WRONG", structure.explain(self._record.path)
         if moved := self._record.moved_datasets():
             return "WRONG", f"not at the place that the table tells: {', '.join(moved)}"
         return "ok", "all that was known before the first frame is as it was"

@@ -24,19 +24,20 @@ from labapp.files.plan_file import ROLES
 from labapp.files.write_locks import close_locked, lock_file, move_into_place, name_draft
 from labapp.files.writing import require_writable, sync_to_disk
 from labapp.runs.record import layout, writer_process
+from labapp.runs.record.datasets import DraftLedger, write_empty
 from labapp.runs.record.digests import structure_digest
 from labapp.runs.record.draft_file import DraftFile
 from labapp.runs.record.place_table import (
     USER_BLOCK,
     encode,
-    rebuild_table,
     write_all,
 )
+from labapp.runs.record.second_copy import renew_copy, room_for_copy
 from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State
 
-_ROWS_AT_ONCE = 1 << 12
-"""Rows that are written at once to a dataset without content: a megabyte. Chosen."""
+_COPY_STRUCTURE = 1 << 14
+"""Bytes that HDF5 needs at most for the structure of the copy itself; it takes less than one kB."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,7 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
         handle = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         lock_file(handle)
         writer_process.warn_of_lock(path, handle)
-        _write_draft(handle, contents)
-        _protect(draft)
+        _protect(draft, _write_draft(handle, contents))
         sync_to_disk(draft)
         move_into_place(draft, path, force=force)
         sync_to_disk(path.parent)
@@ -127,27 +127,35 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
     return created
 
 
-def _write_draft(handle: int, contents: RecordContents) -> None:
-    """Write a new record's datasets to an open file; OSError if the disk refuses any of it."""
-    out = DraftFile(handle)
+def _write_draft(handle: int, contents: RecordContents) -> DraftLedger:
+    """Write a new record's datasets to an open file; OSError if the disk refuses any of it.
+
+    Returns what was written.
+    """
+    out, ledger = DraftFile(handle), DraftLedger()
     try:
         # The file is locked already, and its file system may have no locks for HDF5.
         with h5py.File(out, "w", libver="latest", userblock_size=USER_BLOCK, locking=False) as file:
-            _fill(file, contents)
+            _fill(file, contents, ledger)
     finally:
         # HDF5 may hide the error behind another one, or behind none.
         out.require_whole()
+    return ledger
 
 
-def _protect(draft: Path) -> None:
-    """Write a new record's table of places, and the digest of its structure."""
+def _protect(draft: Path, ledger: DraftLedger) -> None:
+    """Write a new record's table of places, the digest of its structure, and its copy.
+
+    Raises OSError if the draft doesn't read back as what was written to it.
+    """
     handle = os.open(draft, os.O_RDWR | os.O_CLOEXEC)
     try:
-        table = rebuild_table(draft, handle)
+        table = ledger.read_back(draft, handle)
         write_all(handle, memoryview(encode(table)), 0)
         digest = structure_digest(handle, table)
         place = table.places[f"{layout.DIGESTS}/structure"]
         write_all(handle, memoryview(digest), place.offset)
+        renew_copy(handle, table, is_new=True)
     finally:
         os.close(handle)
 
@@ -156,7 +164,7 @@ def utc_timestamp() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def _fill(file: h5py.File, c: RecordContents) -> None:
+def _fill(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
     file.attrs.update(
         {
             "NX_class": "NXroot",
@@ -174,99 +182,92 @@ def _fill(file: h5py.File, c: RecordContents) -> None:
     texts["clock"] = c.clock
     texts["versions"] = json.dumps(nexus.program_versions())
     for name, text in texts.items():
-        write_text(entry, name, text)
+        ledger.write_text(entry, name, text)
     listed = ShotList.of(c.shots)
-    write_text(entry, "readouts", json.dumps([one.as_data() for one in listed.readouts]))
-    entry["seed"] = c.seed
-    entry["expected_seconds"] = listed.total_duration
-    allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
-    allocate(entry, "message", np.zeros(1, layout.MESSAGE))
-    allocate(entry, "end_time", np.zeros(1, layout.END_TIME_DTYPE))
-    allocate(
+    ledger.write_text(entry, "readouts", json.dumps([one.as_data() for one in listed.readouts]))
+    ledger.allocate(entry, "seed", np.array(c.seed))
+    ledger.allocate(entry, "expected_seconds", np.array(listed.total_duration))
+    ledger.allocate(entry, "state", np.array([State.PLANNED.value.encode()], layout.STATE))
+    ledger.allocate(entry, "message", np.zeros(1, layout.MESSAGE))
+    ledger.allocate(entry, "end_time", np.zeros(1, layout.END_TIME_DTYPE))
+    ledger.allocate(
         entry, "writer", np.array([writer_process.describe_this_process().encode()], layout.WRITER)
     )
-    _allocate_rows(entry, "log", layout.log_capacity(len(c.shots)), layout.LOG_ROW)
-    allocate(entry, "log_lost", np.zeros(1, np.uint64))
+    ledger.allocate(entry, "log_lost", np.zeros(1, np.uint64))
     digests = nexus.create_group(file, layout.DIGESTS, "NXcollection")
     for name in ("structure", "closing"):
-        allocate(digests, name, np.zeros(1, layout.DIGEST))
-    _allocate_rows(digests, "chain", layout.chain_capacity(len(c.shots)), layout.CHAIN_ROW)
+        ledger.allocate(digests, name, np.zeros(1, layout.DIGEST))
+    rows = layout.chain_capacity(len(c.shots))
+    write_empty(ledger.reserve(digests, "chain", (rows,), layout.CHAIN_ROW))
     instrument = nexus.create_group(entry, "instrument", "NXinstrument")
     for name, identity in c.identities.items():
         device = nexus.create_group(
             instrument, name, "NXdetector" if name == "camera" else "NXobject"
         )
-        write_text(device, "model", identity.model)
-        write_text(device, "serial", identity.serial)
-        device["simulated"] = identity.simulated
-    _fill_patterns(file, c)
-    _fill_data(file, c)
+        ledger.write_text(device, "model", identity.model)
+        ledger.write_text(device, "serial", identity.serial)
+        ledger.allocate(device, "simulated", np.array(identity.simulated))
+    _fill_patterns(file, c, ledger)
+    _fill_data(file, c, ledger)
+    _fill_large(file, c, ledger)
+    ledger.note_attributes(file)
 
 
-def _fill_patterns(file: h5py.File, c: RecordContents) -> None:
+def _fill_patterns(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
     patterns = nexus.create_group(file, layout.PATTERNS, "NXcollection")
     videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
     lengths = [len(video) for video in videos]
-    patterns["images"] = np.concatenate(videos)
-    write_text(patterns, "names", list(c.patterns))
-    patterns["first"] = np.cumsum([0, *lengths[:-1]])
-    patterns["frames"] = lengths
+    ledger.write_text(patterns, "names", list(c.patterns))
+    ledger.allocate(patterns, "first", np.cumsum([0, *lengths[:-1]]))
+    ledger.allocate(patterns, "frames", np.array(lengths))
     times = [c.video_frame if image.ndim == 3 else 0.0 for image in c.patterns.values()]
-    patterns["frame_time"] = times
+    ledger.allocate(patterns, "frame_time", np.array(times))
     patterns["frame_time"].attrs["units"] = "s"
     sums = [sha256(image.tobytes()).hexdigest() for image in c.patterns.values()]
-    write_text(patterns, "sha256", sums)
-    write_text(nexus.create_group(file, "entry/targets", "NXcollection"), "names", list(c.targets))
+    ledger.write_text(patterns, "sha256", sums)
+    ledger.write_text(
+        nexus.create_group(file, "entry/targets", "NXcollection"), "names", list(c.targets)
+    )
 
 
-def _fill_data(file: h5py.File, c: RecordContents) -> None:
+def _fill_data(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
     data = nexus.create_group(file, layout.DATA, "NXdata")
     n, (rows, columns) = len(c.shots), c.frame_shape
     data.attrs.update({"signal": "images", "axes": list(layout.AXES)})
     for name, size in (("y", rows), ("x", columns)):
-        data[name] = (np.arange(size) - size // 2) * c.pixel_pitch
+        ledger.allocate(data, name, (np.arange(size) - size // 2) * c.pixel_pitch)
     planned = layout.planned_columns(c.shots, list(c.targets), list(c.patterns))
     for name, values in planned.items():
-        allocate(data, name, values)
+        ledger.allocate(data, name, values)
     for name, dtype in layout.MEASURED.items():
-        allocate(data, name, np.zeros(n, dtype))
+        ledger.allocate(data, name, np.zeros(n, dtype))
     for name, unit in layout.UNITS.items():
         data[name].attrs["units"] = unit
     data["role"].attrs["names"] = list(ROLES)
-    reserve(data, "images", (n, rows, columns), np.dtype("u2"))
-    data["images"].attrs.update({"units": "DN", "interpretation": "image"})
-    for axis, name in zip(data["images"].dims, layout.AXES, strict=True):
+
+
+def _fill_large(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
+    """Make the datasets that end the record: first all of HDF5's own structure, then their data."""
+    entry, n = file[layout.ENTRY], len(c.shots)
+    videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
+    shown = np.concatenate(videos)
+    rows = layout.log_capacity(n)
+    ledger.reserve(entry, "log", (rows,), layout.LOG_ROW)
+    ledger.reserve(file[layout.PATTERNS], "images", shown.shape, shown.dtype)
+    ledger.reserve(file[layout.DATA], "images", (n, *c.frame_shape), np.dtype("u2"))
+    images = file[layout.DATA]["images"]
+    images.attrs.update({"units": "DN", "interpretation": "image"})
+    for axis, name in zip(images.dims, layout.AXES, strict=True):
         axis.label = name
-
-
-def write_text(parent: h5py.Group, name: str, text: str | list[str]) -> None:
-    """Write text of fixed length to a run's record.
-
-    HDF5 keeps text of variable length in a heap, and may hang if the heap is damaged.
-    """
-    encoded = text.encode() if isinstance(text, str) else [one.encode() for one in text]
-    kind = h5py.string_dtype("utf-8", np.array(encoded, dtype=bytes).dtype.itemsize)
-    parent.create_dataset(name, data=np.array(encoded, dtype=kind))
-
-
-def allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
-    """Create a contiguous dataset of a run's record, and write it so that disk space is taken."""
-    parent.create_dataset(name, data=values)
-
-
-def _allocate_rows(parent: h5py.Group, name: str, count: int, kind: np.dtype) -> None:
-    """Create a dataset of empty rows in a run's record, and write it so that space is taken."""
-    dataset = parent.create_dataset(name, (count,), kind)
-    empty = np.zeros(min(count, _ROWS_AT_ONCE), kind)
-    for first in range(0, count, _ROWS_AT_ONCE):
-        dataset[first : first + _ROWS_AT_ONCE] = empty[: count - first]
-
-
-def reserve(parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
-    """Reserve a fixed place for a contiguous dataset in a run's record, without disk space."""
-    how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    how.set_layout(h5py.h5d.CONTIGUOUS)
-    how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-    how.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    kind = h5py.h5t.py_create(dtype, logical=True)
-    h5py.h5d.create(parent.id, name.encode(), kind, h5py.h5s.create_simple(shape), how)
+    file.flush()
+    front = file.id.get_filesize() + _COPY_STRUCTURE
+    large = rows * layout.LOG_ROW.itemsize + shown.nbytes + images.nbytes
+    ledger.reserve(entry, "copy", (room_for_copy(front, large),), np.dtype("u1"))
+    # HDF5 gives the names of many objects their place only now.
+    file.flush()
+    write_empty(entry["log"])
+    file[layout.SHOWN_IMAGES][:] = shown
+    ledger.note(layout.SHOWN_IMAGES, shown)
+    # The first value takes the place of all.
+    images[0, 0, 0] = 0
+    entry["copy"][0] = 0

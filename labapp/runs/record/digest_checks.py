@@ -64,12 +64,12 @@ def _written_without_link(record: Record, linked: NDArray[np.bool_]) -> list[int
     found: list[int] = np.flatnonzero(written & ~linked).tolist()
     if len(found) == 1 and not record.state.has_ended:
         (frame,) = found
-        if _is_half_written(record, frame, {name: c[frame] for name, c in columns.items()}):
+        if is_half_written(record, frame, {name: c[frame] for name, c in columns.items()}):
             return []
     return found
 
 
-def _is_half_written(record: Record, frame: int, settings: dict[str, float]) -> bool:
+def is_half_written(record: Record, frame: int, settings: dict[str, float]) -> bool:
     """Return whether settings are the first of a run's frame that was taken as the plan asks."""
     last = max((number for number, value in enumerate(settings.values()) if value), default=-1)
     before = list(settings)[:last]
@@ -126,22 +126,24 @@ def _check_unclosed(record: Record, expected: str) -> StatusAndDetail:
     """
     ended, written, state = record.end_time, record.closing_digest, record.state
     if written:
-        closed = next((s for s in State if s.has_ended and _is_closed_as(record, s)), None)
+        closed = next((s for s in State if is_closed_as(record, s, written)), None)
         if closed is None:
             return "WRONG", f"there is a digest over all, though the run is {state}"
         return "unfinished", f"{written}, of a run that ended {closed} but for writing so"
     if expected:
         return "WRONG", "the run hasn't ended, so there is no digest to compare"
-    if ended and not _is_time(ended):
+    if ended and not is_time(ended):
         return "WRONG", f"there is a time of the end, {ended!r}, though the run is {state}"
     return "note", "state, message and writer aren't protected before the run's end"
 
 
-def _is_closed_as(record: Record, state: State) -> bool:
-    return record.closing_digest == record.compute_closing_digest(state)
+def is_closed_as(record: Record, state: State, digest: str) -> bool:
+    """Return whether a digest is that over all of a run's record, had it ended in a state."""
+    return state.has_ended and digest == record.compute_closing_digest(state)
 
 
-def _is_time(text: str) -> bool:
+def is_time(text: str) -> bool:
+    """Return whether a text tells when a run's record was closed."""
     try:
         return datetime.fromisoformat(text).tzinfo is not None
     except ValueError:

@@ -2,10 +2,11 @@
 
 All are SHA-256. What is known before the first frame has one digest, "structure": every byte of the
 file but those of the datasets that change. Each stored frame appends a link to "chain": the frame's
-index, the digest of its image, that of its settings, and that of the link before with these. Lines
-of the log are chained likewise. When a run ends, "closing" is the digest of all others, of state,
-message and time. So no byte can change, no frame be exchanged, repeated or left out unless every
-digest after it is made anew; and then the closing digest differs from the one that was printed.
+index, the digest of its image, that of its settings, that of the link before with these, and the
+settings themselves. Lines of the log are chained likewise. When a run ends, "closing" is the digest
+of all others, of state, message and time. So no byte can change, no frame be exchanged, repeated or
+left out unless every digest after it is made anew; and then the closing digest differs from the one
+that was printed.
 """
 
 from __future__ import annotations
@@ -35,12 +36,16 @@ SETTINGS = tuple(name for name in layout.MEASURED if name != "stored")
 """Columns that a frame's link covers. `stored` follows from the link itself."""
 
 
-def structure_digest(handle: int, table: PlaceTable, block: bytes = b"") -> bytes:
+def structure_digest(
+    handle: int, table: PlaceTable, block: bytes = b"", *, copied: int = 0
+) -> bytes:
     """Return the digest of a record's file without the datasets that change, and of its size.
 
     The images of the patterns have a digest of their own in the table, which is covered. `block`
-    stands for the first bytes of the file.
+    stands for the first bytes of the file. copied: where the copy begins, to take its bytes for
+    those before the log.
     """
+    log = table.places[f"{layout.ENTRY}/log"].offset
     left_out = sorted(
         (place.offset, place.end)
         for name, place in table.places.items()
@@ -50,7 +55,8 @@ def structure_digest(handle: int, table: PlaceTable, block: bytes = b"") -> byte
     position = len(block)
     for begin, end in (*left_out, (table.size, table.size)):
         while position < begin:
-            data = os.pread(handle, min(_BLOCK, begin - position), position)
+            shift = copied if position < log else 0
+            data = os.pread(handle, min(_BLOCK, begin - position), position + shift)
             if not data:
                 return found.digest()
             found.update(data)
@@ -69,14 +75,24 @@ def pack_settings(values: Mapping[str, Any]) -> dict[str, bytes]:
     return {name: np.array(values[name], layout.MEASURED[name]).tobytes() for name in SETTINGS}
 
 
-def packed_digest(packed: Mapping[str, bytes]) -> bytes:
-    """Return the digest of what pack_settings() returned for a frame of a record."""
-    return sha256(b"".join(packed.values())).digest()
+def unpack_settings(values: bytes) -> dict[str, Any]:
+    """Return a frame's measured columns by name from the bytes in its row of the record's chain."""
+    found, at = {}, 0
+    for name in SETTINGS:
+        kind = layout.MEASURED[name]
+        found[name] = np.frombuffer(values, kind, 1, at)[0]
+        at += kind.itemsize
+    return found
+
+
+def packed_digest(values: bytes) -> bytes:
+    """Return the digest of all that pack_settings() returned for a frame of a record."""
+    return sha256(values).digest()
 
 
 def settings_digest(values: Mapping[str, Any]) -> bytes:
     """Return the digest of a frame's measured columns in a record, without `stored`."""
-    return packed_digest(pack_settings(values))
+    return packed_digest(b"".join(pack_settings(values).values()))
 
 
 def next_digest(before: bytes, row: bytes) -> bytes:

@@ -27,7 +27,6 @@
         attempts     number of attempts at the frame
         checksum     CRC-32 of the image's bytes
         stored       1 once the frame is on the disk
-        images       come last in the file, after all else that a frame needs
     patterns/images  (p, rows, columns) uint8, as shown, frames of videos one by one
     patterns/names, first, frames, frame_time, sha256      for each pattern: index of its first
                      image, number of images, seconds for which each is shown (0: a still)
@@ -35,12 +34,16 @@
     log              time (bench clock) and text of what happened, and the digest of each line
     log_lost         (1,) lines that a full log had no room for
     digests          structure, chain, closing: see labapp.runs.record.digests
+    copy             bytes: all that stands before the log, once more
 
 The file begins with a user block: the table of places (see labapp.runs.record.place_table), which
-tells without HDF5 where every dataset lies.
+tells without HDF5 where every dataset lies. Then come HDF5's own structure and all datasets but the
+large ones, which end the file: log, patterns/images, data/images, copy. See
+labapp.runs.record.second_copy.
 
 `target` and `pattern` are indices into the names, `readout` into readouts, `role` into ROLES; slot
-0 is a tunable filter. Records of older programs have no `readout` and readouts.
+0 is a tunable filter. Records of older programs have no `readout` and readouts, and those of format
+3 no copy and no values in their chain.
 
 All datasets are contiguous, and are created before the first frame. HDF5 itself never writes again:
 the writer puts values at their known places in the file. Therefore readers, in SWMR mode or not,
@@ -58,7 +61,12 @@ from numpy.typing import NDArray
 
 from labapp.runs.shots import Shot, ShotList
 
-FORMAT = 3
+FORMAT = 4
+
+FORMAT_WITHOUT_COPY = 3
+"""Format of records that are read and written on, but have nothing twice."""
+
+PROTECTED_FORMATS = (FORMAT, FORMAT_WITHOUT_COPY)
 
 UNPROTECTED_FORMAT = 2
 """Format of records that are read, too, but have no digests."""
@@ -118,8 +126,17 @@ DIGEST = np.dtype(("u1", (32,)))
 
 LOG_ROW = np.dtype([("time", "f8"), ("text", "S200"), ("digest", DIGEST)])
 
-CHAIN_ROW = np.dtype([("frame", "u4"), ("image", DIGEST), ("settings", DIGEST), ("link", DIGEST)])
+VALUES = np.dtype(("u1", (sum(k.itemsize for n, k in MEASURED.items() if n != "stored"),)))
+"""A frame's measured columns without `stored`, as bytes in their order."""
+
+_LINK = [("frame", "u4"), ("image", DIGEST), ("settings", DIGEST), ("link", DIGEST)]
+
+LINK_ROW = np.dtype(_LINK)
+"""Rows of the chain in records without a copy."""
+
+CHAIN_ROW = np.dtype([*_LINK, ("values", VALUES)])
 """What is appended for each stored frame: see labapp.runs.record.digests."""
+
 STATE = np.dtype("S16")
 MESSAGE = np.dtype("S800")
 WRITER = np.dtype("S400")
@@ -132,8 +149,14 @@ CHANGING = (
     *(f"{DIGESTS}/{name}" for name in ("structure", "chain", "closing")),
     *(f"{DATA}/{name}" for name in MEASURED),
     f"{DATA}/images",
+    f"{ENTRY}/copy",
 )
 """Datasets that are written after a record has been made."""
+
+COPY = f"{ENTRY}/copy"
+
+LARGE = (f"{ENTRY}/log", f"{PATTERNS}/images", f"{DATA}/images", COPY)
+"""Datasets that end the file, in their order; the copy is of all that stands before them."""
 
 SHOWN_IMAGES = f"{PATTERNS}/images"
 """Dataset that never changes, but is large; the table of places has its digest."""

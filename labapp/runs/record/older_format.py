@@ -25,7 +25,7 @@ from labapp.files.plan_file import ROLES, PlanFile
 from labapp.files.reading import validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.record import layout
-from labapp.runs.record.creation import allocate, reserve, write_text
+from labapp.runs.record.datasets import allocate, reserve, write_text
 from labapp.runs.record.object_headers import HeadedDataset, find_headed_datasets
 from labapp.runs.record.place_table import PlaceTable, find_places
 from labapp.runs.steps import planned_shots

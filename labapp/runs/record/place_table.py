@@ -28,6 +28,8 @@ USER_BLOCK = 1 << 15
 """Bytes before HDF5's beginning; a power of two, as HDF5 asks for. A table takes about 8 kB."""
 
 _MARK = b"labapp record 3\n"
+"""Since format 3, in which it was new."""
+
 _HEAD = len(_MARK) + 8 + 32
 
 
@@ -145,9 +147,9 @@ def encode(table: PlaceTable) -> bytes:
     return whole.ljust(USER_BLOCK, b"\0")
 
 
-def read_table(handle: int) -> PlaceTable:
-    """Read the table at the beginning of an open record; raise TableError if it isn't whole."""
-    block = os.pread(handle, USER_BLOCK, 0)
+def read_table(handle: int, offset: int = 0) -> PlaceTable:
+    """Read the table of an open record at its place; raise TableError if it isn't whole."""
+    block = os.pread(handle, USER_BLOCK, offset)
     length = int.from_bytes(block[len(_MARK) : len(_MARK) + 8], "little")
     text = block[_HEAD : _HEAD + length]
     known = block[_HEAD - 32 : _HEAD]

@@ -27,8 +27,10 @@ from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.readouts import AS_OPENED, Readout
 from labapp.runs.record import digests, layout, writer_process
 from labapp.runs.record.chain import AT_ONCE, FrameChain, LogChain, follow_frames, follow_log
-from labapp.runs.record.place_table import find_places
+from labapp.runs.record.place_table import TableError, find_places
+from labapp.runs.record.second_copy import read_either_table
 from labapp.runs.record.structure import read_structure, require_plain_structure
+from labapp.runs.record.verification import advise_salvage
 from labapp.runs.state import State
 from optics.progress import Progress
 
@@ -88,9 +90,9 @@ class Record:
             raise unreadable(path, error) from error
         if self.structure is not None and path.stat().st_size < self.structure.table.size:
             there, full = path.stat().st_size, self.structure.table.size
-            raise UserError(f"{path}: {_cut_short(there, full)}")
+            raise UserError(f"{path}: {_cut_short(path, there, full)}")
         if self.structure is not None and self.structure.changed and not damaged:
-            raise UserError(f"{path}: is damaged: {self.structure.explain()}")
+            raise UserError(f"{path}: is damaged: {self.structure.explain(path)}")
         try:
             self._file = open_hdf5(path)
         except (OSError, RuntimeError) as error:
@@ -109,7 +111,7 @@ class Record:
         """Raise UserError if the file isn't a record of a run that this program reads."""
         with self._damage_as_user_error("labapp_format"):
             self.format = self._file.attrs.get("labapp_format")
-        if self.format not in (layout.FORMAT, layout.UNPROTECTED_FORMAT):
+        if self.format not in (*layout.PROTECTED_FORMATS, layout.UNPROTECTED_FORMAT):
             raise UserError(
                 f"{self.path}: is not a record of format {layout.FORMAT} (found {self.format}). "
                 "Give a record that `labapp run` or `labapp demo` wrote."
@@ -592,7 +594,7 @@ class Record:
                 raise UserError(f"{self.path}: {name} {told}") from error
             raise UserError(
                 f"{self.path}: is damaged: {name} is missing or can't be read. "
-                "Restore the file from a copy."
+                f"{advise_salvage(self.path)}"
             ) from error
 
 
@@ -600,12 +602,21 @@ def _explain_open_failure(path: Path, error: Exception) -> str:
     """Return why HDF5 doesn't open a run's record, and what the user should do."""
     if (told := explain_system_error(error)) is not None:
         return told
-    with path.open("rb") as file:
-        if file.read(len(_SIGNATURE)) != _SIGNATURE:
-            return "is not an HDF5 file, or has lost its beginning. Give a record of a run."
+    if not _is_record(path):
+        return "is not an HDF5 file, or has lost its beginning. Give a record of a run."
     if (full := stored_file_size(error)) is not None:
-        return _cut_short(path.stat().st_size, full)
-    return f"is damaged: HDF5 can't open it ({error}). Restore it from a copy."
+        return _cut_short(path, path.stat().st_size, full)
+    return f"is damaged: HDF5 can't open it ({error}). {advise_salvage(path)}"
+
+
+def _is_record(path: Path) -> bool:
+    """Return whether a file that HDF5 can't open may be the record of a run all the same."""
+    with path.open("rb") as file:
+        try:
+            read_either_table(file.fileno())
+        except TableError:
+            return file.read(len(_SIGNATURE)) == _SIGNATURE
+        return True
 
 
 def stored_file_size(error: Exception) -> int | None:
@@ -614,11 +625,8 @@ def stored_file_size(error: Exception) -> int | None:
     return int(found[1]) if found else None
 
 
-def _cut_short(there: int, full: int) -> str:
-    return (
-        f"is cut short: {there} of {full} bytes are there. Restore it from a copy, or save its "
-        "frames with: labapp salvage"
-    )
+def _cut_short(path: Path, there: int, full: int) -> str:
+    return f"is cut short: {there} of {full} bytes are there. {advise_salvage(path)}"
 
 
 def file_sha256(file: Path) -> str:

@@ -1,9 +1,10 @@
 """Repair what is damaged in a record and follows from the rest of it.
 
-Three things do. The table of places follows from HDF5's structure, if nothing else has changed.
-Planned columns follow from the plan, and the digest of the structure tells whether the repair is
-right. A frame's link follows from its image and settings, and the next link, or the closing digest,
-tells whether it is right.
+What the record's own copy has right is taken from there first. In older records, and where both are
+damaged, three things follow. The table of places follows from HDF5's structure, if nothing else has
+changed. Planned columns follow from the plan, and the digest of the structure tells whether the
+repair is right. A frame's link follows from its image and settings; the next link, or the closing
+digest, tells whether it is right.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -32,9 +34,11 @@ from labapp.runs.record.digests import (
     first_link,
     image_digest,
     link_digest,
-    settings_digest,
+    pack_settings,
+    packed_digest,
     structure_digest,
 )
+from labapp.runs.record.mending import mend_from_copy, renew_proved_copy
 from labapp.runs.record.place_table import (
     PlaceTable,
     TableError,
@@ -43,10 +47,11 @@ from labapp.runs.record.place_table import (
     rebuild_table,
     write_all,
 )
+from labapp.runs.record.second_copy import read_either_table
 from labapp.runs.steps import planned_shots
 
 Digests = Callable[[int], tuple[bytes, bytes]]
-"""Returns the digests of a frame's image and of its settings, as they are in the file."""
+"""Returns the digest of a frame's image, and its settings as bytes, as they are in the file."""
 
 EndProof = Callable[[int, bytes], bool]
 """Returns whether so many links, of which the last is given, are those of a run that has ended."""
@@ -60,7 +65,9 @@ def repair_record(path: Path, handle: int) -> list[str]:
     """
     try:
         table, done = _repaired_table(path, handle)
-        return [*done, *_repair_planned(handle, table, path), *_repair_links(handle, table)]
+        done += mend_from_copy(handle, table)
+        done += [*_repair_planned(handle, table, path), *_repair_links(handle, table)]
+        return [*done, *renew_proved_copy(handle, table)]
     except (TableError, KeyError):
         return []
 
@@ -70,11 +77,16 @@ def _repaired_table(path: Path, handle: int) -> tuple[PlaceTable, list[str]]:
     try:
         return read_table(handle), []
     except TableError:
-        table = proved_table(path, handle)
-        if table is None:
-            raise
+        pass
+    with suppress(TableError):
+        table = read_either_table(handle)
         write_all(handle, memoryview(encode(table)), 0)
-        return table, ["the table of places, made anew and proved by the digest of the structure"]
+        return table, ["the table of places, from the record's own copy"]
+    proved = proved_table(path, handle)
+    if proved is None:
+        raise TableError("neither the table of places nor its copy is whole")
+    write_all(handle, memoryview(encode(proved)), 0)
+    return proved, ["the table of places, made anew and proved by the digest of the structure"]
 
 
 def proved_table(path: Path, handle: int) -> PlaceTable | None:
@@ -150,7 +162,7 @@ def _repair_links(handle: int, table: PlaceTable) -> list[str]:
         return []
     rows = table.read(handle, name).copy()
     repaired = repair_links(
-        rows, structure, stored, frame_digests(handle, table), end_proof(handle, table)
+        rows, structure, stored, frame_digests(handle, table), end_proof(handle, table, structure)
     )
     if not repaired:
         return []
@@ -169,15 +181,16 @@ def frame_digests(handle: int, table: PlaceTable, *, keep: bool = True) -> Diges
     def compute(frame: int) -> tuple[bytes, bytes]:
         data = os.pread(handle, place.row_bytes, place.offset + frame * place.row_bytes)
         settings = {name: column[frame] for name, column in columns.items()}
-        return image_digest(np.frombuffer(data, np.uint8)), settings_digest(settings)
+        return image_digest(np.frombuffer(data, np.uint8)), b"".join(
+            pack_settings(settings).values()
+        )
 
     return cache(compute) if keep else compute
 
 
-def end_proof(handle: int, table: PlaceTable) -> EndProof:
+def end_proof(handle: int, table: PlaceTable, structure: bytes) -> EndProof:
     """Return the function that compares links with the closing digest of a run's record."""
     closing = table.read(handle, f"{layout.DIGESTS}/closing").tobytes()
-    structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
     lines = follow_log(table.read_blocks(handle, "entry/log", AT_ONCE), structure)
     ending = [table.read(handle, f"{layout.ENTRY}/{name}").tobytes() for name in ENDING]
 
@@ -213,7 +226,7 @@ def repair_links(
             if frame is None:
                 break
             missing = [one for one in missing if one != frame]
-            trial[number] = _make_link(frame, before, compute)
+            trial[number] = _make_link(frame, before, compute)[: len(trial.dtype.names or ())]
             pending.append(number)
         else:
             repaired += pending
@@ -231,9 +244,10 @@ def repair_links(
 
 def _make_link(frame: int, before: bytes, compute: Digests) -> tuple[Any, ...]:
     """Return the row of a record's frame that builds on the link before."""
-    image, settings = compute(frame)
+    image, values = compute(frame)
+    settings = packed_digest(values)
     link = link_digest(before, frame, image, settings)
-    return (frame, *(np.frombuffer(one, np.uint8) for one in (image, settings, link)))
+    return (frame, *(np.frombuffer(one, np.uint8) for one in (image, settings, link, values)))
 
 
 def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> Iterator[tuple[int, int]]:
@@ -241,8 +255,9 @@ def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> Iterator[tu
     for number, row in enumerate(rows):
         frame = int(row["frame"])
         if frame < frames and row["image"].any():
-            image, settings = compute(frame)
-            if image == row["image"].tobytes() and settings == row["settings"].tobytes():
+            image, values = compute(frame)
+            settings = row["settings"].tobytes()
+            if image == row["image"].tobytes() and packed_digest(values) == settings:
                 yield number, frame
 
 

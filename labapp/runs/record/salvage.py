@@ -13,16 +13,17 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import Identity, checksum
+from drivers.interfaces import Identity
 from labapp.common.errors import UserError
 from labapp.files.frame_list import format_frame_list
 from labapp.files.guarded_reading import unreadable
@@ -30,21 +31,16 @@ from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
 from labapp.files.plan_file import ROLES
 from labapp.runs.readouts import AS_OPENED, Readout
 from labapp.runs.record import layout
-from labapp.runs.record.chain import AT_ONCE, follow_frames
+from labapp.runs.record.chain import AT_ONCE
 from labapp.runs.record.creation import RecordContents
-from labapp.runs.record.digests import SETTINGS
+from labapp.runs.record.digests import unpack_settings
 from labapp.runs.record.older_format import planned_by_older_plan, rebuild_places
-from labapp.runs.record.place_table import PlaceTable, TableError, find_places, read_table
+from labapp.runs.record.place_table import PlaceTable, TableError, find_places
 from labapp.runs.record.reader import stored_file_size
-from labapp.runs.record.repair import (
-    end_proof,
-    frame_digests,
-    own_frames,
-    planned_from_texts,
-    proved_table,
-    repair_links,
-)
+from labapp.runs.record.repair import planned_from_texts, proved_table
+from labapp.runs.record.second_copy import choose_places, read_either_table
 from labapp.runs.record.structure import require_plain_structure
+from labapp.runs.record.whole_frames import WholeFrames
 from labapp.runs.shots import ShotList, ShotTarget
 from optics.progress import Progress
 
@@ -72,48 +68,43 @@ class DamagedRecord:
 
     def __init__(self, path: Path, handle: int, table: PlaceTable, form: int) -> None:
         self._path, self._handle, self._table, self._format = path, handle, table, form
+        self._frames = WholeFrames(handle, table)
         self._lacks: list[str] = []
-        self._measured: dict[str, NDArray[Any]] = {}
 
     def find_remains(self, progress: Progress) -> Remains:
         """Find the frames that are whole, and what a new record can be made from."""
-        columns = self._planned_columns()
-        contents = self._contents(columns)
-        found = Remains(contents)
-        count = len(contents.shots)
-        is_whole = self._whole_frames()
-        for index in range(count):
-            progress.report(index / count, f"look at frame {index}")
-            progress.raise_if_cancelled()
-            if is_whole(index):
-                found.whole.append(index)
-        if found.whole:
-            self._measured = self._read_measured(columns)
-        missing = np.ones(count, bool)
-        missing[found.whole] = False
-        lost = [f"frames {format_frame_list(np.flatnonzero(missing))}"] if missing.any() else []
-        found.lacks = [*lost, *self._lacks]
+        self._planned = self._planned_columns()
+        contents = self._contents(self._planned)
+        if self._format == layout.UNPROTECTED_FORMAT:
+            self._frames.find_summed()
+        else:
+            self._frames.find_linked(progress)
+        whole, known = self._frames.whole, self._frames.known
+        found = Remains(contents, np.flatnonzero(whole).tolist())
+        lost = [] if whole.all() else [f"frames {format_frame_list(np.flatnonzero(~whole))}"]
+        found.lacks = [*lost, *self._lacks, *self._frames.lacks]
+        if unknown := np.flatnonzero(whole & ~known).tolist():
+            which = f" of frames {format_frame_list(unknown)}" if (whole & known).any() else ""
+            found.lacks.append(f"the measured settings{which}, those that were planned instead")
         return found
 
     def frame(self, index: int) -> tuple[NDArray[np.uint16], dict[str, Any]]:
         """Return the image of a frame of the run's record, and its measured columns by name."""
-        place = self._table.places[f"{layout.DATA}/images"]
-        image = np.frombuffer(self._image_bytes(index), place.dtype).reshape(place.shape[1:])
-        return image, {name: column[index] for name, column in self._measured.items()}
+        place, data = self._table.places[f"{layout.DATA}/images"], self._frames.image_bytes(index)
+        image = np.frombuffer(data, place.dtype).reshape(place.shape[1:])
+        if self._frames.known[index]:
+            return image, unpack_settings(self._frames.values[index].tobytes())
+        return image, {name: column[index] for name, column in self._planned_settings.items()}
 
-    def _read_measured(self, planned: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """Return the measured columns of the run's record; if they are cut off, as planned."""
-        found = {name: self._read_or_none(f"{layout.DATA}/{name}") for name in SETTINGS}
-        whole = {name: column for name, column in found.items() if column is not None}
-        if len(whole) == len(found):
-            return whole
-        self._lacks.append("the measured settings, those that were planned instead")
-        bench = self._json_or_none("bench") or {}
-        count, exposures = len(planned["frame"]), planned["exposure_asked"]
+    @cached_property
+    def _planned_settings(self) -> dict[str, NDArray[Any]]:
+        """The measured columns of the run's record as they were planned."""
+        bench, exposures = self._json_or_none("bench") or {}, self._planned["exposure_asked"]
+        count = len(exposures)
         gain = (bench.get("sensor") or {}).get("gain_electrons_per_dn", _UNKNOWN_GAIN)
         return {
             "exposure": exposures,
-            "wavelength": planned["wavelength_asked"],
+            "wavelength": self._planned["wavelength_asked"],
             "gain": np.full(count, gain),
             "time": np.cumsum(exposures) - exposures,
             "timestamp": np.full(count, self._path.stat().st_mtime),
@@ -144,54 +135,6 @@ class DamagedRecord:
             return found
         return found if self._table.is_whole(self._handle, name) else None
 
-    def _image_bytes(self, index: int) -> bytes:
-        place = self._table.places[f"{layout.DATA}/images"]
-        return os.pread(self._handle, place.row_bytes, place.offset + index * place.row_bytes)
-
-    def _whole_frames(self) -> Callable[[int], bool]:
-        """Return the function that tells whether a frame of the run's record is whole."""
-        if self._format == layout.UNPROTECTED_FORMAT:
-            return self._has_checksum()
-        rows = self._read_or_none(f"{layout.DIGESTS}/chain")
-        structure = self._read_or_none(f"{layout.DIGESTS}/structure")
-        stored = self._read_or_none(f"{layout.DATA}/stored")
-        settings = [self._read_or_none(f"{layout.DATA}/{name}") for name in SETTINGS]
-        if rows is None or structure is None or stored is None or any(c is None for c in settings):
-            self._lacks.append("the digests of the frames")
-            return lambda index: False
-        chain = follow_frames([rows], structure.tobytes(), len(stored))
-        is_broken = chain.broken is not None or bool((stored[~chain.linked] != 0).any())
-        compute = frame_digests(self._handle, self._table, keep=is_broken)
-        chains = [rows]
-        if is_broken:
-            chains.append(rows.copy())
-            proof = end_proof(self._handle, self._table)
-            repair_links(chains[1], structure.tobytes(), stored, compute, proof)
-        whole = np.zeros(len(stored), bool)
-        for links in chains:
-            for _, frame in own_frames(links, compute, len(stored)):
-                whole[frame] = True
-        return lambda index: bool(whole[index])
-
-    def _has_checksum(self) -> Callable[[int], bool]:
-        """Return the function that tells whether an older record's frame has its checksum."""
-        stored, sums = (
-            self._read_or_none(f"{layout.DATA}/{name}") for name in ("stored", "checksum")
-        )
-        size = self._table.places[f"{layout.DATA}/images"].row_bytes
-        if stored is None or sums is None:
-            self._lacks.append("the checksums: nothing proves that the images are as taken")
-
-        def is_whole(index: int) -> bool:
-            data = self._image_bytes(index)
-            if stored is None or sums is None:
-                # No exposure is black in every pixel; such a frame was never taken.
-                return len(data) == size and any(data)
-            whole = len(data) == size and checksum(np.frombuffer(data, np.uint8)) == sums[index]
-            return bool(stored[index] and whole)
-
-        return is_whole
-
     def _planned_columns(self) -> dict[str, NDArray[Any]]:
         """Return the planned columns of the run's record, or what its plan makes of them."""
         expected = layout.planned_names(self._table.places)
@@ -219,7 +162,7 @@ class DamagedRecord:
 
     def _columns_of_plan(self) -> dict[str, NDArray[Any]] | None:
         """Return the planned columns that follow from the plan of the run's record."""
-        if self._format == layout.FORMAT:
+        if self._format != layout.UNPROTECTED_FORMAT:
             return planned_from_texts(self._handle, self._table, self._path)
         times = self._read_known(f"{layout.PATTERNS}/frame_time")
         targets, patterns = (
@@ -363,6 +306,7 @@ def open_damaged(path: Path) -> Iterator[DamagedRecord]:
         raise unreadable(path, error) from error
     try:
         table, form = _find_table(path, handle)
+        table = choose_places(handle, table)
         yield DamagedRecord(path, handle, table, form)
     finally:
         os.close(handle)
@@ -371,7 +315,7 @@ def open_damaged(path: Path) -> Iterator[DamagedRecord]:
 def _find_table(path: Path, handle: int) -> tuple[PlaceTable, int]:
     """Return the places of a record's datasets, and the record's format."""
     try:
-        return read_table(handle), layout.FORMAT
+        return read_either_table(handle), layout.FORMAT
     except TableError:
         table = proved_table(path, handle)
     if table is not None:
@@ -403,7 +347,7 @@ def _places_by_hdf5(path: Path) -> tuple[PlaceTable, int]:
                 f"{path}: neither its table of places nor HDF5 tells where the frames are "
                 f"({error}). Restore the file from a copy."
             ) from error
-    if form not in (layout.FORMAT, layout.UNPROTECTED_FORMAT):
+    if form not in (*layout.PROTECTED_FORMATS, layout.UNPROTECTED_FORMAT):
         raise UserError(f"{path}: is not a record of a run. Give one that `labapp run` wrote.")
     return table, form
 

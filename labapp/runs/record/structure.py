@@ -19,12 +19,14 @@ from labapp.files.plain_hdf5 import (
 from labapp.runs.record import layout
 from labapp.runs.record.digests import structure_digest
 from labapp.runs.record.place_table import PlaceTable, TableError, read_table
+from labapp.runs.record.second_copy import BETWEEN
+from labapp.runs.record.verification import advise_salvage
 
 _LARGEST = 1 << 29
-"""Bytes that a dataset without pictures may have: the digests of two million frames take a little
-less. Chosen."""
+"""Bytes that a dataset without pictures may have: a column of two million frames takes 16 MB.
+Chosen."""
 
-_READ_IN_PARTS = (layout.SHOWN_IMAGES, f"{layout.DATA}/images", f"{layout.ENTRY}/log")
+_READ_IN_PARTS = (*layout.LARGE, f"{layout.DIGESTS}/chain")
 """Datasets that may be larger, since they are never in memory as a whole."""
 
 
@@ -49,13 +51,10 @@ class Structure:
     changed: bool
     lost: tuple[str, ...]
 
-    def explain(self) -> str:
+    def explain(self, path: Path) -> str:
         """Return what has changed in the structure of a run's record, and the remedy."""
-        parts = ", ".join(self.lost) or "bytes between its datasets"
-        return (
-            f"{parts} changed since the run began. Restore the file from a copy, or save the "
-            "frames with: labapp salvage"
-        )
+        parts = ", ".join(self.lost) or BETWEEN
+        return f"{parts} changed since the run began. {advise_salvage(path)}"
 
 
 def read_structure(path: Path) -> Structure | None:
@@ -87,8 +86,7 @@ def require_plain_structure(file: h5py.File, path: Path) -> None:
         if (told := explain_system_error(error)) is not None:
             raise UserError(f"{path}: {told}") from error
         raise UserError(
-            f"{path}: is damaged: HDF5 doesn't find its way in it ({error}). Restore it from a "
-            "copy, or save its frames with: labapp salvage"
+            f"{path}: is damaged: HDF5 doesn't find its way in it ({error}). {advise_salvage(path)}"
         ) from error
 
 

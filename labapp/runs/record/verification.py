@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 from labapp.common.plain_text import shell_word
 
-_FIXED_BY_RESUME = {"frames", "checksums", "settings", "camera", "digests", "state", "closing"}
-"""Checks of a record that pass again when a resumed run has taken the missing frames."""
+_FIXED_BY_RESUME = {
+    "frames",
+    "checksums",
+    "settings",
+    "camera",
+    "digests",
+    "state",
+    "closing",
+    "copy",
+}
+"""Checks of a record that pass again when a run is resumed, which mends it and takes frames."""
+
+
+def advise_salvage(path: Path | str) -> str:
+    """Return what to do about a record that is damaged, as a sentence."""
+    command = f"labapp salvage {shell_word(str(path))} --out FILE"
+    return f"Restore it from a copy, or save its frames with: {command}"
+
 
 CheckStatus = Literal["ok", "note", "unfinished", "WRONG"]
 
@@ -52,6 +69,11 @@ class Verification:
         return all(one.result in ("ok", "note") for one in self.findings)
 
     @property
+    def lacks_frames(self) -> bool:
+        """Whether frames of the run's record are missing or damaged."""
+        return bool(self.not_stored or self.damaged)
+
+    @property
     def resume_command(self) -> str | None:
         """The command that completes the run's record; None if none is needed, or none can."""
         if self.is_in_order or self.is_being_written or set(self.failed_checks) - _FIXED_BY_RESUME:
@@ -74,12 +96,10 @@ class Verification:
         if self.failed_checks == ["file"]:
             return f"{self.path}: NOT IN ORDER: it {self.findings[0].detail}"
         if self.failed_checks:
-            remedy = (
-                "Restore it from a copy, or save its frames with: "
-                f"labapp salvage {shell_word(self.path)} --out FILE"
-            )
+            remedy = advise_salvage(self.path)
             if self.resume_command:
-                remedy = f"To take again what is missing: {self.resume_command}"
+                what = "take again what is missing" if self.lacks_frames else "mend it"
+                remedy = f"To {what}: {self.resume_command}"
             return f"{self.path}: NOT IN ORDER: {', '.join(self.failed_checks)}. {remedy}"
         if self.is_being_written:
             return f"{self.path}: still {self.state}. Verify it again when the run has ended."

@@ -21,6 +21,7 @@ from labapp.runs.record.chain import AT_ONCE, follow_frames, follow_log
 from labapp.runs.record.creation import utc_timestamp
 from labapp.runs.record.disk_sync import DiskSync, LostWrites
 from labapp.runs.record.place_table import TableError, read_table, write_all
+from labapp.runs.record.second_copy import find_copy
 from labapp.runs.record.writer_process import open_for_writing
 from labapp.runs.shots import Shot
 from labapp.runs.state import State
@@ -70,7 +71,9 @@ class RecordWriter:
     def _continue_chains(self) -> None:
         """Find where the record's links and log lines end."""
         table = read_table(self._handle)
-        self._places = {name.rpartition("/")[2]: table.places[name] for name in layout.CHANGING}
+        changing = {name: table.places[name] for name in layout.CHANGING if name in table.places}
+        self._places = {name.rpartition("/")[2]: place for name, place in changing.items()}
+        self._copy = find_copy(table)
         self._structure = table.read(self._handle, f"{layout.DIGESTS}/structure").tobytes()
         frames = follow_frames(
             table.read_blocks(self._handle, f"{layout.DIGESTS}/chain", AT_ONCE),
@@ -179,7 +182,7 @@ class RecordWriter:
         settings = digests.pack_settings({**values, "checksum": found})
         for name, data in settings.items():
             self._write(name, index, memoryview(data))
-        self._append_link(index, digest, digests.packed_digest(settings))
+        self._append_link(index, digest, b"".join(settings.values()))
         self._put("stored", index, 1)
         try:
             self._sync.note_frame(index)
@@ -208,16 +211,18 @@ class RecordWriter:
         self._begin_writeback(index, image.nbytes)
         return summed.result(), digested.result()
 
-    def _append_link(self, frame: int, image: bytes, settings: bytes) -> None:
-        """Append a stored frame's link to the chain of the run's record."""
+    def _append_link(self, frame: int, image: bytes, values: bytes) -> None:
+        """Append a stored frame's link, with its settings, to the chain of the run's record."""
         if self._links == self._places["chain"].shape[0]:
             raise UserError(
                 f"{self.path}: so many frames were taken again that there is no room for their "
                 "digests. Save what is there with: labapp salvage"
             )
+        settings = digests.packed_digest(values)
         link = digests.link_digest(self._last_link, frame, image, settings)
-        row = tuple(np.frombuffer(one, np.uint8) for one in (image, settings, link))
-        self._put("chain", self._links, (frame, *row))
+        row = int(frame).to_bytes(4, "little") + image + settings + link + values
+        # Older records have no room for the values.
+        self._write("chain", self._links, memoryview(row)[: self._places["chain"].row_bytes])
         self._latest[frame] = self._links
         self._links, self._last_link = self._links + 1, link
 
@@ -226,7 +231,8 @@ class RecordWriter:
         if self._latest[index] < 0:
             return False
         data = self._read("images", index)
-        (row,) = np.frombuffer(self._read("chain", int(self._latest[index])), layout.CHAIN_ROW)
+        link = self._read("chain", int(self._latest[index]))
+        (row,) = np.frombuffer(link, self._places["chain"].dtype)
         image = np.frombuffer(data, np.uint8)
         return digests.image_digest(image) == row["image"].tobytes()
 
@@ -270,11 +276,18 @@ class RecordWriter:
             raise
 
     def _write_state(self, state: State, message: str) -> str:
+        told = np.array(message.encode()[: layout.MESSAGE.itemsize], layout.MESSAGE)
+        name = np.array(state.value.encode(), layout.STATE)
+        if [self._read(one, 0) for one in ("state", "message")] == [name.tobytes(), told.tobytes()]:
+            closing = self._closing_digest(state)
+            if state.has_ended and self._read("closing", 0) == closing:
+                # Written anew, the end would be a half-written one for a moment.
+                return closing.hex()
         self._ended = state if state.has_ended else None
-        self._put("message", 0, message.encode()[: layout.MESSAGE.itemsize])
+        self._put("message", 0, told)
         self._put("end_time", 0, utc_timestamp().encode() if self._ended else b"")
         digest = self._close_record(self._ended)
-        self._put("state", 0, state.value.encode())
+        self._put("state", 0, name)
         return digest
 
     def _close_record(self, ended: State | None) -> str:
@@ -321,6 +334,9 @@ class RecordWriter:
     def _write(self, name: str, row: int, data: memoryview) -> None:
         place = self._places[name]
         offset = place.offset + row * place.row_bytes
+        if self._copy is not None and self._copy.has(place):
+            # First, so that what comes before the log never says more than is there twice.
+            write_all(self._handle, data, self._copy.begin + offset)
         write_all(self._handle, data, offset)
 
 
