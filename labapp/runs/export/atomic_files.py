@@ -41,10 +41,24 @@ def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], for
         for name in names():
             move_into_place(draft / name, folder / name, force=force)
             moved += 1
-    except (OSError, UserError):
-        for name in islice(names(), moved):
-            (folder / name).unlink()
+    except (OSError, UserError) as error:
+        left = [name for name in islice(names(), moved) if not _remove(folder / name)]
+        if left:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise UserError(
+                f"{folder}: cannot be written: {reason}. {len(left)} files of the export couldn't "
+                f"be removed again, such as {left[0]}. Look at the disk, and remove them."
+            ) from error
         raise
+
+
+def _remove(path: Path) -> bool:
+    """Remove a file of an export; return whether it is gone."""
+    try:
+        path.unlink()
+    except OSError:
+        return False
+    return True
 
 
 @contextmanager
