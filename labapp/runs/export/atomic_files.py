@@ -61,6 +61,15 @@ def _remove(path: Path) -> bool:
     return True
 
 
+def _remove_left_drafts(folder: Path) -> None:
+    """Remove what exports that were killed, or couldn't remove it, have left in a folder."""
+    for draft in folder.glob(".export.*.new"):
+        pid = draft.name.split(".")[2]
+        # No other process has this one's number.
+        if pid.isdigit() and (pid == str(os.getpid()) or not Path("/proc", pid).exists()):
+            shutil.rmtree(draft, ignore_errors=True)
+
+
 @contextmanager
 def _draft_folder(folder: Path) -> Iterator[Path]:
     """Yield a hidden draft folder in the folder of a run's export, and remove it in any case."""
@@ -68,7 +77,7 @@ def _draft_folder(folder: Path) -> Iterator[Path]:
     draft = folder / f".export.{os.getpid()}.new"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(draft, ignore_errors=True)
+        _remove_left_drafts(folder)
         draft.mkdir()
         yield draft
     finally:
