@@ -105,7 +105,9 @@ def write_design(path: Path, contents: DesignContents) -> None:
         with draft_of(path) as draft, draft.open("w+b") as out, create_hdf5(out.fileno()) as file:
             _write_contents(file, contents)
     except OSError as error:
-        raise UserError(f"{path}: cannot be written: {error.strerror or error}. Choose another place.") from error
+        raise UserError(
+            f"{path}: cannot be written: {error.strerror or error}. Choose another place."
+        ) from error
 
 
 def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:

@@ -16,7 +16,7 @@ from figures.injected_faults import draw, faults_of, workshop_in
 
 
 def test_a_write_that_fails_at_the_end_of_a_run_is_told(tmp_path: Path) -> None:
-    """The last four writes close the record, and libhdf5's are among the first."""
+    """The last four writes close the record, and those of the draft come first."""
     with workshop_in(tmp_path) as workshop:
         case = workshop.run_case
         writes = workshop.run_once(case, Fault("write", 0, 0, False)).calls
@@ -26,7 +26,7 @@ def test_a_write_that_fails_at_the_end_of_a_run_is_told(tmp_path: Path) -> None:
             assert (found.wrong, found.ended.code, found.ended.failed) == ("", 1, 1), found
 
 
-DRAWN = {"run": 14, "resume": 8, "export ome-tiff": 6, "merge": 6}
+DRAWN = {"run": 14, "resume": 8, "export ome-tiff": 6, "salvage": 6}
 """Faults by command, of a thousand."""
 
 

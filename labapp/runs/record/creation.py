@@ -119,7 +119,9 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
         sync_to_disk(path.parent)
         created, handle = handle, -1
     except OSError as error:
-        raise UserError(f"{path}: cannot be written: {error.strerror or error}. Choose another place.") from error
+        raise UserError(
+            f"{path}: cannot be written: {error.strerror or error}. Choose another place."
+        ) from error
     finally:
         if handle >= 0:
             close_locked(handle)
