@@ -44,8 +44,6 @@ _CAUSES = {
     errno.EIO: "Input/output error|didn't keep",
     errno.ENOSPC: "No space left|is full|didn't keep",
     errno.EMFILE: "Too many open files",
-    errno.EPIPE: "process|answer",
-    errno.ENOBUFS: "process|answer",
     SHORT: "",
 }
 

@@ -42,7 +42,6 @@ CAUSES: dict[str, tuple[int, ...]] = {
     "unlink": (errno.EIO,),
     "folder": (errno.EIO, errno.ENOSPC),
     "read": (errno.EIO,),
-    "message": (errno.EPIPE, errno.ENOBUFS),
 }
 """Errors by kind of call, as the manual pages of the calls name them."""
 
@@ -72,31 +71,10 @@ class FaultyCalls:
 
     def install(self) -> None:
         """Put the failing functions into `os`, for the rest of this process."""
-        if self._fault.kind == "message":
-            self._install_messages()
-            return
         for name in KINDS[self._fault.kind]:
             setattr(os, name, self._wrap(name, getattr(os, name)))
         for module in (builtins, io, _io):
             module.open = _pyio.open  # type: ignore[assignment]
-
-    def _install_messages(self) -> None:
-        from drivers.hosted.message_socket import LineClosed, MessageSocket
-
-        send, receive = MessageSocket.send, MessageSocket.receive
-
-        def failing_send(line: MessageSocket, message: object) -> None:
-            if self._is_due("send"):
-                raise OSError(self._fault.cause, os.strerror(self._fault.cause))
-            send(line, message)
-
-        def failing_receive(line: MessageSocket, *given: Any, **options: Any) -> Any:
-            if self._is_due("receive"):
-                raise LineClosed
-            return receive(line, *given, **options)
-
-        MessageSocket.send = failing_send  # type: ignore[method-assign]
-        MessageSocket.receive = failing_receive  # type: ignore[method-assign]
 
     def _wrap(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         def ask(*given: Any, **options: Any) -> Any:
