@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 
@@ -14,12 +15,21 @@ class Progress:
     """Report the progress of a long computation, and tell the computation to stop or pause.
 
     `listener(fraction, message)` is called at every report, in the computing thread; fraction
-    runs from 0 to 1. `cancel()`, `pause()` and `resume()` may be called from any thread or from a
-    signal handler.
+    runs from 0 to 1. `teller(message)` is called with what a person must learn at once, such as why
+    a computation waits. `wait_limit` is the seconds for which it may wait for somebody to mend what
+    stops it. `cancel()`, `pause()` and `resume()` may be called from any thread or from a signal
+    handler.
     """
 
-    def __init__(self, listener: Callable[[float, str], None] | None = None) -> None:
-        self._listener = listener
+    def __init__(
+        self,
+        listener: Callable[[float, str], None] | None = None,
+        *,
+        teller: Callable[[str], None] | None = None,
+        wait_limit: float = math.inf,
+    ) -> None:
+        self._listener, self._teller = listener, teller
+        self.wait_limit = wait_limit
         self._cancel_event = threading.Event()
         self._pause_event = threading.Event()
 
@@ -28,6 +38,11 @@ class Progress:
         self.raise_if_cancelled()
         if self._listener is not None:
             self._listener(min(max(fraction, 0.0), 1.0), message)
+
+    def tell(self, message: str) -> None:
+        """Tell a person at once what the long optical computation needs of them."""
+        if self._teller is not None:
+            self._teller(message)
 
     def raise_if_cancelled(self) -> None:
         """Raise Cancelled if the long optical computation should stop."""
@@ -57,6 +72,10 @@ class Progress:
 
     def part(self, start: float, stop: float) -> Progress:
         """Return the Progress of one part of an optical computation, from `start` to `stop`."""
-        part = Progress(lambda f, m: self.report(start + f * (stop - start), m))
+        part = Progress(
+            lambda f, m: self.report(start + f * (stop - start), m),
+            teller=self._teller,
+            wait_limit=self.wait_limit,
+        )
         part._cancel_event, part._pause_event = self._cancel_event, self._pause_event
         return part

@@ -102,7 +102,7 @@ def _report_error(error: BaseException) -> tuple[int, str]:
         return CANCELLED_CODE, "cancelled"
     words = _error_message(error)
     print_error(words)
-    return 1, words
+    return getattr(error, "exit_code", 1), words
 
 
 def _write_to_nobody() -> None:

@@ -17,6 +17,7 @@ from labapp.cli.shared_options import (
     RecordArgument,
     RunOptions,
     SpeedOption,
+    WaitLimitOption,
     YesOption,
 )
 
@@ -41,7 +42,8 @@ def run(
 
     In a terminal, **p** pauses after the current frame, **r** continues, Enter answers a prompt,
     and Ctrl-C ends the run safely: the SLM is neutral, the filter parked, the camera stopped, and
-    the record readable and marked CANCELLED. A full disk pauses the run until there is space.
+    the record readable and marked CANCELLED. A full disk pauses the run until there is space, but
+    no longer than --wait-limit; standard error says so at once.
     **labapp resume** takes the frames that a run lacks, and **labapp plan check** says beforehand
     what a run needs. For instance
 
@@ -64,6 +66,7 @@ def resume(
     faults: FaultsOption = None,
     speed: SpeedOption = float("inf"),
     yes: YesOption = False,
+    wait_limit: WaitLimitOption = None,
     json: JsonOption = False,
 ) -> None:
     """Take the frames that the record RUN.h5 lacks after a crash, a failure or Ctrl-C.
@@ -75,4 +78,5 @@ def resume(
     """
     from labapp.runs.run_commands import ExecutionOptions, resume_file
 
-    resume_file(record, bench, faults, ExecutionOptions(False, yes, speed, json))
+    execution = ExecutionOptions(False, yes, speed, json, wait_limit)
+    resume_file(record, bench, faults, execution)

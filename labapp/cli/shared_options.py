@@ -118,6 +118,16 @@ MemoryOption = Annotated[
         show_default="0.6 and 75 bytes a pixel; a quarter of the machine's at most",
     ),
 ]
+WaitLimitOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS",
+        min=0,
+        help="Longest wait for a full disk, a failed device or an answer; then the run ends with "
+        "exit code 75, and can be resumed.",
+        show_default="without end at a terminal, else 3600",
+    ),
+]
 YesOption = Annotated[
     bool, typer.Option("--yes", help="Don't prompt: all targets are in place already.")
 ]
@@ -181,6 +191,7 @@ class RunOptions:
     speed: SpeedOption = float("inf")
     memory: MemoryOption = None
     yes: YesOption = False
+    wait_limit: WaitLimitOption = None
     force: ForceOption = False
     json: JsonOption = False
 
@@ -196,7 +207,7 @@ class RunOptions:
         """Return the run settings of the command's options: overwriting, prompts, speed, output."""
         from labapp.runs.run_commands import ExecutionOptions
 
-        return ExecutionOptions(self.force, self.yes, self.speed, self.json)
+        return ExecutionOptions(self.force, self.yes, self.speed, self.json, self.wait_limit)
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -72,9 +74,26 @@ def print_error(text: str) -> None:
     err.print(text, style="bold red", soft_wrap=True)
 
 
+UNATTENDED_WAIT = 3600.0
+"""Seconds for which a run waits where no terminal is. Chosen: a disk is freed within the hour, or
+when somebody comes, who resumes the run."""
+
+
+def is_attended() -> bool:
+    """Return whether a terminal shows what the command prints, or may answer."""
+    return err.is_terminal or (sys.stdin is not None and sys.stdin.isatty())
+
+
 @contextmanager
-def terminal_progress() -> Iterator[Progress]:
-    """Show progress in the terminal; Ctrl-C cancels, and a second Ctrl-C stops at once."""
+def terminal_progress(wait_limit: float | None = None) -> Iterator[Progress]:
+    """Show progress in the terminal; Ctrl-C cancels, and a second Ctrl-C stops at once.
+
+    What a person must learn at once is printed on standard error in any case. SIGUSR1 lets go on
+    what waits for that. wait_limit: seconds for which something may wait for a person; by default
+    without end at a terminal, otherwise UNATTENDED_WAIT.
+    """
+    if wait_limit is None:
+        wait_limit = math.inf if is_attended() else UNATTENDED_WAIT
     from rich.progress import (
         BarColumn,
         TaskProgressColumn,
@@ -97,10 +116,33 @@ def terminal_progress() -> Iterator[Progress]:
         progress = Progress(
             lambda fraction, message: bar.update(
                 task, completed=fraction, description=printable_line(message)
-            )
+            ),
+            teller=lambda message: _tell(message, progress),
+            wait_limit=wait_limit,
         )
-        with _cancel_on_signals(progress):
+        with _cancel_on_signals(progress), _resume_on_signal(progress):
             yield progress
+
+
+def _tell(message: str, progress: Progress) -> None:
+    """Print a message on the terminal's standard error, and how to go on if that takes a key."""
+    if progress.is_paused:
+        by_key = "r goes on, Ctrl-C ends. Without a terminal, " if is_attended() else ""
+        pid = os.getpid()
+        message = f"{message}. {by_key}kill -USR1 {pid} goes on, kill {pid} ends."
+    # A run doesn't end because nobody reads.
+    with suppress(OSError):
+        print_message(message)
+
+
+@contextmanager
+def _resume_on_signal(progress: Progress) -> Iterator[None]:
+    """While the block runs, let SIGUSR1 resume what is paused: without a terminal, no key can."""
+    before = signal.signal(signal.SIGUSR1, lambda number, frame: progress.resume())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGUSR1, before)
 
 
 def _redirect_terminal_to_null() -> None:

@@ -17,8 +17,18 @@ class UserError(Exception):
     A longer message, which quotes a name without end, is cut in its middle.
     """
 
+    exit_code = 1
+    """Exit code of a command that ends with this error."""
+
     def __init__(self, message: str) -> None:
         super().__init__(shorten(message, _LONGEST))
+
+
+class WaitedTooLong(UserError):
+    """Tell that a run has ended because nobody mended in time what it waited for."""
+
+    exit_code = 75
+    """EX_TEMPFAIL of sysexits(3): what failed may succeed later."""
 
 
 def suggest_spelling(word: str, known: Iterable[str], likeness: float = 0.6) -> str:

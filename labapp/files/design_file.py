@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 import labapp
 from labapp.common.errors import UserError
 from labapp.files import nexus
+from labapp.files.hdf5_output import create_hdf5
 from labapp.files.plain_data import parse_json
 from labapp.files.plain_hdf5 import open_plain_hdf5
 from labapp.files.reading import bundled_path
@@ -101,10 +102,12 @@ class DesignContents:
 def write_design(path: Path, contents: DesignContents) -> None:
     """Write a design file atomically; raise UserError if it can't be written."""
     try:
-        with draft_of(path) as draft, h5py.File(draft, "w", locking=False) as file:
+        with draft_of(path) as draft, draft.open("w+b") as out, create_hdf5(out.fileno()) as file:
             _write_contents(file, contents)
     except OSError as error:
-        raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
+        raise UserError(
+            f"{path}: cannot be written: {error.strerror or error}. Choose another place."
+        ) from error
 
 
 def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:

@@ -210,7 +210,9 @@ def _move_to_free_path(draft: Path, path: Path) -> bool:
         # Whatever the file system says of second names: if the path can't be written, opening the
         # placeholder tells the cause.
         return _move_onto_placeholder(draft, path)
-    os.unlink(draft)
+    # The file is in its place, whether or not its other name goes away.
+    with suppress(OSError):
+        os.unlink(draft)
     return True
 
 

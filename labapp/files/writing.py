@@ -7,7 +7,7 @@ import io
 import logging
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -131,8 +131,13 @@ def draft_of(path: Path) -> Iterator[Path]:
         sync_to_disk(draft)
         move_into_place(draft, path, force=True)
         sync_to_disk(path.parent)
+    except OSError as error:
+        # Writes and syncs of open files tell no name, and that of the draft says nothing.
+        error.filename = str(path)
+        raise
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
 def write_atomically(path: Path, data: bytes) -> None:

@@ -7,11 +7,12 @@ import select
 import sys
 import termios
 import threading
+import time
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from labapp.common.errors import UserError
+from labapp.common.errors import UserError, WaitedTooLong
 from optics.progress import Progress
 
 _POLL_INTERVAL = 0.05
@@ -37,14 +38,20 @@ class Keyboard:
     def wait_for_enter(self, progress: Progress, other_key: str = "") -> bool:
         """Wait until Enter answers a run's prompt, or another key of a terminal does.
 
-        Returns whether it was Enter. Raises UserError if standard input has ended.
+        Returns whether it was Enter. Raises UserError if standard input has ended, and
+        WaitedTooLong after the seconds of the progress's wait limit.
         """
+        late = time.monotonic() + progress.wait_limit
         self._other_key = other_key.encode()
         self._answer_given.clear()
         self._question_pending.set()
         try:
             while not self._answer_given.wait(_POLL_INTERVAL):
                 progress.raise_if_cancelled()
+                if time.monotonic() >= late:
+                    raise WaitedTooLong(
+                        f"nobody has answered within {progress.wait_limit:g} s (--wait-limit)"
+                    )
                 if self._input_ended.is_set() and not self._answer_given.is_set():
                     raise UserError(
                         "the run asks a person, and standard input has ended. Run it in a "

@@ -12,7 +12,7 @@ from typing import Any
 from drivers.interfaces import Frame
 from labapp.bench.opening import Bench, BenchFiles, BenchSetup, open_bench
 from labapp.common.console import out, print_error, print_json, print_message, terminal_progress
-from labapp.common.errors import UserError
+from labapp.common.errors import UserError, WaitedTooLong
 from labapp.common.plain_text import shell_word
 from labapp.files.fault_file import read_faults
 from labapp.files.plan_file import NamedPlan, PlanFile
@@ -33,13 +33,15 @@ class ExecutionOptions:
     """Options of the commands that run plans.
 
     force allows existing files to be replaced. With yes, all prompts count as answered. speed is
-    the virtual bench's time over real time.
+    the virtual bench's time over real time. wait_limit is the longest wait for a person in seconds;
+    None depends on whether there is a terminal.
     """
 
     force: bool = False
     yes: bool = False
     speed: float = math.inf
     as_json: bool = False
+    wait_limit: float | None = None
 
 
 def run_files(
@@ -67,14 +69,12 @@ def run_files(
             requests,
             attendance,
             force=execution.force,
-            on_outcome=lambda outcome: _report_outcome(outcome, execution),
+            on_outcome=lambda outcome: _report_one(outcome, execution, alone=len(plans) == 1),
         )
     if execution.as_json:
         data = [_as_data(outcome) for outcome in outcomes]
         print_json(data if len(plans) > 1 else data[0])
-    # Only the first run that isn't complete raises an error.
-    for outcome in outcomes:
-        require_complete(outcome)
+    _require_all_complete(outcomes, records)
 
 
 def run_written_plan(
@@ -175,16 +175,25 @@ def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
 
 def require_complete(outcome: RunOutcome) -> None:
     """Raise Cancelled if a run was cancelled, and UserError if it isn't complete otherwise."""
+    if (failure := _failure_of(outcome)) is not None:
+        raise failure
+
+
+def _failure_of(outcome: RunOutcome) -> Exception | None:
+    """Return the error that tells of a run that isn't COMPLETE, and how to go on."""
     if outcome.state is State.CANCELLED:
-        raise Cancelled(f"{outcome.path}: CANCELLED, {len(outcome.missing)} frames not taken")
-    if outcome.state is not State.COMPLETE:
-        listed = ", ".join(str(index) for index in outcome.missing[:8])
-        raise UserError(
-            f"{outcome.path}: FAILED: {outcome.message}\n"
-            f"{len(outcome.missing)} frames are missing ({listed}"
-            f"{', ...' if len(outcome.missing) > 8 else ''}). Mend the cause, then: "
-            f"labapp resume {shell_word(outcome.path)}"
-        )
+        return Cancelled(f"{outcome.path}: CANCELLED, {len(outcome.missing)} frames not taken")
+    if outcome.state is State.COMPLETE:
+        return None
+    listed = ", ".join(str(index) for index in outcome.missing[:8])
+    more = ", ..." if len(outcome.missing) > 8 else ""
+    lacks = f"{len(outcome.missing)} frames are missing ({listed}{more})"
+    kind = WaitedTooLong if outcome.waited_too_long else UserError
+    return kind(
+        f"{outcome.path}: FAILED: {outcome.message}\n"
+        f"{lacks if outcome.missing else 'Its frames are stored'}. Mend the cause, then: "
+        f"labapp resume {shell_word(outcome.path)}"
+    )
 
 
 @contextmanager
@@ -204,7 +213,8 @@ def attended_run(
     Nobody is asked about doubted frames where nobody is at a terminal, or all prompts count as
     answered: such a frame is kept, and the record's log has the doubt.
     """
-    with terminal_progress() as progress, open_keyboard(progress) as keyboard:
+    waiting = terminal_progress(execution.wait_limit)
+    with waiting as progress, open_keyboard(progress) as keyboard:
 
         def ask(text: str, progress: Progress) -> None:
             print_message(text)
@@ -239,6 +249,26 @@ def print_written_plan(
 def _with_bench(setup: BenchSetup, bench: Path) -> BenchSetup:
     read = BenchFiles.with_defaults(bench).read()
     return replace(setup, bench=read.bench, source=read.source)
+
+
+def _require_all_complete(outcomes: Sequence[RunOutcome], records: Sequence[Path]) -> None:
+    """Raise the error of the only run, or tell how many of several aren't COMPLETE."""
+    failures = [found for one in outcomes if (found := _failure_of(one)) is not None]
+    if not failures:
+        return
+    if len(records) == 1:
+        raise failures[0]
+    unbegun = ", ".join(str(record) for record in records[len(outcomes) :])
+    then = f"; not begun: {unbegun}. Run their plans again" if unbegun else ""
+    raise type(failures[-1])(f"{len(failures)} of {len(records)} runs aren't COMPLETE{then}.")
+
+
+def _report_one(outcome: RunOutcome, execution: ExecutionOptions, *, alone: bool) -> None:
+    """Print how a run ended; if it isn't COMPLETE, only where no error will tell."""
+    failure = _failure_of(outcome)
+    if failure is not None and not alone:
+        print_error(str(failure))
+    _report_outcome(outcome, execution)
 
 
 def _report_outcome(outcome: RunOutcome, execution: ExecutionOptions) -> None:

@@ -7,10 +7,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.files.hdf5_output import create_hdf5
 from labapp.files.picture.photograph_writing import encode_srgb, write_float_tiff
 from labapp.files.raw import RawPhotograph
 from labapp.files.writing import draft_of, encode_image, write_atomically
@@ -142,7 +142,7 @@ def _describe_trust(merged: MergedFiles) -> dict[str, Any]:
 
 def _write_hdf5(merged: MergedFiles, path: Path) -> None:
     """Write the HDF5 file of a merged bracket; grey pictures have two axes."""
-    with h5py.File(path, "w", locking=False) as file:
+    with path.open("w+b") as out, create_hdf5(out.fileno()) as file:
         for name in ("rate", "variance", "state"):
             whole = getattr(merged, name)
             file[name] = whole[0] if len(whole) == 1 else whole

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -15,11 +16,11 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Frame
-from labapp.common.errors import UserError
+from labapp.common.errors import UserError, WaitedTooLong
 from labapp.files.plan_file import PlanFile
 from labapp.files.write_locks import has_path, is_deleted
 from labapp.runs.acquisition.attendance import AskOperator, Attendance, JudgeFrame
-from labapp.runs.acquisition.frame_storage import FrameStore
+from labapp.runs.acquisition.frame_storage import FrameStore, require_full
 from labapp.runs.acquisition.frame_taker import FrameTaker
 from labapp.runs.acquisition.hooks import HookError, Hooks
 from labapp.runs.acquisition.unplug_monitor import UnplugMonitor
@@ -67,6 +68,8 @@ class RunOutcome:
         Error of the device that ended the run, if one did.
     digest : str
         Digest over the whole record in hexadecimal; empty if it couldn't be written.
+    waited_too_long : bool
+        Whether the run ended because nobody mended in time what it waited for.
     """
 
     path: Path
@@ -77,6 +80,7 @@ class RunOutcome:
     elapsed_seconds: float = 0.0
     device_error: DeviceError | None = None
     digest: str = ""
+    waited_too_long: bool = False
 
 
 class ActiveRun:
@@ -102,6 +106,7 @@ class ActiveRun:
         self._trouble: DeviceError | None = None
         self._unplug_monitor = UnplugMonitor(bench.supervised_devices)
         self._doing = self._unplugged = self._unwritten = ""
+        self._waited_too_long = False
         self._watch, self._changes = _watch_scene(plan, bench), list[str]()
 
     def take(self, shots: Sequence[Shot], *, is_resumed: bool = False) -> RunOutcome:
@@ -111,7 +116,7 @@ class ActiveRun:
         """
         with (
             RecordWriter(self._path, self._lock) as self._writer,
-            logbook(self._writer, self._bench.clock),
+            logbook(self._writer, self._bench.clock) as self._logbook,
         ):
             as_planned = not self._bench.file.is_real
             keeper = FrameStore(self._writer, as_planned, self._pause)
@@ -134,7 +139,7 @@ class ActiveRun:
         """
         state, message = State.FAILED, ""
         try:
-            self._writer.set_state(State.RUNNING)
+            self._note_state(State.RUNNING)
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
             if limit := self._writer.lock_limit:
                 log.warning("%s", limit)
@@ -157,8 +162,13 @@ class ActiveRun:
             message = "; ".join(["cancelled by the user", *self._bench.failed_devices()])
         except DeviceError as error:
             message, self._trouble = str(error), error
-        except (HookError, UserError, OSError) as error:
+        except WaitedTooLong as error:
+            what = self._doing.removeprefix("PAUSED: ")
+            message, self._waited_too_long = f"{error}: {what}", True
+        except (HookError, UserError) as error:
             message = str(error)
+        except OSError as error:
+            message = f"the record can't be written: {_in_words(error)}"
         except Exception as error:
             message = f"{type(error).__name__}: {error}"
             raise
@@ -177,7 +187,7 @@ class ActiveRun:
         self._report(_describe(shot))
         if self._progress.is_paused:
             text, is_over = "paused by the user", lambda: not self._progress.is_paused
-            self._pause(text, is_over, self._attendance.meanwhile or Idle())
+            self._pause(text, is_over, self._attendance.meanwhile or Idle(), math.inf)
         keeper.wait_for_space()
         if is_deleted(self._writer.handle):
             raise UserError(_FILE_LOST)
@@ -221,12 +231,12 @@ class ActiveRun:
 
     def _keeps(self, judge: JudgeFrame, doubt: str, shot: Shot, frame: Frame) -> bool:
         """Return whether a person keeps a frame that the run doubts; the run pauses meanwhile."""
-        self._writer.set_state(State.PAUSED, doubt)
+        self._note_state(State.PAUSED, doubt)
         self._report(doubt)
         with self._excluding_time():
             kept = judge(doubt, shot, frame, self._progress)
         self._progress.raise_if_cancelled()
-        self._writer.set_state(State.RUNNING)
+        self._note_state(State.RUNNING)
         log.info("kept by a person" if kept else "taken again")
         return kept
 
@@ -239,27 +249,48 @@ class ActiveRun:
         unplugged = self._unplug_monitor.message
         if unplugged != self._unplugged:
             self._unplugged = unplugged
+            if unplugged:
+                self._progress.tell(f"UNPLUGGED: {unplugged}. Plug it in again, the run goes on")
             with suppress(Cancelled):
                 self._report(self._doing)
         return self._progress.is_cancelled
 
     def _pause(
-        self, message: str, is_over: Callable[[], bool], meanwhile: Meanwhile | None = None
+        self,
+        message: str,
+        is_over: Callable[[], bool],
+        meanwhile: Meanwhile | None = None,
+        limit: float | None = None,
     ) -> None:
         """Pause the run until `is_over()` returns true, with the reason in the record.
 
-        Without `meanwhile`, nobody uses the bench. Raises Cancelled if the run is cancelled.
+        Without `meanwhile`, nobody uses the bench. Raises Cancelled if the run is cancelled, and
+        WaitedTooLong after `limit` seconds, which are those of the run's progress by default.
         """
+        limit = self._progress.wait_limit if limit is None else limit
         log.warning("paused: %s", message)
-        self._writer.set_state(State.PAUSED, message)
+        self._note_state(State.PAUSED, message)
         self._report(f"PAUSED: {message}")
+        ends = "" if math.isinf(limit) else f". Else it ends in {limit:g} s (--wait-limit)"
+        self._progress.tell(f"PAUSED: {message}{ends}")
         with self._excluding_time():
             if meanwhile is not None:
                 self._taker.restore_camera()
-            wait_until(is_over, self._progress, meanwhile or Idle())
+            wait_until(is_over, self._progress, meanwhile or Idle(), limit)
         self._taker.invalidate_settings()
         log.info("goes on")
-        self._writer.set_state(State.RUNNING)
+        self._progress.tell("the run goes on")
+        self._note_state(State.RUNNING)
+
+    def _note_state(self, state: State, message: str = "") -> None:
+        """Write a state of the run that hasn't ended to its record, unless the disk is full.
+
+        That it is full, the next frame tells, and the run waits.
+        """
+        try:
+            self._writer.set_state(state, message)
+        except OSError as error:
+            require_full(error)
 
     @contextmanager
     def _excluding_time(self) -> Iterator[None]:
@@ -274,12 +305,12 @@ class ActiveRun:
         """Return a prompter that sets the run to PAUSED until the user has answered."""
 
         def asking(text: str, progress: Progress) -> None:
-            self._writer.set_state(State.PAUSED, text)
+            self._note_state(State.PAUSED, text)
             self._report(text)
             with self._excluding_time():
                 ask(text, progress)
             progress.raise_if_cancelled()
-            self._writer.set_state(State.RUNNING)
+            self._note_state(State.RUNNING)
 
         return asking
 
@@ -301,10 +332,11 @@ class ActiveRun:
     def _write_state(self, state: State, message: str) -> str:
         """Write the run's state, and return the digest over its record if it has ended."""
         try:
+            self._logbook.write_waiting()
             return self._writer.set_state(state, message)
         except OSError as error:
-            log.error("%s: the end of the run could not be written: %s", self._path, error)
-            self._unwritten = str(error)
+            self._unwritten = _in_words(error)
+            log.error("the end of the run could not be written: %s", self._unwritten)
             return ""
 
     def _verify_outcome(self, state: State, message: str, is_resumed: bool) -> RunOutcome:
@@ -332,8 +364,22 @@ class ActiveRun:
             if not found.is_in_order:
                 state, message = State.FAILED, f"not in order: {found.reason}"
                 digest = self._write_state(state, message)
+        return self._outcome(self._path, state, missing, message, digest)
+
+    def _outcome(
+        self, path: Path, state: State, missing: list[int], message: str, digest: str
+    ) -> RunOutcome:
+        """Return how the run ended, with what it has counted."""
         return RunOutcome(
-            self._path, state, missing, message, self._done, self._took, self._trouble, digest
+            path,
+            state,
+            missing,
+            message,
+            self._done,
+            self._took,
+            self._trouble,
+            digest,
+            self._waited_too_long,
         )
 
     def _outcome_elsewhere(self, message: str) -> RunOutcome:
@@ -351,9 +397,12 @@ class ActiveRun:
             path, missing = self._path, list(range(self._writer.frame_count))
             told = f"{told}, and its frames could not be kept: {error}"
         log.error("%s: %s", self._path, told)
-        return RunOutcome(
-            path, State.FAILED, missing, told, self._done, self._took, self._trouble, digest
-        )
+        return self._outcome(path, State.FAILED, missing, told, digest)
+
+
+def _in_words(error: OSError) -> str:
+    """Return why the disk refused a part of a run's record."""
+    return error.strerror or str(error)
 
 
 def _watch_scene(plan: PlanFile, bench: Bench) -> SceneWatch | None:

@@ -79,7 +79,7 @@ class FrameStore:
         try:
             store()
         except OSError as error:
-            _require_full(error)
+            require_full(error)
             log.warning("frame %d: %s", shot.index, error.strerror)
             self._pause(self._disk_full_message(), lambda: self._retry_store(store, shot.index))
 
@@ -97,7 +97,7 @@ class FrameStore:
             self._writer.reopen()
             store()
         except OSError as error:
-            _require_full(error)
+            require_full(error)
             return False
         return self._writer.is_stored_intact(index)
 
@@ -112,7 +112,7 @@ class FrameStore:
         )
 
 
-def _require_full(error: OSError) -> None:
+def require_full(error: OSError) -> None:
     """Re-raise an error in storing a run's frame, unless the disk or the user's quota is full."""
     if error.errno not in _FULL:
         raise error

@@ -37,9 +37,9 @@ def run_all(
 ) -> list[RunOutcome]:
     """Take several runs in turn; the next run begins even if one fails.
 
-    Each run is taken by run_plan(). Cancelling ends the present run and the queue. `on_outcome` is
-    called with the outcome of each run. Raises UserError, before anything has moved, if one of the
-    plans can't be run, or two share a record.
+    Each run is taken by run_plan(). Cancelling ends the present run and the queue, and so does a
+    wait that nobody has ended in time. `on_outcome` is called with the outcome of each run. Raises
+    UserError, before anything has moved, if one of the plans can't be run, or two share a record.
     """
     attendance = attendance or Attendance()
     progress = attendance.progress
@@ -59,7 +59,7 @@ def run_all(
         )
         outcomes.append(outcome)
         on_outcome(outcome)
-        if outcome.state is State.CANCELLED:
+        if outcome.state is State.CANCELLED or outcome.waited_too_long:
             break
     return outcomes
 

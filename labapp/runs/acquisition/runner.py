@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from math import prod
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,9 @@ from labapp.runs.shots import Shot, ShotList
 from labapp.runs.state import State
 from labapp.runs.steps import schedule_shots
 from optics.progress import Progress
+
+if TYPE_CHECKING:
+    from labapp.runs.record.verification import Verification
 
 __all__ = [
     "Attendance",
@@ -135,12 +139,14 @@ def run_plan(
 class HeldRecord:
     """A record that is locked, so that nobody else resumes or replaces it.
 
-    missing: indices of the frames to be taken. lock: handle that holds the lock.
+    missing: indices of the frames to be taken. lock: handle that holds the lock. is_in_order:
+    whether the record passes all checks already.
     """
 
     path: Path
     missing: list[int]
     lock: int
+    is_in_order: bool
 
 
 @contextmanager
@@ -153,7 +159,9 @@ def hold_record(path: Path, progress: Progress | None = None) -> Iterator[HeldRe
     """
     lock = open_for_writing(path)
     try:
-        yield HeldRecord(path, _prepare_resume(path, lock, progress), lock)
+        found = _prepare_resume(path, lock, progress)
+        missing = [] if found.is_in_order else sorted(found.not_stored + found.damaged)
+        yield HeldRecord(path, missing, lock, found.is_in_order)
     finally:
         close_locked(lock)
 
@@ -197,7 +205,7 @@ def resume_run(
         patterns = opened.patterns()
         listed = feasible_shots(plan, abilities, str(path))
         _require_same_bench(opened, bench, listed)
-        if not missing and opened.state is State.COMPLETE:
+        if record.is_in_order and opened.state is State.COMPLETE:
             digest = opened.closing_digest
             return RunOutcome(path, State.COMPLETE, [], opened.message, digest=digest)
     if missing:
@@ -213,8 +221,8 @@ def resume_run(
     return run.take(left, is_resumed=True)
 
 
-def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> list[int]:
-    """Repair a run's record that is locked, and return the frames to be taken."""
+def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> Verification:
+    """Repair a run's record that is locked; return what is found in it then."""
     # Imported here, because a new run needs neither.
     from labapp.runs.record.repair import repair_record
     from labapp.runs.verifying import verify
@@ -222,16 +230,14 @@ def _prepare_resume(path: Path, lock: int, progress: Progress | None) -> list[in
     for done in repair_record(path, lock):
         log.warning("%s: %s", path, done)
     found = verify(path, progress)
-    if found.is_in_order:
-        return []
-    if found.resume_command is None:
+    if found.resume_command is None and not found.is_in_order:
         remedy = (
             "Wait for its run to end."
             if found.is_being_written
             else f"Save its frames with: labapp salvage {shell_word(path)} --out FILE"
         )
         raise UserError(f"{path}: can't be resumed: {found.reason}. {remedy}")
-    return sorted(found.not_stored + found.damaged)
+    return found
 
 
 def _with_delays(

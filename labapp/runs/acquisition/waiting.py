@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Protocol
 
+from labapp.common.errors import WaitedTooLong
 from optics.progress import Progress
 
 _INTERVAL = 0.05
@@ -42,15 +44,23 @@ class Idle:
         pass
 
 
-def wait_until(is_over: Callable[[], bool], progress: Progress, meanwhile: Meanwhile) -> None:
+def wait_until(
+    is_over: Callable[[], bool],
+    progress: Progress,
+    meanwhile: Meanwhile,
+    limit: float = math.inf,
+) -> None:
     """Wait in a run until `is_over()` returns true, and let `meanwhile` use the bench.
 
-    Raises Cancelled if the run is cancelled.
+    Raises Cancelled if the run is cancelled, and WaitedTooLong after `limit` seconds.
     """
+    late = time.monotonic() + limit
     meanwhile.begin()
     try:
         while not is_over():
             progress.raise_if_cancelled()
+            if time.monotonic() >= late:
+                raise WaitedTooLong(f"it has waited for {limit:g} s (--wait-limit)")
             meanwhile.step(lambda: progress.is_cancelled or is_over())
     finally:
         meanwhile.end()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -41,10 +42,33 @@ def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], for
         for name in names():
             move_into_place(draft / name, folder / name, force=force)
             moved += 1
-    except (OSError, UserError):
-        for name in islice(names(), moved):
-            (folder / name).unlink()
+    except (OSError, UserError) as error:
+        left = [name for name in islice(names(), moved) if not _remove(folder / name)]
+        if left:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise UserError(
+                f"{folder}: cannot be written: {reason}. {len(left)} files of the export couldn't "
+                f"be removed again, such as {left[0]}. Look at the disk, and remove them."
+            ) from error
         raise
+
+
+def _remove(path: Path) -> bool:
+    """Remove a file of an export; return whether it is gone."""
+    try:
+        path.unlink()
+    except OSError:
+        return False
+    return True
+
+
+def _remove_left_drafts(folder: Path) -> None:
+    """Remove what exports that were killed, or couldn't remove it, have left in a folder."""
+    for draft in folder.glob(".export.*.new"):
+        pid = draft.name.split(".")[2]
+        # No other process has this one's number.
+        if pid.isdigit() and (pid == str(os.getpid()) or not Path("/proc", pid).exists()):
+            shutil.rmtree(draft, ignore_errors=True)
 
 
 @contextmanager
@@ -54,7 +78,8 @@ def _draft_folder(folder: Path) -> Iterator[Path]:
     draft = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(".new", ".export.", folder))
+        _remove_left_drafts(folder)
+        draft = Path(tempfile.mkdtemp(".new", f".export.{os.getpid()}.", folder))
         yield draft
     finally:
         if draft is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import shutil
@@ -61,8 +62,13 @@ def write_ome_tiff(work: ExportJob, draft: Path) -> None:
                 contiguous=False,
                 **tiff_tags(work, "" if first else _PLACEHOLDER),
             )
-    with tifffile.TiffFile(path) as written:
-        at = written.pages.first.tags[_DESCRIPTION].offset
+    try:
+        with tifffile.TiffFile(path) as written:
+            at = written.pages.first.tags[_DESCRIPTION].offset
+    except tifffile.TiffFileError as error:
+        # It has just been written; tifffile hides why it can't be read.
+        reason = f"{os.strerror(errno.EIO)}: it doesn't read back as it was written"
+        raise OSError(errno.EIO, reason) from error
     _append_description(path, described, at, is_big)
     described.unlink()
 

@@ -20,13 +20,13 @@ import labapp
 from drivers.interfaces import Identity
 from labapp.common.errors import UserError
 from labapp.files import nexus
+from labapp.files.hdf5_output import create_hdf5
 from labapp.files.plan_file import ROLES
 from labapp.files.write_locks import close_locked, lock_file, move_into_place, name_draft
 from labapp.files.writing import require_writable, sync_to_disk
 from labapp.runs.record import layout, writer_process
 from labapp.runs.record.datasets import DraftLedger, write_empty
 from labapp.runs.record.digests import structure_digest
-from labapp.runs.record.draft_file import DraftFile
 from labapp.runs.record.place_table import (
     USER_BLOCK,
     encode,
@@ -112,35 +112,24 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
         handle = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         lock_file(handle)
         writer_process.warn_of_lock(path, handle)
-        _protect(draft, _write_draft(handle, contents))
+        ledger = DraftLedger()
+        with create_hdf5(handle, libver="latest", userblock_size=USER_BLOCK) as file:
+            _fill(file, contents, ledger)
+        _protect(draft, ledger)
         sync_to_disk(draft)
         move_into_place(draft, path, force=force)
         sync_to_disk(path.parent)
         created, handle = handle, -1
     except OSError as error:
-        raise UserError(f"{path}: cannot be written: {error}. Choose another place.") from error
+        raise UserError(
+            f"{path}: cannot be written: {error.strerror or error}. Choose another place."
+        ) from error
     finally:
         if handle >= 0:
             close_locked(handle)
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
     return created
-
-
-def _write_draft(handle: int, contents: RecordContents) -> DraftLedger:
-    """Write a new record's datasets to an open file; OSError if the disk refuses any of it.
-
-    Returns what was written.
-    """
-    out, ledger = DraftFile(handle), DraftLedger()
-    try:
-        # The file is locked already, and its file system may have no locks for HDF5.
-        with h5py.File(out, "w", libver="latest", userblock_size=USER_BLOCK, locking=False) as file:
-            _fill(file, contents, ledger)
-    finally:
-        # HDF5 may hide the error behind another one, or behind none.
-        out.require_whole()
-    return ledger
 
 
 def _protect(draft: Path, ledger: DraftLedger) -> None:

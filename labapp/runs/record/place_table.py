@@ -21,6 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from labapp.files.hdf5_output import write_all as write_all
 from labapp.files.plain_hdf5 import open_hdf5
 from labapp.runs.record import layout
 
@@ -159,13 +160,6 @@ def read_table(handle: int, offset: int = 0) -> PlaceTable:
         return _decode(text)
     except (ValueError, TypeError, KeyError) as error:
         raise TableError(f"the table of places can't be read: {error}") from error
-
-
-def write_all(handle: int, data: memoryview, offset: int) -> None:
-    """Write bytes at their place in a record's file, which may take several calls."""
-    while data:
-        written = os.pwrite(handle, data, offset)
-        data, offset = data[written:], offset + written
 
 
 def _decode(text: bytes) -> PlaceTable:

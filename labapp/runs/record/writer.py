@@ -246,9 +246,15 @@ class RecordWriter:
         cut = text.encode()[: layout.LOG_ROW["text"].itemsize].rstrip(b"\0")
         digest = digests.line_digest(self._last_line, time_, cut)
         self._put("log", self._lines, (time_, cut, np.frombuffer(digest, np.uint8)))
+        before = self._lines, self._last_line
         self._lines, self._last_line = self._lines + 1, digest
         if self._ended:
-            self._close_record(self._ended)
+            try:
+                self._close_record(self._ended)
+            except OSError:
+                # The caller writes the line once more.
+                self._lines, self._last_line = before
+                raise
 
     def set_state(self, state: State, message: str = "") -> str:
         """Write the run's state and its reason to the record, and the time if the run has ended.

@@ -1,4 +1,4 @@
-"""The file of a new record, as HDF5 writes it through Python: no refused write goes unnoticed.
+"""Write new HDF5 files through Python, so that no write that the disk refuses goes unnoticed.
 
 HDF5's own files may swallow a write that fails while it flushes its caches, and later crash on what
 they kept.
@@ -8,9 +8,34 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
-from labapp.runs.record.place_table import write_all
+import h5py
+
+
+def write_all(handle: int, data: memoryview, offset: int) -> None:
+    """Write bytes at their place in an open file, which may take several calls."""
+    while data:
+        written = os.pwrite(handle, data, offset)
+        data, offset = data[written:], offset + written
+
+
+@contextmanager
+def create_hdf5(handle: int, **options: Any) -> Iterator[h5py.File]:
+    """Write a new HDF5 file to an open, empty file; OSError if the disk refuses any of it.
+
+    options: those of `h5py.File`. Nothing is locked: the file is a draft, or locked already, and
+    its file system may have no locks for HDF5.
+    """
+    out = DraftFile(handle)
+    try:
+        with h5py.File(out, "w", locking=False, **options) as file:
+            yield file
+    finally:
+        # HDF5 may hide the error behind another one, or behind none.
+        out.require_whole()
 
 
 class DraftFile(io.RawIOBase):
@@ -57,6 +82,6 @@ class DraftFile(io.RawIOBase):
         return size
 
     def require_whole(self) -> None:
-        """Raise the OSError with which the disk refused a part of the record, if it did."""
+        """Raise the OSError with which the disk refused a part of the HDF5 file, if it did."""
         if self.error is not None:
             raise self.error
