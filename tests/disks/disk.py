@@ -137,14 +137,14 @@ class _Fate:
         return b"".join(parts)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Change:
-    """Names that changed: gone, then come, with the file. folders: those not synchronised since."""
+    """Names that changed: gone, then come, with the file. folder: that must be synchronised."""
 
     gone: str
     come: str
     what: _File | None
-    folders: set[str]
+    folder: str
 
 
 class Disk:
@@ -238,11 +238,9 @@ class Disk:
             self.file(event.path).lose(writes)
 
     def _keep_names(self, folder: str, count: int) -> None:
-        for change in self._changes[:count]:
-            change.folders.discard(folder)
-            if not change.folders:
-                _rename(self._sure, change)
-        self._changes = [change for change in self._changes if change.folders]
+        for change in [one for one in self._changes[:count] if one.folder == folder]:
+            _rename(self._sure, change)
+            self._changes.remove(change)
 
     def _link(self, event: Event) -> None:
         self._change("", event.other, self._names[event.path])
@@ -259,8 +257,8 @@ class Disk:
         self._change("", event.path, None)
 
     def _change(self, gone: str, come: str, what: _File | None) -> None:
-        folders = {os.path.dirname(path) for path in (gone, come) if path}
-        change = _Change(gone, come, what, folders)
+        # A file that moves is at its new name when the folder of that was synchronised.
+        change = _Change(gone, come, what, os.path.dirname(come or gone))
         if gone:
             self._gone[gone] = self._names[gone]
         _rename(self._names, change)
