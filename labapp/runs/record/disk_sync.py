@@ -17,7 +17,7 @@ from labapp.files.frame_list import format_frame_list
 from labapp.files.writing import sync_handle
 
 EVERY = 1.0
-"""Seconds between two syncs. Chosen: a power cut takes the frames of a second or two."""
+"""Seconds between two syncs. Chosen: a power cut takes the frames of at most two seconds."""
 
 
 class LostWrites(OSError):
