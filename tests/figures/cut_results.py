@@ -12,7 +12,7 @@ from disks.trace import STRACE, trace
 from small_bench.files import SmallFiles, write_small
 
 from figures import Figure
-from figures.power_cuts import AROUND, PROGRAM, command
+from figures.cut_runs import AROUND, PROGRAM, command
 from labapp.common.console import print_message
 
 _CUTS = 100

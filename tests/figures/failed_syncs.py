@@ -15,7 +15,8 @@ from disks.trace import Event
 from small_bench.files import SmallFiles, write_tiny
 
 from figures import Figure
-from figures.power_cuts import AROUND, PROGRAM, Cut, End, kept_frames, mend
+from figures.cut_runs import AROUND, PROGRAM
+from figures.power_cuts import Cut, End, kept_frames, mend
 from labapp.common.console import print_message
 
 _MOMENTS = 50

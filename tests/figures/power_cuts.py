@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import forked
 import h5py
 import numpy as np
-from disks.disk import Disk, put, snapshot
-from disks.trace import STRACE, Event, trace
-from small_bench.files import SmallFiles, write_tiny
+from disks.disk import Disk, put
+from disks.trace import STRACE
 
 from figures import Figure
-from figures.where import PACKAGES
+from figures.cut_runs import Traced, command, trace_runs
 from labapp.common.console import print_message
 
 _CUTS = 300
@@ -27,29 +23,7 @@ _CUTS = 300
 STATED = 2.0
 """Seconds of frames that a power cut may take, as the guide says."""
 
-_WALL = 6.0
-"""Seconds that a run takes, so that most of its frames are older than those stated."""
-
 _NONE = "strace isn't here"
-
-
-@dataclass(frozen=True)
-class Traced:
-    """A command that wrote a record, and all that it changed in the record's folder.
-
-    before: the folder's files. acknowledged: frames that were stored before. other: folder of the
-    bench's files.
-    """
-
-    folder: Path
-    before: dict[str, bytes | None]
-    events: list[Event]
-    acknowledged: frozenset[int] = frozenset()
-    said: str = ""
-
-    @property
-    def record(self) -> Path:
-        return self.folder / "run.h5"
 
 
 @dataclass
@@ -65,7 +39,6 @@ class Cut:
     spoiled: str = ""
     trouble: str = ""
     steps: list[str] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
 
 
 def power_cuts(folder: Path) -> list[Figure]:
@@ -121,82 +94,13 @@ def _early_figure(traced: Sequence[Traced]) -> Figure:
 
 def told_early(one: Traced) -> list[str]:
     """What a command told as final while its record wasn't on the disk."""
-    disk, early = _disk_before(one), []
+    disk, early = one.disk_before(), []
     for event in one.events:
         final = event.kind == "told" and re.search(rb"digest|COMPLETE|frames saved", event.data)
         if final and not (disk.file(one.record).is_on_disk and disk.names_on_disk()):
             early.append(event.data.decode()[:60])
         disk.apply(event)
     return early
-
-
-def trace_runs(folder: Path, rng: np.random.Generator) -> list[Traced]:
-    """New runs, one that replaces a record, one that is ended, and resumed ones."""
-    files = write_tiny(folder / "bench")
-    runs = [Runs(files, folder / f"{number}", rng) for number in range(6)]
-    return [
-        runs[0].run(),
-        runs[1].run(),
-        runs[2].run(over=True),
-        runs[3].run(end=f"SIGINT {rng.integers(2, 30)}"),
-        runs[4].resume(),
-        runs[5].resume(),
-    ]
-
-
-class Runs:
-    """Runs of a plan in a folder of their own, at a pace at which syncing matters."""
-
-    def __init__(self, files: SmallFiles, folder: Path, rng: np.random.Generator) -> None:
-        folder.mkdir()
-        self._files, self._folder, self._rng = files, folder, rng
-        repeats = int(rng.integers(2, 5))
-        self._plan = files.folder / f"plan-{folder.name}.toml"
-        self._plan.write_text(f"{files.plan.read_text()}repeats = {repeats}\n")
-        self._pace = ["--speed", f"{0.55 * repeats / _WALL:.3f}"]
-        self._run = [
-            *("run", self._plan, *files.arguments()), "--out", folder / "run.h5", "--force",
-        ]  # fmt: skip
-
-    def run(self, *, end: str = "", over: bool = False) -> Traced:
-        """A run of the plan; over: where another's record is already."""
-        if over:
-            command(*self._run)
-        return self._trace(*self._run, *self._pace, end=end)
-
-    def resume(self) -> Traced:
-        """A run that was killed some time ago, and is resumed."""
-        last = int(self._rng.integers(2, 20))
-        ended = [*PROGRAM, *self._run, *self._pace]
-        environment = AROUND | {"END": f"SIGKILL {last}"}
-        forked.run(ended, env=environment, stdout=forked.DEVNULL)
-        return self._trace("resume", self._folder / "run.h5", *self._pace, there=last + 1)
-
-    def _trace(self, *words: str | Path, end: str = "", there: int = 0) -> Traced:
-        before = snapshot(self._folder)
-        events, done = trace(
-            [*PROGRAM, *words],
-            self._folder,
-            environment=AROUND | ({"END": end} if end else {}),
-        )
-        said = done.stdout + done.stderr
-        return Traced(self._folder, before, events, frozenset(range(there)), said)
-
-
-AROUND = os.environ | {"PYTHONPATH": PACKAGES, "OMP_NUM_THREADS": "1"}
-PROGRAM = (sys.executable, "-m", "disks.telling")
-
-
-def command(*words: str | Path) -> tuple[int, str, str]:
-    """A command of labapp: its exit status, and what it said on both ways."""
-    python = [*PROGRAM, *map(str, words)]
-    around = AROUND | {"CHECKS": "here"}
-    done = forked.run(python, env=around, capture_output=True, text=True, check=False)
-    return done.returncode, re.sub(r"^(frame \d+\n)+", "", done.stdout), done.stderr
-
-
-def _disk_before(one: Traced) -> Disk:
-    return Disk(one.folder, one.before)
 
 
 def cut_often(one: Traced, count: int, rng: np.random.Generator) -> list[Cut]:
@@ -208,7 +112,7 @@ def cut_often(one: Traced, count: int, rng: np.random.Generator) -> list[Cut]:
         *rng.integers(0, len(moments) + 1, count // 3),
         *rng.integers(len(moments) - 20, len(moments) + 1, count - 2 * (count // 3)),
     ]
-    end, disk, found, done = End.of(one.record), _disk_before(one), [], 0
+    end, disk, found, done = End.of(one.record), one.disk_before(), [], 0
     for place in sorted(map(int, places)):
         disk.apply_all(one.events[done:place])
         done = place
@@ -275,9 +179,6 @@ def mend(record: Path, found: Cut) -> Path | None:
         return record
     if data["go_on"]:
         return record if _succeeds(found, "resume", record, "--yes") else None
-    found.reasons += [
-        f"{one['check']}: {one['detail']}" for one in data["checks"] if one["result"] == "WRONG"
-    ]
     saved = record.with_name("saved.h5")
     if _succeeds(found, "salvage", record, "--out", saved):
         return saved if _succeeds(found, "resume", saved, "--yes") else None

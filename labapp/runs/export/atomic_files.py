@@ -8,20 +8,13 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.write_locks import move_into_place
-from labapp.files.writing import create_folder, sync_to_disk
-
-_SYNCS = 8
-"""Files that are brought to the disk at once: four times as quick as one by one. Chosen."""
-
-_FILES = 64
-"""Files that a thread is given. Chosen: there may be a million."""
+from labapp.files.writing import create_folder, sync_all, sync_to_disk
 
 
 @contextmanager
@@ -35,7 +28,7 @@ def all_or_none(folder: Path, names: Callable[[], Iterable[str]], *, force: bool
     try:
         with _draft_folder(folder) as draft:
             yield draft
-            _sync_all(draft, names())
+            sync_all(draft / name for name in names())
             _move_all(draft, folder, names, force)
     except OSError as error:
         # NumPy's error for an incomplete write gives counts of items, but no reason.
@@ -44,16 +37,6 @@ def all_or_none(folder: Path, names: Callable[[], Iterable[str]], *, force: bool
             f"{folder}: cannot be written: {reason}. Nothing was exported; make space there, "
             "or choose another place."
         ) from error
-
-
-def _sync_all(draft: Path, names: Iterable[str]) -> None:
-    """Wait until the files of a run's export are on the disk; raise OSError if it loses some."""
-    paths = (draft / name for name in names)
-    with ThreadPoolExecutor(_SYNCS, "disk sync") as pool:
-        while some := [*islice(paths, _SYNCS * _FILES)]:
-            parts = (some[first : first + _FILES] for first in range(0, len(some), _FILES))
-            for _ in pool.map(lambda part: sync_to_disk(*part), parts):
-                pass
 
 
 def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], force: bool) -> None:
