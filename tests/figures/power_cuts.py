@@ -107,10 +107,12 @@ def cut_often(one: Traced, count: int, rng: np.random.Generator) -> list[Cut]:
     """Cuts of a traced command at moments by chance: by time, by calls, and about its end."""
     moments = np.array([event.moment for event in one.events])
     times = rng.uniform(moments[0], moments[-1] + 0.5, count // 3)
+    # About half of the last third come when all was told.
+    last = rng.integers(len(moments) - 20, len(moments) + 20, count - 2 * (count // 3))
     places = [
         *np.searchsorted(moments, times),
         *rng.integers(0, len(moments) + 1, count // 3),
-        *rng.integers(len(moments) - 20, len(moments) + 1, count - 2 * (count // 3)),
+        *np.minimum(last, len(moments)),
     ]
     end, disk, found, done = End.of(one.record), one.disk_before(), [], 0
     for place in sorted(map(int, places)):
