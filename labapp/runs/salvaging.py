@@ -63,7 +63,13 @@ def salvage(
         if not found.whole:
             raise UserError(f"{path}: no frame is whole, so there is nothing to save.")
         writer = RecordWriter(new, create_record(new, found.contents, force=force))
-        digest = _copy(damaged, found, path, writer, progress.part(0.5, 1))
+        try:
+            digest = _copy(damaged, found, path, writer, progress.part(0.5, 1))
+        except OSError as error:
+            raise UserError(
+                f"{new}: isn't on the disk: {error.strerror}. {path} is as it was; save its frames "
+                "on another disk."
+            ) from error
     return Salvage(new, len(found.whole), len(found.contents.shots), found.lacks, digest)
 
 

@@ -95,13 +95,11 @@ def _times(
     return {name: np.array(times[2:]) for name, times in took.items()}
 
 
-@contextmanager
-def _record(
-    path: Path, shape: tuple[int, int], frames: int, synced: bool = False
-) -> Iterator[Store]:
+def new_record(path: Path, shape: tuple[int, int], frames: int) -> tuple[RecordWriter, list[Shot]]:
+    """A record that waits for so many frames, and their shots."""
     shots = [Shot(i, i, 0, "star", "neutral", 550e-9, 0.01) for i in range(frames)]
     contents = RecordContents(
-        title="What digests cost",
+        title="What a record costs",
         seed=0,
         plan={},
         bench={},
@@ -114,7 +112,15 @@ def _record(
         frame_shape=shape,
         pixel_pitch=1e-6,
     )
-    with RecordWriter(path, create_record(path, contents)) as writer:
+    return RecordWriter(path, create_record(path, contents)), shots
+
+
+@contextmanager
+def _record(
+    path: Path, shape: tuple[int, int], frames: int, synced: bool = False
+) -> Iterator[Store]:
+    writer, shots = new_record(path, shape, frames)
+    with writer:
 
         def store(index: int, frame: Frame) -> None:
             writer.store(shots[index], frame, 550e-9, start_time=frame.time)

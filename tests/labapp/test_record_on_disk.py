@@ -51,6 +51,7 @@ class Disk:
 
         monkeypatch.setattr(os, "pwrite", pwrite)
         monkeypatch.setattr(os, "fdatasync", fdatasync)
+        monkeypatch.setattr(os, "fsync", fdatasync)
 
     def fail_at(self, later: int, cause: int = errno.EIO) -> None:
         self.fails_from, self.cause = self._syncs + later, cause

@@ -141,6 +141,9 @@ class ActiveRun:
         try:
             self._note_state(State.RUNNING)
             log.info("%s: %d frames to take", "resumed" if again else "started", len(listed))
+            if again:
+                # Without this line, what a power cut leaves couldn't be told from a damage.
+                self._writer.flush()
             if limit := self._writer.lock_limit:
                 log.warning("%s", limit)
             wavelengths = {shot.wavelength for shot in ShotList.of(listed).distinct("wavelength")}
@@ -175,7 +178,7 @@ class ActiveRun:
         finally:
             for failure in self._bench.make_safe():
                 message = f"{message}; not left safe: {failure}".removeprefix("; ")
-            self._record_end(state, message)
+            state, message = self._record_end(state, message)
         try:
             self._hooks.call("after_run", state.value)
         except HookError as error:
@@ -321,13 +324,22 @@ class ActiveRun:
         told = f"UNPLUGGED: {self._unplugged} ({message})" if self._unplugged else message
         self._progress.report(share, told)
 
-    def _record_end(self, state: State, message: str) -> None:
-        """Write the run's final state to its record; if the disk fails, log that instead."""
+    def _record_end(self, state: State, message: str) -> tuple[State, str]:
+        """Write the run's final state to its record, and return it with its reason.
+
+        A run whose end the disk doesn't keep is FAILED.
+        """
         # COMPLETE is written only when all frames have been read back, see _verify_outcome().
         written = State.RUNNING if state is State.COMPLETE else state
         log.log(logging.WARNING if message else logging.INFO, message or "all frames taken")
         log.info("expected %.3f s of bench time, took %.3f s", self._done, self._took)
-        self._write_state(written, message)
+        if not self._write_state(written, message) and written.has_ended:
+            return State.FAILED, self._add_unwritten(message)
+        return state, message
+
+    def _add_unwritten(self, message: str) -> str:
+        """Return the reason of the run's state, and what the disk refused of its record."""
+        return f"{message}; its end isn't on the disk: {self._unwritten}".removeprefix("; ")
 
     def _write_state(self, state: State, message: str) -> str:
         """Write the run's state, and return the digest over its record if it has ended."""
@@ -352,8 +364,8 @@ class ActiveRun:
         if state is State.COMPLETE and missing:
             state, message = State.FAILED, f"{len(missing)} frames don't read back"
         digest = self._write_state(state, message)
-        if state is State.COMPLETE and not digest:
-            state, message = State.FAILED, f"its end isn't on the disk: {self._unwritten}"
+        if not digest:
+            state, message = State.FAILED, self._add_unwritten(message)
             digest = self._write_state(state, message)
             with Record(self._path) as record:
                 missing = record.frames_not_stored()

@@ -1,4 +1,7 @@
-"""Write the files of an export so that either all of them appear or none."""
+"""Write the files of an export so that either all of them appear or none.
+
+A power cut while they are moved may leave some, each of them whole.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from pathlib import Path
 
 from labapp.common.errors import UserError
 from labapp.files.write_locks import move_into_place
+from labapp.files.writing import create_folder, sync_all, sync_to_disk
 
 
 @contextmanager
@@ -25,6 +29,7 @@ def all_or_none(folder: Path, names: Callable[[], Iterable[str]], *, force: bool
     try:
         with _draft_folder(folder) as draft:
             yield draft
+            sync_all(draft / name for name in names())
             _move_all(draft, folder, names, force)
     except OSError as error:
         # NumPy's error for an incomplete write gives counts of items, but no reason.
@@ -42,6 +47,7 @@ def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], for
         for name in names():
             move_into_place(draft / name, folder / name, force=force)
             moved += 1
+        sync_to_disk(folder)
     except (OSError, UserError) as error:
         left = [name for name in islice(names(), moved) if not _remove(folder / name)]
         if left:
@@ -77,7 +83,7 @@ def _draft_folder(folder: Path) -> Iterator[Path]:
     is_new = not folder.exists()
     draft = None
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        create_folder(folder)
         _remove_left_drafts(folder)
         draft = Path(tempfile.mkdtemp(".new", f".export.{os.getpid()}.", folder))
         yield draft

@@ -254,6 +254,8 @@ class _Checks:
             lines += 1
             resumed += text.startswith("resumed:")
             failed += bool(re.match(r"frame \d+, attempt \d+ of ", text))
+        # A power cut takes lines of the log rather than frames that are older than a second or two.
+        failed = max(failed, int(record.column("attempts")[stored].sum()) - len(stored))
         times, numbers = record.column("time")[stored], record.column("number")[stored]
         said = f"{resumed} resumptions, {failed} failed attempts"
         if lines >= layout.log_capacity(record.frame_count):

@@ -11,12 +11,13 @@ import errno
 import os
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 
 from labapp.files.frame_list import format_frame_list
 from labapp.files.writing import sync_handle
 
 EVERY = 1.0
-"""Seconds from one begin to the next. Chosen: a power cut takes the frames of a second or two."""
+"""Seconds between two syncs. Chosen: a power cut takes the frames of at most two seconds."""
 
 
 class LostWrites(OSError):
@@ -24,16 +25,13 @@ class LostWrites(OSError):
 
     def __init__(self, error: OSError, frames: Sequence[int]) -> None:
         which = f"frames {format_frame_list(frames)}" if frames else "the end of the record"
-        super().__init__(
-            errno.EIO,
-            f"the disk didn't keep what was written: {which} may be lost. Look at the disk, then "
-            "take them again with: labapp resume",
-        )
-        self.frames = list(frames)
+        super().__init__(errno.EIO, f"the disk didn't keep what was written: {which} may be lost")
+        self.frames = sorted(set(frames))
         self.__cause__ = error
 
     def __str__(self) -> str:
-        return str(self.strerror)
+        remedy = "Look at the disk, then take them again with: labapp resume"
+        return f"{self.strerror}. {remedy}"
 
 
 class DiskSync:
@@ -60,7 +58,11 @@ class DiskSync:
     def flush(self) -> None:
         """Return when all of the record is on the disk; raise LostWrites if it can't be."""
         with self._turn:
-            self._require_kept()
+            if self._failed is not None:
+                # The marks of the frames that are given up may be kept.
+                with suppress(OSError):
+                    sync_handle(self._handle)
+                self._require_kept()
             frames, self._written = self._written, []
             try:
                 sync_handle(self._handle)

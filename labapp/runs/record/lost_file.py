@@ -34,6 +34,6 @@ def _copy(handle: int, path: Path) -> Path:
             while data := os.pread(handle, _COPY_BYTES, file.tell()):
                 file.write(data)
             file.flush()
-            sync_to_disk(copy)
+            sync_to_disk(copy, copy.parent)
             return copy
     raise AssertionError("one of the names is free")

@@ -1,10 +1,11 @@
 """Repair what is damaged in a record and follows from the rest of it.
 
 What the record's own copy has right is taken from there first. In older records, and where both are
-damaged, three things follow. The table of places follows from HDF5's structure, if nothing else has
+damaged, four things follow. The table of places follows from HDF5's structure, if nothing else has
 changed. Planned columns follow from the plan, and the digest of the structure tells whether the
 repair is right. A frame's link follows from its image and settings; the next link, or the closing
-digest, tells whether it is right.
+digest, tells whether it is right. State and log of a run that hasn't ended may lack what a power
+cut took.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ from labapp.runs.record.place_table import (
     write_all,
 )
 from labapp.runs.record.second_copy import read_either_table
+from labapp.runs.record.torn_end import mend_torn_end
 from labapp.runs.steps import planned_shots
 
 Digests = Callable[[int], tuple[bytes, bytes]]
@@ -67,6 +69,9 @@ def repair_record(path: Path, handle: int) -> list[str]:
         table, done = _repaired_table(path, handle)
         done += mend_from_copy(handle, table)
         done += [*_repair_planned(handle, table, path), *_repair_links(handle, table)]
+        structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
+        if structure_digest(handle, table) == structure:
+            done += mend_torn_end(handle, table, structure)
         return [*done, *renew_proved_copy(handle, table)]
     except (TableError, KeyError):
         return []

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from labapp.common.plain_text import shell_word
+from labapp.runs.state import State
 
 _FIXED_BY_RESUME = {
     "frames",
@@ -26,6 +27,9 @@ def advise_salvage(path: Path | str) -> str:
     command = f"labapp salvage {shell_word(str(path))} --out FILE"
     return f"Restore it from a copy, or save its frames with: {command}"
 
+
+_TORN = {"log"}
+"""The same of a run that hasn't ended: its last lines weren't on the disk."""
 
 CheckStatus = Literal["ok", "note", "unfinished", "WRONG"]
 
@@ -76,9 +80,14 @@ class Verification:
     @property
     def resume_command(self) -> str | None:
         """The command that completes the run's record; None if none is needed, or none can."""
-        if self.is_in_order or self.is_being_written or set(self.failed_checks) - _FIXED_BY_RESUME:
+        fixed = _FIXED_BY_RESUME | (set() if self._has_ended else _TORN)
+        if self.is_in_order or self.is_being_written or set(self.failed_checks) - fixed:
             return None
         return f"labapp resume {shell_word(self.path)}"
+
+    @property
+    def _has_ended(self) -> bool:
+        return self.state is not None and State(self.state).has_ended
 
     @property
     def reason(self) -> str:

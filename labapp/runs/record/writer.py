@@ -66,6 +66,7 @@ class RecordWriter:
             self._put("closing", 0, np.zeros((), layout.DIGEST))
             self._put("end_time", 0, b"")
         self._ended: State | None = None
+        self._lost = False
         self._put("writer", 0, writer_process.describe_this_process().encode())
 
     def _continue_chains(self) -> None:
@@ -195,6 +196,7 @@ class RecordWriter:
 
         The operating system still shows them as they were written, for as long as it likes.
         """
+        self._lost = True
         with suppress(OSError):
             for index in frames:
                 self._put("stored", index, 0)
@@ -260,20 +262,28 @@ class RecordWriter:
         """Write the run's state and its reason to the record, and the time if the run has ended.
 
         Returns the closing digest of an ended run in hexadecimal, which covers the whole record;
-        otherwise an empty text. A run is COMPLETE only once all of its record is on the disk.
-        Raises OSError if it can't be, or something can't be written.
+        otherwise an empty text. A run is COMPLETE only once all of its record is on the disk, and
+        has ended when its end is, too. Raises OSError if that can't be, or something can't be
+        written; what the disk has lost is told once.
         """
-        if state is State.COMPLETE:
-            self._flush()
+        if state.has_ended:
+            # Who finds an end in the record may rely on all that came before.
+            self._flush_end(state)
         digest = self._write_state(state, message)
-        if state is State.COMPLETE:
-            self._flush()
-        elif state.has_ended:
-            with suppress(OSError):
-                self._flush()
+        if state.has_ended:
+            self._flush_end(state)
         return digest
 
-    def _flush(self) -> None:
+    def _flush_end(self, state: State) -> None:
+        """Flush the record of a run that ends; what was told to be lost ends it no other way."""
+        was_told = self._lost
+        try:
+            self.flush()
+        except LostWrites:
+            if state is State.COMPLETE or not was_told:
+                raise
+
+    def flush(self) -> None:
         """Return when all of the run's record is on the disk; give up frames that it refuses."""
         try:
             self._sync.flush()

@@ -57,9 +57,12 @@ def is_alive(writer: str) -> bool:
     """Return whether the writer of a run's record still runs.
 
     `writer` is what describe_this_process() returned. A process on another host can't be checked,
-    and counts as running.
+    and counts as running; one whose description is torn is gone.
     """
-    described = json.loads(writer)
+    try:
+        described = json.loads(writer)
+    except ValueError:
+        return False
     if described["host"] != socket.gethostname():
         return True
     return _start(str(described["pid"])) == described["start"] is not None
