@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 _GROUPS = Path("/sys/fs/cgroup")
@@ -14,6 +15,13 @@ _NEW_NAMES = ("memory.max", "memory.current", "inactive_file")
 _OLD_NAMES = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
 """Files of a group's limit and of what it uses, and the line of memory.stat that tells what files
 take which are kept in memory; of cgroup v2 and v1 (kernel.org, "Memory Resource Controller")."""
+
+_LIMITS = (
+    (resource.RLIMIT_AS, "VmSize", "ulimit -v"),
+    (resource.RLIMIT_DATA, "VmData", "ulimit -d"),
+)
+"""Limits of a process, the line of its status that tells how much of each it takes, and the shell's
+words that set it."""
 
 
 def available_memory() -> int:
@@ -63,11 +71,27 @@ def _room_in_groups(folders: Iterable[Path], names: tuple[str, str, str]) -> Ite
         yield most - used + _words(folder / "memory.stat").get(kept, 0)
 
 
+@dataclass(frozen=True)
+class ProcessLimit:
+    """A limit of this process: its bytes, those that are left of it, and what sets it."""
+
+    most: int
+    left: int
+    setting: str
+
+
+def process_limits() -> Iterator[ProcessLimit]:
+    """Yield the limits of the labapp process' addresses and data, as far as it has any."""
+    told = _fields(Path("/proc/self/status"))
+    for kind, used, setting in _LIMITS:
+        most = resource.getrlimit(kind)[0]
+        if most != resource.RLIM_INFINITY:
+            yield ProcessLimit(most, max(most - told.get(used, 0), 0), setting)
+
+
 def _process_memory() -> Iterator[int]:
-    """Yield the bytes that a limit of this process' addresses leaves, if it has one."""
-    most = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if most != resource.RLIM_INFINITY:
-        yield most - _fields(Path("/proc/self/status")).get("VmSize", 0)
+    """Yield the bytes that the limits of this process leave, if it has any."""
+    return (one.left for one in process_limits())
 
 
 def _fields(path: Path) -> dict[str, int]:
