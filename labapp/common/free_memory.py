@@ -23,6 +23,8 @@ _LIMITS = (
 """Limits of a process, the line of its status that tells how much of each it takes, and the shell's
 words that set it."""
 
+_MOST_ADDRESSES = 1 << 63
+
 
 def available_memory() -> int:
     """Return the bytes that the labapp process can still take without swapping or being killed.
@@ -30,8 +32,12 @@ def available_memory() -> int:
     It is the least of what the machine has free (files that are kept in memory count as free), what
     the container leaves, and what a limit of the process leaves.
     """
-    found = [_machine_memory(), *_group_memory(), *_process_memory()]
-    return max(min(found), 0)
+    return min(shared_memory(), *(one.left for one in process_limits()), _MOST_ADDRESSES)
+
+
+def shared_memory() -> int:
+    """Return the bytes that machine and container still leave to the labapp process and others."""
+    return max(min(_machine_memory(), *_group_memory(), _MOST_ADDRESSES), 0)
 
 
 def _machine_memory() -> int:
@@ -87,11 +93,6 @@ def process_limits() -> Iterator[ProcessLimit]:
         most = resource.getrlimit(kind)[0]
         if most != resource.RLIM_INFINITY:
             yield ProcessLimit(most, max(most - told.get(used, 0), 0), setting)
-
-
-def _process_memory() -> Iterator[int]:
-    """Yield the bytes that the limits of this process leave, if it has any."""
-    return (one.left for one in process_limits())
 
 
 def _fields(path: Path) -> dict[str, int]:

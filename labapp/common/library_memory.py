@@ -16,6 +16,7 @@ _NEEDS = {
     "torch": (500, 135),
     "cv2": (265, 90),
     "scipy.linalg": (120, 82),
+    "scipy.special": (120, 82),
     "matplotlib": (50, 30),
     "colour": (60, 45),
     "PySide6": (110, 20),
@@ -59,7 +60,15 @@ _FIRST_SUMS: dict[str, Callable[[Any], Any]] = {
 process where it doesn't get them (memory.c of its releases, "giving up")."""
 
 
+_TWINS = "scipy.linalg", "scipy.special"
+"""Modules that load SciPy's OpenBLAS, whichever comes first; it never ends to try where it doesn't
+fit."""
+
+
 def _require_room(name: str) -> None:
+    """Raise MemoryError if a limit leaves less than a large library takes."""
+    if name in _TWINS and any(one in sys.modules for one in _TWINS):
+        return
     for limit in process_limits():
         need = _NEEDS[name][0 if limit.setting == "ulimit -v" else 1] * 10**6
         if limit.left < need:

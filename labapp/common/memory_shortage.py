@@ -7,7 +7,7 @@ import re
 import resource
 from collections.abc import Iterator
 
-from labapp.common.free_memory import available_memory, process_limits
+from labapp.common.free_memory import process_limits, shared_memory
 
 _WORDS = re.compile(
     r"can't allocate memory|not enough memory|out of memory|Insufficient memory|bad_alloc"
@@ -31,6 +31,9 @@ _REMEDY = (
 
 _USUAL_STACK = 8 << 20
 
+_TIGHT = 100_000_000
+"""Bytes left of a limit, with which a library that doesn't load lacks memory. Chosen."""
+
 
 def explain_shortage(error: BaseException) -> str:
     """Say in labapp's words what lacks how much memory; "" for an error of another kind.
@@ -46,9 +49,9 @@ def explain_shortage(error: BaseException) -> str:
 def describe_room() -> str:
     """Say how much memory the labapp process may take in all, by what limits it most."""
     limits = sorted(process_limits(), key=lambda one: one.left)
-    if limits and limits[0].left <= available_memory():
+    if limits and limits[0].left <= shared_memory():
         return f"this process may take {_megabytes(limits[0].most)} in all ({limits[0].setting})"
-    return f"{_megabytes(available_memory())} of the machine's memory are free"
+    return f"{_megabytes(shared_memory())} of the machine's memory are free"
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
@@ -66,6 +69,9 @@ def _is_shortage(error: BaseException) -> bool:
     if isinstance(error, OSError) and error.errno is not None:
         # A process that may not be forked is refused with EAGAIN, which names no file.
         return error.errno == errno.ENOMEM or (error.errno == errno.EAGAIN and not error.filename)
+    if isinstance(error, ImportError) and any(one.left < _TIGHT for one in process_limits()):
+        # Packages that load libraries by themselves say that these aren't installed.
+        return True
     # What OpenCV raises has a code for it, and stands on Exception alone.
     known = isinstance(error, RuntimeError | ImportError | OSError | SystemError)
     is_opencv = type(error).__module__ == "cv2"
@@ -87,6 +93,8 @@ def _need(error: BaseException) -> str:
         size, unit, what = found.groups()
         amount = _megabytes(float(size)) if unit == "bytes" else f"{size.rstrip('.')} {unit}"
         return f"{what or 'an array'} needs {amount}"
+    if isinstance(error, ImportError):
+        return "a library needs more than is left"
     if isinstance(error, OSError):
         return "a process or a file's memory needs more than is left"
     return "a step of the computation needs more than is left"

@@ -68,7 +68,7 @@ def try_limits(folder: Path, step: int = 1) -> Iterator[tuple[str, str, str]]:
 
 
 def _fate(words: list[str], kind: int, size: int) -> str:
-    """"well", "named", or what a person must never meet."""
+    """ "well", "named", or what a person must never meet."""
     environment = os.environ | {"PYTHONPATH": PACKAGES, "OMP_NUM_THREADS": "1"}
     try:
         done = subprocess.run(

@@ -101,7 +101,8 @@ def write_whole_files(folder: Path) -> dict[str, str]:
         "scene.toml": small.scene.read_text().replace("version = 1", "version = 2") + _COLOURS,
         "plan.toml": PLAN + _PATTERNS,
         "calibration.json": json.dumps(_calibration(), indent=1),
-        "spectra.csv": "nm,share\n" + "".join(f"{nm}, {nm / 1000}\n" for nm in range(300, 1000, 50)),
+        "spectra.csv": "nm,share\n"
+        + "".join(f"{nm}, {nm / 1000}\n" for nm in range(300, 1000, 50)),
     }
     for name, text in texts.items():
         (folder / name).write_text(text)
@@ -147,7 +148,9 @@ def mutated_files() -> Mapping[str, MutatedFile]:
         MutatedFile("panel.toml", "toml", camera, (_CHECK, _PSF)),
         MutatedFile("sensor.toml", "toml", camera, (_CHECK, _EXPLAIN)),
         MutatedFile("calibration.json", "json", camera, (_CHECK, _PSF)),
-        MutatedFile("scene.toml", "toml", lambda path: read_file(path, SceneFile), (_EXPLAIN, _PLAN)),
+        MutatedFile(
+            "scene.toml", "toml", lambda path: read_file(path, SceneFile), (_EXPLAIN, _PLAN)
+        ),
         MutatedFile("plan.toml", "toml", read_plan, (_PLAN, _SHOW)),
         MutatedFile("spectra.csv", "csv", read_spectra, (_CHECK, _EXPLAIN)),
     )
