@@ -47,23 +47,31 @@ def mutate(text: str, kind: str, rng: random.Random) -> bytes:
 def _mutate_tables(text: str, kind: str, rng: random.Random) -> str:
     """Parse, mutate the data and write it again; a text that isn't sound is mutated as text."""
     try:
-        data = json.loads(text) if kind == "json" else tomllib.loads(text)
+        data = parsed(text, kind)
     except ValueError:
         return rng.choice(_TEXT_MUTATIONS)(text, rng)
-    data = copy.deepcopy(data)
     rng.choice(_TABLE_MUTATIONS)(data, rng)
-    if kind == "json":
+    return as_text(data, kind)
+
+
+def parsed(text: str, kind: str) -> Any:
+    return json.loads(text) if kind == "json" else tomllib.loads(text)
+
+
+def as_text(data: Any, kind: str) -> str:
+    """The text of a file with the data; of a list or text in the place of tables, too."""
+    if kind == "json" or not isinstance(data, dict):
         return json.dumps(data, indent=1)
     return "".join(f"{_key(key)} = {_toml(value)}\n" for key, value in data.items())
 
 
-def _places(data: Any, above: Path = ()) -> Iterator[Path]:
+def places(data: Any, above: Path = ()) -> Iterator[Path]:
     """Where each value of nested tables and lists stands."""
     pairs = data.items() if isinstance(data, dict) else enumerate(data)
     for key, value in pairs:
         yield (*above, key)
         if isinstance(value, dict | list):
-            yield from _places(value, (*above, key))
+            yield from places(value, (*above, key))
 
 
 def _at(data: Any, place: Path) -> Any:
@@ -73,7 +81,7 @@ def _at(data: Any, place: Path) -> Any:
 
 
 def _pick(data: Any, rng: random.Random, fits: Callable[[Any], bool]) -> Path | None:
-    found = [place for place in _places(data) if fits(_at(data, place))]
+    found = [place for place in places(data) if fits(_at(data, place))]
     return rng.choice(found) if found else None
 
 
