@@ -19,7 +19,7 @@ _WORDS = re.compile(
 memory lacks; only NumPy's is a MemoryError."""
 
 _SIZE = re.compile(
-    r"(?:allocate|Failed to allocate)\s+(\d+(?:\.\d*)?)\s*(bytes|[KMGT]iB|[KMGT]B)(?: for (an array.*))?"
+    r"(?:allocate|Failed to allocate)\s+(\d+(?:\.\d*)?)\s*(bytes|[KMGTPE]i?B)(?: for (an array.*))?"
 )
 
 _LIBRARY = re.compile(r"([\w.+-]+\.so[\w.]*): (?:failed to map|cannot allocate)")

@@ -1,4 +1,4 @@
-"""Commands in processes that may take little memory: each ends well, or says what needs how much."""
+"""Commands in processes that may take little memory: each ends well, or says what lacks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ _DATA = (30, 90, 150, 200, 250, 300, 350, 400, 450, 600)
 
 _BENCH = ("--bench", "{0}/bench.toml")
 _COMMANDS = (
-    ("run", "{0}/plan.toml", *_BENCH, "--scene", "{0}/scene.toml", "--out", "{0}/new.h5", "--force"),
+    ("run", "{0}/plan.toml", *_BENCH, "--scene", "{0}/scene.toml", "--out", "{0}/new.h5",
+     "--force"),
     ("report", "{0}/run.h5", "--out", "{0}/report", "--force"),
     ("reconstruct", "{0}/picture.png", "--psf", "{0}/psf.npy", "--out", "{0}/out.png", "--force"),
     ("simulate", "{0}/scene.toml", *_BENCH, "--out", "{0}/picture.tiff", "--force"),

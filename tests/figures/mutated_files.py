@@ -80,7 +80,8 @@ def prepare(folder: Path, kinds: Mapping[str, MutatedFile]) -> None:
         one.load(folder / one.name)
         for command in one.commands:
             code, said = run_command(command, folder)
-            assert code == 0 and not _BAD.search(said), f"{command}: {said}"
+            assert code == 0, f"{command}: {said}"
+            assert not _BAD.search(said), f"{command}: {said}"
 
 
 def run_command(command: Any, folder: Path) -> tuple[int, str]:

@@ -1,4 +1,4 @@
-"""Files of strangers through all commands that take them: what runs, is written, or is shown raw."""
+"""Files of strangers through all commands that take them: what runs, is written or shown raw."""
 
 from __future__ import annotations
 
@@ -166,9 +166,13 @@ def _try(
     seen: list[str] = []
     _watch_acts(folder, seen)
     allow_seconds(_SECONDS)
-    sys.stdin = open(os.devnull)
-    code, said = run_command(command, folder)
-    found = [*seen, canaries.harm(), *_changed(before, _state(folder), resumed=command[0] == "resume")]
+    with open(os.devnull) as sys.stdin:
+        code, said = run_command(command, folder)
+    found = [
+        *seen,
+        canaries.harm(),
+        *_changed(before, _state(folder), resumed=command[0] == "resume"),
+    ]
     if harm := [one for one in found if one]:
         return f"harm: {harm[:3]}"
     if raw := _RAW.search(said):

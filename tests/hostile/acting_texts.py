@@ -33,7 +33,8 @@ PAYLOADS = (
     "--out={made}", "canaries/kept", "x/../canaries/made", "~/made", "http://127.0.0.1:9/x",
     "!!python/object/apply:os.system ['touch {made}']", "@{kept}", "{program}",
     "__import__('os').system('touch {made}')", "%(kept)s %n %s", "{{0.__class__.__init__}}",
-    "\x1b]0;title\x07\x1b[2J\x1b[31m", "a\x9b2Jb\x08\x08\x7f", "a\nlabapp: \u202edenots", "n" * 5000,
+    "\x1b]0;title\x07\x1b[2J\x1b[31m", "a\x9b2Jb\x08\x08\x7f", "a\nlabapp: \u202edenots",
+    "n" * 5000,
     "C:\\\\{made}", "//{made}", "{made}\n", "{kept}/../made", "/proc/self/mem", "/dev/stdout",
 )  # fmt: skip
 
@@ -106,7 +107,9 @@ def crafted_texts(
 
 def _as_file(what: str, name: str, data: Any) -> CraftedText:
     text = as_text(data, name.rpartition(".")[2])
-    return CraftedText(what, name, lambda path: path.write_text(text, errors="surrogatepass") and None)
+    return CraftedText(
+        what, name, lambda path: path.write_text(text, errors="surrogatepass") and None
+    )
 
 
 def _drawn_place(texts: dict[str, str], canaries: Canaries, rng: random.Random) -> CraftedText:
@@ -164,7 +167,9 @@ def _by_hand(folder: Path, texts: dict[str, str], canaries: Canaries) -> Iterato
         data = parsed(texts["bench.toml"], "toml") | {name: kept}
         yield _as_file(f"{name} of a path", "bench.toml", data)
     for what, write in {
-        "pickled .npy": lambda path: np.save(path.open("wb"), np.array([acting]), allow_pickle=True),
+        "pickled .npy": lambda path: np.save(
+            path.open("wb"), np.array([acting]), allow_pickle=True
+        ),
         "pickled .npz": lambda path: np.savez(path.open("wb"), a=np.array([acting], dtype=object)),
         "pickle": lambda path: path.write_bytes(pickle.dumps(acting)),
         "weights of torch": lambda path: torch.save({"a": acting}, path),
