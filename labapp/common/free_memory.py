@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import resource
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 _GROUPS = Path("/sys/fs/cgroup")
 """Where Linux keeps the limits of groups of processes, as containers have them."""
@@ -77,8 +77,7 @@ def _room_in_groups(folders: Iterable[Path], names: tuple[str, str, str]) -> Ite
         yield most - used + _words(folder / "memory.stat").get(kept, 0)
 
 
-@dataclass(frozen=True)
-class ProcessLimit:
+class ProcessLimit(NamedTuple):
     """A limit of this process: its bytes, those that are left of it, and what sets it."""
 
     most: int

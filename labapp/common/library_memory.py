@@ -82,7 +82,7 @@ def guard_library_memory() -> None:
     """From now on, refuse to load labapp's large libraries where a limit leaves too little."""
     guarded = any(isinstance(one, LibraryGuard) for one in sys.meta_path)
     if not guarded and any(True for _ in process_limits()):
-        sys.meta_path.insert(0, LibraryGuard())  # type: ignore[arg-type]
+        sys.meta_path.insert(0, LibraryGuard())
 
 
 @contextmanager

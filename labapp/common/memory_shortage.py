@@ -90,8 +90,8 @@ def _need(error: BaseException) -> str:
     if found := _LIBRARY.search(text):
         return f"the library {found[1]} needs more than is left"
     if found := _SIZE.search(text):
-        size, unit, what = found.groups()
-        amount = _megabytes(float(size)) if unit == "bytes" else f"{size.rstrip('.')} {unit}"
+        number, unit, what = found.groups()
+        amount = _megabytes(float(number)) if unit == "bytes" else f"{number.rstrip('.')} {unit}"
         return f"{what or 'an array'} needs {amount}"
     if isinstance(error, ImportError):
         return "a library needs more than is left"

@@ -18,7 +18,6 @@ from typing import Any
 from pydantic_core import PydanticCustomError, core_schema
 
 from labapp.common.errors import UserError
-from labapp.common.number_ranges import require_range
 
 MOST_TOML_BYTES = 1_000_000
 """Bytes of a TOML file, about a hundred times more than any that comes with labapp has. The worst
@@ -128,7 +127,7 @@ def _too_deep(source: str) -> UserError:
 def only_numbers(source: Any, handler: Any) -> Any:
     """Return pydantic's schema of a file's table, in which only numbers are taken for numbers.
 
-    They are in the range of their unit, which the name of a key tells; see number_ranges.
+    They are in the range of their unit, which the name of a key tells; see files.table.
     `source` and `handler` are those of `__get_pydantic_core_schema__`.
     """
     schema = handler(source)
@@ -161,7 +160,7 @@ def _tighten(schema: Any, name: str = "") -> None:
     if kind == "bool":
         schema["strict"] = True
     elif kind == "float":
-        inner = schema | {"strict": True}
+        inner: Any = schema | {"strict": True}
         _replace(schema, _after(_range_check(name, positive=inner.get("gt") == 0), inner))
     elif kind == "int" and not {"le", "lt"} & schema.keys():
         inner = _before(_CHECKS[kind], dict(schema))
@@ -195,6 +194,8 @@ def _is_checked(schema: dict[str, Any]) -> bool:
 @cache
 def _range_check(name: str, *, positive: bool) -> Any:
     """Return the check of a key's numbers, with their unit by the name of the key."""
+    from labapp.files.table import require_range
+
     check: Any = partial(require_range, name, positive=positive)
     check.is_check = True
     return check
