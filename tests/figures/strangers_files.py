@@ -210,7 +210,9 @@ def _watch_acts(folder: Path, seen: list[str]) -> None:
         if event in _STARTS and "drivers.hosted" not in str(given):
             seen.append(f"{event} {str(given)[:200]}")
         elif event == "open" and isinstance(given[2], int) and given[2] & _WRITING:
-            if not is_free(given[0]):
+            # A device's path is opened to write without being made; nothing happens to none.
+            makes = given[2] & (os.O_CREAT | os.O_TRUNC)
+            if not is_free(given[0]) and (makes or os.path.isfile(given[0])):
                 seen.append(f"wrote {given[0]}")
         elif event in _CHANGES:
             place, folder_place = _CHANGES[event]
