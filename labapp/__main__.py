@@ -6,16 +6,24 @@ import _signal  # type: ignore[import-not-found]
 import os
 import sys
 
+_TOO_LITTLE = (
+    b"there isn't enough memory: labapp needs about 40 MB to start, and 1000 MB of addresses for "
+    b"most commands. Raise the limit (ulimit -v, ulimit -d), or close other programs.\n"
+)
+
 
 def main() -> None:
     """Run labapp's command line; Ctrl-C ends it without a traceback from here on."""
     _signal.signal(_signal.SIGINT, _quit_before_imports)
-    from labapp.common.command_end import begin_command, quit_on_interrupt
+    try:
+        from labapp.common.command_end import begin_command, quit_on_interrupt
 
-    begin_command(sys.argv)
-    quit_on_interrupt()
-    from labapp.cli import main as run_command
-
+        begin_command(sys.argv)
+        quit_on_interrupt()
+        from labapp.cli import main as run_command
+    except MemoryError:
+        os.write(2, _TOO_LITTLE)
+        os._exit(1)
     run_command()
 
 

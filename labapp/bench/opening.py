@@ -27,6 +27,7 @@ from drivers.interfaces import (
     Surroundings,
     TargetChanger,
 )
+from drivers.roles import misfit
 from drivers.supervised import SupervisedCamera, SupervisedDevice
 from labapp.bench.calibration_validity import (
     calibration_summary,
@@ -533,7 +534,7 @@ def device_maker(
         )
     where = f"{source}: key 'devices.{name}"
     if table.own_process:
-        return _hosted_device_maker(where, table, entry, surroundings)
+        return _hosted_device_maker(name, where, table, entry, surroundings)
     try:
         factory = entry.load()
     except Exception as error:
@@ -541,6 +542,8 @@ def device_maker(
             f"{where}.driver' is {table.driver!r}, which doesn't load: {error}. "
             "Reinstall the package that provides it."
         ) from error
+    if isinstance(factory, type):
+        _require_fit(factory, name, where, table)
     signature = inspect.signature(factory)
     try:
         signature.bind(surroundings, **table.options)
@@ -559,8 +562,15 @@ def device_maker(
     return _with_user_errors(where, table, lambda: factory(surroundings, **table.options))
 
 
+def _require_fit(device: Any, role: str, where: str, table: DeviceTable) -> Any:
+    """Return a device of the bench, or its class; UserError if its driver is for another role."""
+    if doubt := misfit(device, role):
+        raise UserError(f"{where}.driver' is {table.driver!r}, which {doubt}. Name another driver.")
+    return device
+
+
 def _hosted_device_maker(
-    where: str, table: DeviceTable, entry: EntryPoint, surroundings: Surroundings
+    name: str, where: str, table: DeviceTable, entry: EntryPoint, surroundings: Surroundings
 ) -> Callable[[], Any]:
     if table.is_simulated:
         raise UserError(
@@ -568,9 +578,12 @@ def _hosted_device_maker(
         )
     # A real device doesn't use the virtual world, which can't be passed to another process either.
     real = Surroundings(surroundings.clock)
-    return _with_user_errors(
-        where, table, lambda: HostedDevice(real, table.driver, entry.value, table.options)
-    )
+
+    def make() -> Any:
+        device = HostedDevice(real, table.driver, entry.value, table.options)
+        return _require_fit(device, name, where, table)
+
+    return _with_user_errors(where, table, make)
 
 
 def _with_user_errors(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from labapp.common.plain_text import quote
 from labapp.files.plain_data import number_remedy
+from labapp.files.table import require_range
 
 _NUMBER = re.compile(r"\b(?:float|int)\b")
 _TEXT = re.compile(r"\b(?:str|Literal|Any)\b")
@@ -16,6 +18,8 @@ _TEXT = re.compile(r"\b(?:str|Literal|Any)\b")
 
 def require_option_types(signature: inspect.Signature, options: Mapping[str, Any]) -> None:
     """Refuse texts, true and false where a driver of the bench takes numbers alone.
+
+    Numbers that nobody can mean by the option's unit are refused, too.
 
     Raises ValueError that names option, value and what to write.
     """
@@ -27,6 +31,19 @@ def require_option_types(signature: inspect.Signature, options: Mapping[str, Any
             for one in _leaves(value):
                 if isinstance(one, str | bool):
                     raise ValueError(f"{name} has {quote(one)}: {number_remedy(one)}")
+        for one in _leaves(value):
+            if isinstance(one, int | float) and not isinstance(one, bool):
+                _require_range(name, one)
+
+
+def _require_range(name: str, value: float) -> None:
+    """Refuse an option's number that isn't finite, or beyond the range of the option's unit."""
+    try:
+        if not math.isfinite(value):
+            raise ValueError("give a finite number")
+        require_range(name, value, positive=True)
+    except ValueError as error:
+        raise ValueError(f"{name} has {value:g}: {error}") from error
 
 
 def _declared(signature: inspect.Signature, name: str) -> str:

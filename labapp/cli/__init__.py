@@ -28,7 +28,9 @@ from labapp.common.command_end import (
     print_owed_document,
     unsafe_devices,
 )
+from labapp.common.library_memory import guard_library_memory, reserved_memory
 from labapp.common.memory import collect_garbage_rarely, keep_freed_memory
+from labapp.common.memory_shortage import explain_shortage
 
 # isort: on
 
@@ -60,9 +62,11 @@ def main() -> None:
     keep_freed_memory()
     collect_garbage_rarely()
     begin_command(arguments)
+    guard_library_memory()
     code, words = 0, "see standard error"
     try:
-        build_command_line()(args=arguments, prog_name="labapp")
+        with reserved_memory():
+            build_command_line()(args=arguments, prog_name="labapp")
     except SystemExit as stop:
         code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except (Exception, KeyboardInterrupt) as error:
@@ -91,18 +95,29 @@ def _end_command(code: int, words: str) -> int:
 
 def _report_error(error: BaseException) -> tuple[int, str]:
     """Print a command's error for the user; return the exit code of its kind, and the words."""
-    from labapp.common.console import print_error
     from optics.progress import Cancelled
 
     if isinstance(error, BrokenPipeError):
         _write_to_nobody()
         return 141, ""
     if isinstance(error, Cancelled | KeyboardInterrupt):
-        print_error("cancelled")
+        _print_error("cancelled")
         return CANCELLED_CODE, "cancelled"
     words = _error_message(error)
-    print_error(words)
+    _print_error(words)
     return getattr(error, "exit_code", 1), words
+
+
+def _print_error(words: str) -> None:
+    """Print an error; where even the terminal's library lacks memory, as it is."""
+    try:
+        from labapp.common.console import print_error
+
+        print_error(words)
+    except (MemoryError, ImportError):
+        from labapp.common.plain_text import printable
+
+        os.write(2, f"{printable(words)}\n".encode())
 
 
 def _write_to_nobody() -> None:
@@ -113,22 +128,17 @@ def _write_to_nobody() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-_ALLOCATION = "DefaultCPUAllocator: can't allocate memory"
-"""Words of the RuntimeError that torch raises in the place of a MemoryError."""
-
-
 def _error_message(error: Any) -> str:
     """Return what the command line prints for an exception."""
     from drivers.errors import DeviceError
     from labapp.common.errors import UserError
 
-    if isinstance(error, UserError | DeviceError | ValueError):
+    if isinstance(error, UserError | ValueError):
+        return str(error)
+    if shortage := explain_shortage(error):
+        return shortage
+    if isinstance(error, DeviceError):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename or 'file'}: {error.strerror or error}. Check the path and disk."
-    if isinstance(error, MemoryError) or _ALLOCATION in str(error):
-        return (
-            f"there isn't enough memory: {error or 'none is left'}. Ask for fewer pixels or "
-            "samples, check the units of lengths, or close other programs."
-        )
     return f"unexpected {type(error).__name__}: {error}\nAdd --debug to see where, and report it."

@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 from labapp.common.errors import UserError
 from labapp.common.typed_numbers import parse_number, parse_whole
+from labapp.files.table import require_range
 
 _UNITS = {"_nm": "nm", "_um": "µm", "_mm": "mm", "_ms": "ms", "_m": "m", "_s": "s", "_db": "dB"}
 """Units that may follow a number, by the ending of an option's name."""
@@ -54,9 +55,13 @@ def _parse(parameter: Any, kind: type, value: Any) -> Any:
         return math.inf
     unit = next((unit for end, unit in _UNITS.items() if parameter.name.endswith(end)), "")
     try:
-        return parse_whole(value, unit) if kind is int else parse_number(value, unit)
+        number = parse_whole(value, unit) if kind is int else parse_number(value, unit)
     except ValueError as error:
         raise UserError(f"{_name(parameter)} {error}.") from error
+    try:
+        return require_range(parameter.name, number, positive=True)
+    except ValueError as error:
+        raise UserError(f"{_name(parameter)} is {value}: {error}.") from error
 
 
 def _name(parameter: Any) -> str:

@@ -6,6 +6,7 @@ import os
 import resource
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 _GROUPS = Path("/sys/fs/cgroup")
 """Where Linux keeps the limits of groups of processes, as containers have them."""
@@ -15,6 +16,15 @@ _OLD_NAMES = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_
 """Files of a group's limit and of what it uses, and the line of memory.stat that tells what files
 take which are kept in memory; of cgroup v2 and v1 (kernel.org, "Memory Resource Controller")."""
 
+_LIMITS = (
+    (resource.RLIMIT_AS, "VmSize", "ulimit -v"),
+    (resource.RLIMIT_DATA, "VmData", "ulimit -d"),
+)
+"""Limits of a process, the line of its status that tells how much of each it takes, and the shell's
+words that set it."""
+
+_MOST_ADDRESSES = 1 << 63
+
 
 def available_memory() -> int:
     """Return the bytes that the labapp process can still take without swapping or being killed.
@@ -22,8 +32,12 @@ def available_memory() -> int:
     It is the least of what the machine has free (files that are kept in memory count as free), what
     the container leaves, and what a limit of the process leaves.
     """
-    found = [_machine_memory(), *_group_memory(), *_process_memory()]
-    return max(min(found), 0)
+    return min(shared_memory(), *(one.left for one in process_limits()), _MOST_ADDRESSES)
+
+
+def shared_memory() -> int:
+    """Return the bytes that machine and container still leave to the labapp process and others."""
+    return max(min(_machine_memory(), *_group_memory(), _MOST_ADDRESSES), 0)
 
 
 def _machine_memory() -> int:
@@ -63,11 +77,21 @@ def _room_in_groups(folders: Iterable[Path], names: tuple[str, str, str]) -> Ite
         yield most - used + _words(folder / "memory.stat").get(kept, 0)
 
 
-def _process_memory() -> Iterator[int]:
-    """Yield the bytes that a limit of this process' addresses leaves, if it has one."""
-    most = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if most != resource.RLIM_INFINITY:
-        yield most - _fields(Path("/proc/self/status")).get("VmSize", 0)
+class ProcessLimit(NamedTuple):
+    """A limit of this process: its bytes, those that are left of it, and what sets it."""
+
+    most: int
+    left: int
+    setting: str
+
+
+def process_limits() -> Iterator[ProcessLimit]:
+    """Yield the limits of the labapp process' addresses and data, as far as it has any."""
+    told = _fields(Path("/proc/self/status"))
+    for kind, used, setting in _LIMITS:
+        most = resource.getrlimit(kind)[0]
+        if most != resource.RLIM_INFINITY:
+            yield ProcessLimit(most, max(most - told.get(used, 0), 0), setting)
 
 
 def _fields(path: Path) -> dict[str, int]:

@@ -28,6 +28,10 @@ _GROUPED = (
 _LONGEST = 400
 """Characters of a number: the digits of the largest double are 309."""
 
+_LARGEST = 1e30
+"""Size of a number, in whatever unit: the power of a star in watts is 1e26. Its square still is
+less than what doubles hold by far. Chosen."""
+
 _BLANK = re.compile(r"[0-9.]\s+[+\-−.0-9]")
 _TIGHT_COMMA, _LOOSE_COMMA = re.compile(r"[0-9],[0-9]"), re.compile(r",\s+[+\-−.0-9]")
 """Blanks between numbers of a list, and commas without and with a blank before a number."""
@@ -44,7 +48,7 @@ def parse_number(text: str, unit: str = "") -> float:
     """
     exact = parse_decimal(text, unit)
     number = float(exact)
-    if number in (float("inf"), float("-inf")) or (number == 0) != (exact == 0):
+    if abs(number) > _LARGEST or (number == 0) != (exact == 0):
         raise ValueError(f"{quote(text)} is beyond what can be computed with: {_RIGHT}")
     return number
 

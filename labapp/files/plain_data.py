@@ -12,6 +12,7 @@ import re
 import tomllib
 from collections.abc import Callable
 from datetime import datetime
+from functools import cache, partial
 from typing import Any
 
 from pydantic_core import PydanticCustomError, core_schema
@@ -126,6 +127,7 @@ def _too_deep(source: str) -> UserError:
 def only_numbers(source: Any, handler: Any) -> Any:
     """Return pydantic's schema of a file's table, in which only numbers are taken for numbers.
 
+    They are in the range of their unit, which the name of a key tells; see files.table.
     `source` and `handler` are those of `__get_pydantic_core_schema__`.
     """
     schema = handler(source)
@@ -147,23 +149,56 @@ def number_remedy(value: Any) -> str:
         return "it is a text. Write a number, without quotes"
 
 
-def _tighten(schema: Any) -> None:
-    """Change a schema of pydantic's in place, with those within it."""
+def _tighten(schema: Any, name: str = "") -> None:
+    """Change a schema of pydantic's in place, with those within it. name: of a table's key."""
     for one in schema if isinstance(schema, list | tuple) else ():
-        _tighten(one)
+        _tighten(one, name)
     if not isinstance(schema, dict):
         return
     kind = schema.get("type")
-    if kind in ("float", "bool"):
+    name = schema["name"] if kind == "dataclass-field" else name
+    if kind == "bool":
         schema["strict"] = True
+    elif kind == "float":
+        inner: Any = schema | {"strict": True}
+        _replace(schema, _after(_range_check(name, positive=inner.get("gt") == 0), inner))
+    elif kind == "int" and not {"le", "lt"} & schema.keys():
+        inner = _before(_CHECKS[kind], dict(schema))
+        _replace(schema, _after(_range_check(name, positive=False), inner))
     elif kind in _CHECKS and not any(isinstance(one, str) for one in schema.get("expected", ())):
-        inner = dict(schema)
-        schema.clear()
-        schema.update(core_schema.no_info_before_validator_function(_CHECKS[kind], inner))
-    elif schema.get("function", {}) not in _CHECKED:
+        _replace(schema, _before(_CHECKS[kind], dict(schema)))
+    elif not _is_checked(schema):
         for key, one in schema.items():
-            if key not in _OTHER_KEYS:
-                _tighten(one)
+            if kind == "model-fields" and key == "fields":
+                for field, inner in one.items():
+                    _tighten(inner, field)
+            elif key not in _OTHER_KEYS:
+                _tighten(one, name)
+
+
+_before = core_schema.no_info_before_validator_function
+_after = core_schema.no_info_after_validator_function
+
+
+def _replace(schema: dict[str, Any], by: Any) -> None:
+    schema.clear()
+    schema.update(by)
+
+
+def _is_checked(schema: dict[str, Any]) -> bool:
+    """Whether a schema of pydantic's has the checks already, which are put there once."""
+    called = schema.get("function")
+    return isinstance(called, dict) and getattr(called["function"], "is_check", False)
+
+
+@cache
+def _range_check(name: str, *, positive: bool) -> Any:
+    """Return the check of a key's numbers, with their unit by the name of the key."""
+    from labapp.files.table import require_range
+
+    check: Any = partial(require_range, name, positive=positive)
+    check.is_check = True
+    return check
 
 
 def _require_number(value: Any) -> Any:
@@ -188,5 +223,5 @@ def _require_date(value: Any) -> Any:
 
 
 _CHECKS = {"int": _require_number, "literal": _refuse_truth, "datetime": _require_date}
-_CHECKED = [{"type": "no-info", "function": one} for one in _CHECKS.values()]
-"""How pydantic's schemas name the checks, which are put there once."""
+for _check in _CHECKS.values():
+    _check.is_check = True  # type: ignore[attr-defined]

@@ -30,6 +30,8 @@ AXES: tuple[Axis, ...] = get_args(Axis)
 MOST_AVERAGED = 65_536
 """Frames whose mean may be stored: their sum is a number of 32 bits."""
 
+_Decibels = Annotated[float, Field(ge=-1000, le=1000)]
+
 _MOST_READOUTS = 10_000
 """Regions times binnings times gains of a block. Chosen."""
 
@@ -119,7 +121,7 @@ class Acquisition(FileModel):
     slots: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
     regions_px: Annotated[tuple[_Region, ...], Field(min_length=1)] | None = None
     binnings: Annotated[tuple[Binning, ...], Field(min_length=1)] | None = None
-    gains_db: Annotated[tuple[Finite, ...], Field(min_length=1)] | None = None
+    gains_db: Annotated[tuple[_Decibels, ...], Field(min_length=1)] | None = None
     exposures_ms: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     periods: Annotated[tuple[Count, ...], Field(min_length=1)] | None = None
     bracket: BracketTable | None = None

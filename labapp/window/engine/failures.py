@@ -6,6 +6,7 @@ import logging
 
 from drivers.errors import DeviceError
 from labapp.common.errors import UserError
+from labapp.common.memory_shortage import explain_shortage
 from labapp.window.engine.bench_controller import BenchController
 from labapp.window.messages import FailureReport
 
@@ -14,8 +15,11 @@ log = logging.getLogger(__name__)
 
 def describe_failure(error: Exception, controller: BenchController) -> FailureReport:
     """Turn an engine's error into a report for the window; log an unexpected one in full."""
+    shortage = "" if isinstance(error, UserError | ValueError) else explain_shortage(error)
     if isinstance(error, DeviceError):
-        return FailureReport(str(error), controller.devices.mark_failed(error))
+        return FailureReport(shortage or str(error), controller.devices.mark_failed(error))
+    if shortage:
+        return FailureReport(shortage)
     if isinstance(error, OSError) and error.filename is not None:
         remedy = "Choose another place, or check the path."
         return FailureReport(f"{error.filename}: {error.strerror}. {remedy}")
