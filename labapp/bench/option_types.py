@@ -8,9 +8,9 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from labapp.common.number_ranges import require_range
 from labapp.common.plain_text import quote
 from labapp.files.plain_data import number_remedy
-from labapp.files.table import require_range
 
 _NUMBER = re.compile(r"\b(?:float|int)\b")
 _TEXT = re.compile(r"\b(?:str|Literal|Any)\b")

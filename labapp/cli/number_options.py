@@ -8,8 +8,8 @@ from functools import partial
 from typing import Any, get_args
 
 from labapp.common.errors import UserError
+from labapp.common.number_ranges import require_range
 from labapp.common.typed_numbers import parse_number, parse_whole
-from labapp.files.table import require_range
 
 _UNITS = {"_nm": "nm", "_um": "µm", "_mm": "mm", "_ms": "ms", "_m": "m", "_s": "s", "_db": "dB"}
 """Units that may follow a number, by the ending of an option's name."""

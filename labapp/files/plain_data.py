@@ -18,6 +18,7 @@ from typing import Any
 from pydantic_core import PydanticCustomError, core_schema
 
 from labapp.common.errors import UserError
+from labapp.common.number_ranges import require_range
 
 MOST_TOML_BYTES = 1_000_000
 """Bytes of a TOML file, about a hundred times more than any that comes with labapp has. The worst
@@ -194,8 +195,6 @@ def _is_checked(schema: dict[str, Any]) -> bool:
 @cache
 def _range_check(name: str, *, positive: bool) -> Any:
     """Return the check of a key's numbers, with their unit by the name of the key."""
-    from labapp.files.table import require_range
-
     check: Any = partial(require_range, name, positive=positive)
     check.is_check = True
     return check

@@ -18,7 +18,7 @@ from small_bench.files import SmallFiles
 
 from drivers.roles import misfit
 from labapp.common.memory_shortage import explain_shortage
-from labapp.files.table import require_range
+from labapp.common.number_ranges import require_range
 from simulator.devices import SimulatedCamera, SimulatedFilter
 
 _PATHS = os.pathsep.join([str(Path(__file__).parents[2]), str(Path(__file__).parents[1])])

@@ -1,0 +1,66 @@
+"""Ranges of numbers that come from files, options and drivers, by their units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Range:
+    """Largest size of a number of a unit, and the least of one that has to be positive. Chosen.
+
+    Beyond them nobody means the number, and squares and products leave what doubles, or singles in
+    pictures, can hold. Who declares a narrower range keeps it.
+    """
+
+    least: float
+    most: float
+    unit: str = ""
+
+
+_RANGES = {
+    "_per_s": Range(1e-12, 1e15),
+    "_mm_s": Range(1e-9, 1e9, "mm/s"),
+    "_per_nm": Range(1e-9, 1e9),
+    "_nm": Range(1e-6, 1e9, "nm"),
+    "_um": Range(1e-6, 1e9, "µm"),
+    "_mm": Range(1e-6, 1e9, "mm"),
+    "_m": Range(1e-9, 1e15, "m"),
+    "_us": Range(1e-6, 1e12, "µs"),
+    "_ms": Range(1e-9, 1e12, "ms"),
+    "_s": Range(1e-12, 1e9, "s"),
+    "_hz": Range(1e-9, 1e15, "Hz"),
+    "_rad": Range(1e-9, 1e9, "rad"),
+    "_deg": Range(1e-9, 1e9, "°"),
+    "_db": Range(1e-9, 1e6, "dB"),
+    "_px": Range(1e-6, 1e9, "pixels"),
+    "f_number": Range(1e-3, 1e6),
+    "seed": Range(0.0, 2.0**64 - 1),
+    "metadata": Range(0.0, math.inf),
+}
+"""By the ending of a name, the first that fits. 1e15 m are a tenth of a light year."""
+
+_OTHERS = Range(1e-15, 1e15)
+"""Of numbers whose name tells no unit: shares, tolerances, radiances, electrons."""
+
+
+def range_of(name: str) -> Range:
+    """Return the range of the numbers of an option or a file's key, by the name's ending."""
+    return next((one for end, one in _RANGES.items() if name.endswith(end)), _OTHERS)
+
+
+def require_range(name: str, value: Any, *, positive: bool = False) -> Any:
+    """Return a number from outside, with -0 as 0; ValueError if nobody can mean it.
+
+    positive: whether it has to be more than 0, so that it may be divided by. Infinity passes:
+    whether a number may have no end is said where it's declared.
+    """
+    limits, size = range_of(name), abs(value)
+    least, most = (f"{one:g} {limits.unit}".rstrip() for one in (limits.least, limits.most))
+    if limits.most < size < math.inf:
+        raise ValueError(f"give a size of at most {most}, and check its unit")
+    if positive and 0 < size < limits.least:
+        raise ValueError(f"give a size of at least {least}, and check its unit")
+    return value or abs(value)
