@@ -39,6 +39,8 @@ _RANGES = {
     "f_number": Range(1e-3, 1e6),
     "seed": Range(0.0, 2.0**64 - 1),
     "metadata": Range(0.0, math.inf),
+    # Of light in a picture's own unit, which may be watts or photons.
+    **dict.fromkeys(("noise", "clip", "dark", "black", "white", "full_scale"), Range(1e-60, 1e60)),
 }
 """By the ending of a name, the first that fits. 1e15 m are a tenth of a light year."""
 

@@ -28,9 +28,9 @@ _GROUPED = (
 _LONGEST = 400
 """Characters of a number: the digits of the largest double are 309."""
 
-_LARGEST = 1e30
-"""Size of a number, in whatever unit: the power of a star in watts is 1e26. Its square still is
-less than what doubles hold by far. Chosen."""
+_LARGEST = 1e60
+"""Size of a number, in whatever unit: the power of a star in photons a second is 1e46. Its square
+is less than what doubles hold by far. Chosen."""
 
 _BLANK = re.compile(r"[0-9.]\s+[+\-−.0-9]")
 _TIGHT_COMMA, _LOOSE_COMMA = re.compile(r"[0-9],[0-9]"), re.compile(r",\s+[+\-−.0-9]")

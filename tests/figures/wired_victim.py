@@ -21,6 +21,7 @@ from figures.victim import Victims
 from labapp.bench.opening import BenchFiles, open_bench
 from labapp.common.frame_delays import FrameDelays
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 
 MARK = "LABAPP_KILLED_TRIAL"
@@ -146,7 +147,9 @@ def _run(order: dict[str, Any]) -> None:
             # It would be measured by more frames than the run has.
             bench.frame_delays = FrameDelays()
             plan = PlanFile.model_validate(order["plan"])
-            run_plan(bench, plan, Path(order["path"]), on_frame=tell, ask=lambda *_: None)
+            run_plan(
+                bench, plan, Path(order["path"]), Attendance(ask=lambda *_: None, on_frame=tell)
+            )
         code = 0
     except Exception as error:
         os.write(2, f"{type(error).__name__}: {error}\n".encode())

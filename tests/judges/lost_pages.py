@@ -16,6 +16,7 @@ import numpy as np
 from labapp.bench.opening import BenchSetup, open_bench
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.salvaging import salvage
 from optics.progress import Progress
@@ -64,7 +65,7 @@ class LostPages:
                 progress.cancel()
 
         with open_bench(setup) as bench:
-            run_plan(bench, plan, path, progress=progress, on_frame=keep)
+            run_plan(bench, plan, path, Attendance(progress=progress, on_frame=keep))
         self.data = path.read_bytes()
         size = len(self.images[0])
         begin = self.data.find(b"".join(self.images[n] for n in range(len(self.images))))

@@ -62,7 +62,7 @@ def test_check_says_what_a_plan_takes_and_passes_it(labapp, small):
     assert "On Small bench  SIMULATED: slm, filter, camera, targets" in printed
     assert "16 frames in 16 steps" in printed
     assert "0.6 s of bench time\n" in printed
-    assert "1.0 MB on disk" in printed
+    assert "1.7 MB on disk" in printed
     assert "PASS. Run it with: labapp run" in printed
     limits = {words[0]: " ".join(words[1:]) for words in rows(printed)}
     assert limits["exposures"] == "1 to 8 ms 0.02 to 30000 ms"

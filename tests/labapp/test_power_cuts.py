@@ -25,6 +25,7 @@ from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.runs import verifying
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.runner import RunOutcome, resume_run, run_plan
 from labapp.runs.record import disk_sync, writer_process
 from labapp.runs.record.checks import check_record
@@ -101,9 +102,9 @@ def test_a_file_that_is_replaced_is_the_old_or_the_new_one_after_any_cut(tmp_pat
     assert spoiled_files(folder, before, events, after, 300, 1) == []
 
 
-def run(files: SmallFiles, path: Path, **options) -> RunOutcome:
+def run(files: SmallFiles, path: Path, **attendance) -> RunOutcome:
     with open_bench(files.bench_files) as bench:
-        return run_plan(bench, read_file(files.plan, PlanFile), path, **options)
+        return run_plan(bench, read_file(files.plan, PlanFile), path, Attendance(**attendance))
 
 
 @pytest.mark.parametrize("seed", some(range(12)))

@@ -13,14 +13,16 @@ from small_bench.files import SmallFiles
 
 from labapp.bench.opening import open_bench
 from labapp.common.errors import UserError
+from labapp.files.hdf5_output import DraftFile
 from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.files.write_locks import close_locked
 from labapp.files.writing import write_atomically
+from labapp.runs.acquisition.attendance import Attendance
 from labapp.runs.acquisition.record_contents import build_record_contents
 from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.capabilities import BenchCapabilities
-from labapp.runs.record import creation, disk_sync, draft_file
+from labapp.runs.record import creation, disk_sync
 from labapp.runs.record.creation import RecordContents, create_record
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
@@ -72,9 +74,9 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     return Disk(monkeypatch)
 
 
-def run(files: SmallFiles, path: Path, **options):
+def run(files: SmallFiles, path: Path, **attendance):
     with open_bench(files.bench_files) as bench:
-        return run_plan(bench, read_file(files.plan, PlanFile), path, **options)
+        return run_plan(bench, read_file(files.plan, PlanFile), path, Attendance(**attendance))
 
 
 def test_complete_is_written_when_all_else_is_on_the_disk_and_told_when_it_is_there(
@@ -194,16 +196,16 @@ def test_a_swallowed_write_of_the_draft_leaves_no_record_or_a_whole_one(
 ) -> None:
     """What wasn't written may have been zeros, or have been written again later."""
     path, count, swallowed, refused = tmp_path / "run.h5", [0], [0], 0
-    write = draft_file.DraftFile.write
+    write = DraftFile.write
 
-    def forgetful(self: draft_file.DraftFile, data: bytes) -> int:
+    def forgetful(self: DraftFile, data: bytes) -> int:
         count[0] += 1
         if count[0] == swallowed[0]:
             self.seek(len(data), os.SEEK_CUR)
             return len(data)
         return write(self, data)
 
-    monkeypatch.setattr(draft_file.DraftFile, "write", forgetful)
+    monkeypatch.setattr(DraftFile, "write", forgetful)
     monkeypatch.setattr(creation, "utc_timestamp", lambda: "2026-01-02T03:04:05.678+00:00")
     close_locked(create_record(path, contents))
     good, writes = content(path), count[0]

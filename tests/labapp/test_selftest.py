@@ -230,8 +230,11 @@ def test_a_good_bench_file_is_told_well():
         ("settling_ms = 50.0 }", "settling = 1 }",
          "has 'settling', which is unknown. Did you mean 'settling_ms'? simulated-filter takes"),
         ("settling_ms = 50.0 }", "x = 1 }", "has 'x', which is unknown. simulated-filter takes"),
-        ('"simulated-camera"\noptions = { readout_ms = 8.0 }', '"thorlabs-wheel"',
+        ('"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '
+         'settling_ms = 50.0 }', '"thorlabs-wheel"',
          "is wrong: missing a required argument: 'port'. thorlabs-wheel takes port, slots_nm"),
+        ('"simulated-camera"\noptions = { readout_ms = 8.0 }', '"thorlabs-wheel"',
+         "is a driver for the role filter, not for camera. Name another driver"),
         ('"simulated-camera"\noptions = { readout_ms = 8.0 }',
          '"aravis-camera"\noptions = { pixel_format = "Mono99" }', "Mono99"),
         ('"simulated-filter"\noptions = { range_nm = [420.0, 720.0], bandwidth_nm = 7.0, '

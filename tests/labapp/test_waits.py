@@ -14,10 +14,16 @@ import pytest
 from figures.where import ENVIRONMENT, ROOT
 from small_bench.files import SmallFiles
 
+from labapp.bench.opening import open_bench
 from labapp.common import console
+from labapp.files.plan_file import PlanFile
+from labapp.files.reading import read_file
 from labapp.runs.acquisition import frame_storage
+from labapp.runs.acquisition.attendance import Attendance
+from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
+from optics.progress import Progress
 
 PROMPT = """
 [targets.star]
@@ -120,12 +126,6 @@ def test_without_a_terminal_nothing_waits_without_end(monkeypatch):
 
 def test_a_pause_by_the_user_has_no_limit(tiny, tmp_path):
     """Who pauses a run is there to let it go on."""
-    from labapp.bench.opening import open_bench
-    from labapp.files.plan_file import PlanFile
-    from labapp.files.reading import read_file
-    from labapp.runs.acquisition.runner import run_plan
-    from optics.progress import Progress
-
     told = []
 
     def tell(message: str) -> None:
@@ -137,8 +137,7 @@ def test_a_pause_by_the_user_has_no_limit(tiny, tmp_path):
     progress = Progress(teller=tell, wait_limit=0.0)
     progress.pause()
     with open_bench(tiny.bench_files) as bench:
-        outcome = run_plan(
-            bench, read_file(tiny.plan, PlanFile), tmp_path / "run.h5", progress=progress
-        )
+        plan = read_file(tiny.plan, PlanFile)
+        outcome = run_plan(bench, plan, tmp_path / "run.h5", Attendance(progress=progress))
     assert outcome.state is State.COMPLETE
     assert told == ["PAUSED: paused by the user", "the run goes on"]

@@ -14,7 +14,7 @@ import numpy as np
 
 from labapp.common.errors import UserError
 from labapp.common.plain_text import quote
-from labapp.common.typed_numbers import parse_number
+from labapp.common.typed_numbers import parse_decimal
 from labapp.files.cubes.envi_keys import (
     Keys,
     first_number,
@@ -210,7 +210,8 @@ def _ignored_number(keys: Keys) -> float | None:
         return None
     try:
         (one,) = parts
-        return float(one) if one.lstrip("+-").lower() in _NOT_FINITE else parse_number(one)
+        # It is compared, not computed with: often it is the largest number of the type.
+        return float(one if one.lstrip("+-").lower() in _NOT_FINITE else parse_decimal(one))
     except ValueError as error:
         raise UserError(f"data ignore value is {quote(text)}. Write a number") from error
 

@@ -21,6 +21,7 @@ from labapp.runs.record.layout import (
     chain_capacity,
     log_capacity,
 )
+from labapp.runs.record.second_copy import APART
 from labapp.runs.shots import Shot, ShotList
 from labapp.runs.steps import block_exposures, planned_shots
 
@@ -97,7 +98,9 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapab
         + 100_000
     )
     log = log_capacity(len(listed)) * LOG_ROW.itemsize
-    return len(listed) * 2 * picture + shown * panel + log + 2 * twice
+    once = len(listed) * 2 * picture + shown * panel + log
+    # The copy of what stands twice lies apart from it.
+    return 2 * twice + max(once, APART)
 
 
 def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> dict[int, str]:
