@@ -112,7 +112,7 @@ def test_no_small_step_leads_below_the_solution(name, positive):
     bands, weight = COUPLINGS[name], 0.03
     seen = problem((9, 8), bands.bands, weights=(numbers(9, 8, seed=4) > 0.2).double())
     found = total_variation(
-        seen, weight, bands=bands, iterations=4000, tol=1e-10, positive=positive
+        seen, weight, bands=bands, iterations=1500, tol=1e-10, positive=positive
     )
     x = found.period_image.clamp(min=0) if positive else found.period_image
     least = objective(seen, bands, weight, x)
@@ -178,7 +178,7 @@ def test_each_kind_of_unknown_has_the_right_derivative():
             seen = build_mosaic_observation(
                 image, BAYER, psfs, response=response, noise=0.02, weights=trust
             )
-        return total_variation(seen, weight, iterations=4000, tol=1e-12, positive=True).image
+        return total_variation(seen, weight, iterations=1500, tol=1e-11, positive=True).image
 
     for psfs in (spreads(1, 3, 3), spreads(3, 3, 3)):
         given = [image, psfs, torch.tensor(weight).double(), trust]
