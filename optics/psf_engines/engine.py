@@ -341,6 +341,14 @@ def _phase_factor_of_block(phase: torch.Tensor, dtype: torch.dtype) -> torch.Ten
     return torch.complex(torch.cos(angle), torch.sin(angle))
 
 
+def _rounding(phase: torch.Tensor) -> float:
+    """Return by how much a PSF's phase may be off where it was computed in its own precision.
+
+    Two of the last digits of its largest number, in radians.
+    """
+    return 2 * torch.finfo(phase.dtype).eps * float(phase.detach().abs().max())
+
+
 class NeighbourPairs:
     """Finds pairs of neighbouring points in the pupil, to measure how steep a phase is.
 
@@ -367,8 +375,10 @@ class NeighbourPairs:
         """
         flat = phase.cpu().to(torch.float64).reshape(-1, self._point_count)
         turn = wrap_phase(flat[:, self._neighbour_indices] - flat[:, self._sampled_indices, None])
+        # Over the spacing of close nodes, rounding alone would look steep.
+        steps = (turn.abs() - 2 * _rounding(phase)).clamp(min=0.0)
         far = self._distances > 0
-        return float((turn.abs() / self._distances)[:, far].max()) if far.any() else 0.0
+        return float((steps / self._distances)[:, far].max()) if far.any() else 0.0
 
 
 class NeighbourInterpolation:
@@ -418,7 +428,8 @@ class NeighbourInterpolation:
         at, near, weights = self._sample
         flat = phase.cpu().to(torch.float64).reshape(-1, len(self._places))
         turned = wrap_phase(flat[:, near] - flat[:, at, None]).numpy()
-        missed = np.sqrt(((weights * turned).sum(-1) ** 2).mean(1))
+        rounded = (1 + (weights**2).sum(-1)).mean() * _rounding(phase) ** 2
+        missed = np.sqrt(np.maximum(((weights * turned).sum(-1) ** 2).mean(1) - rounded, 0.0))
         parabola = (self._places**2).sum(1) / 2
         bent = (weights * (parabola[near] - parabola[at][:, None])).sum(1)
         # Half of the parabola's bend lies along either axis.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 
@@ -37,6 +37,12 @@ class Circle:
             raise ValueError(f"radius is {self.radius:g}; it must be positive and finite")
         if not np.isfinite(self.centre).all():
             raise ValueError(f"centre is {self.centre}; it must be finite")
+
+    @property
+    def extent(self) -> tuple[Point, Point]:
+        """The lowest and the highest y and x of this part of the stop's shape."""
+        (y, x), r = self.centre, self.radius
+        return (y - r, x - r), (y + r, x + r)
 
     def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
         """Tell which points lie in this circular part of the stop's shape."""
@@ -72,6 +78,12 @@ class Polygon:
             _cross(a, b, c) >= -NEGLIGIBLE
             for (a, b), (_, c) in zip(self.edges, self.edges[1:] + self.edges[:1], strict=True)
         )
+
+    @property
+    def extent(self) -> tuple[Point, Point]:
+        """The lowest and the highest y and x of this part of the stop's shape."""
+        y, x = zip(*self.corners, strict=True)
+        return (min(y), min(x)), (max(y), max(x))
 
     def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
         """Tell which points lie in this polygonal part of the stop's shape."""
@@ -208,7 +220,7 @@ class Stop:
             reach = math.hypot(*self.opening.centre) + self.opening.radius
             if reach > 1 + 1e-9:
                 raise ValueError("the opening reaches beyond the stop's radius, 1; scale it down")
-        if any(self._overlap_in_opening(*three) for three in combinations(self.obscurations, 3)):
+        if any(self._overlap_in_opening(*three) for three in _near_triples(self.obscurations)):
             raise ValueError(
                 "three obscurations overlap; end vanes where others begin, or draw them as one"
             )
@@ -288,6 +300,16 @@ class Stop:
         return min(y), max(y), min(x), max(x)
 
 
+def _near_triples(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, ...]]:
+    """Yield the triples of a stop's shapes of which each two may overlap, by their extents."""
+    low, high = (np.array([one.extent[end] for one in shapes]).reshape(-1, 2) for end in (0, 1))
+    near = ((low[:, None] <= high) & (low <= high[:, None])).all(-1)
+    for i, j in zip(*np.nonzero(np.triu(near, 1)), strict=True):
+        for k in np.nonzero(near[i] & near[j])[0]:
+            if k > j:
+                yield shapes[i], shapes[j], shapes[k]
+
+
 def _shoelace(corners: Sequence[Point]) -> float:
     turned = (*corners[1:], corners[0])
     return 0.5 * sum(x0 * y1 - x1 * y0 for (y0, x0), (y1, x1) in zip(corners, turned, strict=True))
@@ -302,22 +324,26 @@ def _cross(a: Point, b: Point, c: Point) -> float:
 
 
 def _crosses_itself(corners: Sequence[Point]) -> bool:
-    edges = list(zip(corners, (*corners[1:], corners[0]), strict=True))
-    for (i, (a, b)), (j, (c, d)) in combinations(enumerate(edges), 2):
-        if j - i in (1, len(edges) - 1):
-            continue
-        if _on_both_sides(a, b, c, d) and _on_both_sides(c, d, a, b):
+    start, count = np.array(corners, dtype=np.float64), len(corners)
+    end = np.roll(start, -1, axis=0)
+    for i in range(count - 2):
+        # Edges that share a corner don't cross; the last one shares one with the first.
+        others = slice(i + 2, count - (i == 0))
+        a, b, c, d = start[i], end[i], start[others], end[others]
+        if (_on_both_sides(a, b, c, d) & _on_both_sides(c, d, a, b)).any():
             return True
     return False
 
 
-def _on_both_sides(start: Point, end: Point, c: Point, d: Point) -> bool:
+def _on_both_sides(start: Array, end: Array, c: Array, d: Array) -> NDArray[np.bool_]:
     """Tell whether c and d lie on different sides of the line through an edge of a stop's shape.
 
-    The answer is no if either point lies on the line up to rounding.
+    The answer is no if either point lies on the line up to rounding. Points are (..., 2).
     """
-    low, high = sorted((_cross(start, end, c), _cross(start, end, d)))
-    return low < -NEGLIGIBLE and high > NEGLIGIBLE
+    (y, x), (height, width) = start.T, (end - start).T
+    sides = [width * (at.T[0] - y) - height * (at.T[1] - x) for at in (c, d)]
+    low, high = np.minimum(*sides), np.maximum(*sides)
+    return np.asarray((low < -NEGLIGIBLE) & (high > NEGLIGIBLE))
 
 
 def _boundary(shape: Shape, sign: int) -> Loop:

@@ -509,3 +509,17 @@ def test_patterns_that_send_little_light_to_the_window_are_planned_for_with_a_ph
         <= planned.account.error
         <= tol
     )
+
+
+@pytest.mark.parametrize("stop", ["hexagonal", "with a spider", "obscured off the middle"])
+def test_a_pattern_in_single_precision_is_as_steep_as_in_double(stop):
+    """Nodes of such stops lie closer together than rounding is small: 1e-9 stop radii."""
+    lens = Lens(0.05, 8.0, 2.0, STOPS[stop])
+    operator = PSFOperator(lens, 0.7, WAVELENGTH, PIXELS, tol=1e-4)
+    y, x = (p / (lens.stop_diameter / 2) for p in operator.points)
+    phase = 12 * x - 5 * y + x**3
+    light = operator(phase)
+    assert relative(operator(phase.float()).numpy(), light.numpy()) <= 1e-5
+    steep = 15 * x + 40 * y
+    with pytest.raises(ValueError, match=r"turns by 4\d"):
+        operator(steep.float())

@@ -467,3 +467,19 @@ def test_three_may_overlap_beyond_the_opening():
     mount = [rectangle(0.3, 0.3, (0.0, 1.25)), turned(rectangle(0.3, 0.3), 0.3, (0.0, 1.25))]
     stop = Stop(Circle(), (vane(0.0, 0.1, end=1.3), *mount))
     assert stop.area == pytest.approx(math.pi - band(0.1) / 2, abs=1e-13)
+
+
+def test_stops_of_many_parts_are_drawn_in_no_time():
+    """4000 blades, and 90 spots of which none touch; a third spot on a pair is still found."""
+    assert regular_polygon(4000).is_convex
+    spots = [
+        Circle(0.03, (0.8 * y, 0.8 * x))
+        for y in np.linspace(-1, 1, 11)
+        for x in np.linspace(-1, 1, 11)
+        if math.hypot(y, x) <= 1
+    ]
+    stop = Stop(Circle(), tuple(spots))
+    assert stop.area == pytest.approx(math.pi * (1 - len(spots) * 0.03**2))
+    more = (*spots, *(Circle(0.03, (0.0, x)) for x in (0.01, 0.02)))
+    with pytest.raises(ValueError, match="three obscurations overlap"):
+        Stop(Circle(), more)
