@@ -128,6 +128,11 @@ def require_valid_source(distance: Scalar, wavelength: Scalar) -> None:
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
     require_wavelength("wavelength", wavelength)
+    if distance < as_number(wavelength):
+        raise ValueError(
+            f"distance is {distance:g} m, less than a wavelength, where no lens forms an image; "
+            "give the object's distance in metres"
+        )
 
 
 def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:

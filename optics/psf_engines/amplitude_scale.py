@@ -9,6 +9,9 @@ _LEAST_PEAK = 1e-12
 """Peak amplitude below which, or above whose inverse, its square may exceed the range of single
 precision, also in a dim window."""
 
+_BRIGHTEST_PEAK = 1e150
+"""Largest amplitude whose light, and sums of it, double precision holds."""
+
 _DARKEST_PEAK = 1e-150
 """Peak amplitude whose square is near the smallest number of double precision."""
 
@@ -27,6 +30,11 @@ def normalise_amplitude(
         return amplitude, None
     axes = tuple(range(-min(sample_axes, amplitude.ndim), 0))
     peak = _peak(amplitude.detach(), axes)
+    if bool((peak.isfinite() & (peak > _BRIGHTEST_PEAK)).any()):
+        raise ValueError(
+            f"amplitude reaches {float(peak.max()):.3g}; its light, the square, is more than "
+            f"doubles hold: give one of at most {_BRIGHTEST_PEAK:g}"
+        )
     peak = torch.where((peak > _DARKEST_PEAK) & peak.isfinite(), peak, 1.0)
     if bool((peak == 1).all()):
         return amplitude, None

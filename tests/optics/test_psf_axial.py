@@ -190,6 +190,7 @@ def test_the_gradient_equals_finite_differences():
     [
         ({"distance": -1.0}, "distance is -1 m"),
         ({"distance": float("nan")}, "distance is nan m"),
+        ({"distance": 1e-10}, "distance is 1e-10 m, less than a wavelength"),
         ({"wavelength": 0.0}, "wavelength is 0 m"),
         ({"unmodulated": 0.1}, "unmodulated is 0.1; a lens without a panel modulates nothing"),
         ({"method": "panel"}, "method is 'panel'; for a lens choose one of axial, scattered"),

@@ -523,3 +523,10 @@ def test_a_pattern_in_single_precision_is_as_steep_as_in_double(stop):
     steep = 15 * x + 40 * y
     with pytest.raises(ValueError, match=r"turns by 4\d"):
         operator(steep.float())
+
+
+def test_an_amplitude_whose_light_no_number_holds_is_refused():
+    operator = PSFOperator(LENS, 4.0, WAVELENGTH, PIXELS, method="scattered")
+    shape = (operator.points[0] + operator.points[1]).shape
+    with pytest.raises(ValueError, match=r"amplitude reaches 1e\+200; its light, the square"):
+        operator(amplitude=torch.full(shape, 1e200, dtype=torch.float64))
