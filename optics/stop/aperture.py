@@ -303,9 +303,9 @@ class Stop:
 def _near_triples(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, ...]]:
     """Yield the triples of a stop's shapes of which each two may overlap, by their extents."""
     low, high = (np.array([one.extent[end] for one in shapes]).reshape(-1, 2) for end in (0, 1))
-    near = ((low[:, None] <= high) & (low <= high[:, None])).all(-1)
-    for i, j in zip(*np.nonzero(np.triu(near, 1)), strict=True):
-        for k in np.nonzero(near[i] & near[j])[0]:
+    near: NDArray[np.bool_] = np.all((low[:, None] <= high) & (low <= high[:, None]), axis=-1)
+    for i, j in np.argwhere(np.triu(near, 1)).tolist():
+        for k in np.flatnonzero(near[i] & near[j]).tolist():
             if k > j:
                 yield shapes[i], shapes[j], shapes[k]
 
