@@ -31,10 +31,13 @@ class XServerSettings:
         Seconds within which a tool must answer, also on a busy computer. Chosen.
     start_timeout : float
         Seconds within which a server must be up, and within which a program must end. Chosen.
+    start_tries : int
+        Most times that a server is started. Chosen.
     """
 
     tool_timeout: float = 60.0
     start_timeout: float = 30.0
+    start_tries: int = 3
 
 
 SETTINGS = XServerSettings()
@@ -134,35 +137,54 @@ def running_server(command: list[str]) -> Iterator[XServer]:
     NoXServer
         If the server doesn't start.
     """
-    # setpriv lets the kernel end the server when this process, or the thread that starts the
-    # block, ends.
-    guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
-    reading, writing = os.pipe()
-    with os.fdopen(reading) as told, server_cookie(Path(tempfile.gettempdir())) as (file, cookie):
-        options = ["-displayfd", str(writing), "-auth", str(file), "-nolisten", "tcp", "-noreset"]
+    with server_cookie(Path(tempfile.gettempdir())) as (file, cookie):
+        server, number = _start_server([*command, "-auth", str(file)])
         try:
-            server = subprocess.Popen(
-                [*guard, *command, *options],
-                pass_fds=[writing],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                # Ctrl-C must reach this process only, which ends the server last.
-                start_new_session=True,
-            )
-        finally:
-            os.close(writing)
-        try:
-            # The server writes its display number once it listens, or ends without writing.
-            ready, _, _ = select.select([told], [], [], SETTINGS.start_timeout)
-            number = told.readline().strip() if ready else ""
-            if not number:
-                program = os.path.basename(command[0])
-                raise NoXServer(f"{program} didn't start. Try it by hand: {program} -displayfd 1")
             with _publish_cookie(f":{number}", cookie):
                 yield XServer(f":{number}", server.pid)
         finally:
             terminate_or_kill(server, SETTINGS.start_timeout)
+
+
+def _start_server(command: list[str]) -> tuple[subprocess.Popen[bytes], str]:
+    """Start an X server; return its process, and the number of its display once it listens.
+
+    A server that starts at the same moment may take the display that this one has found free, so
+    that it ends; then it is tried again.
+    """
+    # setpriv lets the kernel end the server when this process, or the thread that starts the
+    # block, ends.
+    guard = ["setpriv", "--pdeathsig", "KILL", "--"] if shutil.which("setpriv") else []
+    for _ in range(SETTINGS.start_tries):
+        reading, writing = os.pipe()
+        with os.fdopen(reading) as told:
+            options = ["-displayfd", str(writing), "-nolisten", "tcp", "-noreset"]
+            try:
+                server = subprocess.Popen(
+                    [*guard, *command, *options],
+                    pass_fds=[writing],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    # Ctrl-C must reach this process only, which ends the server last.
+                    start_new_session=True,
+                )
+            finally:
+                os.close(writing)
+            number, ready = "", False
+            try:
+                # The server writes its display number, or ends without writing.
+                ready = bool(select.select([told], [], [], SETTINGS.start_timeout)[0])
+                number = told.readline().strip() if ready else ""
+            finally:
+                if not number:
+                    terminate_or_kill(server, SETTINGS.start_timeout)
+        if number:
+            return server, number
+        if not ready:
+            break
+    program = os.path.basename(command[0])
+    raise NoXServer(f"{program} didn't start. Try it by hand: {program} -displayfd 1")
 
 
 @contextmanager

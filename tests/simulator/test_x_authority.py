@@ -19,6 +19,7 @@ from simulator.screens.authority import (
     read_entries,
     server_cookie,
 )
+from simulator.screens.server import running_server
 
 COOKIE = bytes(range(16))
 
@@ -149,3 +150,15 @@ def test_a_file_that_cannot_be_written_is_named(monkeypatch):
         pytest.skip("Xvfb isn't installed")
     with pytest.raises(NoXServer, match="/proc/nowhere/authority"), xvfb(64, 48):
         pass
+
+
+@pytest.mark.skipif(shutil.which("Xvfb") is None, reason="needs Xvfb")
+def test_a_server_whose_display_was_taken_meanwhile_is_started_again(tmp_path):
+    """It ends without a word then, as this one does when it's called first."""
+    program = tmp_path / "server"
+    program.write_text(
+        f'#!/bin/sh\nif mkdir "{tmp_path}/called" 2>/dev/null; then exit 1; fi\nexec Xvfb "$@"\n'
+    )
+    program.chmod(0o755)
+    with running_server([str(program), "-screen", "0", "64x48x24"]) as server:
+        assert server.pixels().shape[:2] == (48, 64)
