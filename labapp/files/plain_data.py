@@ -128,7 +128,7 @@ def _too_deep(source: str) -> UserError:
 def only_numbers(source: Any, handler: Any) -> Any:
     """Return pydantic's schema of a file's table, in which only numbers are taken for numbers.
 
-    They are in the range of their unit, which the name of a key tells; see files.table.
+    They are in the range of their unit, which the name of a key tells; see number_ranges.
     `source` and `handler` are those of `__get_pydantic_core_schema__`.
     """
     schema = handler(source)

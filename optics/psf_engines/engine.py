@@ -344,8 +344,10 @@ def _phase_factor_of_block(phase: torch.Tensor, dtype: torch.dtype) -> torch.Ten
 def _rounding(phase: torch.Tensor) -> float:
     """Return by how much a PSF's phase may be off where it was computed in its own precision.
 
-    Two of the last digits of its largest number, in radians.
+    Two of the last digits of its largest number, in radians. Whole numbers are as they are.
     """
+    if not phase.is_floating_point():
+        return 0.0
     return 2 * torch.finfo(phase.dtype).eps * float(phase.detach().abs().max())
 
 

@@ -131,11 +131,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return y, x
 
     def _forward(self, field: torch.Tensor) -> torch.Tensor:
-        return _for_each(lambda one: self._parts[0].matrix.forward(self._columns(one)), field)
-
-    def _columns(self, field: torch.Tensor) -> torch.Tensor:
-        """Transform one pattern to the PSF's samples along x, and to the grid along y."""
-        return self._columns_from_grid(self._grid(field))
+        return _for_each(lambda one: self._field_from_grid(self._grid(one)), field)
 
     def _grid(self, field: torch.Tensor) -> torch.Tensor:
         """Transform one pattern to the points of the FFTs' grids that the PSF needs."""
@@ -144,6 +140,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return x.spectrum.forward(y.spectrum.forward(field, 0), 1)
 
     def _columns_from_grid(self, grid: torch.Tensor) -> torch.Tensor:
+        """Transform the FFTs' grid to the PSF's samples along x, and to points along y."""
         y, x = self._parts
         columns = x.matrix.forward(x.spectrum.unfold(grid.mT.contiguous()))
         return y.spectrum.unfold(columns.mT.contiguous())

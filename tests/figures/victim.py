@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ class Victims(ForkServer):
         return int(self.ask("wait"))
 
 
-def _obey() -> None:
+def obey(run: Callable[[dict[str, Any]], None]) -> None:
     """Fork a run for every line; this process has no thread that a fork could lose."""
     print("ready", flush=True)
     process = 0
@@ -60,7 +61,7 @@ def _obey() -> None:
             continue
         process = os.fork()
         if not process:
-            _run(json.loads(line))
+            run(json.loads(line))
         print(process, flush=True)
 
 
@@ -84,4 +85,4 @@ def _run(order: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    _obey()
+    obey(_run)

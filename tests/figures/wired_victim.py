@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import sys
 import threading
 import time
 from contextlib import suppress
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.supervised import SupervisedDevice
-from figures.victim import Victims
+from figures.victim import Victims, obey
 from labapp.bench.opening import BenchFiles, open_bench
 from labapp.common.frame_delays import FrameDelays
 from labapp.files.plan_file import PlanFile
@@ -157,20 +156,5 @@ def _run(order: dict[str, Any]) -> None:
         os._exit(code)
 
 
-def _obey() -> None:
-    """Fork a run for every line; this process has no thread that a fork could lose."""
-    print("ready", flush=True)
-    process = 0
-    for line in sys.stdin:
-        if line.strip() == "wait":
-            _, status = os.waitpid(process, 0)
-            print(os.waitstatus_to_exitcode(status), flush=True)
-            continue
-        process = os.fork()
-        if not process:
-            _run(json.loads(line))
-        print(process, flush=True)
-
-
 if __name__ == "__main__":
-    _obey()
+    obey(_run)

@@ -525,6 +525,13 @@ def test_a_pattern_in_single_precision_is_as_steep_as_in_double(stop):
         operator(steep.float())
 
 
+def test_a_phase_may_be_of_whole_numbers():
+    operator = PSFOperator(LENS, 4.0, WAVELENGTH, PIXELS, method="scattered")
+    shape = (operator.points[0] + operator.points[1]).shape
+    whole = operator(torch.ones(shape, dtype=torch.int64))
+    assert torch.equal(whole, operator(torch.ones(shape, dtype=torch.float64)))
+
+
 def test_an_amplitude_whose_light_no_number_holds_is_refused():
     operator = PSFOperator(LENS, 4.0, WAVELENGTH, PIXELS, method="scattered")
     shape = (operator.points[0] + operator.points[1]).shape

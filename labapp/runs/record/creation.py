@@ -141,9 +141,7 @@ def _protect(draft: Path, ledger: DraftLedger) -> None:
     try:
         table = ledger.read_back(draft, handle)
         write_all(handle, memoryview(encode(table)), 0)
-        digest = structure_digest(handle, table)
-        place = table.places[f"{layout.DIGESTS}/structure"]
-        write_all(handle, memoryview(digest), place.offset)
+        table.write(handle, f"{layout.DIGESTS}/structure", structure_digest(handle, table))
         renew_copy(handle, table, is_new=True)
     finally:
         os.close(handle)

@@ -65,6 +65,12 @@ def structure_digest(
     return found.digest()
 
 
+def is_structure_proved(handle: int, table: PlaceTable) -> bool:
+    """Return whether all in a record that never changes has the digest that was written of it."""
+    known = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
+    return structure_digest(handle, table) == known
+
+
 def image_digest(image: NDArray[Any]) -> bytes:
     """Return the digest of a frame's bytes in a record."""
     return sha256(np.ascontiguousarray(image).data).digest()

@@ -12,7 +12,6 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,17 @@ from numpy.typing import NDArray
 
 from labapp.runs.record import layout
 from labapp.runs.record.chain import AT_ONCE, FrameChain, follow_frames, follow_log, merge_copies
-from labapp.runs.record.digests import ENDING, SETTINGS, closing_digest, structure_digest
+from labapp.runs.record.digest_checks import is_time
+from labapp.runs.record.digests import (
+    ENDING,
+    SETTINGS,
+    closing_digest,
+    is_structure_proved,
+    structure_digest,
+)
 from labapp.runs.record.place_table import PlaceTable, TableError, write_all
 from labapp.runs.record.second_copy import Copy, find_copy, read_both, renew_copy
-from labapp.runs.state import State
+from labapp.runs.record.torn_end import state_of
 
 _STRUCTURE, _CHAIN = (f"{layout.DIGESTS}/{name}" for name in ("structure", "chain"))
 
@@ -61,8 +67,7 @@ class _Record:
         return found
 
     def write(self, name: str, data: bytes, row: int = 0) -> None:
-        place = self.table.places[name]
-        write_all(self.handle, memoryview(data), place.offset + row * place.row_bytes)
+        self.table.write(self.handle, name, data, row)
 
 
 def mend_from_copy(handle: int, table: PlaceTable) -> list[str]:
@@ -74,7 +79,7 @@ def mend_from_copy(handle: int, table: PlaceTable) -> list[str]:
     done = []
     with suppress(TableError):
         done += ["what was known before the first frame"] * _mend_fixed(record)
-        if _is_structure_proved(record):
+        if is_structure_proved(handle, table):
             done += ["digests of the frames"] * _mend_chain(record)
             chain = record.chain()
             done += ["settings of the frames"] * _mend_settings(record, chain)
@@ -89,13 +94,9 @@ def renew_proved_copy(handle: int, table: PlaceTable) -> list[str]:
     if copy is None:
         return []
     record = _Record(handle, table, copy)
-    if not _is_structure_proved(record) or record.chain().broken is not None:
+    if not is_structure_proved(handle, table) or record.chain().broken is not None:
         return []
     return ["written anew: the copy at the record's end"] if renew_copy(handle, table) else []
-
-
-def _is_structure_proved(record: _Record) -> bool:
-    return structure_digest(record.handle, record.table) == record.structure()
 
 
 def _mend_fixed(record: _Record) -> bool:
@@ -209,7 +210,7 @@ def _mend_ending(record: _Record, chain: FrameChain) -> bool:
 
 
 def _is_state(data: bytes) -> bool:
-    return data.rstrip(b"\0").decode(errors="replace") in {one.value for one in State}
+    return state_of(data) is not None
 
 
 def _is_writer(data: bytes) -> bool:
@@ -220,10 +221,7 @@ def _is_writer(data: bytes) -> bool:
 
 
 def _is_end_time(data: bytes) -> bool:
-    try:
-        return not any(data) or bool(datetime.fromisoformat(data.rstrip(b"\0").decode()))
-    except ValueError:
-        return False
+    return not any(data) or is_time(data.rstrip(b"\0").decode(errors="replace"))
 
 
 def _is_empty(data: bytes) -> bool:

@@ -90,6 +90,11 @@ class PlaceTable:
                 raise TableError(f"{name} is cut off")
             yield np.frombuffer(data, place.dtype).reshape(rows, *place.shape[1:])
 
+    def write(self, handle: int, name: str, data: bytes, row: int = 0) -> None:
+        """Write bytes to a dataset of the record, from one of its rows on."""
+        place = self.places[name]
+        write_all(handle, memoryview(data), place.offset + row * place.row_bytes)
+
     def is_whole(self, handle: int, name: str) -> bool:
         """Return whether a dataset that never changes is as it was when the record was made."""
         place = self.places[name]

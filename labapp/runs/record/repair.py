@@ -34,6 +34,7 @@ from labapp.runs.record.digests import (
     closing_digest,
     first_link,
     image_digest,
+    is_structure_proved,
     link_digest,
     pack_settings,
     packed_digest,
@@ -69,9 +70,8 @@ def repair_record(path: Path, handle: int) -> list[str]:
         table, done = _repaired_table(path, handle)
         done += mend_from_copy(handle, table)
         done += [*_repair_planned(handle, table, path), *_repair_links(handle, table)]
-        structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
-        if structure_digest(handle, table) == structure:
-            done += mend_torn_end(handle, table, structure)
+        if is_structure_proved(handle, table):
+            done += mend_torn_end(handle, table)
         return [*done, *renew_proved_copy(handle, table)]
     except (TableError, KeyError):
         return []
@@ -118,14 +118,11 @@ def _repair_planned(handle: int, table: PlaceTable, path: Path) -> list[str]:
     if columns is None:
         return []
     for name in lost:
-        _write(handle, table, name, columns[name.rpartition("/")[2]].tobytes())
-    if (
-        structure_digest(handle, table)
-        == table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
-    ):
+        table.write(handle, name, columns[name.rpartition("/")[2]].tobytes())
+    if is_structure_proved(handle, table):
         return [f"written anew from the plan: {', '.join(lost)}"]
     for name, data in before.items():
-        _write(handle, table, name, data)
+        table.write(handle, name, data)
     return []
 
 
@@ -171,7 +168,7 @@ def _repair_links(handle: int, table: PlaceTable) -> list[str]:
     )
     if not repaired:
         return []
-    _write(handle, table, name, rows.tobytes())
+    table.write(handle, name, rows.tobytes())
     return [f"{len(repaired)} rows of the frames' digests, computed anew or cleared"]
 
 
@@ -278,7 +275,3 @@ def _frames_without_link(
         if follows(row, before["link"].tobytes()):
             named.add(int(row["frame"]))
     return [frame for frame in np.flatnonzero(stored == 1).tolist() if frame not in named]
-
-
-def _write(handle: int, table: PlaceTable, name: str, data: bytes) -> None:
-    write_all(handle, memoryview(data), table.places[name].offset)

@@ -1,7 +1,7 @@
 """Find the frames that are whole in a damaged or truncated record, and what else it still tells.
 
-A record of format 3 is read by its table of places, without HDF5: frames are whole if image and
-settings have the digests of their link. Of what was known before the first frame, each dataset is
+A record of format 3 or later is read by its table of places, without HDF5: frames are whole if
+their image has the digest of its link. Of what was known before the first frame, each dataset is
 kept that has its digest. If the table itself is damaged, or the format is older, HDF5 tells the
 places; a truncated file is read from a copy that is padded with zeros. Frames of the older format
 are whole if they have their checksum; where that is cut off, if all of their bytes are there.

@@ -11,35 +11,35 @@ from numpy.typing import NDArray
 from labapp.runs.record import layout
 from labapp.runs.record.chain import AT_ONCE, LogChain, follow_log
 from labapp.runs.record.digests import line_digest
-from labapp.runs.record.place_table import PlaceTable, write_all
+from labapp.runs.record.place_table import PlaceTable
 from labapp.runs.state import State
 
-_LOG = f"{layout.ENTRY}/log"
+_LOG, _STATE = (f"{layout.ENTRY}/{name}" for name in ("log", "state"))
 
 
-def mend_torn_end(handle: int, table: PlaceTable, structure: bytes) -> list[str]:
+def mend_torn_end(handle: int, table: PlaceTable) -> list[str]:
     """Write state and log of a run's record anew as far as a power cut took them.
 
     All lines that can be read are kept. Nothing is changed in the record of a run that has ended:
     all of its log was on the disk before. Returns what was done, in words.
     """
     done = []
-    state = read_state(handle, table)
+    state = state_of(table.read(handle, _STATE).tobytes())
     if state is None:
-        _write(handle, table, f"{layout.ENTRY}/state", 0, State.PLANNED.value.encode())
+        _write(handle, table, _STATE, 0, State.PLANNED.value.encode())
         done.append("the state, which was torn")
     if state is not None and state.has_ended:
         return []
+    structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
     found = follow_log(table.read_blocks(handle, _LOG, AT_ONCE), structure)
     if found.broken is not None and _chain_anew(handle, table, found, found.broken):
         done.append(f"the log from line {found.broken} on, which lacks lines")
     return done
 
 
-def read_state(handle: int, table: PlaceTable) -> State | None:
-    """Return the state that stands in a run's record; None if it is none."""
-    (text,) = table.read(handle, f"{layout.ENTRY}/state").tolist()
-    return State(text.decode()) if text in {one.value.encode() for one in State} else None
+def state_of(data: bytes) -> State | None:
+    """Return the state that these bytes of a run's record tell; None if they tell none."""
+    return next((one for one in State if one.value.encode() == data.rstrip(b"\0")), None)
 
 
 def _chain_anew(handle: int, table: PlaceTable, found: LogChain, first: int) -> bool:
@@ -81,7 +81,5 @@ def _used(rows: NDArray[Any]) -> list[int]:
 
 
 def _write(handle: int, table: PlaceTable, name: str, row: int, value: Any) -> None:
-    """Write a row of a dataset at its place in a run's record."""
-    place = table.places[name]
-    data = np.array(value, place.dtype).tobytes()
-    write_all(handle, memoryview(data), place.offset + row * place.row_bytes)
+    """Write a row of a dataset in a run's record."""
+    table.write(handle, name, np.array(value, table.places[name].dtype).tobytes(), row)
