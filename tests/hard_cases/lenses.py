@@ -461,10 +461,18 @@ CASES: list[Case] = [
     ),
     Refused(
         "an object on the lens",
-        "a nanometre away the defocus has 1e10 waves",
+        "a micrometre away the defocus has 1e7 waves",
+        "object at 1e-6 m, hexagonal stop",
+        lambda: light(HEXAGON, 1e-6),
+        "bring the object closer to the plane in focus",
+        lambda tol: light(HEXAGON, 1.9),
+    ),
+    Refused(
+        "an object nearer than a wavelength",
+        "a length in another unit, not a place: no lens forms an image of it",
         "object at 1e-9 m, hexagonal stop",
         lambda: light(HEXAGON, 1e-9),
-        "bring the object closer to the plane in focus",
+        "distance is 1e-09 m, less than a wavelength.* in metres",
         lambda tol: light(HEXAGON, 1.9),
     ),
     Refused(

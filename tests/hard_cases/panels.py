@@ -622,10 +622,18 @@ CASES: list[Case] = [
     ),
     Refused(
         "an object on the panel",
-        "a nanometre away the wave turns by a million radians across a pixel",
+        "a micrometre away the wave turns by 1e5 radians across a pixel",
+        "object at 1e-6 m",
+        lambda: PSFOperator(CAMERA, 1e-6, WAVELENGTH, window(3, 3)),
+        "bring the object closer to the plane in focus",
+        lambda tol: operator()(PHASE),
+    ),
+    Refused(
+        "an object before the panel, nearer than a wavelength",
+        "a length in another unit, not a place: no lens forms an image of it",
         "object at 1e-9 m",
         lambda: PSFOperator(CAMERA, 1e-9, WAVELENGTH, window(3, 3)),
-        "bring the object closer to the plane in focus",
+        "distance is 1e-09 m, less than a wavelength.* in metres",
         lambda tol: operator()(PHASE),
     ),
     *(
