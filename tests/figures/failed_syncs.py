@@ -16,6 +16,7 @@ from small_bench.files import SmallFiles, write_tiny
 
 from figures import Figure
 from figures.cut_runs import AROUND, PROGRAM
+from figures.fault_cases import OURS
 from figures.power_cuts import Cut, End, kept_frames, mend
 from labapp.common.console import print_message
 
@@ -44,6 +45,7 @@ def failed_syncs(folder: Path) -> list[Figure]:
     files = write_tiny(folder / "bench")
     found = [fail_one(files, folder / "run", rng) for _ in range(_MOMENTS)]
     untold = sum(len(one.untold) for one in found)
+    told = sum(one.acknowledged for one in found)
     lost = sum(len(one.lost) for one in found)
     false = [one.false_end for one in found if one.false_end]
     troubles = [one.trouble for one in found if one.trouble]
@@ -53,9 +55,8 @@ def failed_syncs(folder: Path) -> list[Figure]:
         Figure(
             f"a sync that fails at {_MOMENTS} moments: frames that are lost untold",
             "0",
-            f"{untold} of {sum(one.acknowledged for one in found)}; {lost} lost and named, "
-            f"{failed} syncs failed",
-            not untold,
+            f"{untold} of {told}; {lost} lost and named, {failed} syncs failed",
+            told > 0 and not untold,
         ),
         Figure(
             "the same: COMPLETE, or saved, told of a record that isn't whole",
@@ -85,7 +86,7 @@ def fail_one(files: SmallFiles, folder: Path, rng: np.random.Generator) -> Loss:
     disk.apply_all(events)
     record = folder / "run.h5"
     if not record.exists():
-        troubled = "Traceback" in said or not status
+        troubled = not status or any(word in said for word in OURS)
         return Loss(0, set(), set(), True, trouble=said[-300:] if troubled else "")
     if bytes(disk.file(record).seen) != record.read_bytes():
         raise AssertionError("the record was written in a way that isn't seen")
@@ -122,7 +123,7 @@ def _judge(record: Path, told: set[int], whole: End, said: str, failed: bool) ->
     found = Loss(len(told), lost, lost - _named(said), failed, trouble=after.trouble)
     if complete and (after.steps or not saved):
         found.false_end = said[-200:]
-    if "Traceback" in said:
+    if any(word in said for word in OURS):
         found.trouble = said[-300:]
     if lost:
         print_message(f"  {len(lost)} frames lost, {len(found.untold)} untold")

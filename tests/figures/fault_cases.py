@@ -37,7 +37,7 @@ FRAMES = 3
 _CODES = (0, 1, 75)
 """Documented: all was done; not so; a run has waited too long."""
 
-_OURS = ("Traceback", "unexpected", "report it", "Exception ignored", "Logging error")
+OURS = ("Traceback", "unexpected", "report it", "Exception ignored", "Logging error")
 """What only a fault of the program prints."""
 
 _CAUSES = {
@@ -231,7 +231,7 @@ def wrong_words(ended: Ended, fault: Fault) -> str:
         return f"signal {-ended.code}"
     if ended.code not in _CODES:
         return f"exit code {ended.code}"
-    for word in _OURS:
+    for word in OURS:
         if word in ended.told + ended.printed:
             return f"says {word!r}"
     if ended.code and not ended.told.strip():

@@ -16,6 +16,7 @@ from disks.trace import STRACE
 
 from figures import Figure
 from figures.cut_runs import Traced, command, trace_runs
+from figures.fault_cases import OURS
 from labapp.common.console import print_message
 
 _CUTS = 300
@@ -65,13 +66,13 @@ def _figures(cuts: Sequence[Cut]) -> list[Figure]:
             "before",
             "0",
             f"{lost} of {must} ({ways})",
-            not lost,
+            must > 0 and not lost,
         ),
         Figure(
             "power cuts after COMPLETE was told: records not wholly kept",
             "0",
             f"{len(spoiled)} of {len(complete)}{first if spoiled else ''}",
-            not spoiled,
+            bool(complete) and not spoiled,
         ),
         Figure(
             "power cuts: records that no command mends, or commands that end in a traceback",
@@ -173,7 +174,7 @@ def kept_frames(record: Path, end: End) -> set[int]:
 def mend(record: Path, found: Cut) -> Path | None:
     """Do with a record what labapp says; where it is whole then, if anywhere."""
     status, told, said = command("verify", record, "--json")
-    if status not in (0, 1) or "Traceback" in said:
+    if status not in (0, 1) or any(word in said for word in OURS):
         found.trouble = f"verify: {said[-300:]}"
         return None
     data = json.loads(told)

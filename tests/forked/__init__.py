@@ -44,6 +44,12 @@ _SET_CHILD_SUBREAPER = 36
 _PROGRAM = Path(__file__).with_name("server.py")
 
 
+def _packages() -> list[str]:
+    """Where modules are looked for, the application's first: its tests' folder has its name."""
+    given = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return [str(Path(__file__).parents[2]), *(path for path in given if path)]
+
+
 class _Server:
     """The process that is forked from, and a line to it."""
 
@@ -56,6 +62,7 @@ class _Server:
                 stdin=DEVNULL,
                 stdout=DEVNULL,
                 pass_fds=[number],
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(_packages())},
             )
         self._lock = threading.Lock()
         self._adopt = ctypes.CDLL(None).prctl

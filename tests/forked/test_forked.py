@@ -98,6 +98,15 @@ def test_modules_run_as_the_interpreter_runs_them():
     assert "labapp" in done.stdout
 
 
+def test_the_application_is_found_where_its_tests_are_on_the_path():
+    tests = str(Path(__file__).parents[1])
+    code = "import sys, forked; forked.run([sys.executable, '-m', 'labapp', '--version'])"
+    done = subprocess.run(
+        python(code), env=os.environ | {"PYTHONPATH": tests}, capture_output=True, text=True
+    )
+    assert done.stdout.startswith("labapp "), done.stderr
+
+
 @KINDS
 def test_it_has_its_own_folder_and_environment(kind, tmp_path):
     (tmp_path / "mine.py").write_text("word = 'from a module beside'")
