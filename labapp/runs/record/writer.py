@@ -49,7 +49,7 @@ class RecordWriter:
         self.path = path
         # Opening the file anew after an error doesn't let go of the lock.
         self._lock = open_for_writing(path) if lock is None else lock
-        self._digest_threads = ThreadPoolExecutor(2, "digest")
+        self._digest_thread = ThreadPoolExecutor(1, "digest")
         self._handle = -1
         self._open()
         self._sync = DiskSync(f"/proc/self/fd/{self._handle}")
@@ -97,7 +97,7 @@ class RecordWriter:
         self.close()
 
     def close(self) -> None:
-        self._digest_threads.shutdown()
+        self._digest_thread.shutdown()
         self._sync.close()
         if self._handle >= 0:
             os.close(self._handle)
@@ -206,12 +206,11 @@ class RecordWriter:
         if image.nbytes < _SMALL:
             self._write("images", index, image.data.cast("B"))
             return checksum(image), digests.image_digest(image)
-        # Both are computed while the picture is being written.
-        summed = self._digest_threads.submit(checksum, image)
-        digested = self._digest_threads.submit(digests.image_digest, image)
+        # It takes about as long as the writing and the checksum together.
+        digested = self._digest_thread.submit(digests.image_digest, image)
         self._write("images", index, image.data.cast("B"))
         self._begin_writeback(index, image.nbytes)
-        return summed.result(), digested.result()
+        return checksum(image), digested.result()
 
     def _append_link(self, frame: int, image: bytes, values: bytes) -> None:
         """Append a stored frame's link, with its settings, to the chain of the run's record."""
