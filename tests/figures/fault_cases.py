@@ -17,7 +17,7 @@ from typing import Any
 
 from small_bench.files import SmallFiles
 
-from figures.faulty_calls import SHORT, Fault
+from figures.faulty_calls import CUT, GONE, SHORT, STUCK, Fault
 from figures.faulty_command import Ended, FaultyCommands
 
 PLAN = """
@@ -45,6 +45,7 @@ _CAUSES = {
     errno.ENOSPC: "No space left|is full|didn't keep",
     errno.EMFILE: "Too many open files",
     SHORT: "",
+    **dict.fromkeys((GONE, STUCK, CUT), "its process|no answer|hangs"),
 }
 
 _REMEDY = re.compile(
@@ -75,9 +76,15 @@ class Finding:
 
 
 class Workshop:
-    """A folder in which commands are run with faults, and the records that they begin with."""
+    """A folder in which commands are run with faults, and the records that they begin with.
 
-    def __init__(self, folder: Path, files: SmallFiles, commands: FaultyCommands) -> None:
+    patience: seconds after which a command hangs.
+    """
+
+    def __init__(
+        self, folder: Path, files: SmallFiles, commands: FaultyCommands, patience: float = 30.0
+    ) -> None:
+        self._patience = patience
         self._commands, self._kept = commands, folder / "kept"
         self.work = folder / "work"
         for one in (self._kept, self.work):
@@ -107,7 +114,7 @@ class Workshop:
         saved = self.work / "saved.h5"
         return [
             self.run_case,
-            Case("resume", ["resume", record, "--wait-limit", "0.3"], begun, self._record),
+            Case("resume", ["resume", record, "--yes", "--wait-limit", "0.3"], begun, self._record),
             Case("salvage", ["salvage", record, "--out", str(saved)], cut, saved),
             *exports,
             Case(
@@ -125,7 +132,7 @@ class Workshop:
     def run_once(self, case: Case, fault: Fault) -> Ended:
         """Run a command from its beginning."""
         self._reset(case.begins_with)
-        return self._commands.run(case.words, self.work, fault)
+        return self._commands.run(case.words, self.work, fault, self._patience)
 
     def judge(self, case: Case, fault: Fault) -> Finding:
         """Run a command with a fault, and look at what it says and leaves behind."""
@@ -151,7 +158,7 @@ class Workshop:
         if lost := sorted({*ended.acknowledged} & lacks - _named(ended.told)):
             return f"acknowledged frames {lost} are lost untold"
         if not verified["is_well"]:
-            resumed = self._sound("resume", str(self._record))
+            resumed = self._sound("resume", str(self._record), "--yes")
             if resumed.code != 0:
                 return f"not resumed: {resumed.told[-300:]}"
             verified = self._verify()

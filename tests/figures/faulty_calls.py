@@ -21,6 +21,12 @@ from typing import Any
 SHORT = -1
 """In the place of an error: the system writes only a part, as it may at any time."""
 
+MESSAGE = "message"
+"""The kind of fault that isn't a call of the system's."""
+
+GONE, STUCK, CUT = -2, -3, -4
+"""What can become of the process to which a message goes: killed, stopped, its line cut."""
+
 KINDS: dict[str, tuple[str, ...]] = {
     "write": ("write", "pwrite", "writev", "pwritev", "sendfile", "copy_file_range"),
     "sync": ("fsync", "fdatasync"),
@@ -56,18 +62,34 @@ class Fault:
     lasting: bool
 
     def __str__(self) -> str:
-        what = "short" if self.cause == SHORT else errno.errorcode[self.cause]
+        words = {SHORT: "short", GONE: "process killed", STUCK: "process stopped", CUT: "line cut"}
+        what = words.get(self.cause) or errno.errorcode[self.cause]
         return f"{what} at {self.kind} {self.number}{' and all later' if self.lasting else ''}"
 
 
-class FaultyCalls:
-    """Counts the calls of a fault's kind that concern files in a folder, and lets them fail."""
+class FaultCounter:
+    """Counts what may fail, and tells when it is to."""
 
     def __init__(self, fault: Fault, folder: str) -> None:
         self._fault, self._folder = fault, folder
         self._lock = threading.Lock()
         self.count = self.failed = 0
         self.what = ""
+
+    def _is_due(self, what: str) -> bool:
+        """Whether this call is to fail."""
+        with self._lock:
+            self.count += 1
+            first, now = self._fault.number, self.count
+            due = now == first or (self._fault.lasting and 0 < first < now)
+            if due:
+                self.failed += 1
+                self.what = self.what or what
+            return due
+
+
+class FaultyCalls(FaultCounter):
+    """Counts the calls of a fault's kind that concern files in a folder, and lets them fail."""
 
     def install(self) -> None:
         """Put the failing functions into `os`, for the rest of this process."""
@@ -89,17 +111,6 @@ class FaultyCalls:
     def _concerns(self, given: tuple[Any, ...]) -> bool:
         """Whether one of a call's first two arguments is in the folder, by its path."""
         return any(_path(one).startswith(self._folder) for one in given[:2])
-
-    def _is_due(self, what: str) -> bool:
-        """Whether this call is to fail."""
-        with self._lock:
-            self.count += 1
-            first, now = self._fault.number, self.count
-            due = now == first or (self._fault.lasting and 0 < first < now)
-            if due:
-                self.failed += 1
-                self.what = self.what or what
-            return due
 
 
 def _path(one: Any) -> str:

@@ -12,11 +12,16 @@ import threading
 import time
 import traceback
 from dataclasses import asdict, dataclass
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-from figures.faulty_calls import Fault, FaultyCalls
+from figures.faulty_calls import MESSAGE, Fault, FaultyCalls
+from figures.faulty_messages import FaultyMessages
 from figures.fork_server import ForkServer
+
+_CAMERA = EntryPoint("strange-camera", "small_bench.strange_camera:StrangeCamera", "")
+"""A driver for a process of its own, which simulated devices can't have."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,7 @@ class FaultyCommands(ForkServer):
 
 def _obey() -> None:
     """Fork a command for every line; this process has no thread that a fork could lose."""
+    import labapp.bench.opening
     import labapp.cli
     import labapp.runs.record.checks
     import labapp.runs.run_commands
@@ -69,6 +75,8 @@ def _obey() -> None:
 
     # Records are checked in the process that asks, which takes no time to begin.
     labapp.runs.verifying.verify = labapp.runs.record.checks.check_record
+    known = labapp.bench.opening.installed_drivers() | {_CAMERA.name: _CAMERA}
+    labapp.bench.opening.installed_drivers = lambda: known
     print("ready", flush=True)
     for line in sys.stdin:
         order = json.loads(line)
@@ -143,7 +151,8 @@ def _become(order: dict[str, Any], out: int, err: int, tells: int) -> None:
     )
     sys.argv = ["labapp", *order["words"]]
     tempfile.tempdir = order["folder"]
-    calls = FaultyCalls(Fault(**order["fault"]), order["folder"])
+    fault = Fault(**order["fault"])
+    calls = (FaultyMessages if fault.kind == MESSAGE else FaultyCalls)(fault, order["folder"])
     acknowledged: list[int] = []
     store = FrameStore.store_frame
 

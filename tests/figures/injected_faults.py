@@ -9,17 +9,26 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from small_bench.files import write_tiny
+from small_bench.files import TINY, write_tiny
 
 from figures import Figure
 from figures.fault_cases import Case, Finding, Workshop
-from figures.faulty_calls import CAUSES, KINDS, Fault
+from figures.faulty_calls import CAUSES, CUT, GONE, KINDS, MESSAGE, STUCK, Fault
 from figures.faulty_command import FaultyCommands
 
 _WHOLE = ("run", "resume")
 """Commands of which every call fails; of others every fifth does, and the last of each kind."""
 
 _COARSE = 5
+
+_RARE = 40
+"""Every so many messages, their process stops whenever it's opened again."""
+
+_IN_OWN_PROCESS = (
+    'driver = "simulated-camera"',
+    f'driver = "strange-camera"\noptions = {{ shape = {[*TINY.sensor]} }}\nown_process = true',
+)
+"""What a bench file says of its camera, and what it is to say."""
 
 
 def injected_faults_figure(folder: Path) -> list[Figure]:
@@ -47,6 +56,31 @@ def faults_of(workshop: Workshop, case: Case, step: int = 1) -> Iterator[Fault]:
         numbers = {*range(1, calls + 1, step), *([calls] if calls else [])}
         for number, cause in itertools.product(sorted(numbers), CAUSES[kind]):
             yield from (Fault(kind, number, cause, lasting) for lasting in (False, True))
+
+
+def message_faults_figure(folder: Path) -> list[Figure]:
+    """Each message to and from the process of a run's camera fails, once and from then on."""
+    with messaging_workshop_in(folder) as workshop:
+        case = workshop.run_case
+        calls = workshop.run_once(case, Fault(MESSAGE, 0, 0, False)).calls
+        faults = [
+            Fault(MESSAGE, number, cause, lasting)
+            for number in range(1, calls + 1)
+            for cause in (GONE, STUCK, CUT)
+            for lasting in (False, True)
+            # Each time that such a camera is opened again, half a minute is waited for it.
+            if not (cause == STUCK and lasting and number % _RARE)
+        ]
+        return [_figure(case, [workshop.judge(case, fault) for fault in faults])]
+
+
+@contextmanager
+def messaging_workshop_in(folder: Path) -> Iterator[Workshop]:
+    """A folder for commands with faults, on a bench whose camera has a process of its own."""
+    with FaultyCommands() as commands:
+        files = write_tiny(folder / "files")
+        files.bench.write_text(files.bench.read_text().replace(*_IN_OWN_PROCESS))
+        yield Workshop(folder, files, commands, patience=200.0)
 
 
 def draw(faults: Iterable[Fault], count: int, seed: int) -> list[Fault]:
@@ -79,4 +113,7 @@ def _figure(case: Case, found: list[Finding]) -> Figure:
     )
 
 
-MEASUREMENTS = {"injected faults": injected_faults_figure}
+MEASUREMENTS = {
+    "injected faults": injected_faults_figure,
+    "message faults": message_faults_figure,
+}

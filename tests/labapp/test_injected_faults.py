@@ -1,6 +1,7 @@
 """A call of the system that fails, anywhere in a command: told, and nothing is lost by it.
 
-`make figures ONLY="injected faults"` lets every call of a run fail.
+`make figures ONLY="injected faults"` lets every call of a run fail, and "message faults" every
+message to a device in a process of its own.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from pathlib import Path
 
 import pytest
 from figures.fault_cases import wrong_words
-from figures.faulty_calls import Fault
+from figures.faulty_calls import CUT, GONE, MESSAGE, STUCK, Fault
 from figures.faulty_command import Ended
-from figures.injected_faults import draw, faults_of, workshop_in
+from figures.injected_faults import draw, faults_of, messaging_workshop_in, workshop_in
 
 
 def test_a_write_that_fails_at_the_end_of_a_run_is_told(tmp_path: Path) -> None:
@@ -24,6 +25,15 @@ def test_a_write_that_fails_at_the_end_of_a_run_is_told(tmp_path: Path) -> None:
         for number, cause in ends:
             found = workshop.judge(case, Fault("write", number, cause, False))
             assert (found.wrong, found.ended.code, found.ended.failed) == ("", 1, 1), found
+
+
+@pytest.mark.sweep
+def test_a_message_that_fails_is_told(tmp_path: Path) -> None:
+    """What becomes of a camera's process between two frames takes no frame that was told."""
+    with messaging_workshop_in(tmp_path) as workshop:
+        for cause in (GONE, STUCK, CUT):
+            found = workshop.judge(workshop.run_case, Fault(MESSAGE, 167, cause, False))
+            assert (found.wrong, found.ended.failed) == ("", 1), found
 
 
 DRAWN = {"run": 14, "resume": 8, "export ome-tiff": 6, "salvage": 6}

@@ -21,7 +21,7 @@ from labapp.runs.record.reader import Record
 from labapp.runs.state import State
 from optics.progress import Progress
 
-CAMERA = EntryPoint("strange-camera", "strange_camera:StrangeCamera", DRIVER_GROUP)
+CAMERA = EntryPoint("strange-camera", "small_bench.strange_camera:StrangeCamera", DRIVER_GROUP)
 
 
 @pytest.fixture
@@ -31,7 +31,6 @@ def strange(small, tmp_path, monkeypatch):
     monkeypatch.setattr(
         labapp.bench.opening, "installed_drivers", lambda: known | {CAMERA.name: CAMERA}
     )
-    monkeypatch.syspath_prepend(Path(__file__).parent)
     text = small.bench.read_text().replace(
         'driver = "simulated-camera"',
         f'driver = "strange-camera"\noptions = {{ hang = "{tmp_path / "hang"}" }}\n'

@@ -20,8 +20,8 @@ class StrangeCamera:
     reply_time = 0.2
     settling = 0.0
 
-    def __init__(self, surroundings, hang):
-        self.shape = (64, 96)
+    def __init__(self, surroundings, hang="never", shape=(64, 96)):
+        self.shape = tuple(shape)
         self._clock, self._hang = surroundings.clock, Path(hang)
         self._exposure, self._number = 0.01, 0
 
