@@ -308,12 +308,12 @@ class PictureOptions:
         typer.Argument(
             metavar="SCENE.toml",
             callback=find_scene_file,
-            help="Scene file. Default: the bundled photograph.",
+            help="Scene file. Default: the bundled one, with a star, a photograph and prints.",
         ),
     ] = None
-    target: Annotated[str | None, typer.Option(help="Target of the scene. Default: its first.")] = (
-        None
-    )
+    target: Annotated[
+        str | None, typer.Option(help="Target of the scene. Default: its first that isn't dark.")
+    ] = None
     pattern: Annotated[
         Path | None,
         typer.Option(

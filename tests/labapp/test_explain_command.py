@@ -77,8 +77,9 @@ def test_without_an_exposure_the_brightest_pixel_is_half_full(ask, labapp, tiny)
         assert file["electrons"][...].max() == pytest.approx(0.5 * FULL_WELL, rel=0.15)
 
 
-def test_the_first_target_is_explained_and_darkness_has_an_exposure(ask):
-    data = plan_of(ask)
+def test_the_first_lit_target_is_explained_and_darkness_has_an_exposure(ask):
+    assert plan_of(ask)["target"] == "star"
+    data = plan_of(ask, "--target", "dark")
     assert data["target"] == "dark"
     assert data["exposure_ms"] == 1000
     assert {"dark current", "read noise"} <= {one["effect"] for one in data["decisions"]}

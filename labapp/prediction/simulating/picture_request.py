@@ -55,7 +55,7 @@ class PictureRequest:
     scene, bench : Path or None
         Files of scene and bench; the bundled ones by default.
     target : str or None
-        Name of the target; the scene's first by default.
+        Name of the target; the scene's first that isn't dark by default.
     pattern : Path or None
         8-bit picture on the panel; neutral by default.
     wavelength : float or None
@@ -128,7 +128,7 @@ def prepare_bench_scene(
         raise UserError(f"--target {request.target}: the scene has {names}.")
     scene = _requested_scene(setup.scene, request)
     with open_bench(replace(setup, scene=scene)) as bench:
-        world = _set_up_world(bench, request)
+        world = _set_up_world(bench, scene, request)
         exposure = _exposure(world, request, progress)
         files = {"bench": setup.bench.model_dump_json(), "scene": scene.model_dump_json()}
         yield PreparedScene(world, world.situation(exposure), files)
@@ -165,11 +165,16 @@ def _is_off(level: str | bool) -> bool:
     return level in (False, "off")
 
 
-def _set_up_world(bench: Bench, request: PictureRequest) -> World:
+def _first_lit(scene: SceneFile) -> str:
+    """Return the target of a picture prediction that asks for none: no-one asks for a dark one."""
+    names = list(scene.targets)
+    return next((one for one in names if scene.targets[one].kind != "dark"), names[0])
+
+
+def _set_up_world(bench: Bench, scene: SceneFile, request: PictureRequest) -> World:
     world = bench.world
     assert world is not None
-    if request.target is not None:
-        world.target = request.target
+    world.target = request.target or _first_lit(scene)
     if request.wavelength is not None:
         bench.filter.set_wavelength(request.wavelength)
     if request.pattern is not None:
