@@ -21,7 +21,7 @@ def small_bench_setup(scene: Path | None) -> BenchSetup:
     """Return a bench with few, large pixels, on which predicted pictures are compared.
 
     It is the bundled bench with a smaller sensor and panel. A `scene` of None stands for the
-    bundled photograph. Raises UserError if the scene can't be read.
+    bundled scene. Raises UserError if the scene can't be read.
     """
     return modified_bench_setup(scene, _SMALL_BENCH)
 
@@ -31,7 +31,7 @@ def modified_bench_setup(
 ) -> BenchSetup:
     """Return the bundled bench with changed keys in its tables, to predict pictures of a scene.
 
-    A `scene` of None stands for the bundled photograph. Raises UserError if the scene can't be
+    A `scene` of None stands for the bundled scene. Raises UserError if the scene can't be
     read.
     """
     files = BenchFiles.with_defaults(None, scene)
