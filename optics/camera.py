@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from typing import Literal
@@ -36,15 +37,19 @@ class Lens:
         "thin" is a paraxial lens with a quadratic phase (thesis Eq. 2.14). "stigmatic" is a lens
         that unites all rays of the point in focus and obeys the sine condition, so that its
         pupil coordinate is the sine of a ray's angle.
+    relative_illumination : tuple of (float, float), optional
+        Pairs (image height in metres, light over that on the axis), from (0, 1) outwards, as a data
+        sheet's curve gives them. None by default: cos⁴ of the field angle. Only the simulator uses
+        them.
 
     Raises
     ------
     ValueError
-        If a length, an aberration or the kind is invalid.
+        If a length, an aberration, the kind or a pair is invalid.
 
     References
     ----------
-    Thesis Eq. 2.14.
+    Thesis Eq. 2.14; ISO 13653, relative illuminance in the image field.
     """
 
     focal_length: float = 0.125
@@ -53,6 +58,7 @@ class Lens:
     stop: Stop = Stop()  # noqa: RUF009 (frozen)
     aberrations: tuple[tuple[int, int, float], ...] = ()
     kind: Literal["thin", "stigmatic"] = "thin"
+    relative_illumination: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         require_positive("focal_length", self.focal_length, "m")
@@ -75,6 +81,29 @@ class Lens:
                 f"f_number is {self.f_number:g}; no ray of a lens that obeys the sine condition "
                 "is that steep: give 0.5 or more"
             )
+        self._require_relative_illumination()
+
+    def _require_relative_illumination(self) -> None:
+        """Raise ValueError if the relative illumination doesn't go outwards from (0, 1)."""
+        pairs = self.relative_illumination
+        if not pairs:
+            return
+        if len(pairs) < 2 or tuple(pairs[0]) != (0.0, 1.0):
+            raise ValueError(
+                f"relative_illumination is {list(pairs)}; give two pairs or more, the first of "
+                "them [0, 1] for the axis"
+            )
+        for (inner, _), (height, share) in itertools.pairwise(pairs):
+            if not inner < height < math.inf:
+                raise ValueError(
+                    f"relative_illumination has the image height {height * 1e3:g} mm after "
+                    f"{inner * 1e3:g} mm; heights rise from the axis outwards"
+                )
+            if not 0 < share <= 1:
+                raise ValueError(
+                    f"relative_illumination is {share:g} at {height * 1e3:g} mm; it is a share of "
+                    "the light on the axis: more than 0, and 1 at most"
+                )
 
     @property
     def stop_diameter(self) -> float:
@@ -133,7 +162,8 @@ class Camera:
     Raises
     ------
     ValueError
-        If a share is outside 0 to 1, or the separation is negative or infinite.
+        If a share is outside 0 to 1, the separation is negative or infinite, or the lens' relative
+        illumination isn't known up to the sensor's corner.
 
     References
     ----------
@@ -154,6 +184,17 @@ class Camera:
         if not 0 <= separation < math.inf:
             raise ValueError(
                 f"separation is {separation:g} m; the panel stands before the lens, 0 m or more"
+            )
+        self._require_field_of_lens()
+
+    def _require_field_of_lens(self) -> None:
+        """Raise ValueError if the lens' data end within the sensor."""
+        corner = math.hypot(*self.sensor.shape) * self.sensor.pitch / 2
+        curve = self.lens.relative_illumination
+        if curve and curve[-1][0] < corner * (1 - 1e-3):
+            raise ValueError(
+                f"relative_illumination ends at {curve[-1][0] * 1e3:g} mm, and the sensor's corner "
+                f"is {corner * 1e3:.4g} mm from the axis; give the curve up to there"
             )
 
     @property

@@ -16,7 +16,7 @@ from labapp.files.polarisation_table import PolarisationTable
 from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.sensor_file import SensorTable, with_sensor
-from optics.camera import Camera, Lens
+from optics.camera import Camera, Lens, Sensor
 from optics.slm import Panel
 from optics.stop.aperture import Circle, Stop, regular_polygon
 
@@ -28,6 +28,8 @@ class LensTable(FileModel):
     the distance from the panel to the lens. blades is the number of straight blades of the stop,
     0 for a round stop. obscuration is the radius of a central disc that hides the stop, in stop
     radii. aberrations are Zernike polynomials [n, m, nm of optical path, root mean square].
+    relative_illumination is a data sheet's curve, pairs [mm of image height, share of the light on
+    the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴.
     """
 
     focal_length_mm: Positive
@@ -38,6 +40,7 @@ class LensTable(FileModel):
     blades: Annotated[int, Field(ge=0, le=1000)] = 0
     obscuration: Annotated[float, Field(ge=0, lt=1)] = 0.0
     aberrations: tuple[tuple[int, int, Finite], ...] = ()
+    relative_illumination: tuple[tuple[Amount, Finite], ...] = ()
 
     @model_validator(mode="after")
     def _validate_lens(self) -> LensTable:
@@ -63,6 +66,7 @@ class LensTable(FileModel):
             Stop(opening, obscured),
             tuple((n, m, nanometres * 1e-9) for n, m, nanometres in self.aberrations),
             self.kind,
+            tuple((height * 1e-3, share) for height, share in self.relative_illumination),
         )
 
 
@@ -102,6 +106,13 @@ class CameraFile(FileModel):
                 f"key 'panel.unmodulated' is {given:g}, and from the table 'polarisation' follows "
                 f"{share:.3g}; remove one of the two"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _require_lens_for_sensor(self) -> Self:
+        """Check that the lens' data reach as far as the sensor."""
+        table = self.sensor
+        Camera(lens=self.lens.build(), sensor=Sensor((table.height, table.width), table.pitch))
         return self
 
     @property

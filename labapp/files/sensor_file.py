@@ -117,6 +117,11 @@ class SensorTable(FileModel):
         return self
 
     @property
+    def pitch(self) -> float:
+        """The distance of the sensor's pixels in metres."""
+        return self.pitch_um * 1e-6
+
+    @property
     def has_all_curves(self) -> bool:
         """Whether the sensor file itself holds all curves of quantum efficiency.
 

@@ -112,6 +112,7 @@ class TrueLensTable(FileModel):
     f_number: Positive | None = None
     focus_distance_m: Annotated[float, Field(gt=0)] | None = None
     aberrations: list[Zernike] | None = None
+    relative_illumination: list[tuple[Amount, Finite]] | None = None
 
     def apply(self, lens: Lens) -> Lens:
         changes: dict[str, Any] = {
@@ -121,6 +122,9 @@ class TrueLensTable(FileModel):
         }
         if self.aberrations is not None:
             changes["aberrations"] = _metres(self.aberrations)
+        if self.relative_illumination is not None:
+            curve = ((height * 1e-3, share) for height, share in self.relative_illumination)
+            changes["relative_illumination"] = tuple(curve)
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
 
 
@@ -165,8 +169,10 @@ class TrueBenchTable(FileModel):
         doesn't fit the camera.
         """
         panel = _with_table_in_errors("panel", lambda: self.panel.apply(nominal.panel))
-        lens = _with_table_in_errors("lens", lambda: self.lens.apply(nominal.lens))
-        true = replace(nominal, panel=panel, lens=lens)
+        seen = replace(nominal, panel=panel)
+        true = _with_table_in_errors(
+            "lens", lambda: replace(seen, lens=self.lens.apply(nominal.lens))
+        )
         _with_table_in_errors("mount", lambda: self.mount.require_light(true))
         return true
 

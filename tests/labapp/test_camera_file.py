@@ -110,6 +110,19 @@ def test_a_veil_is_a_share_of_the_light(tmp_path):
         read(tmp_path, veiled.replace("0.02", "1.5", 1))
 
 
+def test_a_lens_curve_of_relative_illumination_reaches_the_corner(tmp_path):
+    """In millimetres, as in its data sheet."""
+    falling = CAMERA.replace(
+        "[lens]", "[lens]\nrelative_illumination = [[0, 1], [10, 0.9], [40, 0.3]]", 1
+    )
+    lens = read(tmp_path, falling).build_camera().lens
+    heights, shares = zip(*lens.relative_illumination, strict=True)
+    assert heights == pytest.approx((0, 0.01, 0.04))
+    assert shares == (1, 0.9, 0.3)
+    with pytest.raises(UserError, match=r"ends at 0\.01 mm.* give the curve up to there"):
+        read(tmp_path, falling.replace("[10, 0.9], [40, 0.3]", "[0.01, 0.9]", 1))
+
+
 def test_light_across_a_panels_axis_is_not_modulated(tmp_path):
     """sin² of the polariser's angle; half of natural light passes, and the cube's shares."""
     table = """[polarisation]

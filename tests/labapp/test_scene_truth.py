@@ -39,6 +39,7 @@ illumination = { radius_mm = 9.0, centre_mm = [0.5, -1.0] }
 focal_length_mm = 124.0
 focus_distance_m = 1.9
 aberrations = [[3, 1, 50.0]]
+relative_illumination = [[0, 1], [20, 0.5]]
 
 [truth.mount]
 rotation_deg = 1.7
@@ -90,6 +91,7 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     assert torch.allclose(panel.illumination.at_pixels(panel), beam)
     assert (lens.focal_length, lens.focus_distance) == pytest.approx((0.124, 1.9))
     assert (lens.f_number, lens.aberrations) == (5.0, ((3, 1, pytest.approx(50e-9)),))
+    assert lens.relative_illumination == ((0, 1), (0.02, 0.5))
 
 
 def test_the_mount_is_in_degrees():
