@@ -15,7 +15,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel
-from optics.camera import Camera, Lens, Panel
+from labapp.files.sensor_file import specks_in_metres
+from optics.camera import Camera, Lens, Panel, Sensor
 from optics.pupil import open_area
 from optics.slm import PhaseResponse
 from optics.zernike import require_zernike_indices
@@ -128,6 +129,22 @@ class TrueLensTable(FileModel):
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
 
 
+class TrueSensorTable(FileModel):
+    """True properties of a virtual bench's sensor; those left out are as in the bench file."""
+
+    crosstalk_percent: Annotated[float, Field(ge=0, le=25)] | None = None
+    dust: list[tuple[Finite, Finite, Positive]] | None = None
+    dust_distance_um: Amount | None = None
+
+    def apply(self, sensor: Sensor) -> Sensor:
+        changes: dict[str, Any] = {
+            "crosstalk": _times(self.crosstalk_percent, 1e-2),
+            "dust": None if self.dust is None else specks_in_metres(self.dust),
+            "dust_distance": _times(self.dust_distance_um, 1e-6),
+        }
+        return replace(sensor, **{k: v for k, v in changes.items() if v is not None})
+
+
 class MountTable(FileModel):
     """Orientation and place of the panel: mirrored, then rotated from x towards y, then shifted.
 
@@ -160,6 +177,7 @@ class TrueBenchTable(FileModel):
 
     panel: TruePanelTable = TruePanelTable()
     lens: TrueLensTable = TrueLensTable()
+    sensor: TrueSensorTable = TrueSensorTable()
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
@@ -169,7 +187,8 @@ class TrueBenchTable(FileModel):
         doesn't fit the camera.
         """
         panel = _with_table_in_errors("panel", lambda: self.panel.apply(nominal.panel))
-        seen = replace(nominal, panel=panel)
+        sensor = _with_table_in_errors("sensor", lambda: self.sensor.apply(nominal.sensor))
+        seen = replace(nominal, panel=panel, sensor=sensor)
         true = _with_table_in_errors(
             "lens", lambda: replace(seen, lens=self.lens.apply(nominal.lens))
         )

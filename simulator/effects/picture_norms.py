@@ -8,11 +8,15 @@ from typing import TypeVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
 from optics.plane import centred_crop
+from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts
+from simulator.effects.dust_losses import dust_losses
+from simulator.effects.electron_bounds import peak_electrons
 from simulator.effects.psf_bounds import (
     has_occlusion,
     is_uniform_scene,
@@ -53,11 +57,23 @@ def minimum_norms(s: Situation) -> MinimumNorms:
         total, norm = (
             seconds * one for one in cached_across_exposures(s, "floor", lambda: _min_light(s))
         )
+        total, norm = _in_dusts_shadow(s, total, norm)
     noise = dark + sensor.read_noise**2
     return MinimumNorms(
         math.hypot(norm, dark * math.sqrt(pixels)),
         math.hypot(norm, noise * math.sqrt(pixels)),
         math.sqrt(total + noise * pixels),
+    )
+
+
+def _in_dusts_shadow(s: Situation, total: float, norm: float) -> tuple[float, float]:
+    """Return the least sum and norm of light that the dust effect leaves, electrons."""
+    losses = dust_losses(s)
+    if not losses.deepest:
+        return total, norm
+    left, most = 1 - losses.deepest, peak_electrons(s)
+    return max(left * total, total - losses.total * most), max(
+        left * norm, norm - losses.norm * most
     )
 
 
@@ -98,7 +114,7 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
         # As much light is blurred into the frame as out of it.
         return left * s.picture_probe.total, left * math.sqrt(float(power.power.sum()))
     transfer = s.pattern_probe.transfer_bounds.mean_square_between(power.low, power.high)
-    pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
+    pixel = _pixel_power_gain(s, power.high)
     norm = math.sqrt(float((power.power * transfer * pixel).sum()))
     half = min(s.camera.sensor.shape) / 2 * s.camera.sensor.pitch
     kept = 1 - s.pattern_probe.share_beyond(half) / 2 - s.pattern_probe.side_order_share
@@ -162,7 +178,7 @@ def _blur_margin(s: Situation, share: float) -> int:
     reach = (
         s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength + s.image_motion
     )
-    pixels = max(reach / s.camera.sensor.pitch, 1.0)
+    pixels = max(reach / s.camera.sensor.pitch, 1.0) + (1.0 if s.camera.sensor.crosstalk else 0.0)
     return math.ceil(2 ** (math.ceil(4 * math.log2(pixels)) / 4))
 
 
@@ -267,11 +283,20 @@ def _norm_by_frequency(s: Situation) -> float:
             continue
         least = transfer.least_between(power.low, power.high)
         mean = transfer.mean_square_between(power.low, power.high)
-        pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
+        pixel = _pixel_power_gain(s, power.high)
         squares = np.maximum(power.power * least**2, power.least * mean) * pixel
         # At most `share` of the light falls beyond the frame.
         best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
     return best
+
+
+def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the least share of power at k cycles/m that pixels' effects leave, for norms."""
+    sensor = s.camera.sensor
+    gain = np.clip(1 - (np.pi * k * sensor.pitch) ** 2 / 3, 0, 1)
+    if sensor.crosstalk:
+        gain = gain * (1 - max_contrast_loss(sensor.crosstalk, k, sensor.pitch)) ** 2
+    return gain
 
 
 def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from simulator.effects.band_effects import Bandwidth, Leak
+from simulator.effects.crosstalk import PixelCrosstalk
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.depths import DepthLayers
 from simulator.effects.diffraction import Diffraction
+from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
@@ -66,7 +68,9 @@ EFFECTS: tuple[Effect, ...] = (
     LightSampling(),
     PixelAperture(),
     VeilingGlare(),
+    Dust(),
     ColourFilters(),
+    PixelCrosstalk(),
     RollingShutter(),
     DarkCurrent(),
     FixedPattern(),

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 
 from optics.caching import ByteCache
+from optics.sensor.crosstalk import mix_neighbours
 from simulator.formation.coarse_orders import CoarseOrders
 from simulator.formation.compositing import (
     AdditiveCompositor,
@@ -14,6 +15,7 @@ from simulator.formation.compositing import (
     OccludingCompositor,
     ZerothOrderPath,
 )
+from simulator.formation.dust_shadows import cast_shadows
 from simulator.formation.exposure_cells import ExposureCell, exposure_cells
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
@@ -36,7 +38,7 @@ def expected_electrons(
 ) -> torch.Tensor:
     """Render the mean image of a situation: the mean photo-electrons on each pixel.
 
-    The colour filters and the pixel aperture are included; the sensor's other stages come later.
+    Colour filters, pixel aperture and crosstalk are included; the sensor's other stages come later.
 
     Parameters
     ----------
@@ -73,11 +75,19 @@ def expected_electrons(
             check()
             light = render.light(cell, number)
             total += light * torch.from_numpy(cell.weight).to(torch.float32)[:, None]
+    if recipe.dust:
+        ledger.add("dust", total.numel(), 4 * total.numel())
+        cast_shadows(total, s.camera.sensor, s.camera.lens)
     colour = s.camera.sensor.colour
     if colour is not None and recipe.mosaic:
         ledger.add("colour filter array", total[0].numel(), 4 * total[0].numel())
-        return colour.sample_channels(total).clamp(min=0)
-    return total[0].clamp(min=0)
+        electrons = colour.sample_channels(total).clamp(min=0)
+    else:
+        electrons = total[0].clamp(min=0)
+    if recipe.crosstalk:
+        ledger.add("pixel crosstalk", 8.0 * electrons.numel(), 4 * electrons.numel())
+        electrons = mix_neighbours(electrons, s.camera.sensor.crosstalk)
+    return electrons
 
 
 def _require_counts(recipe: Recipe) -> None:
@@ -134,7 +144,8 @@ class _Rendering:
         # The light doesn't depend on the recipe's fields for time, which the cell contains, or for
         # the sensor's later stages: these are set to one value in the cache key.
         axes = r.with_changes(
-            lamp=False, rolling=False, motion=1, crystal=False, dark_current=False,
+            lamp=False, rolling=False, motion=1, crystal=False, dust=False, crosstalk=False,
+            dark_current=False,
             fixed_pattern=False, shot="none", clipping=False, read_noise=False,
             quantisation=False,
         )  # fmt: skip

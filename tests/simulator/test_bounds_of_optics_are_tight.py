@@ -112,6 +112,13 @@ def thick_grating() -> Situation:
     return seen(camera(), 240 * CHECKERS, band=Band(550e-9, 30e-9))
 
 
+def on_sensor(s: Situation, **data) -> Situation:
+    return replace(s, camera=replace(s.camera, sensor=replace(s.camera.sensor, **data)))
+
+
+SPECK = (1e-4, -1e-4, 3e-4)
+
+
 def panel(grey: np.ndarray | None = None, **data) -> Callable[[], Situation]:
     return lambda: seen(camera(replace(IDEAL, **data)), grey)
 
@@ -212,6 +219,11 @@ WORST = [
           label="on cells"),
     Worst("veiling glare", lambda: seen(replace(camera(), glare=0.05)), {0: 1.5},
           "a spot has a mean of its own"),
+    Worst("dust", lambda: on_sensor(seen(target=Flat(1.0, 1e7), camera=camera()), dust=(SPECK,),
+                                    dust_distance=2e-3), {0: 1.5},
+          "pixels that are brighter than even light"),
+    Worst("pixel crosstalk", lambda: on_sensor(seen(camera(pitch=60e-6)), crosstalk=0.05),
+          {0: 2.5}, "a spot holds all frequencies, and few of them lose the most"),
 ]  # fmt: skip
 
 
