@@ -7,6 +7,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
+from optics.distortion import RadialDistortion
 from optics.sensor.sensor import Sensor as Sensor
 from optics.slm.panel import Panel as Panel
 from optics.stop.aperture import Circle, Stop
@@ -41,6 +44,9 @@ class Lens:
         Pairs (image height in metres, light over that on the axis), from (0, 1) outwards, as a data
         sheet's curve gives them. None by default: cos⁴ of the field angle. Only the simulator uses
         them.
+    distortion : tuple of (float, float), optional
+        Brown's radial coefficients k1 and k2, for heights in units of the image distance, as
+        OpenCV has them: barrel below 0, pincushion above. Only the simulator uses them.
 
     Raises
     ------
@@ -49,7 +55,7 @@ class Lens:
 
     References
     ----------
-    Thesis Eq. 2.14; ISO 13653, relative illuminance in the image field.
+    Thesis Eq. 2.14; ISO 13653, relative illuminance in the image field; Brown 1971.
     """
 
     focal_length: float = 0.125
@@ -59,6 +65,7 @@ class Lens:
     aberrations: tuple[tuple[int, int, float], ...] = ()
     kind: Literal["thin", "stigmatic"] = "thin"
     relative_illumination: tuple[tuple[float, float], ...] = ()
+    distortion: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         require_positive("focal_length", self.focal_length, "m")
@@ -82,6 +89,8 @@ class Lens:
                 "is that steep: give 0.5 or more"
             )
         self._require_relative_illumination()
+        if not all(math.isfinite(one) for one in self.distortion):
+            raise ValueError(f"distortion is {list(self.distortion)}; give two finite numbers")
 
     def _require_relative_illumination(self) -> None:
         """Raise ValueError if the relative illumination doesn't go outwards from (0, 1)."""
@@ -163,7 +172,7 @@ class Camera:
     ------
     ValueError
         If a share is outside 0 to 1, the separation is negative or infinite, or the lens' relative
-        illumination isn't known up to the sensor's corner.
+        illumination or distortion isn't known up to the sensor's corner.
 
     References
     ----------
@@ -196,6 +205,15 @@ class Camera:
                 f"relative_illumination ends at {curve[-1][0] * 1e3:g} mm, and the sensor's corner "
                 f"is {corner * 1e3:.4g} mm from the axis; give the curve up to there"
             )
+        if any(self.lens.distortion):
+            by = RadialDistortion(self.lens.distortion, as_number(self.lens.image_distance))
+            most = float(by.distorted(np.array(by.fold))) if math.isfinite(by.fold) else math.inf
+            if most < corner * 1.02:
+                raise ValueError(
+                    f"distortion is {list(self.lens.distortion)}; with it the image folds back "
+                    f"{most * 1e3:.4g} mm from the axis, and the sensor's corner is at "
+                    f"{corner * 1e3:.4g} mm: give k1 and k2 for heights over the image distance"
+                )
 
     @property
     def ray_matrix_b(self) -> float:

@@ -29,7 +29,8 @@ class LensTable(FileModel):
     0 for a round stop. obscuration is the radius of a central disc that hides the stop, in stop
     radii. aberrations are Zernike polynomials [n, m, nm of optical path, root mean square].
     relative_illumination is a data sheet's curve, pairs [mm of image height, share of the light on
-    the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴.
+    the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴. distortion
+    is Brown's [k1, k2] for image heights over the image distance, as OpenCV calibrates them.
     """
 
     focal_length_mm: Positive
@@ -41,6 +42,7 @@ class LensTable(FileModel):
     obscuration: Annotated[float, Field(ge=0, lt=1)] = 0.0
     aberrations: tuple[tuple[int, int, Finite], ...] = ()
     relative_illumination: tuple[tuple[Amount, Finite], ...] = ()
+    distortion: tuple[Finite, Finite] = (0.0, 0.0)
 
     @model_validator(mode="after")
     def _validate_lens(self) -> LensTable:
@@ -67,6 +69,7 @@ class LensTable(FileModel):
             tuple((n, m, nanometres * 1e-9) for n, m, nanometres in self.aberrations),
             self.kind,
             tuple((height * 1e-3, share) for height, share in self.relative_illumination),
+            self.distortion,
         )
 
 

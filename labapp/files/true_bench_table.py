@@ -114,11 +114,13 @@ class TrueLensTable(FileModel):
     focus_distance_m: Annotated[float, Field(gt=0)] | None = None
     aberrations: list[Zernike] | None = None
     relative_illumination: list[tuple[Amount, Finite]] | None = None
+    distortion: tuple[Finite, Finite] | None = None
 
     def apply(self, lens: Lens) -> Lens:
         changes: dict[str, Any] = {
             "focal_length": _times(self.focal_length_mm, 1e-3),
             "f_number": self.f_number,
+            "distortion": self.distortion,
             "focus_distance": self.focus_distance_m,
         }
         if self.aberrations is not None:

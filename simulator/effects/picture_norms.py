@@ -16,7 +16,7 @@ from optics.plane import centred_crop
 from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts
 from simulator.effects.dust_losses import dust_losses
-from simulator.effects.electron_bounds import peak_electrons
+from simulator.effects.electron_bounds import area_change, peak_electrons
 from simulator.effects.psf_bounds import (
     has_occlusion,
     is_uniform_scene,
@@ -24,6 +24,7 @@ from simulator.effects.psf_bounds import (
 )
 from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
 from simulator.effects.spectra import spectral_measure
+from simulator.formation.distorting import distorted_frame
 from simulator.planning.bound import MinimumNorms
 from simulator.probing.picture_probe import MARGIN
 from simulator.probing.radial import RadialProfile
@@ -124,7 +125,7 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
 def _min_light(s: Situation) -> tuple[float, float]:
     """Bound the sum and norm of light from below, with all effects on, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
-    attenuated, spread = 0.8 * _min_attenuation(s), _min_light_by_area(s)
+    attenuated, spread = 0.8 * _min_attenuation(s) / area_change(s), _min_light_by_area(s)
     total = max((one for one, _ in spread), default=0.0)
     norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
     return attenuated * total, attenuated * max(
@@ -176,7 +177,9 @@ def _blur_margin(s: Situation, share: float) -> int:
     other patterns can use the same results of the picture.
     """
     reach = (
-        s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength + s.image_motion
+        s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength
+        + s.image_motion
+        + distorted_frame(s.camera).reach
     )
     pixels = max(reach / s.camera.sensor.pitch, 1.0) + (1.0 if s.camera.sensor.crosstalk else 0.0)
     return math.ceil(2 ** (math.ceil(4 * math.log2(pixels)) / 4))

@@ -7,6 +7,7 @@ from simulator.effects.crosstalk import PixelCrosstalk
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.depths import DepthLayers
 from simulator.effects.diffraction import Diffraction
+from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
@@ -65,6 +66,7 @@ EFFECTS: tuple[Effect, ...] = (
     Vignetting(),
     Diffraction(),
     PSFReach(),
+    Distortion(),
     LightSampling(),
     PixelAperture(),
     VeilingGlare(),

@@ -15,6 +15,7 @@ from simulator.formation.compositing import (
     OccludingCompositor,
     ZerothOrderPath,
 )
+from simulator.formation.distorting import DISTORTION_OPERATIONS, distort
 from simulator.formation.dust_shadows import cast_shadows
 from simulator.formation.exposure_cells import ExposureCell, exposure_cells
 from simulator.formation.kernels import Kernels
@@ -161,12 +162,22 @@ class _Rendering:
         light = []
         for spectrum in self._layered.spectra(cell, number):
             self._check()
+            if self._recipe.distortion:
+                spectrum = self._distorted(spectrum)
             light.append(self._gathering.light_on_pixels(spectrum, aperture))
         total = torch.stack(light)
         if self._coarse_orders is not None:
             self._check()
             total += self._coarse_orders.light(cell)
         return self._with_glare(total) if self._recipe.glare else total
+
+    def _distorted(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """Distort the rendered image of a spectrum, which is on samples finer than pixels."""
+        plane = self._gathering.plane
+        samples = plane.shape[0] * plane.shape[1]
+        operations = 6 * self._gathering.operations + DISTORTION_OPERATIONS * samples
+        self._ledger.add("distortion", operations, 16 * samples)
+        return distort(spectrum, plane, self._s.camera.lens)
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
         """Add veiling glare to the rendered image: spread a share of its light evenly."""

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera, Lens
+from optics.distortion import RadialDistortion
 from optics.plane import Plane
 from optics.stop_shadow import share_through_stop
 from simulator.mount import Mount
@@ -20,9 +21,10 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
 
     The result is (rows, columns) of the plane. camera: in the panel's axes. Vignetting is cos⁴ of
     the angle at which the lens appears from the sensor, or what the lens' curve of relative
-    illumination has instead, times the panel's light that passes the stop, relative to that on the
-    axis (share_through_stop()). The latter is interpolated linearly between 33 x 33 places, the
-    outermost of which are on the plane's edges; a plane of fewer samples needs no others.
+    illumination has instead where distortion brings the light, times the panel's light that passes
+    the stop, relative to that on the axis (share_through_stop()). The latter is interpolated
+    linearly between 33 x 33 places, the outermost of which are on the plane's edges; a plane of
+    fewer samples needs no others.
     """
     y, x = plane.mesh()
     share = _relative_illumination(camera.lens, y**2 + x**2)
@@ -40,7 +42,11 @@ def _relative_illumination(lens: Lens, squared_height: torch.Tensor) -> torch.Te
     if not lens.relative_illumination:
         return (1 + squared_height / lens.image_distance**2) ** -2
     height, share = np.array(lens.relative_illumination).T
-    return torch.from_numpy(np.interp(squared_height.numpy(), height**2, share))
+    squared = squared_height.numpy()
+    if any(lens.distortion):
+        by = RadialDistortion(lens.distortion, lens.image_distance)
+        squared = by.distorted(np.sqrt(squared)) ** 2
+    return torch.from_numpy(np.interp(squared, height**2, share))
 
 
 def _relative_stop_transmission(

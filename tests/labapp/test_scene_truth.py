@@ -40,6 +40,7 @@ focal_length_mm = 124.0
 focus_distance_m = 1.9
 aberrations = [[3, 1, 50.0]]
 relative_illumination = [[0, 1], [20, 0.5]]
+distortion = [-0.2, 0.1]
 
 [truth.sensor]
 crosstalk_percent = 3
@@ -100,6 +101,7 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     assert (lens.focal_length, lens.focus_distance) == pytest.approx((0.124, 1.9))
     assert (lens.f_number, lens.aberrations) == (5.0, ((3, 1, pytest.approx(50e-9)),))
     assert lens.relative_illumination == ((0, 1), (0.02, 0.5))
+    assert lens.distortion == (-0.2, 0.1)
 
 
 def test_the_mount_is_in_degrees():

@@ -17,6 +17,7 @@ from simulator.effects.band_effects import Bandwidth, Leak
 from simulator.effects.crosstalk import PixelCrosstalk
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.diffraction import Diffraction
+from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
@@ -48,6 +49,7 @@ EFFECTS: tuple[Effect, ...] = (
     FieldPosition(),
     Vignetting(),
     PanelOrders(),
+    Distortion(),
     VeilingGlare(),
     Dust(),
     PixelCrosstalk(),
@@ -161,7 +163,8 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
         dust=tuple((float(y), float(x), float(d)) for y, x, d in specks),
         dust_distance=float(rng.uniform(2e-4, 3e-3)),
     )
-    camera = replace(camera, sensor=sensor)
+    bent = (float(rng.choice([0.0, 0.0, -300.0, 1000.0])), 0.0)
+    camera = replace(camera, sensor=sensor, lens=replace(camera.lens, distortion=bent))
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 

@@ -116,6 +116,11 @@ def on_sensor(s: Situation, **data) -> Situation:
     return replace(s, camera=replace(s.camera, sensor=replace(s.camera.sensor, **data)))
 
 
+def bent() -> Situation:
+    wide = camera(pitch=20e-6, lens=replace(LENS, distortion=(2000.0, 0.0)))
+    return seen(wide, target=at_the_corner(wide, 3))
+
+
 SPECK = (1e-4, -1e-4, 3e-4)
 
 
@@ -219,6 +224,7 @@ WORST = [
           label="on cells"),
     Worst("veiling glare", lambda: seen(replace(camera(), glare=0.05)), {0: 1.5},
           "a spot has a mean of its own"),
+    Worst("distortion", bent, {0: 12}, "all light takes the longest way, its phases as they are"),
     Worst("dust", lambda: on_sensor(seen(target=Flat(1.0, 1e7), camera=camera()), dust=(SPECK,),
                                     dust_distance=2e-3), {0: 1.5},
           "pixels that are brighter than even light"),
