@@ -167,6 +167,12 @@ class Camera:
     glare : float, optional
         Share of the light that reflections and scatter spread evenly over the sensor, the veiling
         glare index of ISO 9358. Only the simulator uses it.
+    vibration : float, optional
+        Metres by which the image trembles on the sensor along each axis, root mean square. Only the
+        simulator uses it and the next.
+    vibration_frequency : float, optional
+        Hertz; exposures of less than a period are blurred less. By default, every exposure has
+        many periods.
 
     Raises
     ------
@@ -185,10 +191,19 @@ class Camera:
     transmission: float = 0.6
     separation: float = 0.0
     glare: float = 0.0
+    vibration: float = 0.0
+    vibration_frequency: float = math.inf
 
     def __post_init__(self) -> None:
         require_share("transmission", self.transmission)
         require_share("glare", self.glare)
+        if not 0 <= self.vibration < math.inf:
+            raise ValueError(f"vibration is {self.vibration:g} m; it is 0 or more, and finite")
+        if not self.vibration_frequency > 0:
+            raise ValueError(
+                f"vibration_frequency is {self.vibration_frequency:g} Hz; it is more than 0 (inf "
+                "for many periods in every exposure)"
+            )
         separation = as_number(self.separation)
         if not 0 <= separation < math.inf:
             raise ValueError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -81,7 +82,9 @@ class CameraFile(FileModel):
     `polarisation`. calibration is the name of a file that `labapp calibrate` wrote, or its
     contents; its measurements replace the description. camera_calibration is likewise that of
     `labapp calibrate --camera`, whose measurements replace those of the sensor. glare is
-    the share of the light that veils the picture evenly.
+    the share of the light that veils the picture evenly. vibration_um is how far the image trembles
+    on the sensor, root mean square along each axis, vibration_hz how often; without vibration_hz,
+    many times in every exposure.
     """
 
     version: Literal[1]
@@ -94,6 +97,8 @@ class CameraFile(FileModel):
     calibration: str | CalibrationFile | None = None
     camera_calibration: str | CameraNoiseFile | None = None
     glare: Share = 0.0
+    vibration_um: Amount = 0.0
+    vibration_hz: Positive | None = None
 
     @model_validator(mode="after")
     def _require_one_unmodulated_share(self) -> Self:
@@ -190,7 +195,16 @@ class CameraFile(FileModel):
         panel, transmission = self._apply_polarisation(self.panel.build())
         separation = self.lens.separation_mm * 1e-3
         lens, sensor = self.lens.build(), self.sensor.build()
-        return Camera(panel, lens, sensor, transmission, separation, self.glare)
+        return Camera(
+            panel,
+            lens,
+            sensor,
+            transmission,
+            separation,
+            self.glare,
+            self.vibration_um * 1e-6,
+            self.vibration_hz or math.inf,
+        )
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
         """Return the panel with the unmodulated share that the camera file's polarisation gives.

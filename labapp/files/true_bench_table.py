@@ -180,6 +180,8 @@ class TrueBenchTable(FileModel):
     panel: TruePanelTable = TruePanelTable()
     lens: TrueLensTable = TrueLensTable()
     sensor: TrueSensorTable = TrueSensorTable()
+    vibration_um: Amount | None = None
+    vibration_hz: Positive | None = None
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
@@ -194,6 +196,11 @@ class TrueBenchTable(FileModel):
         true = _with_table_in_errors(
             "lens", lambda: replace(seen, lens=self.lens.apply(nominal.lens))
         )
+        changes = {
+            "vibration": _times(self.vibration_um, 1e-6),
+            "vibration_frequency": self.vibration_hz,
+        }
+        true = replace(true, **{k: v for k, v in changes.items() if v is not None})
         _with_table_in_errors("mount", lambda: self.mount.require_light(true))
         return true
 

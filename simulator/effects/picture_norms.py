@@ -25,6 +25,7 @@ from simulator.effects.psf_bounds import (
 from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
 from simulator.effects.spectra import spectral_measure
 from simulator.formation.distorting import distorted_frame
+from simulator.formation.vibration import image_vibration
 from simulator.planning.bound import MinimumNorms
 from simulator.probing.picture_probe import MARGIN
 from simulator.probing.radial import RadialProfile
@@ -180,6 +181,7 @@ def _blur_margin(s: Situation, share: float) -> int:
         s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength
         + s.image_motion
         + distorted_frame(s.camera).reach
+        + 3 * image_vibration(s)
     )
     pixels = max(reach / s.camera.sensor.pitch, 1.0) + (1.0 if s.camera.sensor.crosstalk else 0.0)
     return math.ceil(2 ** (math.ceil(4 * math.log2(pixels)) / 4))
@@ -299,6 +301,8 @@ def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float6
     gain = np.clip(1 - (np.pi * k * sensor.pitch) ** 2 / 3, 0, 1)
     if sensor.crosstalk:
         gain = gain * (1 - max_contrast_loss(sensor.crosstalk, k, sensor.pitch)) ** 2
+    if s.camera.vibration:
+        gain = gain * np.exp(-((2 * np.pi * image_vibration(s) * k) ** 2))
     return gain
 
 

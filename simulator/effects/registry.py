@@ -40,6 +40,7 @@ from simulator.effects.sensor_effects import (
 )
 from simulator.effects.shot_noise import ShotNoise
 from simulator.effects.time_effects import LampFlicker, RollingShutter
+from simulator.effects.vibration import Vibration
 from simulator.planning import Effect
 
 EFFECTS: tuple[Effect, ...] = (
@@ -66,6 +67,7 @@ EFFECTS: tuple[Effect, ...] = (
     Vignetting(),
     Diffraction(),
     PSFReach(),
+    Vibration(),
     Distortion(),
     LightSampling(),
     PixelAperture(),

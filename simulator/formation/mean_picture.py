@@ -24,6 +24,7 @@ from simulator.formation.nodes import channel_efficiencies, wavelengths
 from simulator.formation.objects import ObjectSpectra
 from simulator.formation.sample_grid import SampleGrid
 from simulator.formation.side_orders import SideOrdersPath
+from simulator.formation.vibration import image_vibration, vibration_transfer
 from simulator.formation.windows import rendering_windows
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
@@ -114,6 +115,7 @@ class _Rendering:
     ) -> None:
         self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
         self._ledger = ledger
+        self._vibration = image_vibration(s) if recipe.vibration else 0.0
         coarse = recipe.coarse_orders and recipe.diffraction
         orders = recipe.orders if recipe.diffraction and not coarse else 0
         windows = rendering_windows(
@@ -152,7 +154,7 @@ class _Rendering:
         )  # fmt: skip
         causes = (
             "light", s.camera, s.mount, s.target, s.band, s.interference, s.numerics, axes,
-            cell.panel_state, cell.shift, cell.path,
+            cell.panel_state, cell.shift, cell.path, self._vibration,
         )  # fmt: skip
         return self._cache.get(causes, lambda: self._compute_light(cell, number))
 
@@ -162,6 +164,8 @@ class _Rendering:
         light = []
         for spectrum in self._layered.spectra(cell, number):
             self._check()
+            if self._vibration:
+                spectrum = self._blurred_by_vibration(spectrum)
             if self._recipe.distortion:
                 spectrum = self._distorted(spectrum)
             light.append(self._gathering.light_on_pixels(spectrum, aperture))
@@ -170,6 +174,11 @@ class _Rendering:
             self._check()
             total += self._coarse_orders.light(cell)
         return self._with_glare(total) if self._recipe.glare else total
+
+    def _blurred_by_vibration(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """Blur the rendered image of a spectrum as it trembles."""
+        self._ledger.add("vibration", 20.0 * spectrum.numel(), 12 * spectrum.numel())
+        return spectrum * vibration_transfer(self._gathering.plane, self._vibration)
 
     def _distorted(self, spectrum: torch.Tensor) -> torch.Tensor:
         """Distort the rendered image of a spectrum, which is on samples finer than pixels."""

@@ -139,6 +139,10 @@ def random_situation(rng: np.random.Generator) -> Situation:
     s = replace(
         s, camera=replace(s.camera, glare=glare, sensor=_unclean(rng, s.camera.sensor), lens=lens)
     )
+    if rng.random() < 0.4:
+        trembling = log_uniform(rng, 0.03, 3) * s.camera.sensor.pitch
+        frequency = log_uniform(rng, 0.05, 5) / exposure
+        s = replace(s, camera=replace(s.camera, vibration=trembling, vibration_frequency=frequency))
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
 
 

@@ -106,6 +106,9 @@ aberrations = [[4, 0, 60.0], [2, -2, -25.0]]
 def test_a_veil_is_a_share_of_the_light(tmp_path):
     veiled = CAMERA.replace("transmission", "glare = 0.02\ntransmission", 1)
     assert read(tmp_path, veiled).build_camera().glare == 0.02
+    shaken = veiled.replace("glare", "vibration_um = 2\nglare", 1)
+    assert read(tmp_path, shaken).build_camera().vibration == 2e-6
+    assert read(tmp_path, shaken).build_camera().vibration_frequency == math.inf
     with pytest.raises(UserError, match=r"key 'glare' is 1\.5: .* less than or equal to 1"):
         read(tmp_path, veiled.replace("0.02", "1.5", 1))
 

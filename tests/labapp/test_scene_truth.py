@@ -23,6 +23,10 @@ from optics.slm import max_phase
 from simulator.mount import Mount
 
 TRUTH = """
+[truth]
+vibration_um = 1.5
+vibration_hz = 30
+
 [truth.panel]
 unmodulated = 0.08
 coupling_um = 9.0
@@ -77,7 +81,8 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     with open_bench(small.bench_files) as bench:
         assert bench.description == described
         panel, lens = bench.world.camera.panel, bench.world.camera.lens
-        sensor = bench.world.camera.sensor
+        sensor, camera = bench.world.camera.sensor, bench.world.camera
+    assert (camera.vibration, camera.vibration_frequency) == (1.5e-6, 30)
     assert (sensor.crosstalk, sensor.dust_distance) == pytest.approx((0.03, 9e-4))
     assert sensor.dust == ((10 * 1e-6, 20 * 1e-6, 5 * 1e-6),)
     assert sensor.shape == described.sensor.shape

@@ -27,6 +27,7 @@ from simulator.effects.panel_effects import PanelEffect
 from simulator.effects.panel_orders import PanelOrders
 from simulator.effects.reach import PSFReach
 from simulator.effects.sampling import LightSampling
+from simulator.effects.vibration import Vibration
 from simulator.formation.mean_picture import expected_electrons
 from simulator.ledger import Ledger
 from simulator.mount import Mount
@@ -49,6 +50,7 @@ EFFECTS: tuple[Effect, ...] = (
     FieldPosition(),
     Vignetting(),
     PanelOrders(),
+    Vibration(),
     Distortion(),
     VeilingGlare(),
     Dust(),
@@ -165,6 +167,8 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
     )
     bent = (float(rng.choice([0.0, 0.0, -300.0, 1000.0])), 0.0)
     camera = replace(camera, sensor=sensor, lens=replace(camera.lens, distortion=bent))
+    trembling = float(rng.choice([0.0, 2e-6, 15e-6]))
+    camera = replace(camera, vibration=trembling, vibration_frequency=rng.uniform(5, 100))
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 

@@ -224,6 +224,8 @@ WORST = [
           label="on cells"),
     Worst("veiling glare", lambda: seen(replace(camera(), glare=0.05)), {0: 1.5},
           "a spot has a mean of its own"),
+    Worst("vibration", lambda: seen(replace(camera(pitch=10e-6), vibration=10e-6)), {0: 4},
+          "no PSF is known so well; what pixels fold back counts again"),
     Worst("distortion", bent, {0: 12}, "all light takes the longest way, its phases as they are"),
     Worst("dust", lambda: on_sensor(seen(target=Flat(1.0, 1e7), camera=camera()), dust=(SPECK,),
                                     dust_distance=2e-3), {0: 1.5},
