@@ -196,7 +196,7 @@ class TrueBenchTable(FileModel):
         true = _with_table_in_errors(
             "lens", lambda: replace(seen, lens=self.lens.apply(nominal.lens))
         )
-        changes = {
+        changes: dict[str, Any] = {
             "vibration": _times(self.vibration_um, 1e-6),
             "vibration_frequency": self.vibration_hz,
         }
