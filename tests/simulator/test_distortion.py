@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from judges.imperfect_camera import imperfect
 from optical_situations import CAMERA, PANEL, STAR, finest, rendered, situation
-from scipy.ndimage import map_coordinates
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Sensor
@@ -28,15 +28,6 @@ def moved(height: float, k: tuple[float, float], z: float = CAMERA.lens.image_di
     return height * (1 + k[0] * (height / z) ** 2 + k[1] * (height / z) ** 4)
 
 
-def came_from(height: float, k: tuple[float, float]) -> float:
-    """By bisection."""
-    low, high = 0.0, 1.5 * height
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if moved(middle, k) < height else (low, middle)
-    return (low + high) / 2
-
-
 def smooth_print() -> PhotographPrint:
     """Waves of five pixels and more, all over the frame and beyond it."""
     y, x = np.mgrid[-1:1:80j, -1:1:100j]
@@ -46,34 +37,17 @@ def smooth_print() -> PhotographPrint:
 
 
 def looked_up(k: tuple[float, float], finer: int = 4) -> np.ndarray:
-    """From a straight picture on pixels 4 times finer, and areas by differences of heights."""
+    """From a straight picture on pixels 4 times finer, by the judge."""
     one = CAMERA.sensor
     rows, columns = (2 * n * finer for n in one.shape)
     fine = replace(CAMERA, sensor=replace(one, shape=(rows, columns), pitch=one.pitch / finer))
     # The print is as large as on the coarse frame: it covers what a frame does.
     s = situation(replace(smooth_print(), cover=1.0), fine)
     straight = rendered(s, {"light sampling": 0}, ByteCache()) * finer**2
-    total = np.zeros(one.shape)
-    for i in range(one.shape[0]):
-        for j in range(one.shape[1]):
-            for dy in (np.arange(finer) + 0.5) / finer - 0.5:
-                for dx in (np.arange(finer) + 0.5) / finer - 0.5:
-                    y = (i - one.shape[0] // 2 + dy) * one.pitch
-                    x = (j - one.shape[1] // 2 + dx) * one.pitch
-                    h = np.hypot(y, x)
-                    before = came_from(h, k)
-                    step = 1e-4 * h
-                    radial = (came_from(h + step, k) - came_from(h - step, k)) / (2 * step)
-                    place = [
-                        [at * before / h * finer / one.pitch + n // 2]
-                        for at, n in ((y, rows), (x, columns))
-                    ]
-                    seen = map_coordinates(straight, place, order=3)[0]
-                    total[i, j] += seen * radial * before / h / finer**2
-    return total
+    return imperfect(straight, finer, bent(k), 0.0)
 
 
-@pytest.mark.parametrize("k", [BENT[0], *(pytest.param(k, marks=pytest.mark.sweep) for k in BENT)])
+@pytest.mark.parametrize("k", BENT)
 def test_a_picture_is_looked_up_where_its_light_comes_from(k):
     s, cache = situation(smooth_print(), bent(k)), ByteCache()
     levels = {"light sampling": 2, "PSF reach": 0}
@@ -111,7 +85,9 @@ def test_a_curve_of_relative_illumination_holds_where_light_lands(k):
     assert lit == pytest.approx(wanted, rel=5e-3)
 
 
-@pytest.mark.parametrize("k", BENT)
+@pytest.mark.parametrize(
+    "k", [*BENT[:1], *(pytest.param(k, marks=pytest.mark.sweep) for k in BENT[1:])]
+)
 @pytest.mark.parametrize("target", [STAR, smooth_print(), Flat(1.0, 1e7)], ids=type)
 def test_no_more_changes_than_the_bound_and_no_less_is_left(k, target):
     s, cache = situation(target, bent(k)), ByteCache()

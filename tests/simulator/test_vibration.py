@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from optical_situations import CAMERA, STAR, finest, rendered, situation
+from optical_situations import CAMERA, STAR, rendered, situation
 
 from optics.caching import ByteCache
 from optics.camera import Camera
@@ -14,6 +14,7 @@ from simulator.effects.vibration import Vibration
 from simulator.formation.vibration import image_vibration
 from simulator.imaging import Imaging
 
+CACHE = ByteCache()
 SHAKEN = replace(CAMERA, vibration=12e-6)
 
 
@@ -22,7 +23,8 @@ def star(camera: Camera, y: float, x: float, on: int, **more) -> np.ndarray:
     scale = camera.magnification(1.0)
     moved = replace(STAR, offset=(STAR.offset[0] + y / scale, STAR.offset[1] + x / scale))
     s = situation(moved, camera, **more)
-    return rendered(s, finest(s) | {"panel orders": 0, "vibration": on}, ByteCache())
+    levels = {"diffraction": 1, "light sampling": 1, "vibration": on}
+    return rendered(s, levels, CACHE)
 
 
 def test_a_trembling_star_is_the_mean_of_stars_at_all_its_places():
