@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
+from optics.distortion import RadialDistortion
 from optics.sensor.sensor import Sensor as Sensor
 from optics.slm.panel import Panel as Panel
 from optics.stop.aperture import Circle, Stop
@@ -36,15 +40,22 @@ class Lens:
         "thin" is a paraxial lens with a quadratic phase (thesis Eq. 2.14). "stigmatic" is a lens
         that unites all rays of the point in focus and obeys the sine condition, so that its
         pupil coordinate is the sine of a ray's angle.
+    relative_illumination : tuple of (float, float), optional
+        Pairs (image height in metres, light over that on the axis), from (0, 1) outwards, as a data
+        sheet's curve gives them. None by default: cos⁴ of the field angle. Only the simulator uses
+        them.
+    distortion : tuple of (float, float), optional
+        Brown's radial coefficients k1 and k2, for heights in units of the image distance, as
+        OpenCV has them: barrel below 0, pincushion above. Only the simulator uses them.
 
     Raises
     ------
     ValueError
-        If a length, an aberration or the kind is invalid.
+        If a length, an aberration, the kind or a pair is invalid.
 
     References
     ----------
-    Thesis Eq. 2.14.
+    Thesis Eq. 2.14; ISO 13653, relative illuminance in the image field; Brown 1971.
     """
 
     focal_length: float = 0.125
@@ -53,6 +64,8 @@ class Lens:
     stop: Stop = Stop()  # noqa: RUF009 (frozen)
     aberrations: tuple[tuple[int, int, float], ...] = ()
     kind: Literal["thin", "stigmatic"] = "thin"
+    relative_illumination: tuple[tuple[float, float], ...] = ()
+    distortion: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         require_positive("focal_length", self.focal_length, "m")
@@ -75,6 +88,31 @@ class Lens:
                 f"f_number is {self.f_number:g}; no ray of a lens that obeys the sine condition "
                 "is that steep: give 0.5 or more"
             )
+        self._require_relative_illumination()
+        if not all(math.isfinite(one) for one in self.distortion):
+            raise ValueError(f"distortion is {list(self.distortion)}; give two finite numbers")
+
+    def _require_relative_illumination(self) -> None:
+        """Raise ValueError if the relative illumination doesn't go outwards from (0, 1)."""
+        pairs = self.relative_illumination
+        if not pairs:
+            return
+        if len(pairs) < 2 or tuple(pairs[0]) != (0.0, 1.0):
+            raise ValueError(
+                f"relative_illumination is {list(pairs)}; give two pairs or more, the first of "
+                "them [0, 1] for the axis"
+            )
+        for (inner, _), (height, share) in itertools.pairwise(pairs):
+            if not inner < height < math.inf:
+                raise ValueError(
+                    f"relative_illumination has the image height {height * 1e3:g} mm after "
+                    f"{inner * 1e3:g} mm; heights rise from the axis outwards"
+                )
+            if not 0 < share <= 1:
+                raise ValueError(
+                    f"relative_illumination is {share:g} at {height * 1e3:g} mm; it is a share of "
+                    "the light on the axis: more than 0, and 1 at most"
+                )
 
     @property
     def stop_diameter(self) -> float:
@@ -129,11 +167,18 @@ class Camera:
     glare : float, optional
         Share of the light that reflections and scatter spread evenly over the sensor, the veiling
         glare index of ISO 9358. Only the simulator uses it.
+    vibration : float, optional
+        Metres by which the image trembles on the sensor along each axis, root mean square. Only the
+        simulator uses it and the next.
+    vibration_frequency : float, optional
+        Hertz; exposures of less than a period are blurred less. By default, every exposure has
+        many periods.
 
     Raises
     ------
     ValueError
-        If a share is outside 0 to 1, or the separation is negative or infinite.
+        If a share is outside 0 to 1, the separation is negative or infinite, or the lens' relative
+        illumination or distortion isn't known up to the sensor's corner.
 
     References
     ----------
@@ -146,15 +191,44 @@ class Camera:
     transmission: float = 0.6
     separation: float = 0.0
     glare: float = 0.0
+    vibration: float = 0.0
+    vibration_frequency: float = math.inf
 
     def __post_init__(self) -> None:
         require_share("transmission", self.transmission)
         require_share("glare", self.glare)
+        if not 0 <= self.vibration < math.inf:
+            raise ValueError(f"vibration is {self.vibration:g} m; it is 0 or more, and finite")
+        if not self.vibration_frequency > 0:
+            raise ValueError(
+                f"vibration_frequency is {self.vibration_frequency:g} Hz; it is more than 0 (inf "
+                "for many periods in every exposure)"
+            )
         separation = as_number(self.separation)
         if not 0 <= separation < math.inf:
             raise ValueError(
                 f"separation is {separation:g} m; the panel stands before the lens, 0 m or more"
             )
+        self._require_field_of_lens()
+
+    def _require_field_of_lens(self) -> None:
+        """Raise ValueError if the lens' data end within the sensor."""
+        corner = math.hypot(*self.sensor.shape) * self.sensor.pitch / 2
+        curve = self.lens.relative_illumination
+        if curve and curve[-1][0] < corner * (1 - 1e-3):
+            raise ValueError(
+                f"relative_illumination ends at {curve[-1][0] * 1e3:g} mm, and the sensor's corner "
+                f"is {corner * 1e3:.4g} mm from the axis; give the curve up to there"
+            )
+        if any(self.lens.distortion):
+            by = RadialDistortion(self.lens.distortion, as_number(self.lens.image_distance))
+            most = float(by.distorted(np.array(by.fold))) if math.isfinite(by.fold) else math.inf
+            if most < corner * 1.02:
+                raise ValueError(
+                    f"distortion is {list(self.lens.distortion)}; with it the image folds back "
+                    f"{most * 1e3:.4g} mm from the axis, and the sensor's corner is at "
+                    f"{corner * 1e3:.4g} mm: give k1 and k2 for heights over the image distance"
+                )
 
     @property
     def ray_matrix_b(self) -> float:

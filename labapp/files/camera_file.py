@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -16,7 +17,7 @@ from labapp.files.polarisation_table import PolarisationTable
 from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.sensor_file import SensorTable, with_sensor
-from optics.camera import Camera, Lens
+from optics.camera import Camera, Lens, Sensor
 from optics.slm import Panel
 from optics.stop.aperture import Circle, Stop, regular_polygon
 
@@ -28,6 +29,9 @@ class LensTable(FileModel):
     the distance from the panel to the lens. blades is the number of straight blades of the stop,
     0 for a round stop. obscuration is the radius of a central disc that hides the stop, in stop
     radii. aberrations are Zernike polynomials [n, m, nm of optical path, root mean square].
+    relative_illumination is a data sheet's curve, pairs [mm of image height, share of the light on
+    the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴. distortion
+    is Brown's [k1, k2] for image heights over the image distance, as OpenCV calibrates them.
     """
 
     focal_length_mm: Positive
@@ -38,6 +42,8 @@ class LensTable(FileModel):
     blades: Annotated[int, Field(ge=0, le=1000)] = 0
     obscuration: Annotated[float, Field(ge=0, lt=1)] = 0.0
     aberrations: tuple[tuple[int, int, Finite], ...] = ()
+    relative_illumination: tuple[tuple[Amount, Finite], ...] = ()
+    distortion: tuple[Finite, Finite] = (0.0, 0.0)
 
     @model_validator(mode="after")
     def _validate_lens(self) -> LensTable:
@@ -63,6 +69,8 @@ class LensTable(FileModel):
             Stop(opening, obscured),
             tuple((n, m, nanometres * 1e-9) for n, m, nanometres in self.aberrations),
             self.kind,
+            tuple((height * 1e-3, share) for height, share in self.relative_illumination),
+            self.distortion,
         )
 
 
@@ -74,7 +82,9 @@ class CameraFile(FileModel):
     `polarisation`. calibration is the name of a file that `labapp calibrate` wrote, or its
     contents; its measurements replace the description. camera_calibration is likewise that of
     `labapp calibrate --camera`, whose measurements replace those of the sensor. glare is
-    the share of the light that veils the picture evenly.
+    the share of the light that veils the picture evenly. vibration_um is how far the image trembles
+    on the sensor, root mean square along each axis, vibration_hz how often; without vibration_hz,
+    many times in every exposure.
     """
 
     version: Literal[1]
@@ -87,6 +97,8 @@ class CameraFile(FileModel):
     calibration: str | CalibrationFile | None = None
     camera_calibration: str | CameraNoiseFile | None = None
     glare: Share = 0.0
+    vibration_um: Amount = 0.0
+    vibration_hz: Positive | None = None
 
     @model_validator(mode="after")
     def _require_one_unmodulated_share(self) -> Self:
@@ -102,6 +114,13 @@ class CameraFile(FileModel):
                 f"key 'panel.unmodulated' is {given:g}, and from the table 'polarisation' follows "
                 f"{share:.3g}; remove one of the two"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _require_lens_for_sensor(self) -> Self:
+        """Check that the lens' data reach as far as the sensor."""
+        table = self.sensor
+        Camera(lens=self.lens.build(), sensor=Sensor((table.height, table.width), table.pitch))
         return self
 
     @property
@@ -176,7 +195,16 @@ class CameraFile(FileModel):
         panel, transmission = self._apply_polarisation(self.panel.build())
         separation = self.lens.separation_mm * 1e-3
         lens, sensor = self.lens.build(), self.sensor.build()
-        return Camera(panel, lens, sensor, transmission, separation, self.glare)
+        return Camera(
+            panel,
+            lens,
+            sensor,
+            transmission,
+            separation,
+            self.glare,
+            self.vibration_um * 1e-6,
+            self.vibration_hz or math.inf,
+        )
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
         """Return the panel with the unmodulated share that the camera file's polarisation gives.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -9,7 +10,7 @@ from pydantic import Field, model_validator
 
 from labapp.common.errors import UserError
 from labapp.files.file_lookup import find_part_file
-from labapp.files.quantities import Amount, NanometresText, Positive
+from labapp.files.quantities import Amount, Finite, NanometresText, Positive
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.spectrum_file import read_spectrum
 from optics.camera import Sensor
@@ -75,8 +76,11 @@ class SensorTable(FileModel):
     linear between them and 0 beyond, or a file of such a table. A colour sensor has a table
     `colour` instead. bits are those of the numbers that the camera sends, and clip_level_dn the
     number at which its pixels clip, where that isn't the largest of so many bits; `labapp devices
-    test camera` measures it. The defaults switch a feature off; optics.camera.Sensor describes all
-    of them.
+    test camera` measures it. crosstalk_percent is the share of a pixel's electrons that each
+    neighbour in row and column collects. dust is a list of specks on the cover glass, [y, x,
+    diameter] in µm from the sensor's middle, and dust_distance_um the glass over its index and the
+    air from there to the pixels. The defaults switch a feature off; optics.camera.Sensor describes
+    all of them.
     """
 
     model: str
@@ -102,6 +106,9 @@ class SensorTable(FileModel):
     fixed_pattern_seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     shutter: Literal["global", "rolling"] = "global"
     line_time_us: Amount = 0.0
+    crosstalk_percent: Annotated[float, Field(ge=0, le=25)] = 0.0
+    dust: tuple[tuple[Finite, Finite, Positive], ...] = ()
+    dust_distance_um: Amount = 0.0
 
     @model_validator(mode="after")
     def _validate_sensor(self) -> Self:
@@ -115,6 +122,11 @@ class SensorTable(FileModel):
         if self.has_all_curves:
             self.build()
         return self
+
+    @property
+    def pitch(self) -> float:
+        """The distance of the sensor's pixels in metres."""
+        return self.pitch_um * 1e-6
 
     @property
     def has_all_curves(self) -> bool:
@@ -173,7 +185,17 @@ class SensorTable(FileModel):
             line_time=self.line_time_us * 1e-6,
             model=self.model,
             clip_level=self.clip_level_dn,
+            crosstalk=self.crosstalk_percent / 100,
+            dust=specks_in_metres(self.dust),
+            dust_distance=self.dust_distance_um * 1e-6,
         )
+
+
+def specks_in_metres(
+    dust: Sequence[tuple[float, float, float]],
+) -> tuple[tuple[float, float, float], ...]:
+    """Return the specks of a sensor file's dust, each (y, x, diameter), in metres."""
+    return tuple((y * 1e-6, x * 1e-6, diameter * 1e-6) for y, x, diameter in dust)
 
 
 class SensorFile(SensorTable):

@@ -15,7 +15,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel
-from optics.camera import Camera, Lens, Panel
+from labapp.files.sensor_file import specks_in_metres
+from optics.camera import Camera, Lens, Panel, Sensor
 from optics.pupil import open_area
 from optics.slm import PhaseResponse
 from optics.zernike import require_zernike_indices
@@ -112,16 +113,38 @@ class TrueLensTable(FileModel):
     f_number: Positive | None = None
     focus_distance_m: Annotated[float, Field(gt=0)] | None = None
     aberrations: list[Zernike] | None = None
+    relative_illumination: list[tuple[Amount, Finite]] | None = None
+    distortion: tuple[Finite, Finite] | None = None
 
     def apply(self, lens: Lens) -> Lens:
         changes: dict[str, Any] = {
             "focal_length": _times(self.focal_length_mm, 1e-3),
             "f_number": self.f_number,
+            "distortion": self.distortion,
             "focus_distance": self.focus_distance_m,
         }
         if self.aberrations is not None:
             changes["aberrations"] = _metres(self.aberrations)
+        if self.relative_illumination is not None:
+            curve = ((height * 1e-3, share) for height, share in self.relative_illumination)
+            changes["relative_illumination"] = tuple(curve)
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
+
+
+class TrueSensorTable(FileModel):
+    """True properties of a virtual bench's sensor; those left out are as in the bench file."""
+
+    crosstalk_percent: Annotated[float, Field(ge=0, le=25)] | None = None
+    dust: list[tuple[Finite, Finite, Positive]] | None = None
+    dust_distance_um: Amount | None = None
+
+    def apply(self, sensor: Sensor) -> Sensor:
+        changes: dict[str, Any] = {
+            "crosstalk": _times(self.crosstalk_percent, 1e-2),
+            "dust": None if self.dust is None else specks_in_metres(self.dust),
+            "dust_distance": _times(self.dust_distance_um, 1e-6),
+        }
+        return replace(sensor, **{k: v for k, v in changes.items() if v is not None})
 
 
 class MountTable(FileModel):
@@ -156,6 +179,9 @@ class TrueBenchTable(FileModel):
 
     panel: TruePanelTable = TruePanelTable()
     lens: TrueLensTable = TrueLensTable()
+    sensor: TrueSensorTable = TrueSensorTable()
+    vibration_um: Amount | None = None
+    vibration_hz: Positive | None = None
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
@@ -165,8 +191,16 @@ class TrueBenchTable(FileModel):
         doesn't fit the camera.
         """
         panel = _with_table_in_errors("panel", lambda: self.panel.apply(nominal.panel))
-        lens = _with_table_in_errors("lens", lambda: self.lens.apply(nominal.lens))
-        true = replace(nominal, panel=panel, lens=lens)
+        sensor = _with_table_in_errors("sensor", lambda: self.sensor.apply(nominal.sensor))
+        seen = replace(nominal, panel=panel, sensor=sensor)
+        true = _with_table_in_errors(
+            "lens", lambda: replace(seen, lens=self.lens.apply(nominal.lens))
+        )
+        changes: dict[str, Any] = {
+            "vibration": _times(self.vibration_um, 1e-6),
+            "vibration_frequency": self.vibration_hz,
+        }
+        true = replace(true, **{k: v for k, v in changes.items() if v is not None})
         _with_table_in_errors("mount", lambda: self.mount.require_light(true))
         return true
 

@@ -14,6 +14,9 @@ from optics.validation import require_positive, require_share
 _MAX_PRNU = 0.2
 """Largest PRNU. With more, a pixel's response to light might be negative."""
 
+_MAX_CROSSTALK = 0.25
+"""Largest crosstalk. With more, a pixel would collect less than its neighbours."""
+
 
 @dataclass(frozen=True)
 class Sensor:
@@ -34,6 +37,10 @@ class Sensor:
     "global", or "rolling" with line_time seconds from row to row. model: name of the sensor.
     clip_level: digital number at which the converter ends, if that isn't the largest number of so
     many bits: 65520 for a converter of 12 bits whose numbers are sent as 16; None if it is.
+    crosstalk: share of a pixel's electrons that each of its neighbours in the row and in the column
+    collects. dust: specks on the cover glass, (y, x, diameter) in metres from the sensor's middle;
+    dust_distance: metres of air, or of glass over its index, from the specks to the pixels. Only
+    the simulator uses these.
     """
 
     shape: tuple[int, int] = (512, 768)
@@ -58,6 +65,9 @@ class Sensor:
     line_time: float = 0.0
     model: str = ""
     clip_level: int | None = None
+    crosstalk: float = 0.0
+    dust: tuple[tuple[float, float, float], ...] = ()
+    dust_distance: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("pitch", "full_well", "gain", "quantum_efficiency"):
@@ -84,6 +94,19 @@ class Sensor:
         if not 0 < low <= high < math.inf:
             raise ValueError(f"exposure_range is {low:g} to {high:g} s; give the shorter first")
         Plane(self.shape, (self.pitch, self.pitch))
+        self._require_sound_dust()
+
+    def _require_sound_dust(self) -> None:
+        if not 0 <= self.dust_distance < math.inf:
+            raise ValueError(f"dust_distance is {self.dust_distance:g} m; it can't be negative")
+        if self.dust and not self.dust_distance:
+            raise ValueError("dust needs its dust_distance to the pixels, more than 0 m")
+        for y, x, diameter in self.dust:
+            if not (math.isfinite(y) and math.isfinite(x) and 0 < diameter < math.inf):
+                raise ValueError(
+                    f"dust has the speck ({y:g}, {x:g}, {diameter:g}) m; give y, x and a diameter "
+                    "of more than 0"
+                )
 
     def _require_sound_pixels(self) -> None:
         if self.prnu > _MAX_PRNU:
@@ -92,6 +115,11 @@ class Sensor:
             )
         for name in ("dead", "hot"):
             require_share(name, getattr(self, name))
+        if not 0 <= self.crosstalk <= _MAX_CROSSTALK:
+            raise ValueError(
+                f"crosstalk is {self.crosstalk:g}; each neighbour collects a share of 0 to "
+                f"{_MAX_CROSSTALK:g}"
+            )
         if self.dead + self.hot > 1:
             raise ValueError(
                 f"dead is {self.dead:g} and hot {self.hot:g}; no more than all pixels can be either"

@@ -21,6 +21,7 @@ from simulator.effects.psf_bounds import (
     zeroth_order_share,
 )
 from simulator.effects.result_cache import cached_per_situation
+from simulator.formation.distorting import distorted_frame
 from simulator.planning import Bound, OnOffEffect
 from simulator.recipe import Recipe
 from simulator.situation import Situation
@@ -88,9 +89,18 @@ def lamp_ripple(s: Situation) -> float:
 def max_light_seconds(s: Situation) -> float:
     """Bound the light of an exposure, in seconds of the lamp's mean light on ideal pixels.
 
-    The lamp's flicker and whatever raises the panel's power are included.
+    The lamp's flicker, whatever raises the panel's power and distortion are included.
     """
-    return s.exposure * (1 + lamp_ripple(s)) * max_panel_power(s)
+    return s.exposure * (1 + lamp_ripple(s)) * max_panel_power(s) * area_change(s)
+
+
+def area_change(s: Situation) -> float:
+    """Return by how much the distortion effect enlarges or shrinks areas at most, 1 without it.
+
+    As much denser or larger is their light, and so is the norm of a picture.
+    """
+    frame = distorted_frame(s.camera)
+    return max(frame.largest, 1 / frame.least)
 
 
 def max_panel_power(s: Situation) -> float:

@@ -8,11 +8,15 @@ from typing import TypeVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
 from optics.plane import centred_crop
+from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts
+from simulator.effects.dust_losses import dust_losses
+from simulator.effects.electron_bounds import area_change, peak_electrons
 from simulator.effects.psf_bounds import (
     has_occlusion,
     is_uniform_scene,
@@ -20,6 +24,8 @@ from simulator.effects.psf_bounds import (
 )
 from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
 from simulator.effects.spectra import spectral_measure
+from simulator.formation.distorting import distorted_frame
+from simulator.formation.vibration import image_vibration
 from simulator.planning.bound import MinimumNorms
 from simulator.probing.picture_probe import MARGIN
 from simulator.probing.radial import RadialProfile
@@ -53,11 +59,23 @@ def minimum_norms(s: Situation) -> MinimumNorms:
         total, norm = (
             seconds * one for one in cached_across_exposures(s, "floor", lambda: _min_light(s))
         )
+        total, norm = _in_dusts_shadow(s, total, norm)
     noise = dark + sensor.read_noise**2
     return MinimumNorms(
         math.hypot(norm, dark * math.sqrt(pixels)),
         math.hypot(norm, noise * math.sqrt(pixels)),
         math.sqrt(total + noise * pixels),
+    )
+
+
+def _in_dusts_shadow(s: Situation, total: float, norm: float) -> tuple[float, float]:
+    """Return the least sum and norm of light that the dust effect leaves, electrons."""
+    losses = dust_losses(s)
+    if not losses.deepest:
+        return total, norm
+    left, most = 1 - losses.deepest, peak_electrons(s)
+    return max(left * total, total - losses.total * most), max(
+        left * norm, norm - losses.norm * most
     )
 
 
@@ -98,7 +116,7 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
         # As much light is blurred into the frame as out of it.
         return left * s.picture_probe.total, left * math.sqrt(float(power.power.sum()))
     transfer = s.pattern_probe.transfer_bounds.mean_square_between(power.low, power.high)
-    pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
+    pixel = _pixel_power_gain(s, power.high)
     norm = math.sqrt(float((power.power * transfer * pixel).sum()))
     half = min(s.camera.sensor.shape) / 2 * s.camera.sensor.pitch
     kept = 1 - s.pattern_probe.share_beyond(half) / 2 - s.pattern_probe.side_order_share
@@ -108,7 +126,7 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
 def _min_light(s: Situation) -> tuple[float, float]:
     """Bound the sum and norm of light from below, with all effects on, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
-    attenuated, spread = 0.8 * _min_attenuation(s), _min_light_by_area(s)
+    attenuated, spread = 0.8 * _min_attenuation(s) / area_change(s), _min_light_by_area(s)
     total = max((one for one, _ in spread), default=0.0)
     norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
     return attenuated * total, attenuated * max(
@@ -160,9 +178,12 @@ def _blur_margin(s: Situation, share: float) -> int:
     other patterns can use the same results of the picture.
     """
     reach = (
-        s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength + s.image_motion
+        s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength
+        + s.image_motion
+        + distorted_frame(s.camera).reach
+        + 3 * image_vibration(s)
     )
-    pixels = max(reach / s.camera.sensor.pitch, 1.0)
+    pixels = max(reach / s.camera.sensor.pitch, 1.0) + (1.0 if s.camera.sensor.crosstalk else 0.0)
     return math.ceil(2 ** (math.ceil(4 * math.log2(pixels)) / 4))
 
 
@@ -267,11 +288,22 @@ def _norm_by_frequency(s: Situation) -> float:
             continue
         least = transfer.least_between(power.low, power.high)
         mean = transfer.mean_square_between(power.low, power.high)
-        pixel = np.clip(1 - (np.pi * power.high * s.camera.sensor.pitch) ** 2 / 3, 0, 1)
+        pixel = _pixel_power_gain(s, power.high)
         squares = np.maximum(power.power * least**2, power.least * mean) * pixel
         # At most `share` of the light falls beyond the frame.
         best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
     return best
+
+
+def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the least share of power at k cycles/m that pixels' effects leave, for norms."""
+    sensor = s.camera.sensor
+    gain = np.clip(1 - (np.pi * k * sensor.pitch) ** 2 / 3, 0, 1)
+    if sensor.crosstalk:
+        gain = gain * (1 - max_contrast_loss(sensor.crosstalk, k, sensor.pitch)) ** 2
+    if s.camera.vibration:
+        gain = gain * np.exp(-((2 * np.pi * image_vibration(s) * k) ** 2))
+    return gain
 
 
 def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:

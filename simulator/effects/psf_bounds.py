@@ -5,14 +5,16 @@ They hold for waves; the error of replacing waves by rays is counted separately.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.camera import Camera
 from optics.plane import Plane
 from optics.pupil import open_area
 from optics.stop_shadow import share_through_stop
@@ -169,9 +171,11 @@ def vignetting_samples(
 ) -> torch.Tensor:
     """Sample the vignetting effect: return the share of the light left, for each distance.
 
-    The share is computed at 9 x 9 places from corner to corner of `shape` pixels.
+    The share is computed at 9 x 9 places from corner to corner of `shape` pixels. A curve of
+    relative illumination that rises again counts with the least light so far, which the places
+    then can't miss.
     """
-    camera = s.mount.camera_in_panel_axes(s.camera)
+    camera = _with_falling_light(s.mount.camera_in_panel_axes(s.camera))
     rows, columns = (n * camera.sensor.pitch / 8 for n in shape)
     plane = Plane((9, 9), (rows, columns))
     # It doesn't depend on the pattern, and may take a tenth of a second.
@@ -181,6 +185,16 @@ def vignetting_samples(
         if cause not in known:
             known[cause] = vignetting(camera, s.mount, plane, cause[-1])
     return torch.stack([known[cause] for cause in causes])
+
+
+def _with_falling_light(camera: Camera) -> Camera:
+    """Return the camera with a curve of relative illumination that nowhere rises outwards."""
+    curve = camera.lens.relative_illumination
+    if not curve:
+        return camera
+    heights, shares = zip(*curve, strict=True)
+    falling = tuple(zip(heights, itertools.accumulate(shares, min), strict=True))
+    return replace(camera, lens=replace(camera.lens, relative_illumination=falling))
 
 
 def is_uniform_scene(s: Situation) -> bool:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from simulator.effects.band_effects import Bandwidth, Leak
+from simulator.effects.crosstalk import PixelCrosstalk
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.depths import DepthLayers
 from simulator.effects.diffraction import Diffraction
+from simulator.effects.distortion import Distortion
+from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
@@ -37,6 +40,7 @@ from simulator.effects.sensor_effects import (
 )
 from simulator.effects.shot_noise import ShotNoise
 from simulator.effects.time_effects import LampFlicker, RollingShutter
+from simulator.effects.vibration import Vibration
 from simulator.planning import Effect
 
 EFFECTS: tuple[Effect, ...] = (
@@ -63,10 +67,14 @@ EFFECTS: tuple[Effect, ...] = (
     Vignetting(),
     Diffraction(),
     PSFReach(),
+    Vibration(),
+    Distortion(),
     LightSampling(),
     PixelAperture(),
     VeilingGlare(),
+    Dust(),
     ColourFilters(),
+    PixelCrosstalk(),
     RollingShutter(),
     DarkCurrent(),
     FixedPattern(),

@@ -14,7 +14,7 @@ from simulator.effects.psf_bounds import can_orders_reach_sensor, is_uniform_sce
 from simulator.effects.result_cache import cached_per_situation
 from simulator.formation.coarse_orders import can_be_coarse
 from simulator.formation.merged_parts import groups_of_parts
-from simulator.formation.windows import rendering_windows
+from simulator.formation.windows import Windows, rendering_windows
 from simulator.formation.work import psf_operations, ray_operations, transform_operations
 from simulator.recipe import SMALLEST_WINDOW, light_samples
 from simulator.situation import Situation
@@ -141,17 +141,11 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
     """Return the operations of rendering, cached by the levels of the relevant effects."""
     levels = dict(zip(_RELEVANT_EFFECTS, found, strict=True))
     wave = bool(levels.get(DIFFRACTION, 0))
-    of_psf, of_light = samples = s.coarsest_sampling, light_samples_at(s, levels)
+    of_psf, of_light = s.coarsest_sampling, light_samples_at(s, levels)
     coarse = wave and are_orders_coarse(s, levels.get(PANEL_ORDERS, 0))
     if coarse:
         levels[PANEL_ORDERS] = 0
-    windows = rendering_windows(
-        s,
-        LEVELS.windows[levels.get(PSF_REACH, 0)],
-        orders=LEVELS.orders[levels.get(PANEL_ORDERS, 0)] if wave else 0,
-        wave=wave,
-        samples=samples,
-    )
+    windows = _windows_at(s, levels)
     counts = _count_steps(s, levels, apart=not windows.merged_orders)
     down, across = (n * of_psf for n in windows.psf)
     one = psf_operations if counts.wave else ray_operations
@@ -163,6 +157,31 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
     spreading = counts.psfs * (one(s.camera.panel, down, across) + of_order)
     cells = counts.psfs * _coarse_order_operations(s) if coarse else 0.0
     return spreading + counts.transforms * transform + drawing + pixels + cells
+
+
+def _windows_at(s: Situation, levels: Mapping[str, int]) -> Windows:
+    """Return the windows that are rendered at effect levels."""
+    wave, order = bool(levels.get(DIFFRACTION, 0)), levels.get(PANEL_ORDERS, 0)
+    by_psfs = wave and not are_orders_coarse(s, order)
+    return rendering_windows(
+        s,
+        LEVELS.windows[levels.get(PSF_REACH, 0)],
+        orders=LEVELS.orders[order] if by_psfs else 0,
+        wave=wave,
+        samples=(s.coarsest_sampling, light_samples_at(s, levels)),
+    )
+
+
+def picture_samples_at(s: Situation, levels: Mapping[str, int]) -> tuple[int, int]:
+    """Return the samples of a picture, (rows, columns), that is rendered at effect levels."""
+    rows, columns = (n * light_samples_at(s, levels) for n in _windows_at(s, levels).picture)
+    return rows, columns
+
+
+def channel_count_at(s: Situation, levels: Mapping[str, int]) -> int:
+    """Return the number of colour channels that are rendered at effect levels."""
+    colour = s.camera.sensor.colour
+    return len(colour.channels) if colour and levels.get("colour filter array", 0) else 1
 
 
 def are_orders_coarse(s: Situation, level: int) -> bool:
@@ -210,8 +229,7 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
         if apart and can_orders_reach_sensor(s)
         else 0
     )
-    channels = len(s.camera.sensor.colour.channels) if s.camera.sensor.colour else 1
-    channels = channels if levels.get("colour filter array", 0) else 1
+    channels = channel_count_at(s, levels)
     parts = sum(len(groups_of_parts(layer, channels, nodes)) for layer in target.layers)
     cells = max(1, len(s.panel_content.pictures))
     psfs = nodes * depths * places * fields * cells

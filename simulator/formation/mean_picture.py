@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 
 from optics.caching import ByteCache
+from optics.sensor.crosstalk import mix_neighbours
 from simulator.formation.coarse_orders import CoarseOrders
 from simulator.formation.compositing import (
     AdditiveCompositor,
@@ -14,6 +15,8 @@ from simulator.formation.compositing import (
     OccludingCompositor,
     ZerothOrderPath,
 )
+from simulator.formation.distorting import DISTORTION_OPERATIONS, distort
+from simulator.formation.dust_shadows import cast_shadows
 from simulator.formation.exposure_cells import ExposureCell, exposure_cells
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
@@ -21,6 +24,7 @@ from simulator.formation.nodes import channel_efficiencies, wavelengths
 from simulator.formation.objects import ObjectSpectra
 from simulator.formation.sample_grid import SampleGrid
 from simulator.formation.side_orders import SideOrdersPath
+from simulator.formation.vibration import image_vibration, vibration_transfer
 from simulator.formation.windows import rendering_windows
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
@@ -36,7 +40,7 @@ def expected_electrons(
 ) -> torch.Tensor:
     """Render the mean image of a situation: the mean photo-electrons on each pixel.
 
-    The colour filters and the pixel aperture are included; the sensor's other stages come later.
+    Colour filters, pixel aperture and crosstalk are included; the sensor's other stages come later.
 
     Parameters
     ----------
@@ -73,11 +77,19 @@ def expected_electrons(
             check()
             light = render.light(cell, number)
             total += light * torch.from_numpy(cell.weight).to(torch.float32)[:, None]
+    if recipe.dust:
+        ledger.add("dust", total.numel(), 4 * total.numel())
+        cast_shadows(total, s.camera.sensor, s.camera.lens)
     colour = s.camera.sensor.colour
     if colour is not None and recipe.mosaic:
         ledger.add("colour filter array", total[0].numel(), 4 * total[0].numel())
-        return colour.sample_channels(total).clamp(min=0)
-    return total[0].clamp(min=0)
+        electrons = colour.sample_channels(total).clamp(min=0)
+    else:
+        electrons = total[0].clamp(min=0)
+    if recipe.crosstalk:
+        ledger.add("pixel crosstalk", 8.0 * electrons.numel(), 4 * electrons.numel())
+        electrons = mix_neighbours(electrons, s.camera.sensor.crosstalk)
+    return electrons
 
 
 def _require_counts(recipe: Recipe) -> None:
@@ -103,6 +115,7 @@ class _Rendering:
     ) -> None:
         self._s, self._recipe, self._cache, self._check = s, recipe, cache, check
         self._ledger = ledger
+        self._vibration = image_vibration(s) if recipe.vibration else 0.0
         coarse = recipe.coarse_orders and recipe.diffraction
         orders = recipe.orders if recipe.diffraction and not coarse else 0
         windows = rendering_windows(
@@ -134,13 +147,14 @@ class _Rendering:
         # The light doesn't depend on the recipe's fields for time, which the cell contains, or for
         # the sensor's later stages: these are set to one value in the cache key.
         axes = r.with_changes(
-            lamp=False, rolling=False, motion=1, crystal=False, dark_current=False,
+            lamp=False, rolling=False, motion=1, crystal=False, dust=False, crosstalk=False,
+            dark_current=False,
             fixed_pattern=False, shot="none", clipping=False, read_noise=False,
             quantisation=False,
         )  # fmt: skip
         causes = (
             "light", s.camera, s.mount, s.target, s.band, s.interference, s.numerics, axes,
-            cell.panel_state, cell.shift, cell.path,
+            cell.panel_state, cell.shift, cell.path, self._vibration,
         )  # fmt: skip
         return self._cache.get(causes, lambda: self._compute_light(cell, number))
 
@@ -150,12 +164,29 @@ class _Rendering:
         light = []
         for spectrum in self._layered.spectra(cell, number):
             self._check()
+            if self._vibration:
+                spectrum = self._blurred_by_vibration(spectrum)
+            if self._recipe.distortion:
+                spectrum = self._distorted(spectrum)
             light.append(self._gathering.light_on_pixels(spectrum, aperture))
         total = torch.stack(light)
         if self._coarse_orders is not None:
             self._check()
             total += self._coarse_orders.light(cell)
         return self._with_glare(total) if self._recipe.glare else total
+
+    def _blurred_by_vibration(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """Blur the rendered image of a spectrum as it trembles."""
+        self._ledger.add("vibration", 20.0 * spectrum.numel(), 12 * spectrum.numel())
+        return spectrum * vibration_transfer(self._gathering.plane, self._vibration)
+
+    def _distorted(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """Distort the rendered image of a spectrum, which is on samples finer than pixels."""
+        plane = self._gathering.plane
+        samples = plane.shape[0] * plane.shape[1]
+        operations = 6 * self._gathering.operations + DISTORTION_OPERATIONS * samples
+        self._ledger.add("distortion", operations, 16 * samples)
+        return distort(spectrum, plane, self._s.camera.lens)
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
         """Add veiling glare to the rendered image: spread a share of its light evenly."""

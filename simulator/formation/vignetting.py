@@ -6,7 +6,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.camera import Camera
+from optics.camera import Camera, Lens
+from optics.distortion import RadialDistortion
 from optics.plane import Plane
 from optics.stop_shadow import share_through_stop
 from simulator.mount import Mount
@@ -19,17 +20,33 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
     """Return a rendered image's vignetting: each place's light over that on the axis, float32.
 
     The result is (rows, columns) of the plane. camera: in the panel's axes. Vignetting is cos⁴ of
-    the angle at which the lens appears from the sensor, times the panel's light that passes the
-    stop, relative to that on the axis (share_through_stop()). The latter is interpolated linearly
-    between 33 x 33 places, the outermost of which are on the plane's edges; a plane of fewer
-    samples needs no others.
+    the angle at which the lens appears from the sensor, or what the lens' curve of relative
+    illumination has instead where distortion brings the light, times the panel's light that passes
+    the stop, relative to that on the axis (share_through_stop()). The latter is interpolated
+    linearly between 33 x 33 places, the outermost of which are on the plane's edges; a plane of
+    fewer samples needs no others.
     """
     y, x = plane.mesh()
-    z = camera.lens.image_distance
-    share = (1 + (y**2 + x**2) / z**2) ** -2
+    share = _relative_illumination(camera.lens, y**2 + x**2)
     if camera.separation:
         share = share * _relative_stop_transmission(camera, mount, plane, distance)
     return share.to(torch.float32)
+
+
+def _relative_illumination(lens: Lens, squared_height: torch.Tensor) -> torch.Tensor:
+    """Return a rendered image's vignetting by the lens itself: its curve, or else cos⁴.
+
+    squared_height: of the places, m². The curve is linear in it between two pairs, which makes it
+    smooth on the axis, and it is even beyond the last.
+    """
+    if not lens.relative_illumination:
+        return (1 + squared_height / lens.image_distance**2) ** -2
+    height, share = np.array(lens.relative_illumination).T
+    squared = squared_height.numpy()
+    if any(lens.distortion):
+        by = RadialDistortion(lens.distortion, lens.image_distance)
+        squared = by.distorted(np.sqrt(squared)) ** 2
+    return torch.from_numpy(np.interp(squared, height**2, share))
 
 
 def _relative_stop_transmission(

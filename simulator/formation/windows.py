@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 from optics.validation import as_number
+from simulator.formation.distorting import distorted_frame
 from simulator.formation.work import psf_operations, transform_operations
 from simulator.situation import Situation
 
@@ -42,9 +43,10 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 
     The distances (y, x) are in metres on the sensor, along the panel's axes.
     """
-    sensor = s.camera.sensor
+    sensor, moved = s.camera.sensor, distorted_frame(s.camera).reach
     y, x = (
-        side + n * sensor.pitch / 2 for side, n in zip(light_extent(s), sensor.shape, strict=True)
+        side + n * sensor.pitch / 2 + moved
+        for side, n in zip(light_extent(s), sensor.shape, strict=True)
     )
     if s.mount.is_aligned:
         return y, x
@@ -157,7 +159,10 @@ def _picture_shape(
     """
     lit = [math.inf if endless else one / s.camera.sensor.pitch for one in light_extent(s)]
     found = []
-    for n, side, far in zip(s.camera.sensor.shape, sides, lit, strict=True):
+    # Distortion brings light into the frame from so far beside it.
+    beside = math.ceil(distorted_frame(s.camera).reach / s.camera.sensor.pitch)
+    frame = [n + 2 * beside for n in s.camera.sensor.shape]
+    for n, side, far in zip(frame, sides, lit, strict=True):
         # Small windows share a margin, so that other patterns find what is kept of the scene.
         shared = 2 ** math.ceil(math.log2(max(n * _SHARED_MARGIN, 1)))
         around = (n + max(side, shared)) / 2

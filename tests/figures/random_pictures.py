@@ -16,6 +16,7 @@ from figures.random_benches import random_bench
 from figures.random_targets import Chance
 from labapp.prediction.simulating.all_effects import REFERENCE_TOL, Deviation
 from optics.accuracy import ToleranceError
+from optics.camera import Camera, Lens, Sensor
 from optics.pupil import pupil_amplitude
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
@@ -134,8 +135,43 @@ def random_situation(rng: np.random.Generator) -> Situation:
     if brightest < _ROUNDING * unit.brightest * exposure:
         brightest = 0.0
     glare = log_uniform(rng, 1e-3, 0.3) if rng.random() < 0.5 else 0.0
-    s = replace(s, camera=replace(s.camera, glare=glare))
+    lens = _imperfect(rng, s.camera)
+    s = replace(
+        s, camera=replace(s.camera, glare=glare, sensor=_unclean(rng, s.camera.sensor), lens=lens)
+    )
+    if rng.random() < 0.4:
+        trembling = log_uniform(rng, 0.03, 3) * s.camera.sensor.pitch
+        frequency = log_uniform(rng, 0.05, 5) / exposure
+        s = replace(s, camera=replace(s.camera, vibration=trembling, vibration_frequency=frequency))
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
+
+
+def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
+    """With distortion of up to 4 % in the corner, or a curve of relative illumination."""
+    corner = math.hypot(*camera.sensor.shape) * camera.sensor.pitch / 2
+    lens = camera.lens
+    if rng.random() < 0.4:
+        most = float(rng.choice([-1, 1])) * log_uniform(rng, 1e-4, 0.04)
+        lens = replace(lens, distortion=(most * (lens.image_distance / corner) ** 2, 0.0))
+    if rng.random() < 0.4:
+        least = float(rng.uniform(0.3, 1.0))
+        curve = ((0.0, 1.0), (0.6 * corner, 0.6 + 0.4 * least), (1.1 * corner, least))
+        lens = replace(lens, relative_illumination=curve)
+    return lens
+
+
+def _unclean(rng: np.random.Generator, sensor: Sensor) -> Sensor:
+    """With dust on the cover glass, or pixels whose neighbours collect some of their electrons."""
+    specks = []
+    for _ in range(int(rng.integers(1, 6)) if rng.random() < 0.4 else 0):
+        y, x = (float(rng.uniform(-0.5, 0.5)) * n * sensor.pitch for n in sensor.shape)
+        specks.append((y, x, log_uniform(rng, 0.5, 20) * sensor.pitch))
+    return replace(
+        sensor,
+        dust=tuple(specks),
+        dust_distance=log_uniform(rng, 1e-4, 5e-3),
+        crosstalk=log_uniform(rng, 1e-3, 0.15) if rng.random() < 0.4 else 0.0,
+    )
 
 
 def lit(target: Target, radiance: float) -> Target:

@@ -106,8 +106,29 @@ aberrations = [[4, 0, 60.0], [2, -2, -25.0]]
 def test_a_veil_is_a_share_of_the_light(tmp_path):
     veiled = CAMERA.replace("transmission", "glare = 0.02\ntransmission", 1)
     assert read(tmp_path, veiled).build_camera().glare == 0.02
+    shaken = veiled.replace("glare", "vibration_um = 2\nglare", 1)
+    assert read(tmp_path, shaken).build_camera().vibration == 2e-6
+    assert read(tmp_path, shaken).build_camera().vibration_frequency == math.inf
     with pytest.raises(UserError, match=r"key 'glare' is 1\.5: .* less than or equal to 1"):
         read(tmp_path, veiled.replace("0.02", "1.5", 1))
+
+
+def test_a_lens_curve_of_relative_illumination_reaches_the_corner(tmp_path):
+    """In millimetres, as in its data sheet."""
+    falling = CAMERA.replace(
+        "[lens]",
+        "[lens]\ndistortion = [-0.1, 0]\nrelative_illumination = [[0, 1], [10, 0.9], [40, 0.3]]",
+        1,
+    )
+    lens = read(tmp_path, falling).build_camera().lens
+    heights, shares = zip(*lens.relative_illumination, strict=True)
+    assert heights == pytest.approx((0, 0.01, 0.04))
+    assert shares == (1, 0.9, 0.3)
+    assert lens.distortion == (-0.1, 0)
+    with pytest.raises(UserError, match=r"ends at 0\.01 mm.* give the curve up to there"):
+        read(tmp_path, falling.replace("[10, 0.9], [40, 0.3]", "[0.01, 0.9]", 1))
+    with pytest.raises(UserError, match=r"distortion is \[-1000000.* folds back"):
+        read(tmp_path, falling.replace("-0.1, 0]", "-1e6, 0]", 1))
 
 
 def test_light_across_a_panels_axis_is_not_modulated(tmp_path):

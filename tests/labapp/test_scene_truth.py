@@ -23,6 +23,10 @@ from optics.slm import max_phase
 from simulator.mount import Mount
 
 TRUTH = """
+[truth]
+vibration_um = 1.5
+vibration_hz = 30
+
 [truth.panel]
 unmodulated = 0.08
 coupling_um = 9.0
@@ -39,6 +43,13 @@ illumination = { radius_mm = 9.0, centre_mm = [0.5, -1.0] }
 focal_length_mm = 124.0
 focus_distance_m = 1.9
 aberrations = [[3, 1, 50.0]]
+relative_illumination = [[0, 1], [20, 0.5]]
+distortion = [-0.2, 0.1]
+
+[truth.sensor]
+crosstalk_percent = 3
+dust = [[10, 20, 5]]
+dust_distance_um = 900
 
 [truth.mount]
 rotation_deg = 1.7
@@ -70,7 +81,11 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     with open_bench(small.bench_files) as bench:
         assert bench.description == described
         panel, lens = bench.world.camera.panel, bench.world.camera.lens
-        assert bench.world.camera.sensor == described.sensor
+        sensor, camera = bench.world.camera.sensor, bench.world.camera
+    assert (camera.vibration, camera.vibration_frequency) == (1.5e-6, 30)
+    assert (sensor.crosstalk, sensor.dust_distance) == pytest.approx((0.03, 9e-4))
+    assert sensor.dust == ((10 * 1e-6, 20 * 1e-6, 5 * 1e-6),)
+    assert sensor.shape == described.sensor.shape
     assert (panel.unmodulated, panel.coupling, panel.response_time) == (0.08, 9e-6, 4e-3)
     assert (panel.flicker, panel.jitter) == (0.01, 0.1)
     assert (panel.gap_reflection, panel.front_reflection) == (0.2, 0.004)
@@ -90,6 +105,8 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     assert torch.allclose(panel.illumination.at_pixels(panel), beam)
     assert (lens.focal_length, lens.focus_distance) == pytest.approx((0.124, 1.9))
     assert (lens.f_number, lens.aberrations) == (5.0, ((3, 1, pytest.approx(50e-9)),))
+    assert lens.relative_illumination == ((0, 1), (0.02, 0.5))
+    assert lens.distortion == (-0.2, 0.1)
 
 
 def test_the_mount_is_in_degrees():
@@ -190,7 +207,7 @@ def test_show_names_the_effects_that_there_are(small, plan, tmp_path, labapp):
     ("text", "words"),
     [
         ("[truth.panel]\ncoupling_mm = 1.0", ["'truth.panel.coupling_mm'", "unknown"]),
-        ("[truth.sensor]\npitch_um = 1.0", ["'truth.sensor'", "unknown"]),
+        ("[truth.sensor]\npitch_um = 1.0", ["'truth.sensor.pitch_um'", "unknown"]),
         ("[truth.panel]\nunmodulated = 1.5", ["'truth.panel.unmodulated' is 1.5", "less than"]),
         ("[truth.panel]\njitter_rad = -0.1", ["'truth.panel.jitter_rad' is -0.1", "greater"]),
         ("[truth.panel]\nresponse_time_ms = inf", ["'truth.panel.response_time_ms' is inf"]),

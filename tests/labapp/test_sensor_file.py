@@ -48,12 +48,16 @@ hot_electrons_per_s = 250
 fixed_pattern_seed = 77
 shutter = "rolling"
 line_time_us = 12.5
+crosstalk_percent = 4
+dust = [[-20, 30, 12.5]]
+dust_distance_um = 700
 """)  # fmt: skip
     assert sensor == Sensor(
         shape=(48, 64), pitch=5 * 1e-6, bits=10, full_well=9000, gain=9, read_noise=3,
         dark_current=0.5, black_level=16, quantum_efficiency=0.5, exposure_range=(10 * 1e-6, 5),
         prnu=0.8 / 100, dsnu=1.2, dead=20 * 1e-6, hot=100 * 1e-6, hot_current=250, fixed_seed=77,
         shutter="rolling", line_time=12.5 * 1e-6, model="mine",
+        crosstalk=4 / 100, dust=((-20 * 1e-6, 30 * 1e-6, 12.5 * 1e-6),), dust_distance=700 * 1e-6,
     )  # fmt: skip
 
 

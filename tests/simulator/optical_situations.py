@@ -14,8 +14,11 @@ from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import PanelMap, PhaseResponse
 from simulator.effects import registry
 from simulator.effects.band_effects import Bandwidth, Leak
+from simulator.effects.crosstalk import PixelCrosstalk
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.diffraction import Diffraction
+from simulator.effects.distortion import Distortion
+from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
@@ -24,6 +27,7 @@ from simulator.effects.panel_effects import PanelEffect
 from simulator.effects.panel_orders import PanelOrders
 from simulator.effects.reach import PSFReach
 from simulator.effects.sampling import LightSampling
+from simulator.effects.vibration import Vibration
 from simulator.formation.mean_picture import expected_electrons
 from simulator.ledger import Ledger
 from simulator.mount import Mount
@@ -46,7 +50,11 @@ EFFECTS: tuple[Effect, ...] = (
     FieldPosition(),
     Vignetting(),
     PanelOrders(),
+    Vibration(),
+    Distortion(),
     VeilingGlare(),
+    Dust(),
+    PixelCrosstalk(),
 )
 
 PANEL = Panel(shape=(24, 32), pitch=40e-6, fill_factor=0.81, unmodulated=0.05)
@@ -148,6 +156,19 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
         shown = PanelContent.of(video, 1 / 60)
     exposure, moment = rng.uniform(3e-3, 40e-3), rng.uniform(0, 0.1)
     camera = replace(camera, glare=float(rng.choice([0.0, 0.01, 0.2])))
+    specks = tuple(
+        (*rng.uniform(-2e-4, 2e-4, 2), rng.uniform(10e-6, 80e-6)) for _ in range(rng.integers(4))
+    )
+    sensor = replace(
+        camera.sensor,
+        crosstalk=float(rng.choice([0.0, 0.02, 0.1])),
+        dust=tuple((float(y), float(x), float(d)) for y, x, d in specks),
+        dust_distance=float(rng.uniform(2e-4, 3e-3)),
+    )
+    bent = (float(rng.choice([0.0, 0.0, -300.0, 1000.0])), 0.0)
+    camera = replace(camera, sensor=sensor, lens=replace(camera.lens, distortion=bent))
+    trembling = float(rng.choice([0.0, 2e-6, 15e-6]))
+    camera = replace(camera, vibration=trembling, vibration_frequency=rng.uniform(5, 100))
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 

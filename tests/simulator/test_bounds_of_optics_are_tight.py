@@ -112,6 +112,18 @@ def thick_grating() -> Situation:
     return seen(camera(), 240 * CHECKERS, band=Band(550e-9, 30e-9))
 
 
+def on_sensor(s: Situation, **data) -> Situation:
+    return replace(s, camera=replace(s.camera, sensor=replace(s.camera.sensor, **data)))
+
+
+def bent() -> Situation:
+    wide = camera(pitch=20e-6, lens=replace(LENS, distortion=(2000.0, 0.0)))
+    return seen(wide, target=at_the_corner(wide, 3))
+
+
+SPECK = (1e-4, -1e-4, 3e-4)
+
+
 def panel(grey: np.ndarray | None = None, **data) -> Callable[[], Situation]:
     return lambda: seen(camera(replace(IDEAL, **data)), grey)
 
@@ -212,6 +224,14 @@ WORST = [
           label="on cells"),
     Worst("veiling glare", lambda: seen(replace(camera(), glare=0.05)), {0: 1.5},
           "a spot has a mean of its own"),
+    Worst("vibration", lambda: seen(replace(camera(pitch=10e-6), vibration=10e-6)), {0: 4},
+          "no PSF is known so well; what pixels fold back counts again"),
+    Worst("distortion", bent, {0: 12}, "all light takes the longest way, its phases as they are"),
+    Worst("dust", lambda: on_sensor(seen(target=Flat(1.0, 1e7), camera=camera()), dust=(SPECK,),
+                                    dust_distance=2e-3), {0: 1.5},
+          "pixels that are brighter than even light"),
+    Worst("pixel crosstalk", lambda: on_sensor(seen(camera(pitch=60e-6)), crosstalk=0.05),
+          {0: 2.5}, "a spot holds all frequencies, and few of them lose the most"),
 ]  # fmt: skip
 
 

@@ -1,0 +1,122 @@
+"""Distort a rendered picture as the lens does, with all its blur."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy.ndimage
+import torch
+from numpy.typing import NDArray
+
+from optics.camera import Camera, Lens
+from optics.distortion import RadialDistortion
+from optics.fourier import irfft2, rfft2
+from optics.plane import Plane
+from optics.validation import as_number
+from simulator.probing.picture_probe import MARGIN
+
+Array = NDArray[np.float64]
+
+_FINER: Final = 2
+_SPLINE: Final = 5
+"""Samples of the interpolated light along one of the picture's, and the degree of the spline
+between them. Chosen: together they miss .3 % of the finest detail that samples can have."""
+
+DISTORTION_OPERATIONS = 200.0
+"""Operations a sample of the picture, without those of the transforms; measured against them."""
+
+
+@dataclass(frozen=True)
+class DistortedFrame:
+    """How far distortion moves what the frame holds, and how it changes areas.
+
+    reach: largest way in metres from any pixel to the undistorted place of its light. largest,
+    least: gain of area over the frame.
+    """
+
+    reach: float
+    largest: float
+    least: float
+
+
+def radial_distortion(lens: Lens) -> RadialDistortion | None:
+    """Return the radial distortion of a rendered picture by a lens; None without any."""
+    if not any(lens.distortion):
+        return None
+    return RadialDistortion(lens.distortion, as_number(lens.image_distance))
+
+
+_STRAIGHT = DistortedFrame(0.0, 1.0, 1.0)
+
+
+def distorted_frame(camera: Camera) -> DistortedFrame:
+    """Return what the distortion of a rendered frame amounts to, up to its corners.
+
+    Raises ValueError if light from beyond the picture's margin is brought into the frame.
+    """
+    if not any(camera.lens.distortion):
+        return _STRAIGHT
+    return _distorted_frame(camera.lens, camera.sensor.shape, camera.sensor.pitch)
+
+
+@functools.lru_cache(maxsize=8)
+def _distorted_frame(lens: Lens, shape: tuple[int, int], pitch: float) -> DistortedFrame:
+    """Return what the distortion of a rendered frame of (rows, columns) pixels amounts to."""
+    by = RadialDistortion(lens.distortion, as_number(lens.image_distance))
+    corner = math.hypot(*shape) * pitch / 2
+    heights = np.linspace(0, corner, 129)
+    before = by.undistorted(heights)
+    reach, gain = float(np.abs(before - heights).max()), by.area_gain(before)
+    pixels = reach / pitch
+    if pixels > MARGIN:
+        raise ValueError(
+            f"distortion is {list(lens.distortion)}; it moves light by {pixels:.0f} pixels, "
+            f"and the virtual bench follows it over {MARGIN}: give smaller coefficients, or a "
+            "sensor of fewer pixels"
+        )
+    return DistortedFrame(reach, float(gain.max()), float(gain.min()))
+
+
+def distort(spectrum: torch.Tensor, plane: Plane, lens: Lens) -> torch.Tensor:
+    """Distort a rendered picture, given and returned as its spectrum on a plane's samples.
+
+    The light of each area is kept, and is spread over its image. But where the lens has a curve of
+    relative illumination, the light is as bright as the curve says where it lands.
+    """
+    by = radial_distortion(lens)
+    if by is None:
+        return spectrum
+    shape = [_FINER * n for n in plane.shape]
+    known = irfft2(_padded(spectrum, plane.shape), shape).numpy() * _FINER**2
+    y, x = (_from_corner(plane.coordinates(axis).numpy()) for axis in (0, 1))
+    height = np.hypot(y[:, None], x)
+    before = by.undistorted(height)
+    scale = np.divide(before, height, out=np.ones_like(height), where=height > 0)
+    places = [
+        scale * at * (_FINER / pitch)
+        for at, pitch in zip((y[:, None], x), plane.pitch, strict=True)
+    ]
+    seen = scipy.ndimage.map_coordinates(known, places, order=_SPLINE, mode="grid-wrap")
+    if not lens.relative_illumination:
+        seen = seen / np.maximum(by.area_gain(before), 1e-3)
+    return rfft2(torch.from_numpy(seen.astype(np.float32))).to(torch.complex64)
+
+
+def _from_corner(values: Array) -> Array:
+    """Return the coordinates along an axis of a rendered picture in the order of its transform."""
+    return np.roll(values, -(len(values) // 2))
+
+
+def _padded(spectrum: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """Return the spectrum of a rendered picture on finer samples, without the Nyquist frequency."""
+    rows, columns = shape
+    finer = torch.zeros(_FINER * rows, _FINER * columns // 2 + 1, dtype=spectrum.dtype)
+    half, kept = (rows - 1) // 2, (columns - 1) // 2 + 1
+    finer[: half + 1, :kept] = spectrum[: half + 1, :kept]
+    if half:
+        finer[-half:, :kept] = spectrum[-half:, :kept]
+    return finer

@@ -1,0 +1,192 @@
+"""Dust, crosstalk, vibration, distortion and relative illumination against a slow judge."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from judges.imperfect_camera import Array, imperfect
+
+from figures import Figure
+from figures.problems import log_uniform
+from optics.caching import ByteCache
+from optics.camera import Camera, Lens, Panel, Sensor
+from optics.light import Band
+from optics.threads import single_threaded
+from simulator.effects.registry import EFFECTS
+from simulator.formation import expected_electrons
+from simulator.imaging import Imaging
+from simulator.ledger import Ledger
+from simulator.mount import Mount
+from simulator.panel_content import PanelContent
+from simulator.planning.effect_plan import build_recipe
+from simulator.scene import PhotographPrint, Star, Target
+from simulator.situation import Situation
+
+NAMES = ("vibration", "distortion", "vignetting", "dust", "pixel crosstalk")
+
+_SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
+_GOAL = 0.01
+_PANEL = Panel(shape=(24, 32), pitch=40e-6, unmodulated=0.0)
+_IDEAL = Camera(
+    _PANEL, Lens(0.05, 40.0, 1.0),
+    Sensor(shape=(20, 24), pitch=20e-6, full_well=1e7, bits=16, read_noise=2.0),
+)  # fmt: skip
+_CORNER = math.hypot(20, 24) * 10e-6
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A star or a print, as large as twice the frame, before a camera with some imperfections."""
+
+    target: Target
+    larger: Target
+    camera: Camera
+    exposure: float
+
+    @property
+    def situation(self) -> Situation:
+        return _situation(self.target, self.camera, self.exposure)
+
+    def fine_picture(self) -> Array:
+        """By an ideal camera, on a frame twice as large and pixels a quarter as large."""
+        one = _IDEAL.sensor
+        shape = (2 * _FINER * one.shape[0], 2 * _FINER * one.shape[1])
+        fine = replace(_IDEAL, sensor=replace(one, shape=shape, pitch=one.pitch / _FINER))
+        s = _situation(self.larger, fine, self.exposure)
+        return _FINER**2 * rendered(s, (), 1, aperture=False)
+
+    def judged(self, fine: Array, without: str = "") -> Array:
+        camera = ideal_in(self.camera, without)
+        periods = min(camera.vibration_frequency * self.exposure, 1e6)
+        seen = camera.vibration * math.sqrt(1 - float(np.sinc(periods)) ** 2)
+        return imperfect(fine, _FINER, camera, seen)
+
+
+def _situation(target: Target, camera: Camera, exposure: float) -> Situation:
+    shown = PanelContent.of(np.zeros((1, *camera.panel.shape), np.uint8), math.inf)
+    band = Band(550e-9, 1e-9)
+    return Situation(camera, Mount(), target, band, shown, 0.0, exposure, numerics=1e-5)
+
+
+def ideal_in(camera: Camera, name: str) -> Camera:
+    """The camera without one of its imperfections."""
+    sensor, lens = camera.sensor, camera.lens
+    # A curve tells how bright distorted light is, too, so that one stays that takes nothing.
+    even = tuple((height, 1.0) for height, _ in lens.relative_illumination)
+    return {
+        "": camera,
+        "vibration": replace(camera, vibration=0.0),
+        "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
+        "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
+        "dust": replace(camera, sensor=replace(sensor, dust=())),
+        "pixel crosstalk": replace(camera, sensor=replace(sensor, crosstalk=0.0)),
+    }[name]
+
+
+def draws(count: int, weakest: float) -> Iterator[Draw]:
+    """weakest: of all strengths, over the largest."""
+    for number in range(count):
+        rng = np.random.default_rng([_SEED, number])
+        yield _draw(rng, lambda most, rng=rng: most * log_uniform(rng, weakest, 1.0))
+
+
+def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untyped-def]
+    lens, sensor = _IDEAL.lens, _IDEAL.sensor
+    on = rng.random(5) < 0.6
+    if not on.any():
+        on[rng.integers(5)] = True
+    if on[0]:
+        bent = float(rng.choice([-1, 1])) * strength(0.06)
+        lens = replace(lens, distortion=(bent * (lens.image_distance / _CORNER) ** 2, 0.0))
+    if on[1]:
+        loss = strength(0.6)
+        curve = ((0.0, 1.0), (0.6 * _CORNER, 1 - 0.4 * loss), (1.2 * _CORNER, 1 - loss))
+        lens = replace(lens, relative_illumination=curve)
+    if on[2]:
+        y, x = rng.uniform(-1.5e-4, 1.5e-4, 2)
+        speck = (float(y), float(x), strength(2e-4))
+        sensor = replace(sensor, dust=(speck,), dust_distance=log_uniform(rng, 5e-4, 5e-3))
+    if on[3]:
+        sensor = replace(sensor, crosstalk=strength(0.15))
+    exposure = log_uniform(rng, 3e-3, 0.1)
+    camera = replace(_IDEAL, lens=lens, sensor=sensor)
+    if on[4]:
+        camera = replace(
+            camera, vibration=strength(25e-6), vibration_frequency=log_uniform(rng, 2, 200)
+        )
+    if rng.random() < 0.4:
+        place = tuple(float(one) for one in rng.uniform(-2.4e-3, 2.4e-3, 2))
+        star = Star(2e-3, 1.0, 1e9, (place[0], place[1]))
+        return Draw(star, star, camera, exposure)
+    image = torch.from_numpy(rng.random((24, 30, 3)).astype(np.float32))
+    printed = PhotographPrint(image, 1.0, 1e8, cover=2.0)
+    return Draw(printed, replace(printed, cover=1.0), camera, exposure)
+
+
+def rendered(s: Situation, names: tuple[str, ...], sampling: int, *, aperture: bool) -> Array:
+    """By waves in a large window, with some of the imperfections and nothing else."""
+    chosen = {"diffraction": 1, "PSF reach": 1, "light sampling": sampling}
+    present = [one.name for one in EFFECTS if one.name in names and one.is_present(s)]
+    levels = chosen | dict.fromkeys(present, 1) | ({"pixel aperture": 1} if aperture else {})
+    recipe = build_recipe(EFFECTS, s, levels)
+    ledger = Ledger()
+    found = expected_electrons(s, recipe, ByteCache(), ledger).double().numpy()
+    called = ledger.effects_called & set(NAMES)
+    if not called <= set(present):
+        raise AssertionError(f"{sorted(called - set(present))} called, and not there")
+    return found
+
+
+def _noise(light: Array) -> Array:
+    return np.sqrt(np.maximum(light, 0) + _IDEAL.sensor.read_noise**2)
+
+
+def _apart(one: Array, other: Array) -> float:
+    return float(np.linalg.norm(one - other) / np.linalg.norm(other))
+
+
+@single_threaded
+def imperfect_camera_figures(folder: Path) -> list[Figure]:
+    """Pictures with everything on, and what plans leave out of others."""
+    errors = []
+    for draw in draws(_DRAWS, 0.1):
+        wanted = draw.judged(draw.fine_picture())
+        errors.append(_apart(rendered(draw.situation, NAMES, 3, aperture=True), wanted))
+    off = wrong = there = 0
+    worst = 0.0
+    for draw in draws(_PLANS, 1e-4):
+        s = draw.situation
+        plan = Imaging(_TOL).plan(s)
+        present = [one.name for one in EFFECTS if one.name in NAMES and one.is_present(s)]
+        left = [name for name in present if not plan.level(name)]
+        there, off = there + len(present), off + len(left)
+        if not left:
+            continue
+        fine = draw.fine_picture()
+        whole = draw.judged(fine)
+        for name in left:
+            less = draw.judged(fine, name)
+            change = max(_apart(less, whole), _apart(_noise(less), _noise(whole)))
+            worst, wrong = max(worst, change), wrong + (change > _TOL)
+    return [
+        Figure(
+            f"{_DRAWS} cameras with any of {', '.join(NAMES)}, against rays and sums",
+            f"≤ {_GOAL:.0%} of the picture",
+            f"worst {max(errors):.2%}, median {np.median(errors):.2%}",
+            max(errors) <= _GOAL,
+        ),
+        Figure(
+            f"{_PLANS} others, weak and strong: left out at tol {_TOL:g}, but the judge sees it",
+            "0",
+            f"{wrong} of {off} left out ({there} were there); worst change {worst:.2%}",
+            not wrong,
+        ),
+    ]
+
+
+MEASUREMENTS = {"imperfect cameras": imperfect_camera_figures}

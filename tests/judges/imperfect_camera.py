@@ -1,0 +1,112 @@
+"""What a lens and a sensor that aren't ideal make of a picture: sums over places, rays and pixels.
+
+All is done to a picture of an ideal camera on much finer pixels and a larger frame, with numpy and
+scipy alone.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import convolve, gaussian_filter, map_coordinates
+
+from optics.camera import Camera, Lens
+
+Array = NDArray[np.float64]
+
+
+def imperfect(fine: Array, finer: int, camera: Camera, vibration: float) -> Array:
+    """Electrons on the camera's pixels.
+
+    fine: irradiance as electrons of a whole pixel, at places `finer` of which lie along one; the
+    axis is at n // 2. vibration: metres rms while it is exposed.
+    """
+    one = camera.sensor
+    shaken = gaussian_filter(fine, vibration * finer / one.pitch, truncate=6) if vibration else fine
+    places = [_places(n, finer) * one.pitch for n in one.shape]
+    y, x = np.meshgrid(*places, indexing="ij")
+    light = _looked_up(shaken, finer / one.pitch, camera.lens, y, x)
+    light *= _falling(camera.lens, np.hypot(y, x))
+    pixels = light.reshape(one.shape[0], finer, one.shape[1], finer).mean((1, 3))
+    pixels = pixels * _share_past_dust(camera)
+    a = one.crosstalk
+    along = np.array([a, 1 - 2 * a, a])
+    return np.asarray(convolve(pixels, along[:, None] * along, mode="nearest"))
+
+
+def _places(count: int, finer: int) -> Array:
+    inside = (np.arange(finer) + 0.5) / finer - 0.5
+    return np.asarray((np.arange(count)[:, None] - count // 2 + inside).ravel())
+
+
+def _looked_up(picture: Array, per_metre: float, lens: Lens, y: Array, x: Array) -> Array:
+    """The straight picture where each place's light comes from, as bright as areas change."""
+    height = np.hypot(y, x)
+    before = _before(lens, height)
+    scale = before / height
+    index = [at * scale * per_metre + n // 2 for at, n in zip((y, x), picture.shape, strict=True)]
+    seen: Array = map_coordinates(picture, index, order=3)
+    if not any(lens.distortion) or lens.relative_illumination:
+        return seen
+    step = 1e-4 * height
+    radial = (_before(lens, height + step) - _before(lens, height - step)) / (2 * step)
+    return seen * radial * scale
+
+
+def _before(lens: Lens, height: Array) -> Array:
+    """By bisection of Brown's formula."""
+    if not any(lens.distortion):
+        return height
+    k1, k2 = lens.distortion
+    low, high = np.zeros_like(height), 1.5 * height
+    for _ in range(48):
+        middle = (low + high) / 2
+        t = middle / float(lens.image_distance)
+        under = middle * (1 + k1 * t**2 + k2 * t**4) < height
+        low, high = np.where(under, middle, low), np.where(under, high, middle)
+    return np.asarray((low + high) / 2)
+
+
+def _falling(lens: Lens, height: Array) -> Array:
+    pairs = lens.relative_illumination
+    found = np.ones_like(height)
+    for (inner, more), (outer, less) in pairwise(pairs):
+        here = (height >= inner) & (height <= outer)
+        share = (height**2 - inner**2) / (outer**2 - inner**2)
+        found = np.where(here, more + (less - more) * share, found)
+    return found
+
+
+def _share_past_dust(camera: Camera) -> Array:
+    """Rays from points all over the stop to points all over each pixel: how many pass."""
+    one, lens = camera.sensor, camera.lens
+    found = np.ones(one.shape)
+    if not one.dust:
+        return found
+    side = (np.arange(60) + 0.5) / 30 - 1
+    sy, sx = (part.ravel() for part in np.meshgrid(side, side))
+    inside = sy**2 + sx**2 <= 1
+    radius, step = float(lens.stop_diameter) / 2, one.dust_distance / float(lens.image_distance)
+    sy, sx = sy[inside] * radius, sx[inside] * radius
+    fine = _places(1, 5) * one.pitch
+    reach = radius * step + one.pitch
+    for i in range(one.shape[0]):
+        for j in range(one.shape[1]):
+            py, px = (k - n // 2 for k, n in zip((i, j), one.shape, strict=True))
+            near = [
+                speck for speck in one.dust
+                if np.hypot(py * one.pitch - speck[0], px * one.pitch - speck[1])
+                < 1.5 * (reach + speck[2])
+            ]  # fmt: skip
+            if near:
+                gy, gx = (
+                    (p * one.pitch + fine)[:, None] * (1 - step) + s * step
+                    for p, s in ((py, sy), (px, sx))
+                )
+                free = np.ones((5, 5, len(sy)), bool)
+                for y, x, diameter in near:
+                    free &= (gy[:, None] - y) ** 2 + (gx - x) ** 2 > diameter**2 / 4
+                found[i, j] = free.mean()
+    return found
