@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.accuracy import Budget, MachineSpeed, require_memory
+from optics.accuracy import Budget, MachineSpeed, require_memory, require_time
 from optics.fourier.banded_matrix import BandedMatrix
 from optics.fourier.differentiation import apply_linear_map
 from optics.plane import Plane
@@ -55,6 +55,10 @@ class PixelIntegrationSettings:
 
 
 _SETTINGS = PixelIntegrationSettings()
+
+_FIT_SECONDS = 1e-9
+"""Processor seconds in which the weights of a pixel are fitted, over its samples' third power;
+measured at up to 750 samples."""
 
 _NEGLIGIBLE = 0.03
 """Singular values of the weights' fit below this share of the tolerance, relative to the largest,
@@ -361,6 +365,8 @@ class PixelIntegration:
     ) -> None:
         self._shape = pixels.shape
         both = cutoff if isinstance(cutoff, tuple) else (cutoff, cutoff)
+        budget = budget or Budget()
+        _require_few_fringes(pixels, both, budget)
         y, x = (
             _cheapest_weights(pixels.shape[axis], pixels.pitch[axis] * both[axis], tol)
             for axis in (0, 1)
@@ -382,10 +388,9 @@ class PixelIntegration:
             for half, n, one in zip(beyond, pixels.shape, self._weights, strict=True)
         )
         self.margin = (margin_y, margin_x)
-        allowed = (budget or Budget()).memory
         per_pixel = "x".join(f"{float(one.factor):g}" for one in self._weights)
         what = f"the light on whole pixels, with {per_pixel} samples in each,"
-        require_memory(what, self.bytes, allowed, "ask for fewer pixels")
+        require_memory(what, self.bytes, budget.memory, "ask for fewer pixels")
 
     @property
     def _samples(self) -> int:
@@ -417,6 +422,16 @@ class PixelIntegration:
         """The number of samples in the area of a sensor pixel."""
         y, x = self._weights
         return float(y.factor * x.factor)
+
+
+def _require_few_fringes(pixels: Plane, cutoff: tuple[float, float], budget: Budget) -> None:
+    """Raise ToleranceError for sensor pixels whose fine samples are beyond memory or time."""
+    parts = [max(1.0, 2 * pixels.pitch[axis] * cutoff[axis]) for axis in (0, 1)]
+    rows, columns = (n * part for n, part in zip(pixels.shape, parts, strict=True))
+    what = f"the light on whole pixels, with {parts[0]:.3g}x{parts[1]:.3g} samples in each,"
+    remedy = "ask for fewer pixels, or smaller ones (their pitch is in metres)"
+    require_memory(what, 2 * 4 * rows * columns, budget.memory, remedy)
+    require_time(what, _FIT_SECONDS * max(parts) ** 3, budget.seconds, remedy)
 
 
 def _cheapest_weights(count: int, cycles: float, tol: float) -> PixelWeights:

@@ -71,6 +71,14 @@ class Polygon:
     def edges(self) -> list[tuple[Point, Point]]:
         return list(zip(self.corners, self.corners[1:] + self.corners[:1], strict=True))
 
+    @functools.cached_property
+    def is_star(self) -> bool:
+        """Whether the whole outline of this polygon of the stop is seen from the axis."""
+        p = np.asarray(self.corners)
+        q = np.roll(p, -1, axis=0)
+        turns = np.arctan2(p[:, 1] * q[:, 0] - p[:, 0] * q[:, 1], (p * q).sum(1))
+        return bool((turns > 0).all() and abs(turns.sum() - 2 * math.pi) < 1e-6)
+
     @property
     def is_convex(self) -> bool:
         """Whether this polygon of the stop's shape is convex."""
