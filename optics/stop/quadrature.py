@@ -326,8 +326,18 @@ def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, 
 def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseSlopeBound) -> float:
     """Bound how fast the phase changes in the integral over the stop's arcs, rad per radian.
 
-    The angle is that of _end_clustered_radii(). The ends of the arcs may move along the stop's edge
-    much faster than the radius grows.
+    The angle is that of _end_clustered_radii().
+    """
+    speed = _largest_end_speed(stop, low, high)
+    turned = slope_bound.azimuthal(high) / max(high, 1e-3)
+    return slope_bound.radial(high) * (high - low) / 2 + (slope_bound.tilt + turned) * speed
+
+
+@functools.lru_cache(maxsize=256)
+def _largest_end_speed(stop: Stop, low: float, high: float) -> float:
+    """Bound how fast the radius grows, or the ends of the stop's arcs move, per radian.
+
+    The ends may move along the stop's edge much faster than the radius grows.
     """
     angle = np.linspace(-math.pi / 2, math.pi / 2, _SPARSE_NODES + 1)[1:-1]
     radii, _ = _end_clustered_radii(low, high, angle)
@@ -335,12 +345,9 @@ def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseS
         np.array([r * np.exp(1j * end) for arc in open_arcs(stop, r) for end in arc])
         for r in radii.tolist()
     ]
-    half = (high - low) / 2
     moved = [float(_nearest_distances(b, a).max()) for a, b in pairwise(ends) if a.size and b.size]
     # The factor 1.2 is a margin, because the ends are followed at few radii only.
-    speed = max([half, *(1.2 * m / (angle[1] - angle[0]) for m in moved)])
-    turned = slope_bound.azimuthal(high) / max(high, 1e-3)
-    return slope_bound.radial(high) * half + (slope_bound.tilt + turned) * speed
+    return max([(high - low) / 2, *(1.2 * m / float(angle[1] - angle[0]) for m in moved)])
 
 
 def _nearest_distances(
