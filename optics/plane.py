@@ -6,9 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from optics.validation import as_number
+
+_LONGEST = 1_000_000_000
+"""Samples along an axis, whose positions alone take 8 GB."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,13 @@ class Plane:
     centre: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
+        if not all(isinstance(n, (int, np.integer)) for n in self.shape) or len(self.shape) != 2:
+            raise TypeError(f"shape {self.shape} must be two whole numbers, (rows, columns)")
+        if not max(self.shape) < _LONGEST:
+            raise ValueError(
+                f"shape {self.shape} has more samples along an axis than memory holds; give at "
+                f"most {_LONGEST:g}"
+            )
         if min(self.shape) < 1:
             raise ValueError(f"shape {self.shape} must be at least 1 in each axis")
         if not all(0 < p < math.inf for p in self.pitch):

@@ -35,6 +35,8 @@ from optics.psf.engine_choice import (
 from optics.psf.operator_inputs import (
     build_spherical_wave,
     numeric_optics,
+    require_pixels,
+    require_slope,
     require_symmetry,
     resolve_unmodulated_share,
     validate_field_position,
@@ -57,6 +59,7 @@ from optics.threads import in_full_precision
 from optics.validation import (
     accepts_numpy,
     as_number,
+    require_positive,
     require_tensor,
     require_tolerance,
 )
@@ -228,6 +231,8 @@ class PSFOperator:
         require_valid_source(distance, wavelength)
         require_tolerance(tol)
         require_method(method, camera)
+        require_pixels(pixels)
+        require_slope(phase_slope)
         self.pixels = pixels
         cutoff = cutoff_frequencies(numeric_optics(optics), as_number(wavelength))
         # The integration's part shrinks with the tolerance that is asked for instead.
@@ -235,6 +240,8 @@ class PSFOperator:
         self._pixel_integration = None
         if integrate:
             # Below the floor nothing is kept: no weights are sought for what is refused anyway.
+            if pixel_tol is not None:
+                require_positive("pixel_tol", pixel_tol, "")
             pixel_tol = pixel_tol or _SETTINGS.pixel_tol_share * max(floor, tol)
             self._pixel_integration = PixelIntegration(pixels, cutoff, budget, pixel_tol)
         else:

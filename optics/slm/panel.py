@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from optics.plane import Plane
 from optics.slm.maps import PanelMap
 from optics.slm.response import PhaseResponse
-from optics.validation import require_positive, require_share
+from optics.validation import require_positive, require_share, require_size
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,7 @@ class Panel:
 
     def __post_init__(self) -> None:
         require_positive("pitch", self.pitch, "m")
+        require_size("panel_pitch", "pitch", self.pitch)
         require_positive("fill_factor", self.fill_factor, "")
         require_positive("frame_rate", self.frame_rate, "Hz")
         for name in (
