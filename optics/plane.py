@@ -29,7 +29,7 @@ class Plane:
     centre: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not all(isinstance(n, (int, np.integer)) for n in self.shape) or len(self.shape) != 2:
+        if not all(_is_whole(n) for n in self.shape) or len(self.shape) != 2:
             raise TypeError(f"shape {self.shape} must be two whole numbers, (rows, columns)")
         if not max(self.shape) < _LONGEST:
             raise ValueError(
@@ -72,6 +72,11 @@ class Plane:
             (self.pitch[0] / factor, self.pitch[1] / factor),
             self.centre,
         )
+
+
+def _is_whole(count: object) -> bool:
+    """Tell whether an optical plane's number of samples is one."""
+    return isinstance(count, (int, np.integer)) and not isinstance(count, bool)
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,9 +73,13 @@ RANGES = {
     "aberration": QuantityRange(
         0.0, 0.01, usual=(1e-10, 1e-4), units=("nm", "µm"), example="55e-9 for 55 nm", zero=True
     ),
+    "fill_factor": QuantityRange(1e-4, 1.0, unit="", example="share of a pixel's area, 0.87"),
     # On the sensor: points off the axis, and the middle of its pixels.
     "field": QuantityRange(
         0.0, 1e3, usual=(1e-6, 1.0), units=("mm", "µm"), example="2e-3 for 2 mm", zero=True
+    ),
+    "object_size": QuantityRange(
+        1e-12, 1e15, usual=(1e-6, 10.0), units=("µm", "mm"), example="1e-3 for 1 mm"
     ),
     "object_distance": QuantityRange(0.0, 1e30, example="math.inf for an object at infinity"),
     # In free space all lengths may be scaled together: only what overflows is beyond.

@@ -24,6 +24,11 @@ def limit_planning_time(seconds: float) -> Iterator[None]:
     ----------
     seconds : float
         Processor seconds of this thread.
+
+    Yields
+    ------
+    None
+        Nothing; the limit holds until the statement ends.
     """
     if _LIMIT.get() is not None:
         yield
@@ -53,6 +58,6 @@ def require_planning_time(what: str) -> None:
         return
     raise ToleranceError(
         f"{what} took more than the {limit[1]:g} s of processor time that are allowed, before it "
-        "was planned; ask for a smaller window or a larger tol, bring the object closer to the "
-        "plane in focus, or allow more, in Budget(seconds=...)"
+        "was planned; allow more time, ask for a smaller window or a larger tol, or bring the "
+        "object closer to the plane in focus"
     )

@@ -111,7 +111,7 @@ def require_time(what: str, needed_seconds: float, allowed_seconds: float, remed
     told = f"{rounded_up(needed)} s" if needed < 3600 else f"{rounded_up(needed / 3600)} h"
     refusal = ToleranceError(
         f"{what} would take about {told} of processor time and {allowed_seconds:g} s are allowed; "
-        f"{remedy}, or allow more, in Budget(seconds=...)"
+        f"allow more time, or {remedy}"
     )
     refusal.needed_seconds = needed_seconds
     raise refusal

@@ -10,6 +10,9 @@ from optics.slm.maps import PanelMap
 from optics.slm.response import PhaseResponse
 from optics.validation import require_positive, require_share, require_size
 
+_MOST_PIXELS = 100_000_000
+"""Pixels of a panel, whose pattern alone takes 0.8 GB. Chosen: twelve times a panel of 4K."""
+
 
 @dataclass(frozen=True)
 class Panel:
@@ -95,6 +98,7 @@ class Panel:
         require_positive("pitch", self.pitch, "m")
         require_size("panel_pitch", "pitch", self.pitch)
         require_positive("fill_factor", self.fill_factor, "")
+        require_size("fill_factor", "fill_factor", self.fill_factor)
         require_positive("frame_rate", self.frame_rate, "Hz")
         for name in (
             "fill_factor",
@@ -112,6 +116,11 @@ class Panel:
         self._require_range()
         self._require_consistent_effects()
         Plane(self.shape, (self.pitch, self.pitch))
+        if math.prod(self.shape) > _MOST_PIXELS:
+            raise ValueError(
+                f"shape {self.shape} has {math.prod(self.shape):.3g} pixels; give (rows, columns) "
+                f"of {_MOST_PIXELS:g} pixels at most"
+            )
 
     def _require_range(self) -> None:
         if not self.max_phase:
