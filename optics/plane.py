@@ -11,8 +11,8 @@ import torch
 
 from optics.validation import as_number
 
-_LONGEST = 1_000_000_000
-"""Samples along an axis, whose positions alone take 8 GB."""
+_LONGEST = 1 << 50
+"""Samples along an axis, whose places are still told apart by doubles."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Plane:
             raise TypeError(f"shape {self.shape} must be two whole numbers, (rows, columns)")
         if not max(self.shape) < _LONGEST:
             raise ValueError(
-                f"shape {self.shape} has more samples along an axis than memory holds; give at "
+                f"shape {self.shape} has more samples along an axis than doubles tell apart; give at "
                 f"most {_LONGEST:g}"
             )
         if min(self.shape) < 1:

@@ -98,7 +98,6 @@ class Panel:
         require_positive("pitch", self.pitch, "m")
         require_size("panel_pitch", "pitch", self.pitch)
         require_positive("fill_factor", self.fill_factor, "")
-        require_size("fill_factor", "fill_factor", self.fill_factor)
         require_positive("frame_rate", self.frame_rate, "Hz")
         for name in (
             "fill_factor",
@@ -109,6 +108,7 @@ class Panel:
             "gap_reflection",
         ):
             require_share(name, getattr(self, name))
+        require_size("fill_factor", "fill_factor", self.fill_factor)
         for name, unit in (("response_time", "s"), ("coupling", "m"), ("jitter", "rad")):
             _require_amount(name, getattr(self, name), unit)
         if not 2 <= self.levels <= 256:
