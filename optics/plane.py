@@ -33,8 +33,8 @@ class Plane:
             raise TypeError(f"shape {self.shape} must be two whole numbers, (rows, columns)")
         if not max(self.shape) < _LONGEST:
             raise ValueError(
-                f"shape {self.shape} has more samples along an axis than doubles tell apart; give at "
-                f"most {_LONGEST:g}"
+                f"shape {self.shape} has more samples along an axis than doubles tell apart; give "
+                f"at most {_LONGEST:g}"
             )
         if min(self.shape) < 1:
             raise ValueError(f"shape {self.shape} must be at least 1 in each axis")

@@ -12,7 +12,12 @@ import torch
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, unreachable_tolerance_error
+from optics.accuracy import (
+    ErrorEstimate,
+    MachineSpeed,
+    require_planning_time,
+    unreachable_tolerance_error,
+)
 from optics.psf.reference_probe import ERROR_MARGIN, draw_samples
 from optics.psf.rim_integral import rim_field, rim_node_count
 from optics.psf_engines.engine import CachedPupilWave, PSFEngine, double_precision_error
@@ -129,8 +134,10 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             self.sampling = (
                 f"{self._pupil_radii.numel()} radii in the stop, {sensor.size} on the sensor"
             )
+        require_planning_time("a round lens' PSF")
         with torch.no_grad():
             light = self.intensity(None, None)
+        require_planning_time("a round lens' PSF")
         self.error = self._measure_error(light)
         if not self.error.value + self.arithmetic <= q.tol:
             raise unreachable_tolerance_error(q.tol, 1.2 * self.error.value + self.arithmetic)
@@ -200,8 +207,9 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             count = min(count, max(4, _CHUNK // rim_node_count(q, q.tol)))
         seen = light[q.window_slices].to(torch.float64).numpy()
         where, weight = draw_samples(seen, count)
-        y, x = (axis.numpy() for axis in q.samples.mesh())
-        radius = np.hypot(y, x)[q.window_slices].ravel()[where]
+        y, x = (q.samples.coordinates(axis)[q.window_slices[axis]].numpy() for axis in (0, 1))
+        rows, columns = np.unravel_index(where, seen.shape)
+        radius = np.hypot(y[rows], x[columns])
         if self._along_rim:
             field = rim_field(q, radius, refinement=1.5)
         else:
