@@ -18,8 +18,8 @@ _SEEDS = range(1, 241)
 _SECONDS = 2.0
 
 
-def absurd_questions_figure(_folder: Path) -> list[Figure]:
-    """Each in a forked process, which has loaded what the product needs."""
+def absurd_questions_figure(folder: Path) -> list[Figure]:
+    """Each in a forked process, which has loaded what the product needs. folder: not used."""
     for name in ("optics.patterns", "optics.propagation", "optics.psf", "simulator.imaging"):
         importlib.import_module(name)
     torch.set_num_threads(1)
