@@ -10,10 +10,11 @@ from typing import Literal
 import numpy as np
 
 from optics.distortion import RadialDistortion
+from optics.quantity_ranges import RANGES, ask_about_unit
 from optics.sensor.sensor import Sensor as Sensor
 from optics.slm.panel import Panel as Panel
 from optics.stop.aperture import Circle, Stop
-from optics.validation import as_number, require_positive, require_share
+from optics.validation import as_number, require_positive, require_share, require_size
 from optics.zernike import require_zernike_indices
 
 
@@ -68,12 +69,14 @@ class Lens:
     distortion: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        require_positive("focal_length", self.focal_length, "m")
-        require_positive("f_number", self.f_number, "")
+        for name in ("focal_length", "f_number"):
+            require_positive(name, getattr(self, name), RANGES[name].unit)
+            require_size(name, name, getattr(self, name))
         if not self.focus_distance > self.focal_length:
             raise ValueError(
                 f"focus_distance is {self.focus_distance:g} m; it must be longer than the "
                 f"focal length, {self.focal_length:g} m (inf focuses at infinity)"
+                f"{ask_about_unit('focal_length', as_number(self.focal_length))}"
             )
         for n, m, path in self.aberrations:
             require_zernike_indices(n, m)
@@ -81,6 +84,7 @@ class Lens:
                 raise ValueError(
                     f"the aberration ({n}, {m}) is {as_number(path):g} m; it must be finite"
                 )
+            require_size("aberration", f"the aberration ({n}, {m})", path)
         if self.kind not in ("thin", "stigmatic"):
             raise ValueError(f"kind is {self.kind!r}; choose thin or stigmatic")
         if self.kind == "stigmatic" and self.image_numerical_aperture >= 1:
@@ -209,6 +213,7 @@ class Camera:
             raise ValueError(
                 f"separation is {separation:g} m; the panel stands before the lens, 0 m or more"
             )
+        require_size("separation", "separation", separation)
         self._require_field_of_lens()
 
     def _require_field_of_lens(self) -> None:

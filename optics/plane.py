@@ -6,9 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from optics.validation import as_number
+
+_LONGEST = 1 << 50
+"""Samples along an axis, whose places are still told apart by doubles."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,13 @@ class Plane:
     centre: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
+        if not all(_is_whole(n) for n in self.shape) or len(self.shape) != 2:
+            raise TypeError(f"shape {self.shape} must be two whole numbers, (rows, columns)")
+        if not max(self.shape) < _LONGEST:
+            raise ValueError(
+                f"shape {self.shape} has more samples along an axis than doubles tell apart; give "
+                f"at most {_LONGEST:g}"
+            )
         if min(self.shape) < 1:
             raise ValueError(f"shape {self.shape} must be at least 1 in each axis")
         if not all(0 < p < math.inf for p in self.pitch):
@@ -61,6 +72,11 @@ class Plane:
             (self.pitch[0] / factor, self.pitch[1] / factor),
             self.centre,
         )
+
+
+def _is_whole(count: object) -> bool:
+    """Tell whether an optical plane's number of samples is one."""
+    return isinstance(count, (int, np.integer)) and not isinstance(count, bool)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from optics.validation import (
     as_number,
     needs_gradient,
     require_number,
+    require_size,
     require_wavelength,
     to_plain_numbers,
 )
@@ -127,6 +128,8 @@ def require_valid_source(distance: Scalar, wavelength: Scalar) -> None:
     distance = as_number(distance)
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; the object must be in front of the camera")
+    if distance < math.inf:
+        require_size("object_distance", "distance", distance)
     require_wavelength("wavelength", wavelength)
     if distance < as_number(wavelength):
         raise ValueError(

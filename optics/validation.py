@@ -12,9 +12,7 @@ import numpy as np
 import torch
 from torch.autograd import forward_ad
 
-_SHORTEST_WAVELENGTH, _LONGEST_WAVELENGTH = 1e-9, 1e-3
-"""Range in metres of light: optical radiation lies between X-rays and radio waves, about 1 nm and
-1 mm (CIE S 017, 17-21-002). Numbers in nanometres or micrometres lie beyond it."""
+from optics.quantity_ranges import RANGES, refuse_size
 
 
 def _to_tensor(value: Any) -> Any:
@@ -186,8 +184,11 @@ def require_unchanged_attributes(
 
 def require_number(name: str, value: Any, unit: str = "") -> None:
     """Raise TypeError for an argument that is neither a real number nor a 0-d tensor of one."""
+    if type(value) is float:
+        return
     scalar = isinstance(value, (torch.Tensor, np.ndarray)) and value.ndim == 0
-    if isinstance(value, (int, float, np.floating, np.integer)) or scalar:
+    number = isinstance(value, (int, float, np.floating, np.integer)) or scalar
+    if number and not isinstance(value, bool):
         return
     raise TypeError(
         f"{name} is {value!r}, a {type(value).__name__}; give one number{unit and ' in '}{unit}, "
@@ -225,17 +226,26 @@ def require_positive(name: str, value: Any, unit: str) -> None:
 def require_wavelength(name: str, value: Any) -> None:
     """Raise ValueError for an optical parameter that is no wavelength of light in metres."""
     require_positive(name, value, "m")
+    require_size("wavelength", name, value)
+
+
+def require_size(quantity: str, name: str, value: Any) -> None:
+    """Raise an error for an optical parameter that is no number in the range of its quantity.
+
+    quantity: one of `optics.quantity_ranges.RANGES`. The message asks about a number that would be
+    usual in another unit.
+    """
+    require_number(name, value, RANGES[quantity].unit)
     value = as_number(value)
-    if not _SHORTEST_WAVELENGTH <= value <= _LONGEST_WAVELENGTH:
-        beyond = "shorter than a nanometre" if value < 1e-6 else "longer than a millimetre"
-        raise ValueError(
-            f"{name} is {value:g} m, {beyond}; give metres, for instance 550e-9 for green light"
-        )
+    if not math.isfinite(value):
+        raise ValueError(f"{name} is {value:g}; it must be finite")
+    if refusal := refuse_size(quantity, name, value):
+        raise ValueError(refusal)
 
 
 def require_count(name: str, value: int) -> None:
     """Raise ValueError for a count below 1 in an optical function's arguments."""
-    if value < 1:
+    if not value >= 1:
         raise ValueError(f"{name} is {value}; at least 1 is needed")
 
 

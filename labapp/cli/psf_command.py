@@ -36,6 +36,9 @@ def psf(
         ),
     ] = None,
     memory_mb: Annotated[int, typer.Option(help="Memory that may be used, in megabytes.")] = 4000,
+    budget: Annotated[
+        float, typer.Option(min=0, help="Seconds of processor time that may be used.")
+    ] = 10.0,
     pattern: Annotated[
         Path | None,
         typer.Option(
@@ -69,5 +72,5 @@ def psf(
     from labapp.prediction.psf_prediction import PSFRequest, predict_psf
 
     memory = memory_mb * 1_000_000
-    asked = PSFRequest(described, tol, points, method, memory, pattern, off_axis, sphere)
+    asked = PSFRequest(described, tol, points, method, memory, pattern, off_axis, sphere, budget)
     predict_psf(asked, *places, as_json=json)

@@ -52,6 +52,8 @@ class PSFRequest:
         Position of the point's image on the sensor, from the axis, metres.
     sphere : bool
         Whether the object's wave is an exact sphere instead of a parabola.
+    seconds : float
+        Processor seconds that planning and the PSF may take.
     """
 
     case: LensCase
@@ -62,6 +64,7 @@ class PSFRequest:
     pattern: Path | None
     field: tuple[float, float] = (0.0, 0.0)
     sphere: bool = False
+    seconds: float = 10.0
 
     @cached_property
     def camera(self) -> Camera | None:
@@ -133,7 +136,7 @@ def _plan(
         integrate=not request.points,
         tol=request.tol,
         method=request.method,
-        budget=Budget(request.memory, speed),
+        budget=Budget(request.memory, speed, seconds=request.seconds),
     )
     if camera is None or grey is None:
         alone = plan(case.lens)

@@ -17,9 +17,11 @@ from optics.accuracy.choice import (
     cheapest_candidate,
     select_methods,
 )
+from optics.accuracy.planning_time import limit_planning_time, require_planning_time
 from optics.accuracy.tolerance_error import (
     ToleranceError,
     require_memory,
+    require_time,
     unreachable_tolerance_error,
 )
 
@@ -38,8 +40,11 @@ __all__ = [
     "account_as_dict",
     "best_within",
     "cheapest_candidate",
+    "limit_planning_time",
     "plan_budget",
     "require_memory",
+    "require_planning_time",
+    "require_time",
     "select_methods",
     "unreachable_tolerance_error",
 ]

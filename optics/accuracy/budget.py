@@ -60,7 +60,9 @@ class MachineSpeed:
 
 @dataclass(frozen=True)
 class Budget:
-    """State a computation's budget: the memory that it may use, the machine's speed, and its calls.
+    """State a computation's budget: memory, processor time, the machine's speed, and its calls.
+
+    What is predicted to need more memory or time is refused before it is begun.
 
     Parameters
     ----------
@@ -71,13 +73,26 @@ class Budget:
     calls : int, optional
         How often the planned computation will be called, at least 1. The method is chosen for the
         least time of planning and all calls together.
+    seconds : float, optional
+        Processor seconds that planning and one call may take together; 10 by default. ``math.inf``
+        is allowed.
+
+    Raises
+    ------
+    ValueError
+        If the memory, the calls or the seconds aren't positive.
     """
 
     memory: int = 4 << 30
     speed: MachineSpeed = field(default_factory=MachineSpeed)
     calls: int = 100
+    seconds: float = 10.0
 
     def __post_init__(self) -> None:
+        for name, unit in (("memory", "bytes"), ("seconds", "seconds of processor time")):
+            value = getattr(self, name)
+            if not value > 0:
+                raise ValueError(f"{name} is {value}; give the {unit} that may be used, above 0")
         require_count("calls", self.calls)
 
 
@@ -87,7 +102,7 @@ def plan_budget(budget: Budget | None, calls: int | None) -> Budget:
     Parameters
     ----------
     budget : Budget or None
-        The memory allowed, and the machine's speed; None for the defaults.
+        The memory and time allowed, and the machine's speed; None for the defaults.
     calls : int or None
         How often the planned computation will be called; None for the budget's own number.
 

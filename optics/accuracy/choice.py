@@ -14,7 +14,13 @@ from functools import partial
 from typing import Generic, TypeVar
 
 from optics.accuracy.budget import Budget, MachineSpeed
-from optics.accuracy.tolerance_error import ToleranceError, combine_refusals, require_memory
+from optics.accuracy.planning_time import require_planning_time
+from optics.accuracy.tolerance_error import (
+    ToleranceError,
+    combine_refusals,
+    require_memory,
+    require_time,
+)
 from optics.validation import rounded_up
 
 
@@ -109,13 +115,11 @@ class MethodChoice(Generic[O]):
         Each makes one candidate. It raises ValueError if its method isn't meant for the request,
         and ToleranceError if it can't keep the tolerance.
     budget : Budget
-        The memory allowed, and the machine's speed.
+        The memory and time allowed, and the machine's speed.
     what : str
         What is computed, for error messages.
     remedy : str, optional
-        What helps other than more memory, as a command.
-    longest : float, optional
-        Longest time of a call in seconds, beyond which a candidate is refused; no limit by default.
+        What helps other than more memory or time, as a command.
 
     Attributes
     ----------
@@ -130,31 +134,29 @@ class MethodChoice(Generic[O]):
         what: str,
         *,
         remedy: str = "ask for fewer samples",
-        longest: float = math.inf,
     ) -> None:
-        self._budget, self._what, self._remedy, self._longest = budget, what, remedy, longest
+        self._budget, self._what, self._remedy = budget, what, remedy
         self._refusals: list[ValueError] = []
-        self.candidates: list[O] = []
+        found: list[tuple[float, O]] = []
         for make in makers:
             try:
+                require_planning_time(what)
                 offer = make()
-                self._require_affordable(offer)
+                found.append((self._affordable_seconds(offer), offer))
             except ValueError as error:
                 self._refusals.append(error)
-            else:
-                self.candidates.append(offer)
-        self.candidates.sort(key=lambda offer: offer.total_seconds(budget))
+        self.candidates: list[O] = [offer for _, offer in sorted(found, key=lambda one: one[0])]
 
-    def _require_affordable(self, offer: O) -> None:
-        """Raise ToleranceError for a candidate method beyond the budget of memory or time."""
-        what = f"{self._what} by {offer.name}"
-        require_memory(what, offer.bytes, self._budget.memory, self._remedy)
-        seconds = offer.cpu_seconds(self._budget.speed)
-        if seconds > self._longest:
-            raise ToleranceError(
-                f"{what} would take {seconds / 3600:.0f} h; {self._remedy}, or for "
-                f"method={offer.name!r} to have it all the same"
-            )
+    def _affordable_seconds(self, offer: O) -> float:
+        """Predict the time of a candidate method's plan and all calls, in seconds.
+
+        Raises ToleranceError if it is beyond the budget of memory, or one call beyond that of time.
+        """
+        what, budget = f"{self._what} by {offer.name}", self._budget
+        require_memory(what, offer.bytes, budget.memory, self._remedy)
+        call, planning = offer.cpu_seconds(budget.speed), offer.planning_seconds(budget.speed)
+        require_time(what, planning + call, budget.seconds, self._remedy)
+        return planning + budget.calls * call
 
     @property
     def seconds(self) -> float:
@@ -170,6 +172,7 @@ class MethodChoice(Generic[O]):
         """
         for offer in self.candidates:
             try:
+                require_planning_time(self._what)
                 offer.prepare()
             except ToleranceError as error:
                 self._refusals.append(error)

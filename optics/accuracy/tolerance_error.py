@@ -18,10 +18,13 @@ class ToleranceError(ValueError):
         The smallest tolerance that could be kept; None if something else is the obstacle.
     needed_bytes : int or None
         The bytes that would be enough; None if memory isn't the obstacle.
+    needed_seconds : float or None
+        The processor seconds that would be enough; None if time isn't the obstacle.
     """
 
     floor: float | None = None
     needed_bytes: int | None = None
+    needed_seconds: float | None = None
 
 
 def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
@@ -72,10 +75,45 @@ def require_memory(what: str, needed_bytes: float, allowed_bytes: int, remedy: s
     if needed_bytes <= allowed_bytes:
         return
     refusal = ToleranceError(
-        f"{what} needs {needed_bytes / 1e6:.0f} MB at least and {allowed_bytes / 1e6:.0f} MB are "
+        f"{what} needs {_told_bytes(needed_bytes)} at least and {_told_bytes(allowed_bytes)} are "
         f"allowed; allow more memory, or {remedy}"
     )
-    refusal.needed_bytes = int(needed_bytes)
+    refusal.needed_bytes = int(min(needed_bytes, 1e300))
+    raise refusal
+
+
+def _told_bytes(count: float) -> str:
+    return f"{count / 1e6:.0f} MB" if count < 1e15 else f"{count / 1e15:.3g} PB"
+
+
+def require_time(what: str, needed_seconds: float, allowed_seconds: float, remedy: str) -> None:
+    """Raise ToleranceError if a method needs more processor time than its budget allows.
+
+    Parameters
+    ----------
+    what : str
+        What needs the time, for the error message.
+    needed_seconds : float
+        Processor seconds that it is predicted to need.
+    allowed_seconds : float
+        Processor seconds that are allowed.
+    remedy : str
+        What else helps, as a command: "ask for fewer samples".
+
+    Raises
+    ------
+    ToleranceError
+        If more time is needed than is allowed.
+    """
+    if needed_seconds <= allowed_seconds:
+        return
+    needed = min(needed_seconds, 1e300)
+    told = f"{rounded_up(needed)} s" if needed < 3600 else f"{rounded_up(needed / 3600)} h"
+    refusal = ToleranceError(
+        f"{what} would take about {told} of processor time and {allowed_seconds:g} s are allowed; "
+        f"allow more time, or {remedy}"
+    )
+    refusal.needed_seconds = needed_seconds
     raise refusal
 
 
@@ -83,7 +121,8 @@ def combine_refusals(refusals: Sequence[ValueError], tol: float) -> ValueError:
     """Combine the refusals of several methods into one error for a tolerance.
 
     The error names the smallest tolerance that any method can keep. Without one, it gives every
-    reason once; of the methods that need more memory it names only the one that needs least.
+    reason once; of the methods that need more memory, or more time, it names only the one that
+    needs least.
     ValueErrors that aren't ToleranceErrors come from methods that aren't meant for the request.
     They count only if there is nothing else.
     """
@@ -96,7 +135,11 @@ def combine_refusals(refusals: Sequence[ValueError], tol: float) -> ValueError:
     thriftiest = sorted(
         (one for one in strict if one.needed_bytes), key=lambda one: one.needed_bytes or 0
     )[:1]
-    told = thriftiest + [one for one in strict if not one.needed_bytes] or refusals
+    quickest = sorted(
+        (one for one in strict if one.needed_seconds), key=lambda one: one.needed_seconds or 0
+    )[:1]
+    others = [one for one in strict if not (one.needed_bytes or one.needed_seconds)]
+    told = thriftiest + quickest + others or refusals
     if len(told) == 1:
         return told[0]
     kind = ToleranceError if strict else ValueError

@@ -17,6 +17,7 @@ from optics.accuracy import (
     MachineSpeed,
     Result,
     ToleranceError,
+    limit_planning_time,
     plan_budget,
     select_methods,
     unreachable_tolerance_error,
@@ -102,7 +103,7 @@ class FreeSpace:
     The light that reaches the target isn't known before the call. Where the first plan's result is
     dimmer than its error allows, the same field is propagated again, by the cheapest method that
     keeps the tolerance, or by the named one. That may take many times the time that was predicted
-    first. A call of more than an hour is refused, unless the method is named.
+    first. A plan that takes more time than the budget allows is refused.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ class FreeSpace:
         How often the operator will be called: the method is chosen for the least time of planning
         and all calls together. That of the budget by default, 100.
     budget : Budget, optional
-        The memory allowed, and the machine's speed.
+        The memory and processor time allowed, and the machine's speed.
     **settings : SpanSettings
         What else describes the propagation: `cells`, `carrier`, `band`, `tilt` and `paraxial`, with
         the meaning they have for FreeSpaceSpan.
@@ -171,7 +172,8 @@ class FreeSpace:
         self._method = method
         self._model_error_estimate = _model_error(self.span)
         self._smooth_field_check = SmoothFieldCheck(self.span) if self.span.cells is None else None
-        self._propagator = self._first_plan()
+        with limit_planning_time(budget.seconds):
+            self._propagator = self._first_plan()
         self._tight_propagator: Propagator | None = None
         self._lost_share = 0.0
         self.account = self._build_account(self._propagator)
@@ -475,7 +477,7 @@ def propagate(
     method : str, optional
         One of METHODS. By default the cheapest that keeps `tol`.
     budget : Budget, optional
-        The memory allowed, and the machine's speed.
+        The memory and processor time allowed, and the machine's speed.
     **settings : SpanSettings
         `cells`, `carrier`, `band`, `tilt` and `paraxial`, as for FreeSpaceSpan.
 

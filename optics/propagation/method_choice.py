@@ -69,8 +69,6 @@ def methods_for_span(span: FreeSpaceSpan, method: str | None) -> MethodChoice[Pr
         span.budget,
         "light in free space",
         remedy="ask for a smaller target or a larger tol",
-        # Without a named method, no call may take more than an hour.
-        longest=math.inf if method else 3600.0,
     )
 
 

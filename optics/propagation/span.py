@@ -9,7 +9,13 @@ from typing import Any, TypedDict, cast
 
 from optics.accuracy import Budget
 from optics.plane import Plane
-from optics.validation import as_number, needs_gradient, require_positive, to_plain_numbers
+from optics.validation import (
+    as_number,
+    needs_gradient,
+    require_positive,
+    require_size,
+    to_plain_numbers,
+)
 
 Scalar = Any
 """A number, or a 0-d tensor in which the result is differentiable."""
@@ -107,6 +113,7 @@ class FreeSpaceSpan:
                 "at a finite distance"
             )
         require_positive("wavelength", self.wavelength, "m")
+        self._require_sizes()
         for name, pair in (("carrier", self.carrier), ("tilt", self.tilt)):
             if not all(math.isfinite(value) for value in pair):
                 raise ValueError(f"{name} is {pair}; give two finite numbers")
@@ -115,6 +122,15 @@ class FreeSpaceSpan:
                 f"tilt is {self.tilt} rad; the target must face the source, by less than pi / 2"
             )
         self._require_resolved()
+
+    def _require_sizes(self) -> None:
+        """Raise an error for lengths of a propagation whose products overflow."""
+        require_size("travel", "distance", self.distance)
+        require_size("travel", "wavelength", self.wavelength)
+        for name, plane in (("source", self.source), ("target", self.target)):
+            for pitch, place in zip(plane.pitch, plane.centre, strict=True):
+                require_size("travel", f"the {name}'s pitch", pitch)
+                require_size("place", f"the {name}'s centre", place)
 
     def _require_resolved(self) -> None:
         """Raise ValueError if cells or band don't fit the samples of a propagation's source."""

@@ -12,7 +12,12 @@ import torch
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, unreachable_tolerance_error
+from optics.accuracy import (
+    ErrorEstimate,
+    MachineSpeed,
+    require_planning_time,
+    unreachable_tolerance_error,
+)
 from optics.psf.reference_probe import ERROR_MARGIN, draw_samples
 from optics.psf.rim_integral import rim_field, rim_node_count
 from optics.psf_engines.engine import CachedPupilWave, PSFEngine, double_precision_error
@@ -129,8 +134,10 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             self.sampling = (
                 f"{self._pupil_radii.numel()} radii in the stop, {sensor.size} on the sensor"
             )
+        require_planning_time("a round lens' PSF")
         with torch.no_grad():
             light = self.intensity(None, None)
+        require_planning_time("a round lens' PSF")
         self.error = self._measure_error(light)
         if not self.error.value + self.arithmetic <= q.tol:
             raise unreachable_tolerance_error(q.tol, 1.2 * self.error.value + self.arithmetic)
@@ -200,8 +207,9 @@ class AxialEngine(CachedPupilWave, PSFEngine):
             count = min(count, max(4, _CHUNK // rim_node_count(q, q.tol)))
         seen = light[q.window_slices].to(torch.float64).numpy()
         where, weight = draw_samples(seen, count)
-        y, x = (axis.numpy() for axis in q.samples.mesh())
-        radius = np.hypot(y, x)[q.window_slices].ravel()[where]
+        y, x = (q.samples.coordinates(axis)[q.window_slices[axis]].numpy() for axis in (0, 1))
+        rows, columns = np.unravel_index(where, seen.shape)
+        radius = np.hypot(y[rows], x[columns])
         if self._along_rim:
             field = rim_field(q, radius, refinement=1.5)
         else:
@@ -263,9 +271,7 @@ class RadialCells:
     @staticmethod
     def of(q: PSFRequest) -> RadialCells:
         """Choose the cells for the samples and the tolerance of a symmetric PSF's request."""
-        assert q.lens.stop.annulus_radii is not None
-        width = 2 * _SETTINGS.half_turn / (_radians_per_metre(q) * q.lens.stop.annulus_radii[1])
-        count = math.ceil(q.farthest_sample_radius / width * (1 + 1e-12)) + 1
+        width, count = _cell_width_and_count(q)
         return RadialCells(width, count, _polynomial_degree(q.tol))
 
     def locate(self, radius: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -304,6 +310,13 @@ class RadialCells:
         return torch.addcmul(term(0) - last, twice, before, value=0.5).reshape(shape)
 
 
+def _cell_width_and_count(q: PSFRequest) -> tuple[float, int]:
+    """Return the width in metres and the number of the cells of a symmetric PSF's radii."""
+    assert q.lens.stop.annulus_radii is not None
+    width = 2 * _SETTINGS.half_turn / (_radians_per_metre(q) * q.lens.stop.annulus_radii[1])
+    return width, math.ceil(q.farthest_sample_radius / width * (1 + 1e-12)) + 1
+
+
 def _chebyshev_nodes(degree: int) -> NDArray[np.float64]:
     """Return the nodes in [-1, 1] of a polynomial of the PSF along the radius."""
     angle = np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)
@@ -340,15 +353,14 @@ class _HankelCost:
     def of(q: PSFRequest) -> _HankelCost:
         assert q.lens.stop.annulus_radii is not None
         inner, outer = q.lens.stop.annulus_radii
-        cells = RadialCells.of(q)
+        degree = _polynomial_degree(q.tol)
         nodes = line_rule_node_count(outer - inner, _radial_phase_slope(q), q.tol)
         different = [
             n if centre else n // 2 + 1
             for n, centre in zip(q.samples.shape, q.samples.centre, strict=True)
         ]
-        return _HankelCost(
-            q, nodes, cells.radii.size, _polynomial_degree(q.tol) + 1, different[0] * different[1]
-        )
+        radii = _cell_width_and_count(q)[1] * (degree + 1)
+        return _HankelCost(q, nodes, radii, degree + 1, different[0] * different[1])
 
     @cached_property
     def samples(self) -> int:

@@ -27,6 +27,10 @@ from optics.validation import rounded_up
 METHODS = ("axial", "scattered", "sampled")
 """Names of the PSF methods for a lens alone. Behind a panel the methods are Fourier transforms."""
 
+_COUNTABLE_TURN = 1e15
+"""Radians in a lens' wave beyond which numbers of nodes are no exact doubles; nobody can sum so
+many."""
+
 
 def require_method(method: str | None, camera: Camera | None) -> None:
     """Raise ValueError for a name that isn't a PSF method of the lens, or of the camera's chain."""
@@ -70,6 +74,7 @@ def _engine_factories(
     """
     makers: dict[str, Callable[[], PSFEngine]]
     if camera is None:
+        _require_countable_turns(request)
         probe = ReferenceProbe(request)
         makers = {
             "axial": lambda: AxialEngine(request),
@@ -81,6 +86,19 @@ def _engine_factories(
     if not camera.separation:
         return {"panel": lambda: PanelEngine(request, camera, transform=method)}
     return chain_engines(request, camera, method)
+
+
+def _require_countable_turns(request: PSFRequest) -> None:
+    """Raise ToleranceError if a lens' wave turns faster than its PSF's samples can be counted."""
+    bound = request.numeric.phase_slope_bound
+    steepest = max(bound.largest_slope(1.0), bound.azimuthal(1.0))
+    if steepest < _COUNTABLE_TURN:
+        return
+    raise ToleranceError(
+        f"tol {request.tol:g} can't be kept: the wave turns by {steepest:.2g} rad across the stop "
+        "towards the farthest pixel; check the units of the lens, the distance and the pixels "
+        "(all are metres), and ask for pixels nearer to the axis"
+    )
 
 
 def prepare_cheapest_engine(

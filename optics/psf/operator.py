@@ -17,7 +17,9 @@ from optics.accuracy import (
     ErrorEstimate,
     MachineSpeed,
     ToleranceError,
+    limit_planning_time,
     plan_budget,
+    require_memory,
     unreachable_tolerance_error,
 )
 from optics.camera import Camera, Lens
@@ -33,6 +35,8 @@ from optics.psf.engine_choice import (
 from optics.psf.operator_inputs import (
     build_spherical_wave,
     numeric_optics,
+    require_pixels,
+    require_slope,
     require_symmetry,
     resolve_unmodulated_share,
     validate_field_position,
@@ -55,6 +59,7 @@ from optics.threads import in_full_precision
 from optics.validation import (
     accepts_numpy,
     as_number,
+    require_positive,
     require_tensor,
     require_tolerance,
 )
@@ -158,7 +163,7 @@ class PSFOperator:
         How often the operator will be called: the method is chosen for the least time of planning
         and all calls together. That of the budget by default, 100.
     budget : Budget, optional
-        The memory allowed, and the machine's speed.
+        The memory and processor time allowed, and the machine's speed.
 
     Attributes
     ----------
@@ -226,6 +231,8 @@ class PSFOperator:
         require_valid_source(distance, wavelength)
         require_tolerance(tol)
         require_method(method, camera)
+        require_pixels(pixels)
+        require_slope(phase_slope)
         self.pixels = pixels
         cutoff = cutoff_frequencies(numeric_optics(optics), as_number(wavelength))
         # The integration's part shrinks with the tolerance that is asked for instead.
@@ -233,8 +240,14 @@ class PSFOperator:
         self._pixel_integration = None
         if integrate:
             # Below the floor nothing is kept: no weights are sought for what is refused anyway.
+            if pixel_tol is not None:
+                require_positive("pixel_tol", pixel_tol, "")
             pixel_tol = pixel_tol or _SETTINGS.pixel_tol_share * max(floor, tol)
             self._pixel_integration = PixelIntegration(pixels, cutoff, budget, pixel_tol)
+        else:
+            rows, columns = pixels.shape
+            what = f"the light at {columns}x{rows} points"
+            require_memory(what, 8.0 * rows * columns, budget.memory, "ask for fewer pixels")
         samples = self._pixel_integration.plane if self._pixel_integration else pixels
         rest = self._pixel_integration.error if self._pixel_integration else 0.0
         margin = self._pixel_integration.margin if self._pixel_integration else (0, 0)
@@ -253,15 +266,17 @@ class PSFOperator:
             pixels.pitch if integrate else (0.0, 0.0),
         )
         if not max(floor, rest + 20 * FLOAT64_ARITHMETIC) <= tol:
-            raise tolerance_error_with_advice(request, camera, method, rest, floor)
+            with limit_planning_time(budget.seconds):
+                raise tolerance_error_with_advice(request, camera, method, rest, floor)
         self._cached_unmodulated_psfs: list[_UnmodulatedLight] = []
         self._method, self._reserved_tol = method, rest
         expects_patterns = camera is None and phase_slope is not None
-        symmetric = _plan_symmetric_engine(request, camera, method, symmetry)
-        self._expands = symmetric is None and symmetry != "none"
-        self._request, self.engine = symmetric or _plan_engine(
-            request, camera, method, rest, expects_patterns=expects_patterns
-        )
+        with limit_planning_time(budget.seconds):
+            symmetric = _plan_symmetric_engine(request, camera, method, symmetry)
+            self._expands = symmetric is None and symmetry != "none"
+            self._request, self.engine = symmetric or _plan_engine(
+                request, camera, method, rest, expects_patterns=expects_patterns
+            )
         self._fallback_engine: PSFEngine | None = None
         self._last_engine = self.engine
         self._finer_operator: PSFOperator | None = None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 from optics.camera import Camera, Lens
+from optics.plane import Plane
 from optics.psf.pattern_symmetry import symmetric_shape
 from optics.psf_engines.spherical_wave import SphericalWaveCorrection
 from optics.pupil import Scalar, numeric_camera
-from optics.validation import as_number, to_plain_numbers
+from optics.validation import as_number, require_number, require_size, to_plain_numbers
 
 
 def require_symmetry(symmetry: str, camera: Camera | None) -> str:
@@ -38,7 +39,29 @@ def validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scala
     """Return where a PSF's point is imaged, (y, x) in metres, or raise ValueError."""
     if len(field) != 2 or not all(math.isfinite(as_number(place)) for place in field):
         raise ValueError(f"field is {field}; give two finite lengths (y, x) in metres")
+    for place in field:
+        require_size("field", "field", place)
     return field[0], field[1]
+
+
+def require_pixels(pixels: Plane) -> None:
+    """Raise an error for pixels of a PSF that no sensor has."""
+    if not isinstance(pixels, Plane):
+        raise TypeError(f"pixels is a {type(pixels).__name__}; give a Plane, as Sensor.window does")
+    for pitch, place in zip(pixels.pitch, pixels.centre, strict=True):
+        require_size("pixel_pitch", "the pixels' pitch", pitch)
+        require_size("field", "the pixels' centre", place)
+
+
+def require_slope(phase_slope: float | None) -> None:
+    """Raise an error for a slope of a PSF's patterns that can't be."""
+    if phase_slope is None:
+        return
+    require_number("phase_slope", phase_slope, "rad per stop radius")
+    if not 0 <= phase_slope < math.inf:
+        raise ValueError(
+            f"phase_slope is {phase_slope:g}; give the radians per stop radius, 0 or more"
+        )
 
 
 def build_spherical_wave(

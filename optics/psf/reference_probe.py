@@ -198,8 +198,13 @@ def draw_samples(light: Array, count: int) -> tuple[NDArray[np.int64], Array]:
     if flat.size <= count:
         return np.arange(flat.size), np.ones(flat.size)
     total = float(flat.sum())
-    even = np.full(flat.size, 1 / flat.size)
-    chance = even if not 0 < total < math.inf else 0.5 * even + 0.5 * flat / total
+    if 0 < total < math.inf:
+        # In place: fresh memory takes most of the time in a large window.
+        chance = flat
+        chance *= 0.5 / total
+        chance += 0.5 / flat.size
+    else:
+        chance = np.full(flat.size, 1 / flat.size)
     places = (np.arange(count) + np.random.default_rng(0).random(count)) / count
     summed = np.cumsum(chance)
     where = np.minimum(np.searchsorted(summed, places * summed[-1]), flat.size - 1)

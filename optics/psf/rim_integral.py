@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.accuracy import require_planning_time
 from optics.psf_engines.request import PSFRequest
 from optics.pupil import defocus_curvature
 
@@ -58,6 +59,7 @@ def rim_field(
     weight[[0, -1]] = 1.0
     weight *= 2 * math.pi / (2 * (half - 1))
     for start in range(0, sensor.size, _CHUNK // half + 1):
+        require_planning_time("the integral along the stop's rim")
         part = slice(start, start + _CHUNK // half + 1)
         middle = tilt * sensor[part, None] / (2 * c)
         for radius, sign in ((outer, 1), (inner, -1)):

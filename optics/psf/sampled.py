@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.accuracy import FLOAT32_ARITHMETIC, MachineSpeed, unreachable_tolerance_error
+from optics.accuracy import (
+    FLOAT32_ARITHMETIC,
+    MachineSpeed,
+    require_memory,
+    unreachable_tolerance_error,
+)
 from optics.fourier import FourierGeometry, plan_transform
 from optics.plane import Plane
 from optics.psf.reference_probe import ReferenceProbe
@@ -50,6 +55,9 @@ _SETTINGS = SampledGridSettings()
 _PASSES_PER_SAMPLE = 200.0
 """Passes over a sample of the pupil while the open area and the wave are computed; measured."""
 
+_STEPS_PER_PIECE = 20.0
+"""Steps of Python for each piece of the stop's outline in the open area; measured."""
+
 _PLANNING_CALLS = 8.0
 """Fixed cost of planning in calls; measured."""
 
@@ -80,6 +88,13 @@ class SampledEngine(CachedPupilWave, PSFEngine):
             2 * whole / _SETTINGS.max_phase_step,
         )
         self._grid_size = max(_SETTINGS.min_size, math.ceil(needed))
+        # Transforms of a grid that doesn't fit aren't compared.
+        require_memory(
+            f"a PSF from {self._grid_size:.3g}² samples across the stop",
+            8.0 * self._grid_size**2,
+            q.budget.memory,
+            "ask for fewer pixels, or bring the object closer to the plane in focus",
+        )
         self._plan()
 
     def _plan(self) -> None:
@@ -103,7 +118,9 @@ class SampledEngine(CachedPupilWave, PSFEngine):
     def planning_seconds(self, speed: MachineSpeed) -> float:
         wave = _PASSES_PER_SAMPLE * self._grid_size**2 * speed.touch
         probe = self._probe.planning_seconds(speed)
-        return _PLANNING_CALLS * speed.call + self.cpu_seconds(speed) + wave + probe
+        pieces = sum(len(loop.pieces) for loop in self._request.lens.stop.loops)
+        area = _STEPS_PER_PIECE * pieces * speed.step
+        return _PLANNING_CALLS * speed.call + self.cpu_seconds(speed) + wave + area + probe
 
     def prepare(self) -> None:
         q = self._request.numeric

@@ -107,6 +107,9 @@ class PanelEngineSettings:
         Light that counts as none, over that of double precision's rounding. Chosen.
     straight_degrees : int
         Further degrees for the light without a pattern, where they cost nothing. Chosen.
+    max_orders : float
+        Most diffraction orders of the panel's pixels from the axis to a sample. Chosen: rules for
+        the envelope then take a second.
     """
 
     max_pixel_phase_step: float = 600.0
@@ -120,6 +123,7 @@ class PanelEngineSettings:
     max_degrees: int = 80
     dark_margin: float = 100.0
     straight_degrees: int = 6
+    max_orders: float = 500.0
 
 
 _SETTINGS = PanelEngineSettings()
@@ -202,6 +206,7 @@ class PanelEngine(PSFEngine):
         self._light_tol = light_tol or max(n.tol, _SETTINGS.finest_tol)
         self._set_precision(self._light_tol < 2 * FLOAT32_ARITHMETIC)
         self._pixel_phase_step = self._largest_pixel_phase_step()
+        self._require_countable_orders()
         what = f"a PSF of {n.samples.shape[1]}x{n.samples.shape[0]} samples behind a panel"
         offered = self._offered_methods()
         if not offered:
@@ -228,6 +233,17 @@ class PanelEngine(PSFEngine):
         if isinstance(self._transform, PixelIntegralTransform):
             return stated
         return _SETTINGS.reached_transform_error * stated
+
+    def _require_countable_orders(self) -> None:
+        """Raise ToleranceError if the PSF's samples lie too many panel orders from the axis."""
+        n = self._request.numeric
+        orders = n.farthest_sample_radius * self._camera.panel.active_side / n.scale
+        if orders > _SETTINGS.max_orders:
+            raise ToleranceError(
+                f"tol {n.tol:g} can't be kept: the farthest pixel lies {orders:.3g} diffraction "
+                f"orders of the panel from the axis, and {_SETTINGS.max_orders:g} are summed at "
+                "most; ask for pixels nearer to the axis, or check the panel's pitch (in metres)"
+            )
 
     def _largest_pixel_phase_step(self) -> float:
         """Return the largest phase change of the PSF's wave across a panel pixel, in radians."""

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.accuracy import Budget, MachineSpeed, require_memory
+from optics.accuracy import Budget, MachineSpeed, require_memory, require_time
 from optics.fourier.banded_matrix import BandedMatrix
 from optics.fourier.differentiation import apply_linear_map
 from optics.plane import Plane
@@ -44,6 +44,8 @@ class PixelIntegrationSettings:
     block : int
         Pixels in a row that are integrated by one matrix; measured to be the fastest. The samples
         per pixel are whole multiples of its inverse, so that the next block needs the same matrix.
+    whole_samples : int
+        Samples per pixel beyond which their number is whole. Chosen.
     """
 
     error_margin: float = 4.0
@@ -52,9 +54,14 @@ class PixelIntegrationSettings:
     samples_per_digit: float = 0.75
     max_reach: int = 96
     block: int = 16
+    whole_samples: int = 64
 
 
 _SETTINGS = PixelIntegrationSettings()
+
+_FIT_SECONDS = 2e-9
+"""Processor seconds in which the weights of a pixel are fitted, over its samples' third power;
+measured at up to 750 samples."""
 
 _NEGLIGIBLE = 0.03
 """Singular values of the weights' fit below this share of the tolerance, relative to the largest,
@@ -361,6 +368,8 @@ class PixelIntegration:
     ) -> None:
         self._shape = pixels.shape
         both = cutoff if isinstance(cutoff, tuple) else (cutoff, cutoff)
+        budget = budget or Budget()
+        _require_few_fringes(pixels, both, budget)
         y, x = (
             _cheapest_weights(pixels.shape[axis], pixels.pitch[axis] * both[axis], tol)
             for axis in (0, 1)
@@ -382,10 +391,9 @@ class PixelIntegration:
             for half, n, one in zip(beyond, pixels.shape, self._weights, strict=True)
         )
         self.margin = (margin_y, margin_x)
-        allowed = (budget or Budget()).memory
         per_pixel = "x".join(f"{float(one.factor):g}" for one in self._weights)
         what = f"the light on whole pixels, with {per_pixel} samples in each,"
-        require_memory(what, self.bytes, allowed, "ask for fewer pixels")
+        require_memory(what, self.bytes, budget.memory, "ask for fewer pixels")
 
     @property
     def _samples(self) -> int:
@@ -419,6 +427,16 @@ class PixelIntegration:
         return float(y.factor * x.factor)
 
 
+def _require_few_fringes(pixels: Plane, cutoff: tuple[float, float], budget: Budget) -> None:
+    """Raise ToleranceError for sensor pixels whose fine samples are beyond memory or time."""
+    parts = [max(1.0, 2 * pixels.pitch[axis] * cutoff[axis]) for axis in (0, 1)]
+    rows, columns = (n * part for n, part in zip(pixels.shape, parts, strict=True))
+    what = f"the light on whole pixels, with {parts[0]:.3g}x{parts[1]:.3g} samples in each,"
+    remedy = "ask for fewer pixels, or smaller ones (their pitch is in metres)"
+    require_memory(what, 2 * 4 * rows * columns, budget.memory, remedy)
+    require_time(what, _FIT_SECONDS * max(parts) ** 3, budget.seconds, remedy)
+
+
 def _cheapest_weights(count: int, cycles: float, tol: float) -> PixelWeights:
     """Choose the number of samples per sensor pixel that takes the fewest samples along an axis.
 
@@ -445,6 +463,9 @@ def _samples_per_pixel(oversampling: float, cycles: float) -> Fraction:
     oversampling: of the samples, over the light's Nyquist rate, at least.
     """
     parts = max(math.ceil(2 * oversampling * cycles * _SETTINGS.block), _SETTINGS.block)
+    if parts > _SETTINGS.whole_samples * _SETTINGS.block:
+        # All pixels then have the same weights, which are dear to fit.
+        parts = math.ceil(parts / _SETTINGS.block) * _SETTINGS.block
     return Fraction(parts, _SETTINGS.block)
 
 

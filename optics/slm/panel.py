@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from optics.plane import Plane
 from optics.slm.maps import PanelMap
 from optics.slm.response import PhaseResponse
-from optics.validation import require_positive, require_share
+from optics.validation import require_positive, require_share, require_size
+
+_MOST_PIXELS = 100_000_000
+"""Pixels of a panel, whose pattern alone takes 0.8 GB. Chosen: twelve times a panel of 4K."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,7 @@ class Panel:
 
     def __post_init__(self) -> None:
         require_positive("pitch", self.pitch, "m")
+        require_size("panel_pitch", "pitch", self.pitch)
         require_positive("fill_factor", self.fill_factor, "")
         require_positive("frame_rate", self.frame_rate, "Hz")
         for name in (
@@ -104,6 +108,7 @@ class Panel:
             "gap_reflection",
         ):
             require_share(name, getattr(self, name))
+        require_size("fill_factor", "fill_factor", self.fill_factor)
         for name, unit in (("response_time", "s"), ("coupling", "m"), ("jitter", "rad")):
             _require_amount(name, getattr(self, name), unit)
         if not 2 <= self.levels <= 256:
@@ -111,6 +116,11 @@ class Panel:
         self._require_range()
         self._require_consistent_effects()
         Plane(self.shape, (self.pitch, self.pitch))
+        if math.prod(self.shape) > _MOST_PIXELS:
+            raise ValueError(
+                f"shape {self.shape} has {math.prod(self.shape):.3g} pixels; give (rows, columns) "
+                f"of {_MOST_PIXELS:g} pixels at most"
+            )
 
     def _require_range(self) -> None:
         if not self.max_phase:

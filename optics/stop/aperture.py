@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 NEGLIGIBLE = 1e-12
 """Areas and lengths below this, in units of the stop's radius, count as rounding errors."""
 
+_MOST_CORNERS = 5000
+"""Corners of a polygon, whose edges are compared in half a second; chosen."""
+
 
 @dataclass(frozen=True)
 class Circle:
@@ -58,6 +61,11 @@ class Polygon:
     def __post_init__(self) -> None:
         if len(self.corners) < 3:
             raise ValueError(f"a polygon has {len(self.corners)} corners; give three or more")
+        if len(self.corners) > _MOST_CORNERS:
+            raise ValueError(
+                f"a polygon has {len(self.corners)} corners, each of which is compared with all "
+                f"others; give {_MOST_CORNERS} at most"
+            )
         if not np.isfinite(self.corners).all():
             raise ValueError("a polygon's corners must be finite numbers")
         if _crosses_itself(self.corners):
@@ -70,6 +78,14 @@ class Polygon:
     @functools.cached_property
     def edges(self) -> list[tuple[Point, Point]]:
         return list(zip(self.corners, self.corners[1:] + self.corners[:1], strict=True))
+
+    @functools.cached_property
+    def is_star(self) -> bool:
+        """Whether the whole outline of this polygon of the stop is seen from the axis."""
+        p = np.asarray(self.corners)
+        q = np.roll(p, -1, axis=0)
+        turns = np.arctan2(p[:, 1] * q[:, 0] - p[:, 0] * q[:, 1], (p * q).sum(1))
+        return bool((turns > 0).all() and abs(turns.sum() - 2 * math.pi) < 1e-6)
 
     @property
     def is_convex(self) -> bool:
@@ -109,8 +125,11 @@ def regular_polygon(sides: int, radius: float = 1.0, turn: float = 0.0) -> Polyg
 
     radius: of the circle through its corners, in stop radii. turn: rotation in radians.
     """
-    if sides < 3:
-        raise ValueError(f"sides is {sides}; an opening has three or more")
+    if not 3 <= sides <= _MOST_CORNERS:
+        raise ValueError(
+            f"sides is {sides}; an opening has three or more, and {_MOST_CORNERS} at most: a "
+            "circle has any number"
+        )
     angles = turn + 2 * math.pi / sides * np.arange(sides)
     return Polygon(tuple((radius * math.sin(a), radius * math.cos(a)) for a in angles))
 

@@ -5,7 +5,12 @@ from __future__ import annotations
 import math
 from itertools import combinations, pairwise
 
+import numpy as np
+
 from optics.stop.aperture import NEGLIGIBLE, Circle, Point, Polygon, Shape, Stop
+
+_FEW_EDGES = 32
+"""Edges of a polygon up to which plain Python is as quick; chosen."""
 
 Interval = tuple[float, float]
 """First and last angle of an arc, in radians from x towards y; the first is in [0, 2 pi)."""
@@ -37,10 +42,41 @@ def _join_arcs_at_zero(arcs: list[Interval]) -> list[Interval]:
 def _arcs_inside_shape(shape: Shape, r: float) -> list[Interval]:
     if isinstance(shape, Circle):
         return _arcs_inside_circle(shape, r)
+    if len(shape.edges) > _FEW_EDGES and shape.is_star:
+        return _arcs_inside_star(shape, r)
     cuts = [a for p, q in shape.edges for a in _crossing_angles(p, q, r)]
     ends = [0.0, *sorted(cuts), 2 * math.pi]
     return _merge_touching_arcs(
         [(a, b) for a, b in pairwise(ends) if _contains_point(shape, r, (a + b) / 2)]
+    )
+
+
+def _arcs_inside_star(polygon: Polygon, r: float) -> list[Interval]:
+    """Return the arcs of a circle inside a polygon of the stop whose corners turn about the axis.
+
+    In each corner's sector the outline is one edge, so that thousands of edges are quickly tried.
+    """
+    p = np.asarray(polygon.corners)
+    q = np.roll(p, -1, axis=0)
+    along, square = q - p, (p * p).sum(1)
+    a, b = (along * along).sum(1), (along * p).sum(1)
+    root = np.sqrt(np.maximum(b * b - a * (square - r * r), 0.0))
+    found = [(-b + side * root) / a for side in (-1.0, 1.0)]
+    crossed = [(root > 0) & (t >= 0) & (t <= 1) for t in found]
+    places = np.concatenate(
+        [(p + t[:, None] * along)[which] for t, which in zip(found, crossed, strict=True)]
+    )
+    cuts = np.sort(np.arctan2(places[:, 0], places[:, 1]) % (2 * math.pi))
+    ends = np.concatenate(([0.0], cuts, [2 * math.pi]))
+    middle = (ends[:-1] + ends[1:]) / 2
+    corner = np.arctan2(p[:, 0], p[:, 1])
+    order = np.argsort(corner)
+    edge = order[np.searchsorted(corner[order], (middle + math.pi) % (2 * math.pi) - math.pi) - 1]
+    # On the left of the edge that stands in its sector.
+    y, x = r * np.sin(middle) - p[edge, 0], r * np.cos(middle) - p[edge, 1]
+    inside = along[edge, 1] * y - along[edge, 0] * x > 0
+    return _merge_touching_arcs(
+        list(zip(ends[:-1][inside].tolist(), ends[1:][inside].tolist(), strict=True))
     )
 
 

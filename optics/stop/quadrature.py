@@ -14,22 +14,28 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy.spatial
 import torch
 from numpy.typing import NDArray
 
-from optics.accuracy import MachineSpeed
+from optics.accuracy import MachineSpeed, require_planning_time
 from optics.gauss_legendre import gauss_legendre
 from optics.stop.aperture import Array, Polygon, Shape, Stop
-from optics.stop.arcs import break_radii, open_arcs
+from optics.stop.arcs import Interval, break_radii, open_arcs
 
 _CHUNK_NODES = 1 << 20
 """Nodes that are computed at a time."""
+
+_WHAT = "the integral over the stop"
 
 _NodeChunk = tuple[Array, Array, Array]
 """Positions (y, x) in stop radii, and weights."""
 
 _SPARSE_NODES = 16
 """Radii at which open arcs are evaluated to estimate the number of nodes and the arcs' ends."""
+
+_MANY_ARCS = 32
+"""Open arcs on a circle from which on they are taken together; chosen."""
 
 _RULE_PASSES = 50.0
 """Passes over a node while a stop's rule is computed; measured."""
@@ -167,16 +173,15 @@ def _row_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -
 def _arc_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
+        require_planning_time(_WHAT)
         count, some = _sparse_line_nodes(
             math.pi, _arc_integral_slope(stop, low, high, slope_bound), tol
         )
         radii, _ = _end_clustered_radii(low, high, math.pi * (some - 0.5))
-        arcs = ((r, arc) for r in radii.tolist() for arc in open_arcs(stop, r))
-        total += (
-            count
-            * sum(_single_arc_node_count(r, arc, slope_bound, tol) for r, arc in arcs)
-            / _SPARSE_NODES
+        found = sum(
+            _arcs_node_count(r, open_arcs(stop, r), slope_bound, tol) for r in radii.tolist()
         )
+        total += count * found / _SPARSE_NODES
     return int(total)
 
 
@@ -236,6 +241,7 @@ def _row_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator
     (y, wy), (x, wx) = product_rule(stop, slope_bound, tol)
     rows = max(1, _CHUNK_NODES // x.size)
     for start in range(0, y.size, rows):
+        require_planning_time(_WHAT)
         part, weight = y[start : start + rows], wy[start : start + rows]
         yield np.repeat(part, x.size), np.tile(x, part.size), (weight[:, None] * wx).ravel()
 
@@ -278,6 +284,7 @@ def _ring_nodes(
     counts = np.array([_circle_node_count(r, slope_bound, tol) for r in radii])
     most = max(1, _CHUNK_NODES // int(counts.max()))
     for start in range(0, radii.size, most):
+        require_planning_time(_WHAT)
         part = slice(start, start + most)
         yield _circle_nodes(radii[part], along[part], counts[part])
 
@@ -301,8 +308,8 @@ def _arc_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator
         t, along = line_rule(math.pi, _arc_integral_slope(stop, low, high, slope_bound), tol)
         radii, steps = _end_clustered_radii(low, high, math.pi * (t - 0.5))
         for r, step in zip(radii.tolist(), (math.pi * along * steps).tolist(), strict=True):
-            for arc in open_arcs(stop, r):
-                around, weight = _arc_rule(r, arc, slope_bound, tol)
+            require_planning_time(_WHAT)
+            for around, weight in _arcs_rules(r, open_arcs(stop, r), slope_bound, tol):
                 yield r * np.sin(around), r * np.cos(around), step * r * weight
 
 
@@ -319,8 +326,18 @@ def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, 
 def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseSlopeBound) -> float:
     """Bound how fast the phase changes in the integral over the stop's arcs, rad per radian.
 
-    The angle is that of _end_clustered_radii(). The ends of the arcs may move along the stop's edge
-    much faster than the radius grows.
+    The angle is that of _end_clustered_radii().
+    """
+    speed = _largest_end_speed(stop, low, high)
+    turned = slope_bound.azimuthal(high) / max(high, 1e-3)
+    return slope_bound.radial(high) * (high - low) / 2 + (slope_bound.tilt + turned) * speed
+
+
+@functools.lru_cache(maxsize=256)
+def _largest_end_speed(stop: Stop, low: float, high: float) -> float:
+    """Bound how fast the radius grows, or the ends of the stop's arcs move, per radian.
+
+    The ends may move along the stop's edge much faster than the radius grows.
     """
     angle = np.linspace(-math.pi / 2, math.pi / 2, _SPARSE_NODES + 1)[1:-1]
     radii, _ = _end_clustered_radii(low, high, angle)
@@ -328,16 +345,19 @@ def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseS
         np.array([r * np.exp(1j * end) for arc in open_arcs(stop, r) for end in arc])
         for r in radii.tolist()
     ]
-    half = (high - low) / 2
-    moved = [
-        float(np.abs(b[:, None] - a).min(axis=1).max())
-        for a, b in pairwise(ends)
-        if a.size and b.size
-    ]
+    moved = [float(_nearest_distances(b, a).max()) for a, b in pairwise(ends) if a.size and b.size]
     # The factor 1.2 is a margin, because the ends are followed at few radii only.
-    speed = max([half, *(1.2 * m / (angle[1] - angle[0]) for m in moved)])
-    turned = slope_bound.azimuthal(high) / max(high, 1e-3)
-    return slope_bound.radial(high) * half + (slope_bound.tilt + turned) * speed
+    return max([(high - low) / 2, *(1.2 * m / float(angle[1] - angle[0]) for m in moved)])
+
+
+def _nearest_distances(
+    points: NDArray[np.complex128], others: NDArray[np.complex128]
+) -> NDArray[np.float64]:
+    """Return the distance of each of the stop's points to the nearest of some others."""
+    if points.size * others.size < 1 << 16:
+        return np.asarray(np.abs(points[:, None] - others).min(axis=1))
+    tree = scipy.spatial.cKDTree(others.view(np.float64).reshape(-1, 2))
+    return np.asarray(tree.query(points.view(np.float64).reshape(-1, 2))[0])
 
 
 def _radial_slope(r: float, slope_bound: PhaseSlopeBound) -> float:
@@ -354,6 +374,51 @@ def _azimuthal_slope(angle: float, r: float, slope_bound: PhaseSlopeBound, tol: 
     if angle * slope_bound.azimuthal_cycles > math.pi * (1 + 1e-9):
         return _circle_node_count(r, slope_bound, tol)
     return slope_bound.tilt * r + slope_bound.azimuthal(r)
+
+
+def _arcs_node_count(
+    r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound, tol: float
+) -> int:
+    """Return the number of nodes on the open arcs of a circle in the stop."""
+    if _are_many_short(r, arcs, slope_bound):
+        return int(_short_arcs_node_counts(r, arcs, slope_bound, tol).sum())
+    return sum(_single_arc_node_count(r, arc, slope_bound, tol) for arc in arcs)
+
+
+def _arcs_rules(
+    r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound, tol: float
+) -> Iterator[tuple[Array, Array]]:
+    """Yield angles along the open arcs of a circle in the stop, and their weights."""
+    if not _are_many_short(r, arcs, slope_bound):
+        yield from (_arc_rule(r, arc, slope_bound, tol) for arc in arcs)
+        return
+    counts = _short_arcs_node_counts(r, arcs, slope_bound, tol)
+    first, last = np.transpose(arcs)
+    for count in np.unique(counts):
+        alike = counts == count
+        t, weight = _unit_interval_rule(int(count))
+        angle = (last - first)[alike, None]
+        yield (first[alike, None] + angle * t).ravel(), (angle * weight).ravel()
+
+
+def _are_many_short(r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound) -> bool:
+    """Tell whether open arcs of the stop are so many, and each so short, to be taken together."""
+    if len(arcs) < _MANY_ARCS:
+        return False
+    longest = float(np.diff(arcs).max())
+    cycles = slope_bound.azimuthal_cycles
+    steepest = slope_bound.tilt * r + slope_bound.azimuthal(r)
+    return longest * cycles < math.pi and _subinterval_count(longest, steepest) == 1
+
+
+def _short_arcs_node_counts(
+    r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound, tol: float
+) -> NDArray[np.int64]:
+    """Return gauss_node_count() of each of many short arcs of the stop."""
+    first, last = np.transpose(arcs)
+    turn = (last - first) * (slope_bound.tilt * r + slope_bound.azimuthal(r)) / 2
+    spare = 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)
+    return np.asarray(np.ceil(turn / 2 + spare), dtype=np.int64) + 8
 
 
 def _arc_rule(

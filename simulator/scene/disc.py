@@ -10,7 +10,7 @@ import torch
 
 from optics.formation import rfft2_frequencies, spectrum_of_disc
 from optics.plane import Plane
-from optics.validation import require_positive
+from optics.validation import require_positive, require_size
 from simulator.scene.drawable import STILL, Drawable, Shift
 from simulator.scene.polygons import polygon_coverage
 
@@ -25,6 +25,7 @@ class Disc(Drawable):
 
     def __post_init__(self) -> None:
         require_positive("diameter", self.diameter, "m")
+        require_size("object_size", "diameter", self.diameter)
         if not all(math.isfinite(part) for part in self.offset):
             raise ValueError(f"offset is {self.offset} m; it must be finite in each axis")
 

@@ -15,7 +15,9 @@ from optics.accuracy import (
     account_as_dict,
     best_within,
     cheapest_candidate,
+    limit_planning_time,
     plan_budget,
+    require_planning_time,
     unreachable_tolerance_error,
 )
 
@@ -108,10 +110,36 @@ def test_a_refusal_names_the_least_tolerance_that_any_method_keeps():
 
 
 def test_what_takes_too_long_is_refused_with_the_way_to_have_it_all_the_same():
-    choice = MethodChoice([lambda: QUICK], Budget(), "it", longest=1e-12)
+    choice = MethodChoice([lambda: QUICK, lambda: THRIFTY], Budget(seconds=1e-12), "it")
     assert choice.seconds == math.inf
-    with pytest.raises(ToleranceError, match=r"it by quick would take 0 h; .* method='quick'"):
+    told = r"it by quick would take about \S+ s of .* 1e-12 s are allowed; allow more time, or"
+    with pytest.raises(ToleranceError, match=told) as refused:
         raise choice.refusal(1e-3)
+    assert "thrifty" not in str(refused.value)
+    allowed = Budget(seconds=1.01 * refused.value.needed_seconds)
+    assert MethodChoice([lambda: QUICK], allowed, "it").candidates == [QUICK]
+
+
+def test_planning_that_takes_longer_than_predicted_ends_at_its_limit():
+    def plan_for_ever() -> None:
+        while True:
+            require_planning_time("a star")
+
+    told = r"a star took more than the 1e-06 s"
+    with (
+        limit_planning_time(1e-6),
+        limit_planning_time(math.inf),
+        pytest.raises(ToleranceError, match=told),
+    ):
+        plan_for_ever()
+    require_planning_time("a star")
+
+
+@pytest.mark.parametrize("wrong", [0, -1.0, math.nan])
+def test_a_budget_of_nothing_is_refused(wrong):
+    for name in ("memory", "seconds"):
+        with pytest.raises(ValueError, match=f"{name} is {wrong}; give the .* above 0"):
+            Budget(**{name: wrong})
 
 
 def test_the_setting_that_gains_most_in_a_time_is_chosen():
