@@ -15,7 +15,13 @@ from labapp.accuracy.option_validation import require_pattern
 from labapp.accuracy.references.chain_problem import ChainProblem
 from labapp.accuracy.references.psf_problem import PSFReference
 from labapp.accuracy.warm_up import first_uses, similar_wavelength
-from labapp.accuracy.work_precision import Candidate, Row, candidates_by_tolerance, measure
+from labapp.accuracy.work_precision import (
+    LONGEST_CALL,
+    Candidate,
+    Row,
+    candidates_by_tolerance,
+    measure,
+)
 from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
@@ -177,7 +183,7 @@ def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | 
     each method may use.
     """
     with terminal_progress() as progress:
-        budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)))
+        budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)), seconds=LONGEST_CALL)
         progress.report(0.1, "the exact integral")
         reference = build_reference(case.problem)
         truth = reference.exact_samples

@@ -26,7 +26,7 @@ from labapp.accuracy.row_output import (
     write_plot,
 )
 from labapp.accuracy.warm_up import first_uses, similar_wavelength
-from labapp.accuracy.work_precision import MeasurementSet, Row, measure, time_calls
+from labapp.accuracy.work_precision import LONGEST_CALL, MeasurementSet, Row, measure, time_calls
 from labapp.common.console import err, out, terminal_progress
 from labapp.common.speed import machine_speed
 from labapp.prediction.lens_options import LensCase
@@ -65,7 +65,7 @@ def accuracy_psf(
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
         truth = exact_psf(case, progress.part(0.1, 0.2))
-        budget = Budget(speed=speed)
+        budget = Budget(speed=speed, seconds=LONGEST_CALL)
         found = list(candidates(case, budget))
         similar = replace(case, wavelength=similar_wavelength(case.wavelength))
         warm_up = first_uses(candidates(similar, budget, grids=False))

@@ -9,7 +9,7 @@ from labapp.accuracy import edof_design, edof_psf
 from labapp.accuracy.diagram import draw
 from labapp.accuracy.edof_case import EdofCase
 from labapp.accuracy.row_output import print_data, print_rows, write_plot
-from labapp.accuracy.work_precision import Row
+from labapp.accuracy.work_precision import LONGEST_CALL, Row
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget
@@ -38,7 +38,7 @@ def accuracy_edof(
     designs, gradients = list[edof_design.DesignRow](), list[edof_psf.GradientRow]()
     with terminal_progress() as progress:
         if part != "design":
-            budget = Budget(speed=machine_speed(progress.part(0.0, 0.05)))
+            budget = Budget(speed=machine_speed(progress.part(0.0, 0.05)), seconds=LONGEST_CALL)
             share = progress.part(0.05, 0.3 if part == "all" else 1.0)
             gradients = edof_psf.measure_gradients(case, budget, share)
         if part != "psf":

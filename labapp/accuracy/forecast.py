@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from labapp.accuracy.work_precision import AUTOMATIC, CALLS, Row, mark_front
+from labapp.accuracy.work_precision import AUTOMATIC, CALLS, LONGEST_CALL, Row, mark_front
 from optics.accuracy import Account, Budget, MachineSpeed
 from optics.camera import Camera
 from optics.plane import Plane
@@ -59,7 +59,8 @@ def forecast_psf(
             try:
                 operator = PSFOperator(
                     camera, distance, wavelength, pixels, unmodulated=0.0, tol=tol,
-                    method=method, budget=Budget(speed=speed, calls=CALLS[-1]),
+                    method=method,
+                    budget=Budget(speed=speed, calls=CALLS[-1], seconds=LONGEST_CALL),
                 )  # fmt: skip
             except (ValueError, MemoryError) as error:
                 rows.append(replace(row, failure=str(error)))

@@ -29,7 +29,13 @@ from labapp.accuracy.references.free_space import (
 )
 from labapp.accuracy.references.samples import draw_samples
 from labapp.accuracy.warm_up import first_uses, similar_wavelength
-from labapp.accuracy.work_precision import Candidate, Row, candidates_by_tolerance, measure
+from labapp.accuracy.work_precision import (
+    LONGEST_CALL,
+    Candidate,
+    Row,
+    candidates_by_tolerance,
+    measure,
+)
 from labapp.common.console import terminal_progress
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
@@ -290,7 +296,7 @@ def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Pat
     """
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:
-        budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)))
+        budget = Budget(speed=machine_speed(progress.part(0.0, 0.1)), seconds=LONGEST_CALL)
         reference = FieldReference(case)
         found = list(candidates(case, reference, budget))
         found += [one for adapter in adapters for one in adapter(case, reference.samples_of)]

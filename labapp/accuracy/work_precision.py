@@ -20,6 +20,10 @@ from optics.progress import Progress
 from optics.propagation.free_space_operator import FreeSpace
 from optics.psf import PSFOperator
 
+LONGEST_CALL = 600.0
+"""Processor seconds that a method may take, which is there to be measured; whole panels take
+minutes. Chosen."""
+
 Operator = TypeVar("Operator", PSFOperator, FreeSpace)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from optics.accuracy import ToleranceError
+from optics.accuracy import Budget, ToleranceError
 from optics.caching import ByteCache
 from optics.camera import Camera
 from optics.plane import Plane
@@ -29,6 +29,10 @@ from simulator.situation import Situation
 
 Order = tuple[int, int]
 """Number (y, x) of a diffraction order of the panel's pixel grid, in the panel's axes."""
+
+_BUDGET = Budget(seconds=600.0)
+"""One PSF of a picture may take longer than a question that stands alone: who predicts a picture
+sees its progress and can cancel it. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -257,6 +261,7 @@ class Kernels:
                 integrate=False,
                 unmodulated=0.0,
                 tol=tol,
+                budget=_BUDGET,
             ),
         )
 

@@ -13,7 +13,7 @@ from labapp.accuracy.overview.operations import OPERATIONS, Operation
 from labapp.accuracy.overview.outcome import LeftOut, Outcome
 from labapp.accuracy.overview.page import page_html
 from labapp.accuracy.row_output import describe_machine
-from labapp.accuracy.work_precision import Deadline
+from labapp.accuracy.work_precision import LONGEST_CALL, Deadline
 from labapp.common.errors import UserError
 from labapp.common.speed import machine_speed
 from labapp.files.output_paths import ACCURACY_FILES
@@ -57,7 +57,7 @@ def measure_all(
     """
     began, settings = time.monotonic(), settings or OverviewSettings()
     speed = machine_speed(progress.part(0.0, 0.05))
-    asked = Scope(Budget(speed=speed), camera, settings)
+    asked = Scope(Budget(speed=speed, seconds=LONGEST_CALL), camera, settings)
     measured: list[MeasuredOperation] = []
     left_out: list[LeftOut] = []
     for number, one in enumerate(operations):
