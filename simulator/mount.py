@@ -138,6 +138,12 @@ class Mount:
         y, x = y * cos - x * sin, x * cos + y * sin
         return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
+    def places_on_sensor(self, y: Array, x: Array) -> tuple[Array, Array]:
+        """Transform coordinates in the simulator's panel axes to those of the sensor."""
+        y, x = (-y if self.flip_y else y), (-x if self.flip_x else x)
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        return y * cos + x * sin, x * cos - y * sin
+
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
         """Return the lens' Zernike coefficients in the axes of the simulator's mounted panel.
 

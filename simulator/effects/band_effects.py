@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from optics.slm.phase_range import max_phase
 from simulator.effects.blur_effects import (
     BlurEffect,
     occlusion_factor,
@@ -21,6 +22,7 @@ from simulator.effects.electron_bounds import (
     proportional_error_bound,
     sensor_error_bound,
 )
+from simulator.effects.landed_light import is_light_moved, landed_light
 from simulator.effects.likely_errors import FAR
 from simulator.effects.picture_norms import estimated_light
 from simulator.effects.psf_bounds import illuminated_area_change
@@ -32,6 +34,7 @@ from simulator.effects.rendering_work import (
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import leak_share, spectral_measure
 from simulator.formation.windows import max_blur_distance
+from simulator.panel_at_wavelength import panel_at
 from simulator.planning import Bound
 from simulator.probing.sampled_frequencies import SampledFrequencies
 from simulator.situation import Situation
@@ -46,7 +49,9 @@ class BandwidthBoundSettings:
     Attributes
     ----------
     converged_change : float
-        Change relative to the whole picture at which more nodes count as no finer. Chosen.
+        Change relative to the light in the frame at which more nodes count as no finer. Chosen.
+    numerical_change : float
+        Change relative to the whole picture's light that can't be told from rounding. Chosen.
     margin : float
         Factor of the bound, from audits: it is computed from a sample of the frequencies.
     likely_margin : float
@@ -62,6 +67,7 @@ class BandwidthBoundSettings:
     """
 
     converged_change: float = 2e-5
+    numerical_change: float = 5e-6
     margin: float = 2.0
     likely_margin: float = 1.5
     likely_thinning: int = 4
@@ -111,9 +117,10 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
     """Return the filter bandwidth effect's L2 errors in electrons, by number of wavelength nodes.
 
     The list begins with 1 node and ends where the error has converged. A coarser level never has a
-    smaller error than a finer one.
+    smaller error than a finer one. Little light in the frame is what a pattern leaves of the image,
+    or its far side lobes: both change more with the wavelength than estimates tell.
     """
-    if s.cache.are_estimates:
+    if s.cache.are_estimates and not is_light_moved(s):
         rates = _likely_error_rates(s, "band", LEVELS.wavelengths)
     else:
         rates = cached_across_exposures(s, FILTER_BANDWIDTH, lambda: _node_count_error_rates(s))
@@ -126,24 +133,30 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
     The rates are in electrons per second, computed at a sample of the picture's frequencies.
     """
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
-    most, some = (
-        light_norm_bound(s) / max(max_light_seconds(s), 1e-300),
-        s.picture_probe.sampled_frequencies,
-    )
+    some = s.picture_probe.sampled_frequencies
+    most = light_norm_bound(s) / max(max_light_seconds(s), 1e-300)
+    # The frame may get but a little of the light, which is then far from its image.
+    landed = landed_light(s)
+    least = most if landed is None else min(landed.norm, most)
+    enough = max(_SETTINGS.converged_change * least, _SETTINGS.numerical_change * most)
     if not len(some.ky):
         # Uniform light has no frequencies but 0.
         return (0.0,)
     some = some.with_aliases(plane)
     squares = _sampled_powers(s, some)
-    transfers, changes = _turned_transfers(s, "band", some, 0.5), []
+    transfers, changes = _turned_transfers(s, "band", some, 0.5), list[float]()
+    turns = _phase_turns(s) if is_light_moved(s) else None
     for count in LEVELS.wavelengths:
         wrong, change = found.weight_errors(count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
             apart = max(_error_power(transfer, rows, power) for transfer in transfers)
+            if turns is not None:
+                # Whatever part of the light lands may turn by the whole span against the rest.
+                apart = max(apart, _largest_turned_error(turns, rows, power))
             change += math.sqrt(apart)
         changes.append(min(_SETTINGS.margin * _off_axis_factor(s) * change, most))
-        if changes[-1] <= _SETTINGS.converged_change * most:
+        if changes[-1] <= enough:
             break
     return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
 
@@ -206,6 +219,11 @@ def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -
     return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
 
 
+def _largest_turned_error(turns: NDArray[np.complex128], wrong: Array, power: Array) -> float:
+    """Return _error_power() of light that all turns by the worst of some turns over the band."""
+    return float((np.abs(turns @ wrong.T) ** 2).max() * power.sum())
+
+
 def _transfers_over_band(
     s: Situation, which: Literal["band", "leak"], some: SampledFrequencies
 ) -> list[NDArray[np.complex128]]:
@@ -230,8 +248,24 @@ def _turned_transfers(
     against the rest. part: of the phase's span, by which it may differ to either side.
     """
     grown = spectral_measure(s, which).nodes / s.wavelength
-    turns = [np.exp(1j * k * _phase_span(s) * (1 / grown - 1)) for k in (0.0, part, -part)]
+    span = sum(_phase_spans(s))
+    turns = [np.exp(1j * k * span * (1 / grown - 1)) for k in (0.0, part, -part)]
     return [one * turn for one in _transfers_over_band(s, which, some) for turn in turns]
+
+
+def _phase_turns(s: Situation) -> NDArray[np.complex128]:
+    """Return how parts of the pattern's light turn over the band against the rest, at most.
+
+    The shape is (turns, nodes). Light of two such parts that cancels at the centre of the band, as
+    between the squares of a checkerboard, doesn't do so elsewhere. The panel's phase falls faster
+    than 1/λ, by its dispersion.
+    """
+    nodes, panel = spectral_measure(s, "band").nodes, s.camera.panel
+    shown, bent = _phase_spans(s)
+    ranges = np.array([max_phase(panel_at(panel, one), one) for one in nodes.tolist()])
+    panel_turn = ranges / s.pattern_probe.linear_phase_range - 1
+    turn = shown * panel_turn + bent * (s.wavelength / nodes - 1)
+    return np.asarray(np.exp(1j * np.linspace(0.25, 1, 4)[:, None] * turn))
 
 
 def _off_axis_factor(s: Situation) -> float:
@@ -242,14 +276,14 @@ def _off_axis_factor(s: Situation) -> float:
     return (1 + math.sqrt(illuminated_area_change(s))) ** 2 if s.camera.separation else 1.0
 
 
-def _phase_span(s: Situation) -> float:
+def _phase_spans(s: Situation) -> tuple[float, float]:
     """Return the radians that pattern and lens phases span, for the filter bandwidth effect."""
     shown = max(float(one.max() - one.min()) for one in s.pattern_probe.phases)
     bent = max(
         float(one.max() - one.min())
         for one in map(s.pattern_probe.lens_phase, s.pattern_probe.distances)
     )
-    return shown + bent
+    return shown, bent
 
 
 class Leak(BlurEffect):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
+import numpy as np
 import torch
 
 from optics.plane import centred_crop
 from simulator.effects.electron_bounds import sensor_error_bound
-from simulator.effects.picture_norms import estimated_light
+from simulator.effects.landed_light import landed_light
+from simulator.effects.picture_norms import estimated_light, estimated_light_share
 from simulator.effects.result_cache import cached_across_patterns
 from simulator.planning import Bound, Effect
 from simulator.situation import Situation
@@ -39,16 +41,43 @@ class LightEffect(Effect):
     def likely_light_error(self, s: Situation, change: float, how: str) -> Bound:
         """Estimate the error of the frame when the effect changes the light by an L2 norm.
 
-        change: electrons. √m changes by half the change of m over √m. Two estimates of the norm of
-        that are compared: from audits, and for a change that is spread evenly over the frame.
+        change: electrons. σ changes by half the change of m over σ. The least of two or three
+        estimates of the norm of that counts: for a change that is spread evenly over the frame, for
+        one that lies where it changes the noise most, and for one near the light's image, from
+        audits.
         """
         bound = sensor_error_bound(s, change, how)
         total, norm = (s.exposure * one for one in estimated_light(s))
         if not norm:
             return bound
-        by_share = self.noise_change * bound.mean / norm * math.sqrt(total)
-        evenly = bound.mean / 2 * math.sqrt(_mean_inverse_variance(s))
-        return Bound(bound.mean, bound.variance, min(bound.sigma, by_share, evenly), how=how)
+        found = [bound.sigma, bound.mean / 2 * math.sqrt(_mean_inverse_variance(s))]
+        dimmest = _largest_noise_change(s, bound.mean)
+        if dimmest is not None:
+            found.append(dimmest)
+        if dimmest is None or self.noise_change == NEAR:
+            found.append(self.noise_change * bound.mean / norm * math.sqrt(total))
+        return Bound(bound.mean, bound.variance, min(found), how=how)
+
+
+def _largest_noise_change(s: Situation, change: float) -> float | None:
+    """Estimate how much a change of an L2 norm changes the map of σ at most, electrons.
+
+    It does most where the frame is dimmest, but an effect hardly changes a pixel's light by more
+    than all of it. So the change is given to the dimmest cells of the frame first. None where the
+    light isn't estimated by cells.
+    """
+    landed, seen = landed_light(s), estimated_light_share(s)
+    if landed is None:
+        return None
+    light = np.sort(landed.cells, axis=None) * (s.exposure * seen)
+    noise = s.camera.sensor.read_noise**2 + s.camera.sensor.dark_current * s.exposure
+    squares = (light * landed.pixels) ** 2
+    # √(2 m + r²) - √(m + r²), and the square of it over that of m where nothing is left to m.
+    moved = light / (np.sqrt(2 * light + noise) + np.sqrt(light + noise)).clip(1e-30)
+    before = np.concatenate([[0.0], np.cumsum(squares)])
+    given = np.clip(change**2 - before[:-1], 0.0, squares)
+    shares = given / squares.clip(1e-300)
+    return float(math.sqrt((shares * (moved * landed.pixels) ** 2).sum()))
 
 
 def _mean_inverse_variance(s: Situation) -> float:

@@ -16,14 +16,19 @@ from simulator.effects.blur_effects import (
     transfer_error_bound,
 )
 from simulator.effects.electron_bounds import max_light_seconds
+from simulator.effects.landed_light import cell_pixels, detail_factor, kernel_over_band
 from simulator.effects.likely_errors import FAR
 from simulator.effects.psf_bounds import can_orders_reach_sensor, has_occlusion
-from simulator.effects.rendering_work import LEVELS, PANEL_ORDERS, are_orders_coarse
+from simulator.effects.rendering_work import (
+    LEVELS,
+    PANEL_ORDERS,
+    PSF_REACH,
+    are_orders_coarse,
+)
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.formation.coarse_orders import order_cell_pixels
-from simulator.formation.windows import max_blur_distance
+from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.planning import Bound
-from simulator.probing.order_kernel import cut_kernel
 from simulator.probing.radial import Gain
 from simulator.recipe import Recipe
 from simulator.situation import Situation
@@ -46,6 +51,8 @@ class PanelOrders(BlurEffect):
     source = "Goodman, Introduction to Fourier Optics 4.4"
     levels = ("off", "coarse", "±2")
     requires = ("diffraction",)
+    # One PSF with all orders takes less work than one for each, and ends where no light is.
+    refines = (PSF_REACH,)
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         if not can_orders_reach_sensor(s):
@@ -105,10 +112,6 @@ class PanelOrders(BlurEffect):
         )
 
 
-_CELLS = 48
-"""Cells along the frame's longer side on which side orders are estimated. Chosen."""
-
-
 def _ghost_norm(s: Situation, lowest: int) -> float:
     """Estimate the norm of the frame's light in side orders from `lowest` on, electrons/s.
 
@@ -116,13 +119,14 @@ def _ghost_norm(s: Situation, lowest: int) -> float:
     what cells of the frame hold of them counts.
     """
     probe, sensor = s.picture_probe, s.camera.sensor
-    step = _estimate_cell_pixels(s)
+    step = cell_pixels(s)
     cell = step * sensor.pitch
     rows, columns = (math.ceil(n / step) for n in sensor.shape)
     found = 0.0
-    for kernel in s.pattern_probe.side_order_kernels(cell, lowest, LEVELS.orders[-1]):
+    fade = ORDER_FADE_PIXELS * sensor.pitch
+    for kernel in s.pattern_probe.side_order_kernels(cell, lowest, LEVELS.orders[-1], fade):
         y, x = (math.ceil(min(far / cell, len(kernel))) + 1 for far in max_blur_distance(s))
-        near = cut_kernel(kernel, (y, x))
+        near = kernel_over_band(s, kernel, (y, x))
         down, across = (n // 2 for n in near.shape)
         plane = Plane((rows + 2 * down, columns + 2 * across), (cell, cell))
         ghosts = convolve_valid(probe.light_on(plane), near)
@@ -130,32 +134,11 @@ def _ghost_norm(s: Situation, lowest: int) -> float:
     return step * found
 
 
-def _estimate_cell_pixels(s: Situation) -> int:
-    """Return the sensor pixels along a cell on which the panel orders effect is estimated."""
-    return max(1, math.ceil(max(s.camera.sensor.shape) / _CELLS))
-
-
 def _detail_factor(s: Situation, *, coarse: bool) -> float:
     """Return the norm of all light in orders over that which the estimate's cells hold.
 
-    What is finer has the share that it has in the blurred picture. coarse: whether the panel orders
-    effect is rendered on cells, so that only the detail that these lose counts.
+    coarse: whether the panel orders effect is rendered on cells, so that only the detail that these
+    lose counts. The middles of cells, and the lines between them, take from fringes of up to eight.
     """
-    pitch = s.camera.sensor.pitch
-    on_cells = _blurred_norm(s, 0.0, 0.5 / (_estimate_cell_pixels(s) * pitch))
-    if not on_cells:
-        return 1.0
-    # The middles of cells, and the lines between them, take from fringes of up to eight cells.
-    finest = 0.125 / (order_cell_pixels(s) * pitch) if coarse else 0.0
-    return _blurred_norm(s, finest, math.inf) / on_cells
-
-
-def _blurred_norm(s: Situation, low: float, high: float) -> float:
-    """Estimate the norm of the blurred picture from its frequencies in a range, cycles per metre.
-
-    Copies in the panel's orders are blurred like the picture itself.
-    """
-    power = s.picture_probe.power_spectrum
-    passed = s.pattern_probe.transfer_bounds.mean_square_between(power.low, power.high)
-    inside = (power.low >= low) & (power.low < high)
-    return math.sqrt(float((power.power * passed)[inside].sum()))
+    finest = 0.125 / (order_cell_pixels(s) * s.camera.sensor.pitch) if coarse else 0.0
+    return detail_factor(s, finest)

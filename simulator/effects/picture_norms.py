@@ -17,6 +17,7 @@ from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts
 from simulator.effects.dust_losses import dust_losses
 from simulator.effects.electron_bounds import area_change, peak_electrons
+from simulator.effects.landed_light import detail_factor, landed_light
 from simulator.effects.psf_bounds import (
     has_occlusion,
     is_uniform_scene,
@@ -104,14 +105,19 @@ def estimated_light(s: Situation) -> tuple[float, float]:
     return cached_across_exposures(s, "estimated light", lambda: _estimated_light(s))
 
 
+def estimated_light_share(s: Situation) -> float:
+    """Estimate the share of the frame's light that vignetting, panel and colour filters leave."""
+    distances = set(s.picture_probe.distances)
+    seen = float(vignetting_samples(s, s.camera.sensor.shape, distances).mean())
+    return seen * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
+
+
 def _estimated_light(s: Situation) -> tuple[float, float]:
     """Estimate the sum and norm of the light that effects leave in the frame, electrons/s."""
     power = _cached_for_margin(s, "power", 0, lambda edge: _power(s, _frame_without_edge(s, edge)))
     if power is None:
         return 0.0, 0.0
-    distances = set(s.picture_probe.distances)
-    seen = float(vignetting_samples(s, s.camera.sensor.shape, distances).mean())
-    left = seen * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
+    left = estimated_light_share(s)
     if is_uniform_scene(s):
         # As much light is blurred into the frame as out of it.
         return left * s.picture_probe.total, left * math.sqrt(float(power.power.sum()))
@@ -120,7 +126,11 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
     norm = math.sqrt(float((power.power * transfer * pixel).sum()))
     half = min(s.camera.sensor.shape) / 2 * s.camera.sensor.pitch
     kept = 1 - s.pattern_probe.share_beyond(half) / 2 - s.pattern_probe.side_order_share
-    return left * max(kept, 0.0) * s.picture_probe.total, left * norm
+    total = max(kept, 0.0) * s.picture_probe.total
+    landed = landed_light(s)
+    if landed is not None:
+        total, norm = landed.total, min(norm, landed.norm * detail_factor(s))
+    return left * total, left * norm
 
 
 def _min_light(s: Situation) -> tuple[float, float]:

@@ -157,19 +157,28 @@ class _AuditRenderer:
         coarse, fine = self._with_requirements({**around, **low}, {**around, **high}, names)
         mean, variance = self._picture(coarse)
         best_mean, best_variance = self._picture(fine)
-        bound = Bound()
-        for name in names:
-            effect, level = self._effects[name], self._planned[name]
-            bound = bound.plus(effect.error(self._s, level, self._decided_by))
         return AuditResult(
             names,
             others,
-            bound,
+            self._stated_error(names, coarse),
             _norm(best_mean - mean),
             _norm(best_variance - variance),
             _norm(best_variance.sqrt() - variance.sqrt()),
             _rounding_bound(mean, variance),
         )
+
+    def _stated_error(self, names: tuple[str, ...], coarse: Levels) -> Bound:
+        """Sum the errors that the plan states of audited effects, and of those that they refine."""
+        levels = {
+            refined: coarse[refined]
+            for name in names
+            for refined in self._effects[name].refines
+            if refined in self._effects
+        } | {name: self._planned[name] for name in names}
+        total = Bound()
+        for name, level in levels.items():
+            total = total.plus(self._effects[name].error(self._s, level, self._decided_by))
+        return total
 
     def _with_requirements(
         self, coarse: dict[str, int], fine: dict[str, int], names: tuple[str, ...]

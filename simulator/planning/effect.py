@@ -33,6 +33,9 @@ class Effect(ABC):
         Names of the levels, the coarsest first. The first is "off", or "1" for an axis.
     requires : tuple of str
         Names of effects that must not be off if this one isn't.
+    refines : tuple of str
+        Names of effects that may be rendered at their finest wherever this one isn't off. To put
+        this one back changes the picture by their errors, too.
     recipe_field : str
         Name of the field of the Recipe that the effect sets.
     recipe_values : tuple
@@ -50,6 +53,7 @@ class Effect(ABC):
     source: ClassVar[str]
     levels: ClassVar[tuple[str, ...]] = ("off", "on")
     requires: ClassVar[tuple[str, ...]] = ()
+    refines: ClassVar[tuple[str, ...]] = ()
     recipe_field: ClassVar[str]
     recipe_values: ClassVar[tuple[object, ...]] = (False, True)
     assumed_by_other_bounds: ClassVar[bool] = False

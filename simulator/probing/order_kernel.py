@@ -14,9 +14,28 @@ Array = NDArray[np.float64]
 
 
 def side_order_kernel(
-    far: FarField, period: float, cell: float, lowest: int, highest: int
+    far: FarField, period: float, cell: float, lowest: int, highest: int, fade: float = 0.0
 ) -> Array:
     """Return how a probed far field spreads a point's light over side orders of the panel.
+
+    lowest, highest: range of the orders' numbers: of the larger of both along y and x. fade: metres
+    over which the order below the lowest fades into it. See order_kernel() for all else.
+    """
+    outer = order_kernel(far, period, cell, highest)
+    inner = order_kernel(far, period, cell, lowest - 1, fade)
+    outer[_middle(outer, inner)] -= inner
+    return outer
+
+
+def order_kernel(
+    far: FarField,
+    period: float,
+    cell: float,
+    highest: int,
+    fade: float = 0.0,
+    reach: float = math.inf,
+) -> Array:
+    """Return how a probed far field spreads a point's light over the panel's diffraction orders.
 
     Parameters
     ----------
@@ -26,8 +45,12 @@ def side_order_kernel(
         Distance between two orders on the sensor, metres.
     cell : float
         Side of a cell, metres.
-    lowest, highest : int
-        Range of the orders' numbers: of the larger of both along y and x.
+    highest : int
+        Largest number of an order along y or x.
+    fade : float, default 0.0
+        Metres over which the outermost orders fade out, half of them in the next ones.
+    reach : float, default inf
+        Metres to either side beyond which light isn't needed.
 
     Returns
     -------
@@ -35,12 +58,18 @@ def side_order_kernel(
         Share of the point's light in each cell, (cells, cells), with the point's image in the
         middle cell of an odd number.
     """
-    half = math.ceil((highest + 0.5) * period / cell)
-    outer, inner = (
-        [_cells_of_samples(far, axis, period / cell, most, half) for axis in (0, 1)]
-        for most in (highest, lowest - 1)
-    )
-    return np.asarray(_in_cells(far, *outer) - _in_cells(far, *inner))
+    half = math.ceil(min((highest + 0.5) * period + fade / 2, reach) / cell)
+    along = [
+        _cells_of_samples(far, axis, period / cell, highest, half, fade / period) for axis in (0, 1)
+    ]
+    return _in_cells(far, *along)
+
+
+def _middle(outer: Array, inner: Array) -> tuple[slice, slice]:
+    """Return the part of a probed far field's kernel that a smaller one covers."""
+    more = (len(outer) - len(inner)) // 2
+    part = slice(more, len(outer) - more)
+    return part, part
 
 
 def cut_kernel(kernel: Array, half: tuple[int, int]) -> Array:
@@ -56,18 +85,22 @@ def _in_cells(far: FarField, down: csr_array, across: csr_array) -> Array:
 
 
 def _cells_of_samples(
-    far: FarField, axis: int, cells_per_period: float, most: int, half: int
+    far: FarField, axis: int, cells_per_period: float, most: int, half: int, fade: float
 ) -> csr_array:
     """Return the envelope of each sample of a probed far field in each cell, (cells, samples).
 
-    Every sample stands for one place in each order from -most to most along the axis.
+    Every sample stands for one place in each order from -most to most along the axis. fade: share
+    of a period over which the outermost orders fade into the next ones.
     """
     samples = far.light.shape[axis]
-    orders = np.arange(-most, most + 1)
+    last = most + math.ceil(fade / 2)
+    orders = np.arange(-last, last + 1)
     places = np.fft.fftfreq(samples) + orders[:, None]
+    envelopes = np.stack([far.envelope(axis, int(order)) for order in orders])
+    if fade:
+        envelopes *= np.clip(0.5 + (most + 0.5 - np.abs(places)) / fade, 0, 1)
     cells = np.rint(places * cells_per_period).astype(np.intp) + half
-    entries = (
-        np.concatenate([far.envelope(axis, int(order)) for order in orders]).astype(np.float32),
-        (cells.ravel(), np.tile(np.arange(samples), len(orders))),
-    )
+    inside = (cells >= 0) & (cells <= 2 * half)
+    sample = np.broadcast_to(np.arange(samples), cells.shape)
+    entries = envelopes[inside].astype(np.float32), (cells[inside], sample[inside])
     return csr_array(entries, shape=(2 * half + 1, samples))

@@ -24,7 +24,7 @@ from simulator.panel_at_wavelength import modulator_at
 from simulator.panel_content import PanelContent
 from simulator.probing.far_field import FarField
 from simulator.probing.lens_probe import LensProbe
-from simulator.probing.order_kernel import side_order_kernel
+from simulator.probing.order_kernel import order_kernel, side_order_kernel
 from simulator.probing.transfer_bounds import TransferBounds, rings
 
 Array = NDArray[np.float64]
@@ -247,15 +247,38 @@ class PatternProbe:
         """Bound the share of a probed pattern's light in orders beyond `most` on each side."""
         return max(0.0, 1 - min(one.order_share(most) for one in self._possible_far_fields))
 
-    def side_order_kernels(self, cell: float, lowest: int, highest: int) -> list[Array]:
+    def side_order_kernels(
+        self, cell: float, lowest: int, highest: int, fade: float
+    ) -> list[Array]:
         """Return how the probed pattern spreads light over side orders, for each distance.
 
-        See side_order_kernel(). cell: side of a cell, metres.
+        See side_order_kernel(). cell: side of a cell, metres; fade: metres.
         """
         return [
-            side_order_kernel(there[0], self.period, cell, lowest, highest)
+            side_order_kernel(there[0], self.period, cell, lowest, highest, fade)
             for there in self._pattern_far_fields
         ]
+
+    def blur_kernels(self, cell: float, reach: float) -> list[Array]:
+        """Return how the probed pattern spreads all of a point's light, for each distance.
+
+        The mean over a video's pictures counts, with unmodulated light and the side orders up to
+        the second that come so far. See order_kernel(). cell: side of a cell, metres; reach: how
+        far the light matters, metres.
+        """
+        most = max(math.ceil(min(reach / self.period - 0.5, 2.0)), 0)
+        held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
+        found = []
+        for there, straight in zip(
+            self._pattern_far_fields, self._unmodulated_far_fields, strict=True
+        ):
+            every = [
+                order_kernel(one, self.period, cell, most, reach=reach)
+                for one in (*there, straight)
+            ]
+            mean = sum(every[:-1]) / len(there)
+            found.append(np.asarray((1 - share) * held * mean + share * every[-1]))
+        return found
 
     @cached_property
     def mean_ray_displacement(self) -> float:

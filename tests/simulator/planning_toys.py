@@ -19,6 +19,7 @@ class Toy(Effect):
     works: tuple[float, ...] = (0.0, 1.0)
     coupled: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
+    refines: tuple[str, ...] = ()
     sets: dict[str, tuple[object, ...]] = field(default_factory=dict)
     there: bool = True
     kind = "stage"

@@ -114,3 +114,20 @@ def test_only_the_pairs_that_are_asked_for_are_tried():
 def test_a_pair_of_which_one_is_at_its_finest_is_refused():
     with pytest.raises(ValueError, match="has 'vignetting' at its finest, or not at all; audit "):
         audited(toys(), {"orders": False}, pairs=[("orders", "vignetting")])
+
+
+@pytest.mark.parametrize(("refines", "held"), [((), False), (("read noise",), True)])
+def test_what_an_effect_refines_may_change_with_it(refines, held):
+    """Orders that bring read noise, whatever its own level."""
+    made = toys()
+    made[1].refines = refines
+
+    def refining(recipe):
+        return render(recipe.with_changes(read_noise=recipe.read_noise or recipe.orders > 0))
+
+    plan = plan_effects(made, SITUATION, FLOOR, 0.0, OFF)
+    rows = audit(made, SITUATION, plan, refining, pairs=[("vignetting", "orders")])
+    found = {(row.effects, row.others): row for row in rows}
+    assert found[("orders",), "as planned"].is_broken is not held
+    assert found[("vignetting", "orders"), "as planned"].is_broken is not held
+    assert not found[("orders",), "finest"].is_broken

@@ -1,0 +1,168 @@
+"""Lit scenes drawn by chance, from a few photons to full wells: whether estimates keep tol, and
+whether a plan with its picture costs less than everything on."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from figures import Figure
+from figures.problems import log_uniform
+from figures.random_benches import random_bench
+from figures.random_pictures import Case, TooLong, deviation, everything, lit
+from figures.random_targets import Chance
+from labapp.common.console import print_message
+from optics.camera import Camera
+from optics.light import Band
+from optics.patterns import (
+    axicon,
+    binary_grating,
+    blazed_grating,
+    cubic_phase_mask,
+    fresnel_lens,
+)
+from optics.pupil import pupil_amplitude
+from optics.slm import phase_to_grey
+from optics.threads import single_threaded
+from simulator.panel_content import PanelContent
+from simulator.situation import Situation
+
+_FEWEST = 0.05
+"""Electrons in the mean pixel of the dimmest pictures."""
+
+_COUNT, _SEED, _MOST_WORK, _PATIENCE = 250, 20261128, 2e8, 4.0
+"""Scenes, and operations and seconds of processor time for everything of one, at most."""
+
+_TOLERANCES = (1e-1, 1e-2, 1e-3)
+
+_DEARER = 1.1
+"""Times the processor time of everything on from which on a plan with its picture is dearer."""
+
+Array = NDArray[np.float64]
+
+
+def lit_cases(seed: int, most_work: float = 1e9) -> Iterator[Case]:
+    """Without end; those that would take more operations at their finest are left out, or tried
+    without the panel's orders."""
+    for number in range(1 << 31):
+        s = lit_situation(np.random.default_rng([seed, number]))
+        if s is None:
+            continue
+        whole = Case(number, s)
+        for case in (whole, replace(whole, orders=False)):
+            if case.finest_work <= most_work:
+                yield case
+                break
+
+
+def lit_situation(rng: np.random.Generator) -> Situation | None:
+    """None where no light meets the sensor."""
+    bench = random_bench(rng)
+    if not pupil_amplitude(bench.camera).any():
+        return None
+    band = _band(rng)
+    target = Chance(rng, bench.camera, bench.distance).target(band.centre)
+    shown = PanelContent.of(_grey(rng, bench.camera, band.centre)[None], math.inf)
+    s = Situation(
+        bench.camera, bench.mount, lit(target, 1.0), band, shown,
+        float(rng.uniform(0, 0.1)), log_uniform(rng, 1e-3, 0.1), bench.path,
+    )  # fmt: skip
+    rate = s.picture_probe.total / math.prod(s.camera.sensor.shape)
+    if rate * s.exposure < 1e-9 * s.picture_probe.brightest * s.exposure or not rate:
+        return None
+    wanted = log_uniform(rng, _FEWEST, s.camera.sensor.full_well)
+    return replace(s, target=lit(target, wanted / (rate * s.exposure)))
+
+
+def _band(rng: np.random.Generator) -> Band:
+    centre = float(rng.uniform(440e-9, 680e-9))
+    if rng.random() < 0.5:
+        return Band(centre, log_uniform(rng, 5e-9, 40e-9), "lyot")
+    return Band(centre, log_uniform(rng, 2e-9, 60e-9), "gaussian")
+
+
+def _grey(rng: np.random.Generator, camera: Camera, wavelength: float) -> NDArray[np.uint8]:
+    panel = replace(camera.panel, response=None, flatness=None)
+    z, (rows, columns) = camera.lens.image_distance, panel.shape
+    y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
+    i, j = np.indices(panel.shape)
+    r2, angle = x**2 + y**2, np.arctan2(y, x)
+    spot = wavelength * z / (max(panel.shape) * panel.pitch)
+    sign, turns = float(rng.choice([-1, 1])), rng.uniform(0.5, 8)
+    period, direction = rng.uniform(2.5, 20), rng.uniform(0, 2 * math.pi)
+    kinds: tuple[Callable[[], torch.Tensor | Array], ...] = (
+        lambda: np.zeros(panel.shape),
+        lambda: fresnel_lens(panel, sign * log_uniform(rng, 0.3, 20), wavelength),
+        lambda: axicon(panel, rng.uniform(1, 8) * spot, z, wavelength),
+        lambda: blazed_grating(panel, period, direction),
+        lambda: blazed_grating(panel, rng.uniform(2, 4), direction),
+        lambda: binary_grating(panel, int(rng.integers(2, 12)), rng.uniform(0.5, math.pi)),
+        lambda: turns * np.sin(2 * math.pi * j / period),
+        lambda: cubic_phase_mask(panel, rng.uniform(1, 12)),
+        lambda: 2 * math.pi * turns * (2 * r2 - 1),
+        lambda: 2 * math.pi * turns * r2**2,
+        lambda: turns * r2 * np.cos(2 * angle),
+        lambda: turns * x * (3 * r2 - 2),
+        lambda: sign * int(rng.integers(1, 6)) * angle,
+        lambda: int(rng.integers(1, 6)) * angle + 2 * math.pi * turns * r2,
+        lambda: rng.uniform(0, rng.uniform(0.3, 6.28), panel.shape),
+        lambda: math.pi * rng.integers(0, 2, panel.shape),
+        lambda: np.kron(rng.uniform(0, 6.28, (8, 8)), np.ones((5, 5)))[:rows, :columns],
+        lambda: math.pi * ((i + j) % 2),
+        lambda: math.pi * (r2 < rng.uniform(0.1, 0.8)),
+        lambda: math.pi * (np.floor(r2 * rng.uniform(2, 8)) % 2),
+        lambda: turns * np.abs(x) * 2 * math.pi,
+        lambda: np.angle(np.exp(1j * turns * 5 * x) + np.exp(1j * turns * 4 * y)),
+        lambda: 2 * math.pi * turns * (x + sign * y**2),
+    )
+    phase = torch.as_tensor(kinds[rng.integers(len(kinds))]())
+    return np.asarray(phase_to_grey(panel, phase, wavelength).numpy(), dtype=np.uint8)
+
+
+@single_threaded
+def lit_scenes_figures(folder: Path) -> list[Figure]:
+    """Each scene by estimates for a tolerance of three, against everything on."""
+    shares, dearer, beyond = list[float](), 0, list[str]()
+    for case in islice(lit_cases(_SEED, _MOST_WORK), _COUNT):
+        tol = _TOLERANCES[case.number % 3]
+        began = time.process_time()
+        try:
+            truth = everything(case, _PATIENCE)
+        except TooLong:
+            continue
+        whole = time.process_time() - began
+        began = time.process_time()
+        error, _ = deviation(case, tol, truth, "estimate")
+        dearer += time.process_time() - began > _DEARER * whole
+        shares.append(error.worst / tol)
+        if not error.worst <= tol:
+            beyond.append(f"tol {tol:g}: {error.worst / tol:.1f} of it; {case.words}")
+    for line in beyond:
+        print_message(line)
+    count, far = len(shares), sum(not share <= 3 for share in shares)
+    return [
+        Figure(
+            "lit scenes, mean .05 electrons to full well, Lyot and Gaussian filters, 23 kinds of "
+            "patterns, tol 1e-1 / 1e-2 / 1e-3, by estimates: beyond tol; beyond 3 tol",
+            "≤ 1 %; 0",
+            f"{len(beyond)}; {far} of {count}, worst {max(shares, default=math.inf):.2f} tol",
+            count > 0 and len(beyond) <= 0.01 * count and not far,
+        ),
+        Figure(
+            "the same: plan and picture dearer than everything on by more than 10 %",
+            "≤ 5 %",
+            f"{dearer} of {count}",
+            count > 0 and dearer <= 0.05 * count,
+        ),
+    ]
+
+
+MEASUREMENTS = {"lit scenes": lit_scenes_figures}
