@@ -18,10 +18,16 @@ class ToleranceError(ValueError):
         The smallest tolerance that could be kept; None if something else is the obstacle.
     needed_bytes : int or None
         The bytes that would be enough; None if memory isn't the obstacle.
+    reason : str
+        The message without its remedy.
     """
 
     floor: float | None = None
     needed_bytes: int | None = None
+
+    def __init__(self, reason: str, remedy: str = "") -> None:
+        super().__init__(f"{reason}; {remedy}" if remedy else reason)
+        self.reason = reason
 
 
 def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
@@ -41,11 +47,9 @@ def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
         The error, to be raised by the caller. Its `floor` is set if it is below 1.
     """
     if not floor < 1:
-        return ToleranceError(
-            f"tol {tol:g} can't be kept: hardly any light reaches the window; ask for a larger "
-            "one, or one that is nearer to the light"
-        )
-    refusal = ToleranceError(f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more")
+        return ToleranceError(f"tol {tol:g} can't be kept: hardly any light reaches the window")
+    reason, remedy = f"tol {tol:g} can't be kept", f"ask for tol {rounded_up(floor)} or more"
+    refusal = ToleranceError(reason, remedy)
     refusal.floor = floor
     return refusal
 
@@ -73,7 +77,8 @@ def require_memory(what: str, needed_bytes: float, allowed_bytes: int, remedy: s
         return
     refusal = ToleranceError(
         f"{what} needs {needed_bytes / 1e6:.0f} MB at least and {allowed_bytes / 1e6:.0f} MB are "
-        f"allowed; allow more memory, or {remedy}"
+        "allowed",
+        f"allow more memory, or {remedy}",
     )
     refusal.needed_bytes = int(needed_bytes)
     raise refusal
@@ -96,8 +101,16 @@ def combine_refusals(refusals: Sequence[ValueError], tol: float) -> ValueError:
     thriftiest = sorted(
         (one for one in strict if one.needed_bytes), key=lambda one: one.needed_bytes or 0
     )[:1]
-    told = thriftiest + [one for one in strict if not one.needed_bytes] or refusals
+    told: Sequence[ValueError] = thriftiest + [one for one in strict if not one.needed_bytes]
+    told = told or refusals
     if len(told) == 1:
         return told[0]
-    kind = ToleranceError if strict else ValueError
-    return kind("; ".join(dict.fromkeys(map(str, told))))
+    told_once = "; ".join(dict.fromkeys(map(str, told)))
+    if not strict:
+        return ValueError(told_once)
+    refusal = ToleranceError(told_once)
+    refusal.reason = "; ".join(dict.fromkeys(one.reason for one in strict if one in told))
+    refusal.needed_bytes = min(
+        (one.needed_bytes for one in strict if one.needed_bytes), default=None
+    )
+    return refusal
