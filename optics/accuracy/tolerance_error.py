@@ -12,6 +12,13 @@ class ToleranceError(ValueError):
 
     The message names the smallest tolerance that can be kept, and the remedy.
 
+    Parameters
+    ----------
+    reason : str
+        Why the tolerance can't be kept.
+    remedy : str, optional
+        What helps, as a command: "ask for tol 1e-3 or more".
+
     Attributes
     ----------
     floor : float or None

@@ -7,7 +7,6 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 
 from optics.accuracy import (
     MethodChoice,
@@ -30,6 +29,10 @@ from optics.validation import rounded_up
 METHODS = ("axial", "scattered", "sampled")
 """Names of the PSF methods for a lens alone. Behind a panel the methods are Fourier transforms."""
 
+
+_DIM_ROOM = 10.0
+"""Room in a tolerance that is advised for a panel apart from its lens: a window that gets a
+twentieth to a tenth of an even panel's light is then bright enough."""
 
 _LONGEST_TRIAL = 0.2
 """Seconds that trying out whether a method keeps a tolerance may take; beyond, its plan counts."""
@@ -116,7 +119,16 @@ def prepare_cheapest_engine(
         )
         if refusal.floor is not None:
             raise refusal
-    can_keep = partial(_can_keep_tolerance, camera=camera, method=method, for_patterns=for_patterns)
+    # Behind a panel apart from its lens, a pattern may leave the window little of the light.
+    rooms = (_DIM_ROOM, 1.0) if camera is not None and camera.separation else (1.0,)
+
+    def can_keep(asked: PSFRequest) -> bool:
+        """Tell whether the PSF can be computed as asked, with room for dim windows."""
+        tighter = (replace(asked, tol=asked.tol / room) for room in rooms)
+        return all(
+            _can_keep_tolerance(one, camera, method, for_patterns=for_patterns) for one in tighter
+        )
+
     raise refusal_with_remedies(refusal, request, reserved_tol, can_keep)
 
 
@@ -150,9 +162,7 @@ def tolerance_error_with_advice(
     if math.isnan(promised):
         return unreachable_tolerance_error(promised, floor)
     candidates = list(_candidate_tolerances(floor))
-    # With a tolerance ten times the one that can be planned for, a window that gets a twentieth to
-    # a tenth of an even panel's light is bright enough.
-    for room in (10.0, 1.0) if camera is not None and camera.separation else (1.0,):
+    for room in (_DIM_ROOM, 1.0) if camera is not None and camera.separation else (1.0,):
 
         def can_keep(tol: float, room: float = room) -> bool:
             """Tell whether the PSF can be computed to `tol`, and to `tol / room`."""
