@@ -62,7 +62,7 @@ class DirectSettings:
 
     quadrature_tol: float = 1e-14
     roundings: float = 4.0
-    probes: int = 16
+    probes: int = 10
     piece_turn: float = 40.0
     kernel_cost: float = 11.0
     product_cost: float = 11.0
