@@ -242,10 +242,11 @@ def accuracy_chain_(
     Light goes from a point to the pixels of the panel, to lens and stop, and to the sensor (thesis
     Eq. 5.1 to 5.7). The method "collapsed" is a single Fourier integral, for a stop that cuts off
     hardly any light. "chain" computes the field in the plane of the lens on a grid, "chain,
-    quadrature" on nodes that follow the edge of the stop. Errors are relative L2 errors against the
-    exact integral. They are estimated from some samples; brighter ones are drawn more often. The
-    integral takes longer the smaller the separation is. Rows on the front are beaten by no other
-    row in both time and error. For instance
+    quadrature" on nodes that follow the edge of the stop. "chain, direct" integrates along the rows
+    of the stop, to rounding. Errors are relative L2 errors against the exact integral. They are
+    estimated from some samples; brighter ones are drawn more often. The integral takes longer the
+    smaller the separation is. Rows on the front are beaten by no other row in both time and error.
+    For instance
 
     **labapp accuracy chain --size 16 --panel 48x64x8**
     """

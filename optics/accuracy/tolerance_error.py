@@ -12,6 +12,13 @@ class ToleranceError(ValueError):
 
     The message names the smallest tolerance that can be kept, and the remedy.
 
+    Parameters
+    ----------
+    reason : str
+        Why the tolerance can't be kept.
+    remedy : str, optional
+        What helps, as a command: "ask for tol 1e-3 or more".
+
     Attributes
     ----------
     floor : float or None
@@ -20,11 +27,17 @@ class ToleranceError(ValueError):
         The bytes that would be enough; None if memory isn't the obstacle.
     needed_seconds : float or None
         The processor seconds that would be enough; None if time isn't the obstacle.
+    reason : str
+        The message without its remedy.
     """
 
     floor: float | None = None
     needed_bytes: int | None = None
     needed_seconds: float | None = None
+
+    def __init__(self, reason: str, remedy: str = "") -> None:
+        super().__init__(f"{reason}; {remedy}" if remedy else reason)
+        self.reason = reason
 
 
 def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
@@ -44,11 +57,9 @@ def unreachable_tolerance_error(tol: float, floor: float) -> ToleranceError:
         The error, to be raised by the caller. Its `floor` is set if it is below 1.
     """
     if not floor < 1:
-        return ToleranceError(
-            f"tol {tol:g} can't be kept: hardly any light reaches the window; ask for a larger "
-            "one, or one that is nearer to the light"
-        )
-    refusal = ToleranceError(f"tol {tol:g} can't be kept; ask for tol {rounded_up(floor)} or more")
+        return ToleranceError(f"tol {tol:g} can't be kept: hardly any light reaches the window")
+    reason, remedy = f"tol {tol:g} can't be kept", f"ask for tol {rounded_up(floor)} or more"
+    refusal = ToleranceError(reason, remedy)
     refusal.floor = floor
     return refusal
 
@@ -76,7 +87,8 @@ def require_memory(what: str, needed_bytes: float, allowed_bytes: int, remedy: s
         return
     refusal = ToleranceError(
         f"{what} needs {_told_bytes(needed_bytes)} at least and {_told_bytes(allowed_bytes)} are "
-        f"allowed; allow more memory, or {remedy}"
+        "allowed",
+        f"allow more memory, or {remedy}",
     )
     refusal.needed_bytes = int(min(needed_bytes, 1e300))
     raise refusal
@@ -110,8 +122,8 @@ def require_time(what: str, needed_seconds: float, allowed_seconds: float, remed
     needed = min(needed_seconds, 1e300)
     told = f"{rounded_up(needed)} s" if needed < 3600 else f"{rounded_up(needed / 3600)} h"
     refusal = ToleranceError(
-        f"{what} would take about {told} of processor time and {allowed_seconds:g} s are allowed; "
-        f"allow more time, or {remedy}"
+        f"{what} would take about {told} of processor time and {allowed_seconds:g} s are allowed",
+        f"allow more time, or {remedy}",
     )
     refusal.needed_seconds = needed_seconds
     raise refusal
@@ -139,8 +151,14 @@ def combine_refusals(refusals: Sequence[ValueError], tol: float) -> ValueError:
         (one for one in strict if one.needed_seconds), key=lambda one: one.needed_seconds or 0
     )[:1]
     others = [one for one in strict if not (one.needed_bytes or one.needed_seconds)]
-    told = thriftiest + quickest + others or refusals
+    told: Sequence[ValueError] = thriftiest + quickest + others or refusals
     if len(told) == 1:
         return told[0]
-    kind = ToleranceError if strict else ValueError
-    return kind("; ".join(dict.fromkeys(map(str, told))))
+    told_once = "; ".join(dict.fromkeys(map(str, told)))
+    if not strict:
+        return ValueError(told_once)
+    refusal = ToleranceError(told_once)
+    refusal.reason = "; ".join(dict.fromkeys(one.reason for one in strict if one in told))
+    refusal.needed_bytes = thriftiest[0].needed_bytes if thriftiest else None
+    refusal.needed_seconds = quickest[0].needed_seconds if quickest else None
+    return refusal

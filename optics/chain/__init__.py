@@ -2,8 +2,9 @@
 
 The light goes from the panel through free space to the lens with its stop, and through free space
 to the sensor. GridEngine propagates it by FFTs from plane to plane. QuadratureEngine integrates
-over the stop by quadrature, for small tolerances. CollapsedEngine treats panel and lens as one
-plane, where the difference is small.
+over the stop by quadrature, for small tolerances. DirectEngine leaves out nothing, and integrates
+along rows of the stop, for small panels, small windows and dark ones. CollapsedEngine treats panel
+and lens as one plane, where the difference is small.
 """
 
 from optics.chain.engine_choice import CHAIN_METHODS, chain_engines

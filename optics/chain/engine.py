@@ -208,5 +208,5 @@ class ChainEngine(PSFEngine):
                 return engine
         raise ToleranceError(
             f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
-            "stop's edge scatters there counts; ask for a window that is nearer to the light"
+            "stop's edge scatters there counts"
         )

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from optics.accuracy import select_methods
 from optics.camera import Camera
 from optics.chain.collapsed import CollapsedEngine
+from optics.chain.direct import DirectEngine
 from optics.chain.edge_scatter import StopEdgeScatter
 from optics.chain.engine import ChainEngine
 from optics.chain.grid import GridEngine
@@ -18,7 +19,12 @@ from optics.psf_engines.panel_engine import PANEL_METHODS
 from optics.psf_engines.request import PSFRequest
 from optics.pupil import numeric_camera, require_open_pupil
 
-CHAIN_METHODS = (CollapsedEngine.name, GridEngine.name, QuadratureEngine.name)
+CHAIN_METHODS = (
+    CollapsedEngine.name,
+    GridEngine.name,
+    QuadratureEngine.name,
+    DirectEngine.name,
+)
 """Names of the chain's engines. A Fourier transform's name selects the collapsed camera."""
 
 
@@ -56,11 +62,12 @@ def chain_engines(
     search = functools.cache(lambda: LensGridSearch(edge))
     transform = method if method in PANEL_METHODS else None
     # One of these may stand in for another that a dark window needs to be stricter.
-    kinds: list[type[ChainEngine]] = [GridEngine, QuadratureEngine]
+    kinds: list[type[ChainEngine]] = [GridEngine, QuadratureEngine, DirectEngine]
     kinds = [kind for kind in kinds if method in (None, kind.name)]
     makers: dict[str, Callable[[], PSFEngine]] = {
         GridEngine.name: lambda: GridEngine(request, camera, search(), kinds=kinds),
         QuadratureEngine.name: lambda: QuadratureEngine(request, camera, search(), kinds=kinds),
+        DirectEngine.name: lambda: DirectEngine(request, camera, search(), kinds=kinds),
         CollapsedEngine.name: lambda: CollapsedEngine(
             request, camera, search(), transform, mirrored=mirrored
         ),

@@ -115,8 +115,8 @@ def _plan_axis(
     low, high = max(low, reach[0] - end.margin), min(high, reach[1] + end.margin)
     if not high > low:
         raise ToleranceError(
-            "no light of the panel gets to the stop by geometric optics; ask for a field nearer "
-            "to the axis, or a panel nearer to the lens"
+            "no light of the panel gets to the stop by geometric optics",
+            "ask for a field nearer to the axis, or a panel nearer to the lens",
         )
     least = max(reach[1] - low, high - reach[0], ends[1] - ends[0]) + end.margin
     length = fast_fft_length(max(least / panel.pitch, shortest))

@@ -148,8 +148,7 @@ class QuadratureEngine(ChainEngine):
         ):
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept: the light at the lens turns so fast that it takes "
-                f"{self._node_count:.1e} nodes in the stop; ask for a larger tol, or stop the "
-                "lens down"
+                f"{self._node_count:.1e} nodes in the stop"
             )
 
     def _build_slope_bound(self, n: PSFRequest) -> PhaseSlopeBound:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 
 from optics.accuracy import (
@@ -15,6 +16,7 @@ from optics.accuracy import (
 )
 from optics.camera import Camera
 from optics.chain import CHAIN_METHODS, chain_engines
+from optics.psf.advice import refusal_with_remedies
 from optics.psf.axial import AxialEngine
 from optics.psf.reference_probe import ReferenceProbe
 from optics.psf.sampled import SampledEngine
@@ -30,6 +32,14 @@ METHODS = ("axial", "scattered", "sampled")
 _COUNTABLE_TURN = 1e15
 """Radians in a lens' wave beyond which numbers of nodes are no exact doubles; nobody can sum so
 many."""
+
+
+_DIM_ROOM = 10.0
+"""Room in a tolerance that is advised for a panel apart from its lens: a window that gets a
+twentieth to a tenth of an even panel's light is then bright enough."""
+
+_LONGEST_TRIAL = 0.2
+"""Seconds that trying out whether a method keeps a tolerance may take; beyond, its plan counts."""
 
 
 def require_method(method: str | None, camera: Camera | None) -> None:
@@ -119,11 +129,25 @@ def prepare_cheapest_engine(
     for engine in choice.prepared_candidates():
         return engine
     refusal = choice.refusal(request.tol + reserved_tol)
-    if isinstance(refusal, ToleranceError) and refusal.floor is not None:
-        raise tolerance_error_with_advice(
+    if not isinstance(refusal, ToleranceError):
+        raise refusal
+    if refusal.floor is not None:
+        refusal = tolerance_error_with_advice(
             request, camera, method, reserved_tol, refusal.floor + reserved_tol
         )
-    raise refusal
+        if refusal.floor is not None:
+            raise refusal
+    # Behind a panel apart from its lens, a pattern may leave the window little of the light.
+    rooms = (_DIM_ROOM, 1.0) if camera is not None and camera.separation else (1.0,)
+
+    def can_keep(asked: PSFRequest) -> bool:
+        """Tell whether the PSF can be computed as asked, with room for dim windows."""
+        tighter = (replace(asked, tol=asked.tol / room) for room in rooms)
+        return all(
+            _can_keep_tolerance(one, camera, method, for_patterns=for_patterns) for one in tighter
+        )
+
+    raise refusal_with_remedies(refusal, request, reserved_tol, can_keep)
 
 
 def fallback_engines(
@@ -145,36 +169,55 @@ def tolerance_error_with_advice(
 ) -> ToleranceError:
     """Return a ToleranceError that names a tolerance, `floor` or above, that the PSF can keep.
 
-    An engine plans anew for another tolerance and can't predict exactly which error remains. So for
-    a panel apart from its lens, whose engines are cheap to plan, the candidate tolerances are
-    tested. If possible, the named tolerance leaves room for patterns that send less light into the
-    window than an even panel. Planning takes a tenth of a second, so the search bisects: an engine
-    that keeps one tolerance also keeps a larger one. reserved_tol: part of the caller's tolerance
-    that the request's tolerance doesn't include.
+    An engine plans anew for another tolerance and can't predict exactly which error remains. So the
+    candidate tolerances are tested, by planning. For a panel apart from its lens, the named
+    tolerance leaves room for patterns that send less light into the window than an even panel, if
+    possible. Planning takes a tenth of a second, so the search bisects: an engine that keeps one
+    tolerance also keeps a larger one. reserved_tol: part of the caller's tolerance that the
+    request's tolerance doesn't include.
     """
     promised = request.tol + reserved_tol
-    if camera is None or not camera.separation or math.isnan(promised):
+    if math.isnan(promised):
         return unreachable_tolerance_error(promised, floor)
     candidates = list(_candidate_tolerances(floor))
-    # With a tolerance ten times the one that can be planned for, a window that gets a twentieth to
-    # a tenth of an even panel's light is bright enough.
-    for room in (10.0, 1.0):
+    for room in (_DIM_ROOM, 1.0) if camera is not None and camera.separation else (1.0,):
 
         def can_keep(tol: float, room: float = room) -> bool:
             """Tell whether the PSF can be computed to `tol`, and to `tol / room`."""
-            asked = (replace(request, tol=(tol - reserved_tol) / part) for part in (room, 1.0))
-            return all(_can_keep_tolerance(one, camera, method) for one in asked)
+            asked = {(tol - reserved_tol) / part for part in (room, 1.0)}
+            return all(
+                _can_keep_tolerance(replace(request, tol=one), camera, method) for one in asked
+            )
 
-        first = bisect_left(candidates, True, key=can_keep)
+        # A floor that is known to hold for a lens mostly does.
+        first = 0 if room == 1 and candidates and can_keep(candidates[0]) else None
+        if first is None:
+            first = bisect_left(candidates, True, key=can_keep)
         if first < len(candidates):
             return unreachable_tolerance_error(promised, candidates[first])
     return unreachable_tolerance_error(promised, math.inf)
 
 
-def _can_keep_tolerance(request: PSFRequest, camera: Camera, method: str | None) -> bool:
-    """Tell whether any method predicts that it keeps the requested tolerance of the PSF."""
-    offers = _build_choice(request, camera, method).candidates
-    return any(one.error.value + one.arithmetic <= request.tol for one in offers)
+def _can_keep_tolerance(
+    request: PSFRequest, camera: Camera | None, method: str | None, *, for_patterns: bool = False
+) -> bool:
+    """Tell whether any method predicts that it keeps the requested tolerance of the PSF.
+
+    A method that has to measure its error is tried if that is soon done.
+    """
+    choice = _build_choice(request, camera, method, for_patterns=for_patterns)
+    for one in choice.candidates:
+        error = getattr(one, "error", None)
+        if error is not None:
+            if one.error.value + one.arithmetic <= request.tol:
+                return True
+        elif one.planning_seconds(request.budget.speed) > _LONGEST_TRIAL:
+            return True
+        else:
+            with suppress(ToleranceError):
+                one.prepare()
+                return True
+    return False
 
 
 def _candidate_tolerances(floor: float) -> Iterator[float]:

@@ -62,6 +62,7 @@ from optics.validation import (
     require_positive,
     require_tensor,
     require_tolerance,
+    rounded_down,
 )
 
 
@@ -596,9 +597,12 @@ class PSFOperator:
         planned, needed = self._pixel_integration.error, self._integration_error
         finer = planned * self._tol_left_for_integration / needed / 2
         given = phase is not None or amplitude is not None
-        # A lens that is planned anew takes its pattern at other points.
-        if not finer > _SETTINGS.finest_pixel_tol or (given and self.camera is None):
-            raise unreachable_tolerance_error(self._tol, self._tol + needed)
+        if given and self.camera is None:
+            raise self._coarse_integration_error(finer)
+        if not finer > _SETTINGS.finest_pixel_tol:
+            engine, least = self._last_engine, 2.5 * _SETTINGS.finest_pixel_tol * needed / planned
+            floor = least + 1.1 * (engine.error.value + engine.arithmetic)
+            raise unreachable_tolerance_error(self._tol, max(floor, 1.1 * self._tol))
         if self._finer_operator is None or self._finer_operator.pixel_tol > finer:
             symmetry = "none" if self._expands else self._symmetry
             self._finer_operator = self._plan_again(pixel_tol=finer, symmetry=symmetry)
@@ -606,6 +610,22 @@ class PSFOperator:
         light = other._light_on_pixels(phase, amplitude, None, added)
         self._last_engine, self._integration_error = other._last_engine, other._integration_error
         return light
+
+    def _coarse_integration_error(self, finer: float) -> ToleranceError:
+        """Return the refusal of a pattern on a lens' points, whose pixels need the error `finer`.
+
+        A lens that is planned anew takes its pattern at other points, so that the caller has to.
+        """
+        reason = (
+            f"tol {self._tol:g} can't be kept: far more light lies beside the pixels than there"
+        )
+        if finer > _SETTINGS.finest_pixel_tol:
+            with suppress(ToleranceError):
+                self._plan_again(pixel_tol=finer)
+                return ToleranceError(
+                    reason, f"plan a PSFOperator with pixel_tol={rounded_down(finer)}"
+                )
+        return ToleranceError(reason)
 
     @property
     def pixel_tol(self) -> float:

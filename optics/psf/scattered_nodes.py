@@ -93,8 +93,8 @@ class ScatteredNodesEngine(PSFEngine):
         if self._node_count > _SETTINGS.max_nodes:
             raise ToleranceError(
                 f"tol {q.tol:g} can't be kept: the wave turns so fast that it takes "
-                f"{self._node_count:.1e} nodes in the stop; bring the object closer to the "
-                "plane in focus, or ask for a smaller window"
+                f"{self._node_count:.1e} nodes in the stop",
+                "bring the object closer to the plane in focus, or ask for a smaller window",
             )
 
     @property

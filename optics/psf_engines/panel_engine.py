@@ -254,7 +254,8 @@ class PanelEngine(PSFEngine):
         if step > _SETTINGS.max_pixel_phase_step:
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept: the wave turns by {step:.2g} rad "
-                "across a panel pixel; bring the object closer to the plane in focus"
+                "across a panel pixel",
+                "bring the object closer to the plane in focus",
             )
         return step
 

@@ -135,9 +135,7 @@ def break_radii(stop: Stop) -> list[float]:
     shapes: tuple[Shape, ...] = (stop.opening, *stop.obscurations)
     found = [r for shape in shapes for r in _critical_radii(shape)]
     found += [
-        math.hypot(y, x)
-        for a, b in combinations(shapes, 2)
-        for y, x in _outline_intersections(a, b)
+        math.hypot(y, x) for a, b in combinations(shapes, 2) for y, x in outline_intersections(a, b)
     ]
     farthest = max(_critical_radii(stop.opening))
     kept = [0.0]
@@ -165,7 +163,7 @@ def _critical_radii(shape: Shape) -> list[float]:
     return found
 
 
-def _outline_intersections(a: Shape, b: Shape) -> list[Point]:
+def outline_intersections(a: Shape, b: Shape) -> list[Point]:
     """Return the points where the outlines of two shapes of the stop cross."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_intersections(a, b)

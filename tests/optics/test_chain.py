@@ -12,6 +12,7 @@ from scipy.special import fresnel
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.chain import CHAIN_METHODS
 from optics.chain.panel_to_lens import PanelToLensPropagator, PropagatorAxis, TaperedBand
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator, modulated_psf
@@ -118,7 +119,7 @@ def test_the_cheapest_method_that_keeps_the_tolerance_is_taken(phase):
         operator = PSFOperator(*question, integrate=False, tol=tol)
         assert relative(operator(phase), truth) <= max(tol, 1e-7)
         assert operator.account.error <= tol
-        assert operator.account.method in ("collapsed", "chain", "chain, quadrature")
+        assert operator.account.method in CHAIN_METHODS
 
 
 def test_another_method_stands_in_for_one_that_a_pattern_leaves_too_little_light(
@@ -449,7 +450,7 @@ def test_what_cannot_be_kept_is_refused_before_anything_is_made():
     thesis = Camera(Panel(), Lens(0.1, 5.6, 2.0), separation=0.05)
     window = thesis.sensor.window_plane((256, 256))
     with pytest.raises(ToleranceError):
-        PSFOperator(thesis, 1.0, WAVELENGTH, window, tol=1e-6)
+        PSFOperator(thesis, 1.0, WAVELENGTH, window, tol=1e-12)
     with pytest.raises(ToleranceError):
         PSFOperator(thesis, 1.0, WAVELENGTH, window, tol=1e-3, budget=Budget(memory=10 << 20))
 

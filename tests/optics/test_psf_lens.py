@@ -138,7 +138,7 @@ def test_nodes_that_fit_no_memory_are_made_block_by_block(monkeypatch):
 def test_a_wave_that_turns_too_fast_is_refused_with_the_remedy():
     lens = replace(Lens(1.0, 1.4, math.inf), aberrations=((3, 1, 1e-6),))
     pixels = Plane((64, 64), (5e-6, 5e-6))
-    words = r"it takes \d\.\de\+\d+ nodes in the stop; bring the object closer to the plane"
+    words = r"it takes \d\.\de\+\d+ nodes in the stop; .*bring the object closer to the plane"
     with pytest.raises(ToleranceError, match=words):
         PSFOperator(lens, 0.2, WAVELENGTH, pixels, integrate=False)
 
