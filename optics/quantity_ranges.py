@@ -57,9 +57,10 @@ RANGES = {
     "focal_length": QuantityRange(
         1e-6, 1e6, usual=(1e-3, 10.0), units=("mm",), example="0.05 for 50 mm"
     ),
-    # A lens in air that obeys the sine condition has 0.5 at least; a paraxial one has no limit.
+    # A lens in air that obeys the sine condition has 0.5 at least; a paraxial one has no limit. A
+    # stop may be closed as far as its square is a number.
     "f_number": QuantityRange(
-        0.01, 1e6, unit="", example="focal length over the stop's diameter, 5.6"
+        0.01, 1e120, unit="", example="focal length over the stop's diameter, 5.6"
     ),
     "panel_pitch": QuantityRange(
         1e-9, 1.0, usual=(5e-7, 1e-3), units=("µm", "nm"), example="8e-6 for 8 µm"

@@ -540,7 +540,7 @@ CASES: list[Case] = [
             lambda: replace(at(), method="scattered").operator(SINGLE),
             "method is 'scattered'; for a panel apart"),
     refused("a chain that no memory holds", "allocating first and failing then",
-            "20000 x 20000 pixels, 64 MB", lambda: small(1 << 26, (20_000, 20_000)),
+            "10000 x 10000 pixels, 64 MB", lambda: small(1 << 26, (10_000, 10_000)),
             "MB|can't be kept", lambda tol: small(1 << 28, (8, 9))()),
     refused("a chain to a tolerance below rounding", "float64 ends at 1e-16", "tol 1e-15",
             lambda: at().operator(1e-15), r"tol \S+ can't be kept"),
