@@ -106,7 +106,8 @@ class Bandwidth(BlurEffect):
         if level >= self.finest_level(s):
             return Bound()
         how = "estimated: quadrature of H(k λ) by the far field"
-        return self.likely_light_error(s, occlusion_factor(s) * _node_count_errors(s)[level], how)
+        change = occlusion_factor(s) * _node_count_errors(s)[level]
+        return self.likely_light_error(s, change, how, self.error_bound(s, level).sigma)
 
     def explain(self, s: Situation) -> str:
         width = s.band.fwhm * 1e9

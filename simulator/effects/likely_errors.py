@@ -36,21 +36,23 @@ class LightEffect(Effect):
         bound = self.error_bound(s, level)
         share = self.likely_shares[min(level, len(self.likely_shares) - 1)]
         how = f"estimated: {share:g} of {bound.how}"
-        return self.likely_light_error(s, share * bound.mean, how)
+        return self.likely_light_error(s, share * bound.mean, how, bound.sigma)
 
-    def likely_light_error(self, s: Situation, change: float, how: str) -> Bound:
+    def likely_light_error(
+        self, s: Situation, change: float, how: str, largest_sigma: float = math.inf
+    ) -> Bound:
         """Estimate the error of the frame when the effect changes the light by an L2 norm.
 
-        change: electrons. σ changes by half the change of m over σ. The least of two or three
-        estimates of the norm of that counts: for a change that is spread evenly over the frame, for
-        one that lies where it changes the noise most, and for one near the light's image, from
-        audits.
+        change: electrons. largest_sigma: bound on that of σ, electrons. σ changes by half the
+        change of m over σ. The least of two or three estimates of the norm of that counts: for a
+        change that is spread evenly over the frame, for one that lies where it changes the noise
+        most, and for one near the light's image, from audits.
         """
         bound = sensor_error_bound(s, change, how)
         total, norm = (s.exposure * one for one in estimated_light(s))
         if not norm:
             return bound
-        found = [bound.sigma, bound.mean / 2 * math.sqrt(_mean_inverse_variance(s))]
+        found = [largest_sigma, bound.sigma, bound.mean / 2 * math.sqrt(_mean_inverse_variance(s))]
         dimmest = _largest_noise_change(s, bound.mean)
         if dimmest is not None:
             found.append(dimmest)

@@ -126,7 +126,7 @@ def test_one_way_is_merged_at_a_time_and_the_rate_is_the_same_in_all(record: Pat
         assert abs(found - expected) < 5 * error
         told.append(error / expected)
     # The region without the star has hardly any light to compare; a wrong gain is off by 4.
-    assert sorted(told)[4] < 0.25
+    assert sorted(told)[4] < 0.3
 
 
 def test_frames_that_were_lost_are_taken_again_as_they_were(
