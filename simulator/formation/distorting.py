@@ -81,12 +81,13 @@ def _distorted_frame(lens: Lens, shape: tuple[int, int], pitch: float) -> Distor
     return DistortedFrame(reach, float(gain.max()), float(gain.min()))
 
 
-def distort(spectrum: torch.Tensor, plane: Plane, lens: Lens) -> torch.Tensor:
+def distort(spectrum: torch.Tensor, plane: Plane, camera: Camera) -> torch.Tensor:
     """Distort a rendered picture, given and returned as its spectrum on a plane's samples.
 
     The light of each area is kept, and is spread over its image. But where the lens has a curve of
     relative illumination, the light is as bright as the curve says where it lands.
     """
+    lens = camera.lens
     by = radial_distortion(lens)
     if by is None:
         return spectrum
@@ -102,7 +103,8 @@ def distort(spectrum: torch.Tensor, plane: Plane, lens: Lens) -> torch.Tensor:
     ]
     seen = scipy.ndimage.map_coordinates(known, places, order=_SPLINE, mode="grid-wrap")
     if not lens.relative_illumination:
-        seen = seen / np.maximum(by.area_gain(before), 1e-3)
+        # Beyond the frame areas may vanish; light as bright as that would ring into it.
+        seen = seen / np.maximum(by.area_gain(before), distorted_frame(camera).least)
     return rfft2(torch.from_numpy(seen.astype(np.float32))).to(torch.complex64)
 
 

@@ -186,7 +186,7 @@ class _Rendering:
         samples = plane.shape[0] * plane.shape[1]
         operations = 6 * self._gathering.operations + DISTORTION_OPERATIONS * samples
         self._ledger.add("distortion", operations, 16 * samples)
-        return distort(spectrum, plane, self._s.camera.lens)
+        return distort(spectrum, plane, self._s.camera)
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
         """Add veiling glare to the rendered image: spread a share of its light evenly."""
