@@ -116,12 +116,9 @@ def test_sound_but_unusual_optics_are_answered(call):
     assert float(answer.sum()) > 0
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(12), *(pytest.param(n, marks=pytest.mark.sweep) for n in range(12, 120))]
-)
+@pytest.mark.parametrize("seed", range(12))
 def test_a_drawn_absurd_question_is_answered_or_refused_in_words(seed):
+    """Hundreds of others, and their times: `make figures ONLY="absurd questions"`."""
     found = ask(seed)
     assert found.fate in (ANSWERED, REFUSED), found
     assert found.bytes <= Budget().memory, found
-    # Three times the goal of the figure: this machine's processors may be slow.
-    assert found.seconds <= 6, found
