@@ -119,6 +119,13 @@ class Lens:
                 )
 
     @property
+    def radial_distortion(self) -> RadialDistortion | None:
+        """The camera lens' distortion of image heights; None for a lens that doesn't distort."""
+        if not any(self.distortion):
+            return None
+        return RadialDistortion(self.distortion, as_number(self.image_distance))
+
+    @property
     def stop_diameter(self) -> float:
         """The diameter in metres of the lens model's stop: focal length over f-number."""
         return self.focal_length / self.f_number
@@ -225,8 +232,8 @@ class Camera:
                 f"relative_illumination ends at {curve[-1][0] * 1e3:g} mm, and the sensor's corner "
                 f"is {corner * 1e3:.4g} mm from the axis; give the curve up to there"
             )
-        if any(self.lens.distortion):
-            by = RadialDistortion(self.lens.distortion, as_number(self.lens.image_distance))
+        by = self.lens.radial_distortion
+        if by is not None:
             most = float(by.distorted(np.array(by.fold))) if math.isfinite(by.fold) else math.inf
             if most < corner * 1.02:
                 raise ValueError(

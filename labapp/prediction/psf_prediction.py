@@ -64,7 +64,7 @@ class PSFRequest:
     pattern: Path | None
     field: tuple[float, float] = (0.0, 0.0)
     sphere: bool = False
-    seconds: float = 60.0
+    seconds: float = Budget.seconds
 
     @cached_property
     def camera(self) -> Camera | None:

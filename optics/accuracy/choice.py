@@ -150,7 +150,8 @@ class MethodChoice(Generic[O]):
     def _affordable_seconds(self, offer: O) -> float:
         """Predict the time of a candidate method's plan and all calls, in seconds.
 
-        Raises ToleranceError if it is beyond the budget of memory, or one call beyond that of time.
+        Raises ToleranceError if it is beyond the budget of memory, or the plan and one call are
+        beyond that of time.
         """
         what, budget = f"{self._what} by {offer.name}", self._budget
         require_memory(what, offer.bytes, budget.memory, self._remedy)

@@ -129,6 +129,12 @@ def require_time(what: str, needed_seconds: float, allowed_seconds: float, remed
     raise refusal
 
 
+def _least(refusals: Sequence[ToleranceError], needed: str) -> list[ToleranceError]:
+    """Return the refusal of the method whose need is least; none if no method has that need."""
+    needing = [one for one in refusals if getattr(one, needed)]
+    return sorted(needing, key=lambda one: float(getattr(one, needed)))[:1]
+
+
 def combine_refusals(refusals: Sequence[ValueError], tol: float) -> ValueError:
     """Combine the refusals of several methods into one error for a tolerance.
 
@@ -144,12 +150,7 @@ def combine_refusals(refusals: Sequence[ValueError], tol: float) -> ValueError:
     floors = [one.floor for one in strict if one.floor is not None]
     if floors:
         return unreachable_tolerance_error(tol, min(floors))
-    thriftiest = sorted(
-        (one for one in strict if one.needed_bytes), key=lambda one: one.needed_bytes or 0
-    )[:1]
-    quickest = sorted(
-        (one for one in strict if one.needed_seconds), key=lambda one: one.needed_seconds or 0
-    )[:1]
+    thriftiest, quickest = _least(strict, "needed_bytes"), _least(strict, "needed_seconds")
     others = [one for one in strict if not (one.needed_bytes or one.needed_seconds)]
     told: Sequence[ValueError] = thriftiest + quickest + others or refusals
     if len(told) == 1:

@@ -14,7 +14,6 @@ from optics.accuracy import (
     ErrorEstimate,
     MachineSpeed,
     ToleranceError,
-    require_time,
     unreachable_tolerance_error,
 )
 from optics.chain.engine import ChainEngine
@@ -117,9 +116,6 @@ class DirectEngine(ChainEngine):
         wrong = 2 * self._stop_light.even_error * math.sqrt(count)
         told = wrong / math.sqrt(seen) if seen > 0 else math.inf
         self.error = ErrorEstimate(told, "estimate of rounding, for an evenly lit panel")
-        seconds = self.cpu_seconds(n.budget.speed) + self.planning_seconds(n.budget.speed)
-        what = f"a PSF of a chain along {self._row_count:.1e} rows of the stop"
-        require_time(what, seconds, n.budget.seconds, "ask for a larger tol")
 
     def _require_served(self) -> None:
         """Raise ToleranceError for what a chain's direct quadrature doesn't serve."""

@@ -137,12 +137,10 @@ def prepare_cheapest_engine(
         )
         if refusal.floor is not None:
             raise refusal
-    # Behind a panel apart from its lens, a pattern may leave the window little of the light.
-    rooms = (_DIM_ROOM, 1.0) if camera is not None and camera.separation else (1.0,)
 
     def can_keep(asked: PSFRequest) -> bool:
         """Tell whether the PSF can be computed as asked, with room for dim windows."""
-        tighter = (replace(asked, tol=asked.tol / room) for room in rooms)
+        tighter = (replace(asked, tol=asked.tol / room) for room in _rooms(camera))
         return all(
             _can_keep_tolerance(one, camera, method, for_patterns=for_patterns) for one in tighter
         )
@@ -180,7 +178,7 @@ def tolerance_error_with_advice(
     if math.isnan(promised):
         return unreachable_tolerance_error(promised, floor)
     candidates = list(_candidate_tolerances(floor))
-    for room in (_DIM_ROOM, 1.0) if camera is not None and camera.separation else (1.0,):
+    for room in _rooms(camera):
 
         def can_keep(tol: float, room: float = room) -> bool:
             """Tell whether the PSF can be computed to `tol`, and to `tol / room`."""
@@ -196,6 +194,14 @@ def tolerance_error_with_advice(
         if first < len(candidates):
             return unreachable_tolerance_error(promised, candidates[first])
     return unreachable_tolerance_error(promised, math.inf)
+
+
+def _rooms(camera: Camera | None) -> tuple[float, ...]:
+    """Return the rooms in a tolerance of a PSF that advice tries, the largest first.
+
+    Behind a panel apart from its lens, a pattern may leave the window little of the light.
+    """
+    return (_DIM_ROOM, 1.0) if camera is not None and camera.separation else (1.0,)
 
 
 def _can_keep_tolerance(

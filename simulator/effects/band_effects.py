@@ -14,12 +14,12 @@ from simulator.effects.blur_effects import (
     BlurEffect,
     occlusion_factor,
     psf_error_bound,
-    relative_light_error,
 )
 from simulator.effects.electron_bounds import (
     light_norm_bound,
     max_light_seconds,
     proportional_error_bound,
+    relative_light_change,
     sensor_error_bound,
 )
 from simulator.effects.landed_light import is_light_moved, landed_light
@@ -307,7 +307,8 @@ class Leak(BlurEffect):
         )
 
     def estimated_error(self, s: Situation, level: int) -> float:
-        return relative_light_error(s, self.error_bound(s, level)) * (1.0 if level == 0 else 0.1)
+        likely = relative_light_change(s, self.error_bound(s, level).mean)
+        return likely if level == 0 else 0.1 * likely
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         share = leak_share(s)

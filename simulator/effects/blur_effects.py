@@ -16,6 +16,7 @@ from simulator.effects.electron_bounds import (
     max_light_seconds,
     max_panel_power,
     proportional_error_bound,
+    relative_light_change,
     sensor_error_bound,
     sharp_norm_bound,
     total_electrons,
@@ -64,12 +65,6 @@ def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
     )
 
 
-def relative_light_error(s: Situation, bound: Bound) -> float:
-    """Estimate the relative change of the blurred picture that an effect's bound allows."""
-    whole_light = light_norm_bound(s)
-    return bound.mean / whole_light if whole_light else 0.0
-
-
 class BlurEffect(LightEffect):
     """An effect that changes PSFs.
 
@@ -82,7 +77,7 @@ class BlurEffect(LightEffect):
         return not s.picture_probe.is_dark
 
     def estimated_error(self, s: Situation, level: int) -> float:
-        return self.typical_bound_share * relative_light_error(s, self.error_bound(s, level))
+        return self.typical_bound_share * relative_light_change(s, self.error_bound(s, level).mean)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return added_operations(s, levels, self.name)
@@ -94,4 +89,5 @@ class OnOffBlurEffect(OnOffEffect, BlurEffect):
     typical_bound_share = 0.5
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        return self.typical_bound_share * relative_light_error(s, self.error_bound_if_omitted(s))
+        most = relative_light_change(s, self.error_bound_if_omitted(s).mean)
+        return self.typical_bound_share * most

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from optics.sensor.crosstalk import max_contrast_loss
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
+    finest_octave_norm,
     light_norm_bound,
     max_light_seconds,
     off_plane_star_electrons,
+    relative_light_change,
     sensor_error_bound,
     total_electrons,
 )
@@ -31,8 +31,7 @@ class PixelCrosstalk(LightEffect, PixelwiseEffect):
         return s.camera.sensor.crosstalk > 0 and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        whole = light_norm_bound(s)
-        return self._change(s) / whole if whole else 0.0
+        return relative_light_change(s, self._change(s))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         """Bound the picture's error if the pixel crosstalk effect is left out.
@@ -69,6 +68,5 @@ class PixelCrosstalk(LightEffect, PixelwiseEffect):
         resolved = power.filtered_norm_bound(
             lambda k: max_contrast_loss(sensor.crosstalk, k, sensor.pitch)
         )
-        finest = power.filtered_norm_bound(lambda k: (k * sensor.pitch >= 0.25).astype(np.float64))
-        both = math.hypot(resolved, self._largest_loss(s) * finest)
+        both = math.hypot(resolved, self._largest_loss(s) * finest_octave_norm(s))
         return min(both * max_light_seconds(s) + off_plane_star_electrons(s), most)

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from simulator.effects.electron_bounds import (
     area_change,
+    finest_octave_norm,
     light_norm_bound,
     max_light_seconds,
     off_plane_star_electrons,
+    relative_light_change,
     sensor_error_bound,
 )
 from simulator.effects.likely_errors import LightEffect
@@ -34,8 +36,7 @@ class Distortion(OnOffEffect, LightEffect):
         return any(s.camera.lens.distortion) and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        whole = light_norm_bound(s)
-        return 0.3 * self._change(s) / whole if whole else 0.0
+        return 0.3 * relative_light_change(s, self._change(s))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         how = "proved: the gradient of coarse detail along the way, and all fine detail; area"
@@ -71,8 +72,7 @@ class Distortion(OnOffEffect, LightEffect):
             return np.asarray(math.sqrt(2) * along * mtf_bound(s, k))
 
         power, pitch = s.picture_probe.power_spectrum, s.camera.sensor.pitch
-        finest = power.filtered_norm_bound(lambda k: (k * pitch >= 0.25).astype(np.float64))
-        folded = min(2 * np.pi * moved / pitch, 2.0) * finest
+        folded = min(2 * np.pi * moved / pitch, 2.0) * finest_octave_norm(s)
         resolved = math.hypot(power.filtered_norm_bound(lesser), folded) * max_light_seconds(s)
         most = (1 + math.sqrt(gain)) * whole
         brighter = 0.0 if s.camera.lens.relative_illumination else gain - 1

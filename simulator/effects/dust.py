@@ -10,6 +10,7 @@ from simulator.effects.electron_bounds import (
     light_norm_bound,
     off_plane_star_electrons,
     peak_electrons,
+    relative_light_change,
     sensor_error_bound,
     total_electrons,
 )
@@ -28,8 +29,7 @@ class Dust(LightEffect, PixelwiseEffect):
         return bool(dust_losses(s).deepest) and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        whole = light_norm_bound(s)
-        return self._change(s) / whole if whole else 0.0
+        return relative_light_change(s, self._change(s))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         """Bound the picture's error if the dust effect is left out.

@@ -147,6 +147,23 @@ def off_plane_star_electrons(s: Situation) -> float:
     return s.picture_probe.off_plane_star_rate * max_light_seconds(s)
 
 
+def finest_octave_norm(s: Situation) -> float:
+    """Bound the norm of the light in the finest octave that pixels resolve, electrons per second.
+
+    So much may effects on PSFs and pixels change by what pixels fold back.
+    """
+    pitch = s.camera.sensor.pitch
+    return s.picture_probe.power_spectrum.filtered_norm_bound(
+        lambda k: (k * pitch >= 0.25).astype(np.float64)
+    )
+
+
+def relative_light_change(s: Situation, change: float) -> float:
+    """Return an effect's change of the light, an L2 norm in electrons, over all of it."""
+    whole = light_norm_bound(s)
+    return change / whole if whole else 0.0
+
+
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
     """Bound the L2 norm of the blurred picture's electrons, the base of effects' error bounds.

@@ -10,6 +10,7 @@ import numpy as np
 from simulator.effects.blur_effects import MAX_SINC_LOSS
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
+    finest_octave_norm,
     max_light_seconds,
     proportional_error_bound,
 )
@@ -45,13 +46,8 @@ class PixelAperture(LightEffect, PixelwiseEffect):
         )
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        pitch = s.camera.sensor.pitch
-        finest = s.picture_probe.power_spectrum.filtered_norm_bound(
-            lambda k: (k * pitch >= 0.25).astype(np.float64)
-        )
-        change = math.hypot(
-            self._resolved_loss(s), self.audit_margin * MAX_SINC_LOSS * self._aliases(s) * finest
-        )
+        folded = MAX_SINC_LOSS * self._aliases(s) * finest_octave_norm(s)
+        change = math.hypot(self._resolved_loss(s), self.audit_margin * folded)
         return proportional_error_bound(
             s,
             max_light_seconds(s) * change,

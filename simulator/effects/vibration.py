@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.electron_bounds import (
+    finest_octave_norm,
     light_norm_bound,
     max_light_seconds,
+    relative_light_change,
     sensor_error_bound,
 )
 from simulator.effects.likely_errors import LightEffect
@@ -31,8 +33,7 @@ class Vibration(OnOffEffect, LightEffect):
         return s.camera.vibration > 0 and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        whole = light_norm_bound(s)
-        return self._change(s) / whole if whole else 0.0
+        return relative_light_change(s, self._change(s))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         how = "audited ×1: the loss of contrast by frequency, and that of what pixels fold back"
@@ -54,8 +55,5 @@ class Vibration(OnOffEffect, LightEffect):
             return np.asarray(1 - np.exp(-2 * (np.pi * rms * k) ** 2)) * mtf_bound(s, k)
 
         resolved = probe.change_bound([loss] * len(probe.distances))
-        finest = probe.power_spectrum.filtered_norm_bound(
-            lambda k: (k * pitch >= 0.25).astype(np.float64)
-        )
-        folded = (1 - math.exp(-2 * (math.pi * rms / pitch) ** 2)) * finest
+        folded = (1 - math.exp(-2 * (math.pi * rms / pitch) ** 2)) * finest_octave_norm(s)
         return min(math.hypot(resolved, folded) * max_light_seconds(s), light_norm_bound(s))

@@ -13,10 +13,8 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera, Lens
-from optics.distortion import RadialDistortion
 from optics.fourier import irfft2, rfft2
 from optics.plane import Plane
-from optics.validation import as_number
 from simulator.probing.picture_probe import MARGIN
 
 Array = NDArray[np.float64]
@@ -43,13 +41,6 @@ class DistortedFrame:
     least: float
 
 
-def radial_distortion(lens: Lens) -> RadialDistortion | None:
-    """Return the radial distortion of a rendered picture by a lens; None without any."""
-    if not any(lens.distortion):
-        return None
-    return RadialDistortion(lens.distortion, as_number(lens.image_distance))
-
-
 _STRAIGHT = DistortedFrame(0.0, 1.0, 1.0)
 
 
@@ -66,7 +57,8 @@ def distorted_frame(camera: Camera) -> DistortedFrame:
 @functools.lru_cache(maxsize=8)
 def _distorted_frame(lens: Lens, shape: tuple[int, int], pitch: float) -> DistortedFrame:
     """Return what the distortion of a rendered frame of (rows, columns) pixels amounts to."""
-    by = RadialDistortion(lens.distortion, as_number(lens.image_distance))
+    by = lens.radial_distortion
+    assert by is not None
     corner = math.hypot(*shape) * pitch / 2
     heights = np.linspace(0, corner, 129)
     before = by.undistorted(heights)
@@ -88,7 +80,7 @@ def distort(spectrum: torch.Tensor, plane: Plane, camera: Camera) -> torch.Tenso
     relative illumination, the light is as bright as the curve says where it lands.
     """
     lens = camera.lens
-    by = radial_distortion(lens)
+    by = lens.radial_distortion
     if by is None:
         return spectrum
     shape = [_FINER * n for n in plane.shape]

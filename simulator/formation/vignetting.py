@@ -7,7 +7,6 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera, Lens
-from optics.distortion import RadialDistortion
 from optics.plane import Plane
 from optics.stop_shadow import share_through_stop
 from simulator.mount import Mount
@@ -43,8 +42,8 @@ def _relative_illumination(lens: Lens, squared_height: torch.Tensor) -> torch.Te
         return (1 + squared_height / lens.image_distance**2) ** -2
     height, share = np.array(lens.relative_illumination).T
     squared = squared_height.numpy()
-    if any(lens.distortion):
-        by = RadialDistortion(lens.distortion, lens.image_distance)
+    by = lens.radial_distortion
+    if by is not None:
         squared = by.distorted(np.sqrt(squared)) ** 2
     return torch.from_numpy(np.interp(squared, height**2, share))
 

@@ -16,7 +16,7 @@ from small_bench.files import SmallFiles, write_tiny
 
 from figures import Figure
 from figures.cut_runs import AROUND, PROGRAM
-from figures.fault_cases import OURS
+from figures.fault_cases import word_of_fault
 from figures.power_cuts import Cut, End, kept_frames, mend
 from labapp.common.console import print_message
 
@@ -86,7 +86,7 @@ def fail_one(files: SmallFiles, folder: Path, rng: np.random.Generator) -> Loss:
     disk.apply_all(events)
     record = folder / "run.h5"
     if not record.exists():
-        troubled = not status or any(word in said for word in OURS)
+        troubled = not status or bool(word_of_fault(said))
         return Loss(0, set(), set(), True, trouble=said[-300:] if troubled else "")
     if bytes(disk.file(record).seen) != record.read_bytes():
         raise AssertionError("the record was written in a way that isn't seen")
@@ -123,7 +123,7 @@ def _judge(record: Path, told: set[int], whole: End, said: str, failed: bool) ->
     found = Loss(len(told), lost, lost - _named(said), failed, trouble=after.trouble)
     if complete and (after.steps or not saved):
         found.false_end = said[-200:]
-    if any(word in said for word in OURS):
+    if word_of_fault(said):
         found.trouble = said[-300:]
     if lost:
         print_message(f"  {len(lost)} frames lost, {len(found.untold)} untold")

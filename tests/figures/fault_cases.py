@@ -37,7 +37,7 @@ FRAMES = 3
 _CODES = (0, 1, 75)
 """Documented: all was done; not so; a run has waited too long."""
 
-OURS = ("Traceback", "unexpected", "report it", "Exception ignored", "Logging error")
+_OURS = ("Traceback", "unexpected", "report it", "Exception ignored", "Logging error")
 """What only a fault of the program prints."""
 
 _CAUSES = {
@@ -230,6 +230,11 @@ class Workshop:
             shutil.copy(begins_with, self._record)
 
 
+def word_of_fault(said: str) -> str:
+    """The first of the words that only a fault of the program prints; "" without any."""
+    return next((word for word in _OURS if word in said), "")
+
+
 def wrong_words(ended: Ended, fault: Fault) -> str:
     """What is wrong with how a command ended, by its exit code and its words."""
     if ended.code is None:
@@ -238,9 +243,8 @@ def wrong_words(ended: Ended, fault: Fault) -> str:
         return f"signal {-ended.code}"
     if ended.code not in _CODES:
         return f"exit code {ended.code}"
-    for word in OURS:
-        if word in ended.told + ended.printed:
-            return f"says {word!r}"
+    if word := word_of_fault(ended.told + ended.printed):
+        return f"says {word!r}"
     if ended.code and not ended.told.strip():
         return "silent"
     if ended.code and not re.search(_CAUSES[fault.cause], ended.told):

@@ -43,10 +43,13 @@ def injected_faults_figure(folder: Path) -> list[Figure]:
 
 
 @contextmanager
-def workshop_in(folder: Path) -> Iterator[Workshop]:
-    """A folder for commands with faults."""
+def workshop_in(folder: Path, *, own_process: bool = False) -> Iterator[Workshop]:
+    """A folder for commands with faults. own_process: whether the bench's camera has one."""
+    files = write_tiny(folder / "files")
+    if own_process:
+        files.bench.write_text(files.bench.read_text().replace(*_IN_OWN_PROCESS))
     with FaultyCommands() as commands:
-        yield Workshop(folder, write_tiny(folder / "files"), commands)
+        yield Workshop(folder, files, commands, patience=200.0 if own_process else 30.0)
 
 
 def faults_of(workshop: Workshop, case: Case, step: int = 1) -> Iterator[Fault]:
@@ -60,7 +63,7 @@ def faults_of(workshop: Workshop, case: Case, step: int = 1) -> Iterator[Fault]:
 
 def message_faults_figure(folder: Path) -> list[Figure]:
     """Each message to and from the process of a run's camera fails, once and from then on."""
-    with messaging_workshop_in(folder) as workshop:
+    with workshop_in(folder, own_process=True) as workshop:
         case = workshop.run_case
         calls = workshop.run_once(case, Fault(MESSAGE, 0, 0, False)).calls
         faults = [
@@ -72,15 +75,6 @@ def message_faults_figure(folder: Path) -> list[Figure]:
             if not (cause == STUCK and lasting and number % _RARE)
         ]
         return [_figure(case, [workshop.judge(case, fault) for fault in faults])]
-
-
-@contextmanager
-def messaging_workshop_in(folder: Path) -> Iterator[Workshop]:
-    """A folder for commands with faults, on a bench whose camera has a process of its own."""
-    with FaultyCommands() as commands:
-        files = write_tiny(folder / "files")
-        files.bench.write_text(files.bench.read_text().replace(*_IN_OWN_PROCESS))
-        yield Workshop(folder, files, commands, patience=200.0)
 
 
 def draw(faults: Iterable[Fault], count: int, seed: int) -> list[Fault]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from figures import Figure
 from figures.problems import log_uniform
 from figures.random_benches import random_bench
-from figures.random_pictures import Case, TooLong, deviation, everything, lit
+from figures.random_pictures import TooLong, cases, deviation, everything, lit
 from figures.random_targets import Chance
 from labapp.common.console import print_message
 from optics.camera import Camera
@@ -47,20 +47,6 @@ _DEARER = 1.1
 """Times the processor time of everything on from which on a plan with its picture is dearer."""
 
 Array = NDArray[np.float64]
-
-
-def lit_cases(seed: int, most_work: float = 1e9) -> Iterator[Case]:
-    """Without end; those that would take more operations at their finest are left out, or tried
-    without the panel's orders."""
-    for number in range(1 << 31):
-        s = lit_situation(np.random.default_rng([seed, number]))
-        if s is None:
-            continue
-        whole = Case(number, s)
-        for case in (whole, replace(whole, orders=False)):
-            if case.finest_work <= most_work:
-                yield case
-                break
 
 
 def lit_situation(rng: np.random.Generator) -> Situation | None:
@@ -131,7 +117,7 @@ def _grey(rng: np.random.Generator, camera: Camera, wavelength: float) -> NDArra
 def lit_scenes_figures(folder: Path) -> list[Figure]:
     """Each scene by estimates for a tolerance of three, against everything on."""
     shares, dearer, beyond = list[float](), 0, list[str]()
-    for case in islice(lit_cases(_SEED, _MOST_WORK), _COUNT):
+    for case in islice(cases(_SEED, _MOST_WORK, lit_situation), _COUNT):
         tol = _TOLERANCES[case.number % 3]
         began = time.process_time()
         try:

@@ -16,7 +16,7 @@ from disks.trace import STRACE
 
 from figures import Figure
 from figures.cut_runs import Traced, command, trace_runs
-from figures.fault_cases import OURS
+from figures.fault_cases import word_of_fault
 from labapp.common.console import print_message
 
 _CUTS = 300
@@ -174,7 +174,7 @@ def kept_frames(record: Path, end: End) -> set[int]:
 def mend(record: Path, found: Cut) -> Path | None:
     """Do with a record what labapp says; where it is whole then, if anywhere."""
     status, told, said = command("verify", record, "--json")
-    if status not in (0, 1) or any(word in said for word in OURS):
+    if status not in (0, 1) or word_of_fault(said):
         found.trouble = f"verify: {said[-300:]}"
         return None
     data = json.loads(told)

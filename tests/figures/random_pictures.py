@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -98,12 +98,17 @@ class Case:
         )
 
 
-def cases(seed: int, most_work: float = 2e10) -> Iterator[Case]:
+def cases(
+    seed: int,
+    most_work: float = 2e10,
+    draw: Callable[[np.random.Generator], Situation | None] | None = None,
+) -> Iterator[Case]:
     """Without end; those that would take more than so many operations at their finest are tried
-    without the panel's orders, or left out."""
+    without the panel's orders, or left out. draw: gives situations, or None where there is none;
+    random_situation() by default."""
     for number in range(1 << 31):
-        s = random_situation(np.random.default_rng([seed, number]))
-        if not pupil_amplitude(s.camera).any():
+        s = (draw or random_situation)(np.random.default_rng([seed, number]))
+        if s is None or not pupil_amplitude(s.camera).any():
             continue
         whole = Case(number, s)
         for case in (whole, replace(whole, orders=False)):

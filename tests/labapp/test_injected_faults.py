@@ -13,7 +13,7 @@ import pytest
 from figures.fault_cases import wrong_words
 from figures.faulty_calls import CUT, GONE, MESSAGE, STUCK, Fault
 from figures.faulty_command import Ended
-from figures.injected_faults import draw, faults_of, messaging_workshop_in, workshop_in
+from figures.injected_faults import draw, faults_of, workshop_in
 
 
 def test_a_write_that_fails_at_the_end_of_a_run_is_told(tmp_path: Path) -> None:
@@ -30,7 +30,7 @@ def test_a_write_that_fails_at_the_end_of_a_run_is_told(tmp_path: Path) -> None:
 @pytest.mark.sweep
 def test_a_message_that_fails_is_told(tmp_path: Path) -> None:
     """What becomes of a camera's process between two frames takes no frame that was told."""
-    with messaging_workshop_in(tmp_path) as workshop:
+    with workshop_in(tmp_path, own_process=True) as workshop:
         for cause in (GONE, STUCK, CUT):
             found = workshop.judge(workshop.run_case, Fault(MESSAGE, 167, cause, False))
             assert (found.wrong, found.ended.failed) == ("", 1), found
