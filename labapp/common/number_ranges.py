@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,9 @@ class Range:
     least: float
     most: float
     unit: str = ""
+
+    def in_words(self, end: Literal["least", "most"]) -> str:
+        return f"{getattr(self, end):g} {self.unit}".rstrip()
 
 
 _RANGES = {
@@ -48,6 +52,7 @@ _OTHERS = Range(1e-15, 1e15)
 """Of numbers whose name tells no unit: shares, tolerances, radiances, electrons."""
 
 
+@functools.cache
 def range_of(name: str) -> Range:
     """Return the range of the numbers of an option or a file's key, by the name's ending."""
     return next((one for end, one in _RANGES.items() if name.endswith(end)), _OTHERS)
@@ -60,9 +65,8 @@ def require_range(name: str, value: Any, *, positive: bool = False) -> Any:
     whether a number may have no end is said where it's declared.
     """
     limits, size = range_of(name), abs(value)
-    least, most = (f"{one:g} {limits.unit}".rstrip() for one in (limits.least, limits.most))
     if limits.most < size < math.inf:
-        raise ValueError(f"give a size of at most {most}, and check its unit")
+        raise ValueError(f"give a size of at most {limits.in_words('most')}, and check its unit")
     if positive and 0 < size < limits.least:
-        raise ValueError(f"give a size of at least {least}, and check its unit")
-    return value or abs(value)
+        raise ValueError(f"give a size of at least {limits.in_words('least')}, and check its unit")
+    return value or size
