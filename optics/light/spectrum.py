@@ -54,10 +54,10 @@ class Spectrum:
             )
         if not all(0 < one < math.inf for one in self.wavelengths):
             raise ValueError("a wavelength isn't positive and finite; give metres")
-        for one in self.wavelengths:
-            require_wavelength("a wavelength", one)
         if not all(a < b for a, b in zip(self.wavelengths, self.wavelengths[1:], strict=False)):
             raise ValueError("wavelengths don't rise; give them from the shortest to the longest")
+        for end in (self.low, self.high):
+            require_wavelength("a wavelength", end)
         wrong = [v for v in self.values if not 0 <= v < math.inf]
         if wrong:
             raise ValueError(f"a value is {wrong[0]:g}; values must be finite and not negative")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from optics.camera import Camera
 from optics.light.spectrum import Spectrum
 from optics.sensor import Mosaic
 from simulator.effects.electron_bounds import (
@@ -14,6 +15,7 @@ from simulator.effects.electron_bounds import (
     pixel_count,
     proportional_error_bound,
 )
+from simulator.effects.result_cache import cached_per_situation
 from simulator.planning import Bound, OnOffEffect
 from simulator.probing.rates import electron_rates
 from simulator.situation import Situation
@@ -29,11 +31,11 @@ class ColourFilters(OnOffEffect):
         return s.camera.sensor.colour is not None and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        return self._difference(s)
+        return _difference(s)
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         how = "proved: Young; the largest difference of a filter's electrons from the mean pixel's"
-        return proportional_error_bound(s, self._difference(s) * light_norm_bound(s), how)
+        return proportional_error_bound(s, _difference(s) * light_norm_bound(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         colour = s.camera.sensor.colour
@@ -42,26 +44,33 @@ class ColourFilters(OnOffEffect):
         return float(pixel_count(s) * len(colour.channels))
 
     def explain(self, s: Situation) -> str:
-        return f"in this light a pixel's electrons differ by {self._difference(s):.2g} of the most"
+        return f"in this light a pixel's electrons differ by {_difference(s):.2g} of the most"
 
-    def _difference(self, s: Situation) -> float:
-        """Return the colour filter effect's largest change of a pixel's electrons.
 
-        The change is from the mean pixel's electrons. The maximum is over all parts and filters,
-        relative to the electrons of the best channel.
-        """
-        found = [0.0]
-        for layer in s.target.layers:
-            for part in layer.parts:
-                best = max(electron_rates(part.spectrum, s.band, s.camera, layer.distance))
-                for difference in _curve_differences(s):
-                    sensor = replace(s.camera.sensor, colour=None, spectral_efficiency=difference)
-                    camera = replace(s.camera, sensor=sensor)
-                    rates = electron_rates(part.spectrum, s.band, camera, layer.distance)
-                    # The difference is interpolated between the curves' nodes: 0.1 % is added
-                    # for what that may miss.
-                    found.append(1.001 * rates[0] / best if best else 0.0)
-        return max(found)
+@cached_per_situation
+def _difference(s: Situation) -> float:
+    """Return the colour filter effect's largest change of a pixel's electrons.
+
+    The change is from the mean pixel's electrons. The maximum is over all parts and filters,
+    relative to the electrons of the best channel.
+    """
+    differing, largest = list(_cameras_of_differences(s)), 0.0
+    lights = {(part.spectrum, one.distance) for one in s.target.layers for part in one.parts}
+    for spectrum, distance in lights:
+        best = max(electron_rates(spectrum, s.band, s.camera, distance))
+        for camera in differing if best else ():
+            # The difference is interpolated between the curves' nodes: 0.1 % is added for what
+            # that may miss.
+            rate = electron_rates(spectrum, s.band, camera, distance)[0]
+            largest = max(largest, 1.001 * rate / best)
+    return largest
+
+
+def _cameras_of_differences(s: Situation) -> Iterator[Camera]:
+    """Yield cameras without colour filters that see a filter's difference from the mean pixel."""
+    for difference in _curve_differences(s):
+        sensor = replace(s.camera.sensor, colour=None, spectral_efficiency=difference)
+        yield replace(s.camera, sensor=sensor)
 
 
 def _curve_differences(s: Situation) -> Iterator[Spectrum]:

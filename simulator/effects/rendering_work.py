@@ -163,13 +163,21 @@ def _windows_at(s: Situation, levels: Mapping[str, int]) -> Windows:
     """Return the windows that are rendered at effect levels."""
     wave, order = bool(levels.get(DIFFRACTION, 0)), levels.get(PANEL_ORDERS, 0)
     by_psfs = wave and not are_orders_coarse(s, order)
-    return rendering_windows(
+    return _windows(
         s,
         LEVELS.windows[levels.get(PSF_REACH, 0)],
-        orders=LEVELS.orders[order] if by_psfs else 0,
-        wave=wave,
-        samples=(s.coarsest_sampling, light_samples_at(s, levels)),
+        LEVELS.orders[order] if by_psfs else 0,
+        wave,
+        (s.coarsest_sampling, light_samples_at(s, levels)),
     )
+
+
+@cached_per_situation
+def _windows(
+    s: Situation, window: int, orders: int, wave: bool, samples: tuple[int, int]
+) -> Windows:
+    """Return rendering_windows(), which many combinations of levels share."""
+    return rendering_windows(s, window, orders=orders, wave=wave, samples=samples)
 
 
 def picture_samples_at(s: Situation, levels: Mapping[str, int]) -> tuple[int, int]:

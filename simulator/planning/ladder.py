@@ -9,6 +9,7 @@ the sum of their bounds, because each bound holds for any levels of the other ef
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -99,22 +100,21 @@ class Ladder:
         decided_by: DecidedBy = "bound",
     ) -> None:
         self.effects = [one for one in effects if one.is_present(situation)]
-        finest = {one.name: one.finest_level(situation) for one in self.effects}
+        finest = self._finest = {one.name: one.finest_level(situation) for one in self.effects}
         self.forced_levels = {
             name: min(level, finest[name])
             for name, level in resolve_forced_levels(self.effects, forced_levels or {}).items()
         }
         self._named = {one.name: one for one in self.effects}
         self._floor = norms
-        self._errors = {
-            one.name: [
-                one.error(situation, level, decided_by) for level in range(finest[one.name] + 1)
-            ]
-            for one in self.effects
-        }
+        self._errors: dict[tuple[str, int], Bound] = {}
+        self._situation, self._decided_by = situation, decided_by
         self._works = {one.name: CachedWork(one, situation) for one in self.effects}
         self.finest_levels = finest | self.forced_levels
-        self.steps = tuple(self._walk_down())
+
+    @functools.cached_property
+    def steps(self) -> tuple[LadderStep, ...]:
+        return tuple(self._walk_down())
 
     def work(self, levels: Mapping[str, int]) -> float:
         """Return the operations of rendering a picture at a plan's effect levels."""
@@ -137,12 +137,18 @@ class Ladder:
         """Return the error of a plan with the given levels, forced effects included."""
         total = Bound()
         for name, level in levels.items():
-            total = total.plus(self._errors[name][level])
+            total = total.plus(self.effect_error(name, level))
         return total
 
     def effect_error(self, effect: str, level: int) -> Bound:
         """Return the error of one planned effect at a level."""
-        return self._errors[effect][level]
+        if level >= self._finest[effect]:
+            return Bound()
+        if (effect, level) not in self._errors:
+            self._errors[effect, level] = self._named[effect].error(
+                self._situation, level, self._decided_by
+            )
+        return self._errors[effect, level]
 
     def relative_error(self, bound: Bound) -> float:
         return self._floor.relative_error(bound)
@@ -182,14 +188,14 @@ class Ladder:
         if name in self.forced_levels or not now:
             return
         touched = [work for work in self._works.values() if name in work.levels_read]
-        errors, before = self._errors[name], sum(work(levels) for work in touched)
+        before = sum(work(levels) for work in touched)
         for to in range(now):
             if to == 0 and self._is_required(name, levels):
                 continue
             levels[name] = to
             saved = max(before - sum(work(levels) for work in touched), 0.0)
             levels[name] = now
-            more = errors[to].minus(errors[now])
+            more = self.effect_error(name, to).minus(self.effect_error(name, now))
             often = _FRAMES if one.is_per_frame else 1
             yield LadderStep(name, to, more, self._floor.relative_error(more), saved, often)
 
