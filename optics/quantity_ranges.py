@@ -54,6 +54,10 @@ RANGES = {
         example="550e-9 for green light",
         beyond=("shorter than ten nanometres", "longer than a millimetre"),
     ),
+    # A laser's linewidth of 1 MHz is a femtometre.
+    "bandwidth": QuantityRange(
+        1e-15, 1e-3, usual=(1e-10, 1e-6), units=("nm",), example="10e-9 for 10 nm"
+    ),
     "focal_length": QuantityRange(
         1e-6, 1e6, usual=(1e-3, 10.0), units=("mm",), example="0.05 for 50 mm"
     ),

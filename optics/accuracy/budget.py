@@ -74,7 +74,7 @@ class Budget:
         How often the planned computation will be called, at least 1. The method is chosen for the
         least time of planning and all calls together.
     seconds : float, optional
-        Processor seconds that planning and one call may take together; 60 by default. ``math.inf``
+        Processor seconds that planning and one call may take together; 10 by default. ``math.inf``
         is allowed.
 
     Raises
@@ -86,7 +86,7 @@ class Budget:
     memory: int = 4 << 30
     speed: MachineSpeed = field(default_factory=MachineSpeed)
     calls: int = 100
-    seconds: float = 60.0
+    seconds: float = 10.0
 
     def __post_init__(self) -> None:
         for name, unit in (("memory", "bytes"), ("seconds", "seconds of processor time")):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
-from optics.validation import require_positive
+from optics.validation import require_positive, require_size, require_wavelength
 
 _STEEPNESS = 6
 """Exponent of an interference filter's super-Gaussian. Its transmission falls from 90 to 10 %
@@ -71,8 +71,9 @@ class Band:
     table: Spectrum | None = None
 
     def __post_init__(self) -> None:
-        require_positive("centre", self.centre, "m")
+        require_wavelength("centre", self.centre)
         require_positive("fwhm", self.fwhm, "m")
+        require_size("bandwidth", "fwhm", self.fwhm)
         if self.shape not in ("gaussian", "lyot", "interference", "open", "table"):
             raise ValueError(
                 f"shape is {self.shape!r}; choose gaussian, lyot, interference, open or table"

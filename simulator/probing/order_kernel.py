@@ -19,10 +19,11 @@ def side_order_kernel(
     """Return how a probed far field spreads a point's light over side orders of the panel.
 
     lowest, highest: range of the orders' numbers: of the larger of both along y and x. fade: metres
-    over which the order below the lowest fades into it. See order_kernel() for all else.
+    over which the order below the lowest fades into it, at most a period. See order_kernel() for
+    all else.
     """
     outer = order_kernel(far, period, cell, highest)
-    inner = order_kernel(far, period, cell, lowest - 1, fade)
+    inner = order_kernel(far, period, cell, lowest - 1, min(fade, period))
     outer[_middle(outer, inner)] -= inner
     return outer
 

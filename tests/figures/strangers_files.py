@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pwd
 import re
 import shutil
 import sys
@@ -75,6 +76,13 @@ _CHANGES: dict[str, tuple[int, int | None]] = {
     "os.rmdir": (0, 1), "os.link": (1, 3), "os.symlink": (1, 2), "os.chmod": (0, 2),
 }  # fmt: skip
 """Places of path and folder among what the audit events of Python's documentation tell."""
+
+_LOCK = re.compile(
+    r"(/run/user/\d+|" + re.escape(pwd.getpwuid(os.geteuid()).pw_dir) + r"/\.local/state)"
+    r"/labapp/locks(/[\w.-]+-labapp-(device|file)-[0-9a-f-]+)?"
+)
+"""Locks of devices and files, which lie where no variable of the environment moves them: by digest
+or inode."""
 
 _HANDLERS = tuple(f"serial.urlhandler.protocol_{one}" for one in ("spy", "alt", "hwgrep", "loop"))
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -204,7 +212,8 @@ def _watch_acts(folder: Path, seen: list[str]) -> None:
         if isinstance(path, int):
             return True
         base = os.readlink(f"/proc/self/fd/{within}") if within not in (-1, None) else ""
-        return os.path.abspath(os.path.join(base, os.fsdecode(path))).startswith(free)
+        whole = os.path.abspath(os.path.join(base, os.fsdecode(path)))
+        return whole.startswith(free) or _LOCK.fullmatch(whole) is not None
 
     def look(event: str, given: tuple[Any, ...]) -> None:
         if event in _STARTS and "drivers.hosted" not in str(given):
