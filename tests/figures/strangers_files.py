@@ -77,6 +77,9 @@ _CHANGES: dict[str, tuple[int, int | None]] = {
 }  # fmt: skip
 """Places of path and folder among what the audit events of Python's documentation tell."""
 
+_ACTING = ("os", "posix", "subprocess", "builtins")
+"""Modules of which a pickle must take nothing, but for the errors that a device's process tells."""
+
 _LOCK = re.compile(
     r"(/run/user/\d+|" + re.escape(pwd.getpwuid(os.geteuid()).pw_dir) + r"/\.local/state)"
     r"/labapp/locks(/[\w.-]+-labapp-(device|file)-[0-9a-f-]+)?"
@@ -203,6 +206,11 @@ def _changed(before: Any, after: Any, *, resumed: bool) -> Iterator[str]:
             yield f"{name} was made, changed or removed"
 
 
+def _is_error(module: str, name: str) -> bool:
+    found = getattr(sys.modules[module], name, None)
+    return isinstance(found, type) and issubclass(found, Exception)
+
+
 def _watch_acts(folder: Path, seen: list[str]) -> None:
     """Note what Python does in this process from now on that a text of a file must not cause."""
     names = ("out", "home", "said", "run.h5")
@@ -228,7 +236,7 @@ def _watch_acts(folder: Path, seen: list[str]) -> None:
             within = given[folder_place] if folder_place is not None else -1
             if not is_free(given[place], within):
                 seen.append(f"{event} {given[place]}")
-        elif event == "pickle.find_class" and given[0] in ("os", "posix", "subprocess", "builtins"):
+        elif event == "pickle.find_class" and given[0] in _ACTING and not _is_error(*given):
             seen.append(f"unpickled {given}")
         elif event == "import" and given[0] in _HANDLERS:
             seen.append(f"imported {given[0]}")
