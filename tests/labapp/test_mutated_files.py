@@ -44,11 +44,11 @@ def test_a_mutated_file_is_read_or_refused_in_words(tmp_path: Path, count: int) 
 
 
 @pytest.mark.sweep
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1200)
 def test_a_text_of_a_stranger_does_nothing(tmp_path: Path) -> None:
-    tries = f"strangers_files.try_texts(Path({str(tmp_path / 'files')!r}), 34, 3)"
+    tries = f"strangers_files.try_texts(Path({str(tmp_path / 'files')!r}), 17, 3)"
     found = figured(f"list({tries})")
-    assert len(found) > 100
+    assert len(found) > 50
     assert [one for one in found if one[2] not in ("well", "refused")] == []
 
 
