@@ -22,8 +22,9 @@ from simulator.effects.electron_bounds import (
     total_electrons,
 )
 from simulator.effects.likely_errors import LightEffect
-from simulator.effects.psf_bounds import blur_sensitivity, has_occlusion
+from simulator.effects.psf_bounds import has_occlusion
 from simulator.effects.rendering_work import added_operations
+from simulator.effects.vignetting_bounds import blur_sensitivity
 from simulator.planning import Bound, OnOffEffect
 from simulator.probing.radial import Gain
 from simulator.situation import Situation

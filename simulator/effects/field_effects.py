@@ -21,9 +21,10 @@ from simulator.effects.electron_bounds import (
     max_light_seconds,
     proportional_error_bound,
 )
-from simulator.effects.psf_bounds import illuminated_area_change, max_vignetting_change
+from simulator.effects.psf_bounds import illuminated_area_change
 from simulator.effects.rendering_work import FIELD_POSITION, LEVELS, VIGNETTING
 from simulator.effects.result_cache import cached_across_exposures
+from simulator.effects.vignetting_bounds import vignetting_change
 from simulator.formation.windows import light_extent, max_blur_distance
 from simulator.planning import Bound
 from simulator.situation import Situation
@@ -128,12 +129,10 @@ class Vignetting(OnOffBlurEffect):
     source = "cos⁴ law; Born and Wolf 4.8.3"
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        how = "proved: Young; the largest loss anywhere in the frame and its margin"
+        how = "proved: Young; the largest loss in the frame, and where side orders bring light from"
         return proportional_error_bound(
-            s, occlusion_factor(s) * max_vignetting_change(s) * light_norm_bound(s), how
+            s, occlusion_factor(s) * vignetting_change(s) * light_norm_bound(s), how
         )
 
     def explain(self, s: Situation) -> str:
-        return (
-            f"{max_vignetting_change(s):.2g} of the light is lost, or gained, where it differs most"
-        )
+        return f"{vignetting_change(s):.2g} of the light is lost, or gained, where it differs most"

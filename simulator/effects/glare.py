@@ -12,7 +12,7 @@ from simulator.effects.electron_bounds import (
     sensor_error_bound,
     total_electrons,
 )
-from simulator.effects.psf_bounds import blur_sensitivity
+from simulator.effects.vignetting_bounds import unevenness
 from simulator.planning import Bound
 from simulator.situation import Situation
 
@@ -35,7 +35,7 @@ class VeilingGlare(PixelwiseEffect):
         if not s.picture_probe.norm_bound:
             return 0.0
         even = s.picture_probe.total**2 / pixel_count(s) / s.picture_probe.norm_bound**2
-        return s.camera.glare * blur_sensitivity(s) * math.sqrt(max(1 - even, 0.0))
+        return s.camera.glare * unevenness(s) * math.sqrt(max(1 - even, 0.0))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         """Bound the picture's error if the veiling glare effect is left out.
@@ -45,7 +45,7 @@ class VeilingGlare(PixelwiseEffect):
         the other nine tenths only. In the dim tenth, σ² changes by no more than the variance (|√a -
         √b|² ≤ |a - b|).
         """
-        glare = s.camera.glare * blur_sensitivity(s)
+        glare = s.camera.glare * unevenness(s)
         how = "proved: the picture against its mean; Cauchy-Schwarz"
         bound = sensor_error_bound(s, glare * light_norm_bound(s), how)
         slope = bound.variance / (glare * light_norm_bound(s)) if bound.variance else 0.0

@@ -21,10 +21,10 @@ from simulator.effects.landed_light import detail_factor, landed_light
 from simulator.effects.psf_bounds import (
     has_occlusion,
     is_uniform_scene,
-    vignetting_samples,
 )
 from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
 from simulator.effects.spectra import spectral_measure
+from simulator.effects.vignetting_bounds import vignetting_samples
 from simulator.formation.distorting import distorted_frame
 from simulator.formation.vibration import image_vibration
 from simulator.planning.bound import MinimumNorms

@@ -5,22 +5,16 @@ They hold for waves; the error of replacing waves by rays is counted separately.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from optics.camera import Camera
-from optics.plane import Plane
 from optics.pupil import open_area
 from optics.stop_shadow import share_through_stop
 from optics.validation import as_number
 from simulator.effects.result_cache import cached_per_situation
-from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.scene.drawable import UniformLight
 from simulator.situation import Situation
@@ -156,58 +150,9 @@ def illuminated_area_change(s: Situation) -> float:
     return min(2 * moved * 2 * width / lit, 2.0) if lit else 2.0
 
 
-@cached_per_situation
-def max_vignetting_change(s: Situation) -> float:
-    """Return the vignetting effect's largest relative change of a point's light.
-
-    The change is computed at a few places of the frame and its margin, the corners included.
-    """
-    distances = {min(s.picture_probe.distances), max(s.picture_probe.distances)}
-    return float((vignetting_samples(s, s.picture_probe.plane.shape, distances) - 1).abs().max())
-
-
-def vignetting_samples(
-    s: Situation, shape: Sequence[int], distances: Collection[float]
-) -> torch.Tensor:
-    """Sample the vignetting effect: return the share of the light left, for each distance.
-
-    The share is computed at 9 x 9 places from corner to corner of `shape` pixels. A curve of
-    relative illumination that rises again counts with the least light so far, which the places
-    then can't miss.
-    """
-    camera = _with_falling_light(s.mount.camera_in_panel_axes(s.camera))
-    rows, columns = (n * camera.sensor.pitch / 8 for n in shape)
-    plane = Plane((9, 9), (rows, columns))
-    # It doesn't depend on the pattern, and may take a tenth of a second.
-    known = s.picture_probe.results
-    causes = [("vignetting", camera, s.mount, plane, distance) for distance in distances]
-    for cause in causes:
-        if cause not in known:
-            known[cause] = vignetting(camera, s.mount, plane, cause[-1])
-    return torch.stack([known[cause] for cause in causes])
-
-
-def _with_falling_light(camera: Camera) -> Camera:
-    """Return the camera with a curve of relative illumination that nowhere rises outwards."""
-    curve = camera.lens.relative_illumination
-    if not curve:
-        return camera
-    heights, shares = zip(*curve, strict=True)
-    falling = tuple(zip(heights, itertools.accumulate(shares, min), strict=True))
-    return replace(camera, lens=replace(camera.lens, relative_illumination=falling))
-
-
 def is_uniform_scene(s: Situation) -> bool:
     """Whether blur has no effect: all light is uniform and endless, and no layer hides another."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return (
         bool(parts) and all(isinstance(one, UniformLight) for one in parts) and not has_occlusion(s)
     )
-
-
-def blur_sensitivity(s: Situation) -> float:
-    """Return the largest share of the light that effects on the PSF can change.
-
-    In uniform, endless light, they change only its vignetting.
-    """
-    return min(max_vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0

@@ -14,9 +14,10 @@ from simulator.effects.electron_bounds import (
     total_electrons,
 )
 from simulator.effects.likely_errors import FAR
-from simulator.effects.psf_bounds import blur_sensitivity, psf_energy_bound
+from simulator.effects.psf_bounds import psf_energy_bound
 from simulator.effects.rendering_work import LEVELS, PSF_REACH, first_level_reaching
 from simulator.effects.spectra import leak_share
+from simulator.effects.vignetting_bounds import blur_sensitivity
 from simulator.formation.windows import max_blur_distance
 from simulator.planning import Bound
 from simulator.situation import Situation

@@ -19,7 +19,7 @@ _ONE = np.ones((1, 1))
 
 
 class LightPath(Protocol):
-    """A path of a layer's light to the sensor: the zeroth order, or the side orders of the panel.
+    """A path of light to the sensor: one diffraction order of the panel's pixel grid.
 
     number: the layer's index. node: the wavelength's index. count: the index of the exposure cell.
     Spectra are Fourier spectra of the light on samples, in electrons per second and pixel.
@@ -32,16 +32,23 @@ class LightPath(Protocol):
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Render a layer's light of one wavelength, as one spectrum for each channel."""
+        """Render a layer's light of one wavelength, as one spectrum for each channel.
+
+        The list is empty if none of the light is near the frame on this path.
+        """
         ...
 
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
-    ) -> torch.Tensor:
-        """Render a layer's blurred cover at one wavelength, as a spectrum.
+    ) -> torch.Tensor | None:
+        """Render a layer's blurred cover at one wavelength, as a spectrum; None if it isn't near.
 
         The cover is the share of the light behind that the layer hides.
         """
+        ...
+
+    def share(self, number: int, node: int, cell: ExposureCell, count: int) -> float:
+        """Return the share of a layer's light of one wavelength that takes this path."""
         ...
 
 
@@ -108,6 +115,11 @@ class ZerothOrderPath:
         covers = self._objects.cover_spectra(layer.cover, where)
         return _apply_transfers(self._transfers(number, node, cell, count), covers)
 
+    def share(self, number: int, node: int, cell: ExposureCell, count: int) -> float:
+        """Return the share of the light in the PSF's window, where side orders may lie, too."""
+        first = self._spreading.places[0]
+        return float(self._spreading.psf(number, node, first, cell, count).sum())
+
     def _transfers(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
@@ -132,15 +144,11 @@ def _apply_transfers(
 
 @dataclass(frozen=True)
 class Compositor(ABC):
-    """Combine all layers of a target, along all paths of their light.
-
-    has_orders: whether light in the panel's side orders is rendered as well.
-    """
+    """Combine all layers of a target, along all paths of their light."""
 
     gathering: SampleGrid
     spreading: LayerPSFs
     paths: Sequence[LightPath]
-    has_orders: bool
 
     @abstractmethod
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
@@ -163,60 +171,59 @@ class OccludingCompositor(Compositor):
     """Combine a target's layers from the farthest to the nearest, where near layers hide far ones.
 
     Blurred light is multiplied by blurred covers, and so has to be computed wavelength by
-    wavelength.
+    wavelength, and path by path: what comes to a pixel from aside is hidden by what is aside.
     """
 
     def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
         total: list[torch.Tensor] = []
         for node in range(len(self.spreading.nodes)):
-            light = self._wavelength_light(node, cell, count)
-            total = light if not total else [a + b for a, b in zip(total, light, strict=True)]
+            for way in self.paths:
+                total = _sums(total, self._path_light(way, node, cell, count))
+        if not total:
+            return self.gathering.zero_spectra(self.spreading.channels)
         return [self.gathering.transform_samples(light, "occlusion") for light in total]
 
-    def _wavelength_light(self, node: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Render the light of one wavelength, near layers before far ones, for each channel.
+    def _path_light(
+        self, way: LightPath, node: int, cell: ExposureCell, count: int
+    ) -> list[torch.Tensor]:
+        """Render the light of one wavelength and path, near layers before far ones, on samples.
 
-        The result is light on samples.
+        The result has one picture for each channel, or none if no layer's light is near the frame.
         """
-        samples, layers = self.gathering.samples, self.spreading.layers
         behind: list[torch.Tensor] = []
-        for number in reversed(range(len(layers))):
-            fronts = [way.wavelength_spectra(number, node, cell, count) for way in self.paths]
-            front = [
-                samples(sum(one[1:], one[0]), "occlusion") for one in zip(*fronts, strict=True)
-            ]
-            if not behind:
-                behind = front
-            elif layers[number].cover is None:
-                behind = [a + b for a, b in zip(behind, front, strict=True)]
-            else:
-                hidden = [way.cover_spectrum(number, node, cell, count) for way in self.paths]
-                share = samples(sum(hidden[1:], hidden[0]), "occlusion")
-                share /= self._followed_share(number, node, cell, count)
-                behind = [composite_over(a, b, share) for a, b in zip(behind, front, strict=True)]
+        for number in reversed(range(len(self.spreading.layers))):
+            if behind and self.spreading.layers[number].cover is not None:
+                left = self._light_left(way, number, node, cell, count)
+                behind = [one * left for one in behind]
+            spectra = way.wavelength_spectra(number, node, cell, count)
+            behind = _sums(behind, [self.gathering.samples(one, "occlusion") for one in spectra])
         return behind
 
-    def _followed_share(self, number: int, node: int, cell: ExposureCell, count: int) -> float:
-        """Return the share of a layer's rendered light that the paths to the sensor carry.
-
-        Without the panel's side orders it is less than 1, and a cover hides all of it.
-        """
-        if self.has_orders:
+    def _light_left(
+        self, way: LightPath, number: int, node: int, cell: ExposureCell, count: int
+    ) -> torch.Tensor | float:
+        """Return the share of a path's light from behind that a layer leaves, on samples."""
+        cover = way.cover_spectrum(number, node, cell, count)
+        carried = way.share(number, node, cell, count)
+        if cover is None or not carried:
             return 1.0
-        first = self.spreading.places[0]
-        return float(self.spreading.psf(number, node, first, cell, count).sum()) or 1.0
+        # A path holds a share of a layer's light, and the layer hides all that is behind in it.
+        return uncovered_share(self.gathering.samples(cover, "occlusion") / carried)
 
 
-def composite_over(
-    behind: torch.Tensor, front: torch.Tensor, cover_share: torch.Tensor
-) -> torch.Tensor:
-    """Render a nearer layer before what lies behind it; return the light on samples.
+def _sums(one: list[torch.Tensor], other: list[torch.Tensor]) -> list[torch.Tensor]:
+    """Add the channels of two lights; one without any is dark."""
+    return [a + b for a, b in zip(one, other, strict=True)] if one and other else one or other
 
-    behind, front: blurred light of each. cover_share: blurred cover of the nearer layer, 0 to 1:
-    the share of the rays to a sample that it stops. These rays are taken to be as bright as the
-    other rays to the sample. This is exact where either layer is in focus, and right to about a
-    percent elsewhere (Hasinoff and Kutulakos, A layer-based restoration framework for
-    variable-aperture photography, ICCV 2007). Where blurred edges of two layers lie along each
-    other, it is wrong by several percent of the light along that line: a ray passes both or none.
+
+def uncovered_share(cover_share: torch.Tensor) -> torch.Tensor:
+    """Return the share of the light from behind that a nearer layer leaves, on samples.
+
+    cover_share: blurred cover of the nearer layer, 0 to 1: the share of the rays to a sample that
+    it stops. These rays are taken to be as bright as the other rays to the sample. This is exact
+    where either layer is in focus, and right to about a percent elsewhere (Hasinoff and Kutulakos,
+    A layer-based restoration framework for variable-aperture photography, ICCV 2007). Where blurred
+    edges of two layers lie along each other, it is wrong by several percent of the light along that
+    line: a ray passes both or none.
     """
-    return behind * (1 - cover_share.clamp(0, 1)) + front
+    return 1 - cover_share.clamp(0, 1)

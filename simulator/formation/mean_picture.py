@@ -23,7 +23,7 @@ from simulator.formation.layer_psfs import LayerPSFs
 from simulator.formation.nodes import channel_efficiencies, wavelengths
 from simulator.formation.objects import ObjectSpectra
 from simulator.formation.sample_grid import SampleGrid
-from simulator.formation.side_orders import SideOrdersPath
+from simulator.formation.side_orders import SideOrderPath, side_orders
 from simulator.formation.vibration import image_vibration, vibration_transfer
 from simulator.formation.windows import rendering_windows
 from simulator.ledger import Ledger
@@ -131,9 +131,12 @@ class _Rendering:
         spreading = LayerPSFs(s, recipe, kernels, objects, cache)
         ways: list[LightPath] = [ZerothOrderPath(self._gathering, objects, spreading)]
         if orders and not windows.merged_orders:
-            ways.append(SideOrdersPath(self._gathering, objects, spreading, orders))
+            ways += [
+                SideOrderPath(self._gathering, objects, spreading, one)
+                for one in side_orders(orders)
+            ]
         layered = OccludingCompositor if recipe.occlusion else AdditiveCompositor
-        self._layered = layered(self._gathering, spreading, ways, bool(orders))
+        self._layered = layered(self._gathering, spreading, ways)
         self._coarse_orders = (
             CoarseOrders(s, recipe, kernels, spreading, objects, cache) if coarse else None
         )

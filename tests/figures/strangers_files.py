@@ -81,11 +81,11 @@ _ACTING = ("os", "posix", "subprocess", "builtins")
 """Modules of which a pickle must take nothing, but for the errors that a device's process tells."""
 
 _LOCK = re.compile(
-    r"(/run/user/\d+|" + re.escape(pwd.getpwuid(os.geteuid()).pw_dir) + r"/\.local/state)"
-    r"/labapp/locks(/[\w.-]+-labapp-(device|file)-[0-9a-f-]+)?"
+    r"(/run/user/\d+|" + re.escape(pwd.getpwuid(os.geteuid()).pw_dir) + r"/\.local(/state)?)"
+    r"(/labapp(/locks(/[\w.-]+-labapp-(device|file)-[0-9a-f-]+)?)?)?"
 )
 """Locks of devices and files, which lie where no variable of the environment moves them: by digest
-or inode."""
+or inode, and the folders around them."""
 
 _HANDLERS = tuple(f"serial.urlhandler.protocol_{one}" for one in ("spy", "alt", "hwgrep", "loop"))
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND

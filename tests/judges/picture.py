@@ -183,9 +183,11 @@ class _Reference:
         return light
 
     def _hidden(self, layer: Layer, psf: Array, time: float) -> Array | float:
+        """The share of the light from behind that the layer stops, of what the PSF carries."""
         if layer.cover is None:
             return 0.0
-        return np.clip(_convolved(self._sharp(layer, layer.cover, time), psf), 0, 1)
+        carried = _convolved(np.ones(self._plane.shape), psf).max()
+        return np.clip(_convolved(self._sharp(layer, layer.cover, time), psf) / carried, 0, 1)
 
     def _sharp(self, layer: Layer, picture: Drawable, time: float) -> Array:
         """A picture on samples, as its spectrum has it; it is in its place as the exposure

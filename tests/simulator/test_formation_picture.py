@@ -283,7 +283,7 @@ def test_layers_that_hide_each_other():
     recipe = full.with_changes(occlusion=True)
     recipes = [recipe, full, *(recipe.with_changes(depths=n) for n in (1, 2))]
     true, seen_through, one, two = errors(s, recipes, replace(QUICK, band=4))
-    assert true <= 1e-5
+    assert true <= 2e-5
     assert seen_through > 0.02
     assert one > two > 1e-5
 

@@ -10,6 +10,7 @@ from optical_situations import CAMERA, STAR, finest, rendered, situation
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens
 from simulator.effects.field_effects import Vignetting
+from simulator.effects.panel_orders import PanelOrders
 from simulator.effects.picture_norms import minimum_norms
 from simulator.scene import Flat
 
@@ -87,3 +88,15 @@ def test_a_curve_that_cannot_be_is_refused(curve, words):
 def test_a_curve_that_ends_within_the_sensor_is_refused():
     with pytest.raises(ValueError, match=r"ends at 0\.1 mm, and the sensor's corner is 0\.31"):
         camera(((0.0, 1.0), (1e-4, 0.9)))
+
+
+def test_light_that_orders_bring_from_dark_places_is_bounded():
+    """Even light, which blur doesn't change, isn't even beside the frame: a fifth is lost there."""
+    dark = camera(((0.0, 1.0), (6e-4, 1.0), (3e-3, 0.2)))
+    s = situation(Flat(1.0, 1e7), replace(dark, sensor=replace(dark.sensor, pitch=4e-6)))
+    levels = finest(s) | {"light sampling": 0, "pixel aperture": 0}
+    cache = ByteCache()
+    full = rendered(s, levels, cache)
+    for effect in (PanelOrders(), Vignetting()):
+        change = np.linalg.norm(rendered(s, levels | {effect.name: 0}, cache) - full)
+        assert 0.002 * np.linalg.norm(full) < change <= effect.error_bound(s, 0).mean, effect.name

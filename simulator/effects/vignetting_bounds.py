@@ -1,0 +1,103 @@
+"""Bounds of what vignetting takes: in the frame, and where side orders bring light from."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import torch
+
+from optics.camera import Camera
+from optics.plane import Plane
+from simulator.effects.psf_bounds import is_uniform_scene
+from simulator.effects.rendering_work import LEVELS
+from simulator.effects.result_cache import cached_per_situation
+from simulator.formation.vignetting import vignetting
+from simulator.formation.windows import light_extent
+from simulator.situation import Situation
+
+
+@cached_per_situation
+def max_vignetting_change(s: Situation) -> float:
+    """Return the vignetting effect's largest relative change of a point's light.
+
+    The point may be wherever the finest rendering of side orders brings light from.
+    """
+    return _vignetting_change(s, LEVELS.orders[-1])
+
+
+@cached_per_situation
+def vignetting_change(s: Situation) -> float:
+    """Bound the vignetting effect's relative change of light that reaches the frame on all ways.
+
+    Light of the frame and its margin counts with the change there; that of the panel orders effect
+    comes from farther aside, and counts with its share.
+    """
+    found = _vignetting_change(s, 0)
+    for order in range(1, LEVELS.orders[-1] + 1):
+        more = _vignetting_change(s, order) - _vignetting_change(s, order - 1)
+        found += s.pattern_probe.beyond_orders(order - 1) * more if more else 0.0
+    return found
+
+
+def _vignetting_change(s: Situation, orders: int) -> float:
+    """Return the largest change of vignetting where light up to some side order comes from.
+
+    The change is computed at a few places, the corners included.
+    """
+    plane, period = s.picture_probe.plane, s.pattern_probe.period
+    period *= max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0) / s.wavelength
+    turned = abs(math.cos(s.mount.rotation)) + abs(math.sin(s.mount.rotation))
+    aside = (orders + 0.5) * period * turned if orders else 0.0
+    shape = [
+        n + 2 * max(0, math.ceil(min(far, n * pitch / 2 + aside) / pitch - n / 2))
+        for n, pitch, far in zip(plane.shape, plane.pitch, light_extent(s), strict=True)
+    ]
+    distances = {min(s.picture_probe.distances), max(s.picture_probe.distances)}
+    return float((vignetting_samples(s, shape, distances) - 1).abs().max())
+
+
+def vignetting_samples(
+    s: Situation, shape: Sequence[int], distances: Collection[float]
+) -> torch.Tensor:
+    """Sample the vignetting effect: return the share of the light left, for each distance.
+
+    The share is computed at 9 x 9 places from corner to corner of `shape` pixels. A curve of
+    relative illumination that rises again counts with the least light so far, which the places
+    then can't miss.
+    """
+    camera = _with_falling_light(s.mount.camera_in_panel_axes(s.camera))
+    rows, columns = (n * camera.sensor.pitch / 8 for n in shape)
+    plane = Plane((9, 9), (rows, columns))
+    # It doesn't depend on the pattern, and may take a tenth of a second.
+    known = s.picture_probe.results
+    causes = [("vignetting", camera, s.mount, plane, distance) for distance in distances]
+    for cause in causes:
+        if cause not in known:
+            known[cause] = vignetting(camera, s.mount, plane, cause[-1])
+    return torch.stack([known[cause] for cause in causes])
+
+
+def _with_falling_light(camera: Camera) -> Camera:
+    """Return the camera with a curve of relative illumination that nowhere rises outwards."""
+    curve = camera.lens.relative_illumination
+    if not curve:
+        return camera
+    heights, shares = zip(*curve, strict=True)
+    falling = tuple(zip(heights, itertools.accumulate(shares, min), strict=True))
+    return replace(camera, lens=replace(camera.lens, relative_illumination=falling))
+
+
+def blur_sensitivity(s: Situation) -> float:
+    """Return the largest share of the light that effects on the PSF can change.
+
+    In uniform, endless light, they change only its vignetting.
+    """
+    return min(max_vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0
+
+
+def unevenness(s: Situation) -> float:
+    """Bound the share of the light by which the picture differs from an even one."""
+    return min(vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0
