@@ -146,15 +146,22 @@ KINDS: dict[str, Callable[[int], Iterator[Request]]] = {
 
 
 def kept_results() -> list[Callable[[], None]]:
-    """What empties each cache of the engine: a first answer finds nothing there."""
+    """What empties each cache of the engine, so that a first answer finds nothing there.
+
+    Caches without a limit stay: they hold rules that many requests share.
+    """
     found: list[Callable[[], None]] = []
     for one in gc.get_objects():
         # The class is asked for by type(): some objects of libraries warn when they are touched.
         if type(one) is ByteCache:
             found.append(one.clear)
-        elif type(one) is functools._lru_cache_wrapper and "optics." in one.__module__:
+        elif type(one) is functools._lru_cache_wrapper and _is_limited_and_ours(one):
             found.append(one.cache_clear)
     return found
+
+
+def _is_limited_and_ours(cached: Any) -> bool:
+    return "optics." in cached.__module__ and cached.cache_parameters()["maxsize"] is not None
 
 
 def price(request: Request, budget: Budget, forget: list[Callable[[], None]]) -> Price | None:
