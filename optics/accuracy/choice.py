@@ -125,6 +125,8 @@ class MethodChoice(Generic[O]):
     ----------
     candidates : list of CandidateMethod
         The candidates that fit, in order of predicted processor time for planning and all calls.
+    wasted_seconds : float
+        Predicted processor time of the candidates that were prepared and missed the tolerance.
     """
 
     def __init__(
@@ -137,6 +139,7 @@ class MethodChoice(Generic[O]):
     ) -> None:
         self._budget, self._what, self._remedy = budget, what, remedy
         self._refusals: list[ValueError] = []
+        self.wasted_seconds = 0.0
         found: list[tuple[float, O]] = []
         for make in makers:
             try:
@@ -177,6 +180,7 @@ class MethodChoice(Generic[O]):
                 offer.prepare()
             except ToleranceError as error:
                 self._refusals.append(error)
+                self.wasted_seconds += offer.planning_seconds(self._budget.speed)
                 continue
             yield offer
 

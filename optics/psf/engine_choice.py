@@ -127,6 +127,7 @@ def prepare_cheapest_engine(
     """
     choice = _build_choice(request, camera, method, for_patterns=for_patterns)
     for engine in choice.prepared_candidates():
+        engine.earlier_seconds = choice.wasted_seconds
         return engine
     refusal = choice.refusal(request.tol + reserved_tol)
     if not isinstance(refusal, ToleranceError):

@@ -308,8 +308,11 @@ class PSFOperator:
             arithmetic=ErrorEstimate(engine.arithmetic, "estimate, from tests"),
             cpu_predicted=sum(one.cpu_seconds(speed) for one in tried) + integral,
             gradient_error=self._gradient_error,
-            planning_predicted=sum(one.planning_seconds(speed) for one in tried)
-            + self._straight_seconds(speed),
+            planning_predicted=sum(
+                one.planning_seconds(speed) + one.earlier_seconds for one in tried
+            )
+            + self._straight_seconds(speed)
+            + (self._pixel_integration.planning_seconds(speed) if self._pixel_integration else 0.0),
             bytes=sum(one.bytes for one in tried)
             + (self._pixel_integration.bytes if self._pixel_integration else 0),
         )
@@ -331,9 +334,10 @@ class PSFOperator:
         engine = self.engine
         if not self.unmodulated:
             return 0.0
+        integral = self._pixel_integration.cpu_seconds(speed) if self._pixel_integration else 0.0
         if isinstance(engine, PanelEngine):
-            return engine.straight_seconds(speed)
-        return engine.cpu_seconds(speed)
+            return engine.straight_seconds(speed) + integral
+        return engine.cpu_seconds(speed) + integral
 
     def _model_error(self, request: PSFRequest) -> ErrorEstimate:
         """Estimate the error of the PSF's optical model."""

@@ -32,7 +32,7 @@ ERROR_MARGIN = 2.0
 PASSES_PER_ABERRATION = 35.0
 """Passes over a node of the stop while one of the lens' aberrations is evaluated; measured."""
 
-_KERNEL_COST = 2.5
+_KERNEL_COST = 3.0
 """Time of a kernel's values over that of their cosines and sines alone; measured."""
 
 

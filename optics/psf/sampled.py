@@ -52,7 +52,7 @@ class SampledGridSettings:
 
 _SETTINGS = SampledGridSettings()
 
-_PASSES_PER_SAMPLE = 200.0
+_PASSES_PER_SAMPLE = 230.0
 """Passes over a sample of the pupil while the open area and the wave are computed; measured."""
 
 _STEPS_PER_PIECE = 20.0
@@ -95,6 +95,7 @@ class SampledEngine(CachedPupilWave, PSFEngine):
             q.budget.memory,
             "ask for fewer pixels, or bring the object closer to the plane in focus",
         )
+        self._coarser_seconds = 0.0
         self._plan()
 
     def _plan(self) -> None:
@@ -116,11 +117,14 @@ class SampledEngine(CachedPupilWave, PSFEngine):
         return self._transform.cpu_seconds(speed)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
+        fixed = _PLANNING_CALLS * speed.call + self._probe.planning_seconds(speed)
+        return fixed + self._grid_seconds(speed) + self._coarser_seconds
+
+    def _grid_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the seconds of the PSF's grid over the pupil, and of the light that judges it."""
         wave = _PASSES_PER_SAMPLE * self._grid_size**2 * speed.touch
-        probe = self._probe.planning_seconds(speed)
         pieces = sum(len(loop.pieces) for loop in self._request.lens.stop.loops)
-        area = _STEPS_PER_PIECE * pieces * speed.step
-        return _PLANNING_CALLS * speed.call + self.cpu_seconds(speed) + wave + area + probe
+        return wave + _STEPS_PER_PIECE * pieces * speed.step + self.cpu_seconds(speed)
 
     def prepare(self) -> None:
         q = self._request.numeric
@@ -133,6 +137,7 @@ class SampledEngine(CachedPupilWave, PSFEngine):
             if self.error.value + self.arithmetic <= q.tol:
                 self._keep_first_light(light)
                 return
+            self._coarser_seconds += self._grid_seconds(q.budget.speed)
             ratio = math.sqrt(self.error.value / q.tol) * 1.1
             growth = min(max(ratio, 1.2), _SETTINGS.growth)
             self._grid_size = math.ceil(self._grid_size * growth)

@@ -58,7 +58,7 @@ class ScatteredNodesSettings:
 
 _SETTINGS = ScatteredNodesSettings()
 
-_PASSES_PER_WAVE = 60.0
+_PASSES_PER_WAVE = 70.0
 """Passes over a node while its wave is computed and finufft sorts it; measured."""
 
 _PLANNING_CALLS = 20.0
@@ -90,6 +90,7 @@ class ScatteredNodesEngine(PSFEngine):
         # Derivatives need all nodes in memory at once.
         self._nodes_in_memory = self._node_count <= self._max_block_nodes or request.differentiable
         self._full_block: _NodeBlock | None = None
+        self._coarser_seconds = 0.0
         if self._node_count > _SETTINGS.max_nodes:
             raise ToleranceError(
                 f"tol {q.tol:g} can't be kept: the wave turns so fast that it takes "
@@ -119,10 +120,14 @@ class ScatteredNodesEngine(PSFEngine):
     def planning_seconds(self, speed: MachineSpeed) -> float:
         q = self._request.numeric
         rule = rule_seconds(q.lens.stop, q.phase_slope_bound, self._quadrature_tol, speed)
-        passes = _PASSES_PER_WAVE + PASSES_PER_ABERRATION * len(q.lens.aberrations)
-        wave = passes * self._node_count * speed.touch
-        probe = self._probe.planning_seconds(speed)
-        return _PLANNING_CALLS * speed.call + self.cpu_seconds(speed) + rule + wave + probe
+        fixed = _PLANNING_CALLS * speed.call + self._probe.planning_seconds(speed)
+        return fixed + rule + self._trial_seconds(speed) + self._coarser_seconds
+
+    def _trial_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the seconds of the PSF's wave on the nodes, and of the light that judges it."""
+        aberrations = len(self._request.numeric.lens.aberrations)
+        passes = _PASSES_PER_WAVE + PASSES_PER_ABERRATION * aberrations
+        return passes * self._node_count * speed.touch + self.cpu_seconds(speed)
 
     def prepare(self) -> None:
         q = self._request.numeric
@@ -144,6 +149,7 @@ class ScatteredNodesEngine(PSFEngine):
             if self.error.value <= wanted:
                 self._keep_first_light(light)
                 return
+            self._coarser_seconds += self._trial_seconds(q.budget.speed)
             # The transform's error scales with all of the light, so a dim window needs a finer one.
             if self._transform_tol <= FINEST_NUFFT:
                 break

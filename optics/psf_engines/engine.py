@@ -80,6 +80,8 @@ class PSFEngine(CandidateMethod):
     precision: str
     error: ErrorEstimate
     arithmetic: float
+    earlier_seconds: float = 0.0
+    """Predicted processor seconds of other methods that were prepared before this one, in vain."""
 
     _stand_in: PSFEngine | None = None
     """The engine that computed the light of the last call in this one's place, if any did."""

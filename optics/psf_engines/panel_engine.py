@@ -145,7 +145,8 @@ class PanelCostSettings:
     sample_passes : float
         Passes over the samples at the sensor in a call.
     node_passes : float
-        Passes over the nodes inside pixels at which the wave is computed beforehand.
+        Passes over the nodes inside pixels at which the wave is computed beforehand, in double
+        precision.
     open_share_passes : float
         Passes over the panel's pixels for the share that the stop leaves open.
     line_passes : float
@@ -159,10 +160,10 @@ class PanelCostSettings:
     pixel_passes: float = 58.0
     term_passes: float = 26.0
     sample_passes: float = 28.0
-    node_passes: float = 137.0
+    node_passes: float = 120.0
     open_share_passes: float = 90.0
     line_passes: float = 12_500.0
-    planning_calls: float = 6.0
+    planning_calls: float = 18.0
     degree_calls: float = 3.0
 
 
@@ -745,7 +746,7 @@ class _PanelMethod(CandidateMethod):
         passes += self._panel_pixels / self.grid.divisions**2 * _COST.open_share_passes
         if not self.separable:
             nodes = self._panel_pixels * self.node_count**2
-            passes += nodes * _COST.node_passes * self._slowdown(speed)
+            passes += nodes * _COST.node_passes
         calls = _COST.planning_calls + _COST.degree_calls * self.degrees
         return calls * speed.call + passes * speed.touch + self.transform.planning_seconds(speed)
 

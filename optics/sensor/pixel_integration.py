@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.accuracy import Budget, MachineSpeed, require_memory, require_time
-from optics.fourier.banded_matrix import BandedMatrix
+from optics.fourier.banded_matrix import STEPS_PER_ROW, BandedMatrix
 from optics.fourier.differentiation import apply_linear_map
 from optics.plane import Plane
 
@@ -62,6 +62,14 @@ _SETTINGS = PixelIntegrationSettings()
 _FIT_SECONDS = 2e-9
 """Processor seconds in which the weights of a pixel are fitted, over its samples' third power;
 measured at up to 750 samples."""
+
+_CALLS_PER_FIT, _COSINES_PER_FIT, _PRODUCTS_PER_FIT = 0.26, 260.0, 450.0
+"""Time to fit a pixel's weights: fixed, in calls; for each square of the samples on either side, in
+cosines; for each third power of them, in multiplications in double precision. Measured for 2 to 64
+samples on either side."""
+
+_PASSES_PER_SAMPLE = 4.0
+"""Passes over a sample in each axis' integration, its transposed copy included; measured."""
 
 _NEGLIGIBLE = 0.03
 """Singular values of the weights' fit below this share of the tolerance, relative to the largest,
@@ -118,17 +126,29 @@ class PixelWeights:
     weights: float64, (pixels, samples), for the pixels of a block, of which the first one's centre
     is on a sample; the middle one of the samples is the nearest to the pixel's centre. factor:
     samples per pixel, a multiple of the block's inverse. error: relative L2 error of the light on
-    pixels.
+    pixels. fits: samples on either side of a pixel in each fit that led to the weights, halved
+    where the pixel's symmetry halved the fit.
     """
 
     weights: torch.Tensor
     factor: Fraction
     error: float
+    fits: tuple[float, ...] = ()
 
     @property
     def reach(self) -> int:
         """The number of samples on either side of a sensor pixel's centre that its weights use."""
         return self.weights.shape[1] // 2
+
+    def fit_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor seconds in which a sensor pixel's weights were found."""
+        each = (
+            _CALLS_PER_FIT * speed.call
+            + _COSINES_PER_FIT * half**2 * speed.cosine
+            + _PRODUCTS_PER_FIT * half**3 * speed.multiply_add * speed.double
+            for half in self.fits
+        )
+        return sum(each)
 
     @property
     def margin(self) -> int:
@@ -163,22 +183,26 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
     # A pixel's centre between two samples is the hardest case, and one on a sample the easiest.
     offsets = sorted({_offset(factor, pixel) for pixel in range(_SETTINGS.block)}, key=abs)
     best: tuple[float, int] | None = None
+    fits: list[float] = []
+
+    def fit(reach: int, offset: float) -> tuple[NDArray[np.float64], float]:
+        fits.append(reach if offset else reach / 2)
+        return _fit_weights(factor, band, reach, offset, tol)
+
     first = math.ceil(factor) // 2 + 1
     # Far fewer weights than expected needn't be tried.
     start = max(first, math.floor(0.6 * _expected_reach(0.5 / band, tol)))
     for reach in range(start, first + _SETTINGS.max_reach):
-        error = max(
-            _fit_weights(factor, band, reach, one, tol)[1] for one in (offsets[0], offsets[-1])
-        )
+        error = max(fit(reach, one)[1] for one in {offsets[0], offsets[-1]})
         if best is None or error < best[0]:
             best = error, reach
         if error <= tol:
             break
     assert best is not None
-    found = {one: _fit_weights(factor, band, best[1], one, tol) for one in offsets}
+    found = {one: fit(best[1], one) for one in offsets}
     rows = [found[_offset(factor, pixel)][0] for pixel in range(_SETTINGS.block)]
     error = max(one[1] for one in found.values())
-    return PixelWeights(torch.from_numpy(np.stack(rows)), factor, error)
+    return PixelWeights(torch.from_numpy(np.stack(rows)), factor, error, tuple(fits))
 
 
 def _offset(factor: Fraction, pixel: int) -> float:
@@ -370,8 +394,11 @@ class PixelIntegration:
         both = cutoff if isinstance(cutoff, tuple) else (cutoff, cutoff)
         budget = budget or Budget()
         _require_few_fringes(pixels, both, budget)
+        self._fitted: list[PixelWeights] = []
         y, x = (
-            _cheapest_weights(pixels.shape[axis], pixels.pitch[axis] * both[axis], tol)
+            _cheapest_weights(
+                pixels.shape[axis], pixels.pitch[axis] * both[axis], tol, self._fitted
+            )
             for axis in (0, 1)
         )
         self._weights = (y, x)
@@ -407,13 +434,21 @@ class PixelIntegration:
         """
         return 2 * 4 * self._samples
 
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor time of what is kept for all calls, in seconds.
+
+        Weights of sensor pixels that were kept from an earlier plan cost nothing.
+        """
+        rows = STEPS_PER_ROW * sum(self._shape) * speed.step
+        return 2 * speed.call + rows + sum(one.fit_seconds(speed) for one in self._fitted)
+
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of one integration over sensor pixels, in seconds."""
         rows, columns = self.plane.shape
         y, x = self._weights
         lines = rows * columns * (1 / float(x.factor) + 1 / float(y.factor) / float(x.factor))
         each = 16 * float(x.factor) + 2 * x.reach
-        touched = rows * columns * (1 + 1 / float(x.factor))
+        touched = _PASSES_PER_SAMPLE * rows * columns * (1 + 1 / float(x.factor))
         return speed.call + lines * each * speed.multiply_add + touched * speed.touch
 
     def __call__(self, light: torch.Tensor) -> torch.Tensor:
@@ -437,10 +472,13 @@ def _require_few_fringes(pixels: Plane, cutoff: tuple[float, float], budget: Bud
     require_time(what, _FIT_SECONDS * max(parts) ** 3, budget.seconds, remedy)
 
 
-def _cheapest_weights(count: int, cycles: float, tol: float) -> PixelWeights:
+def _cheapest_weights(
+    count: int, cycles: float, tol: float, fitted: list[PixelWeights]
+) -> PixelWeights:
     """Choose the number of samples per sensor pixel that takes the fewest samples along an axis.
 
-    count: pixels along the axis. cycles: of the light's finest fringe, per pixel.
+    count: pixels along the axis. cycles: of the light's finest fringe, per pixel. fitted: gets the
+    weights that weren't kept from earlier.
     """
 
     def expected_samples(ratio: float) -> float:
@@ -451,7 +489,10 @@ def _cheapest_weights(count: int, cycles: float, tol: float) -> PixelWeights:
         factor = _samples_per_pixel(ratio, cycles)
         # Light of half a percent more bandwidth shares the weights of light nearby.
         band = min(math.ceil(200 * cycles / float(factor)) / 200, _SETTINGS.widest_band)
+        misses = pixel_weights.cache_info().misses
         found.append(pixel_weights(factor, band, tol))
+        if pixel_weights.cache_info().misses > misses:
+            fitted.append(found[-1])
         if found[-1].error <= tol:
             return found[-1]
     return min(found, key=lambda one: one.error)

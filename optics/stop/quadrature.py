@@ -37,7 +37,7 @@ _SPARSE_NODES = 16
 _MANY_ARCS = 32
 """Open arcs on a circle from which on they are taken together; chosen."""
 
-_RULE_PASSES = 50.0
+_RULE_PASSES = 60.0
 """Passes over a node while a stop's rule is computed; measured."""
 
 _STEPS_PER_ARC = 6.0
@@ -170,7 +170,9 @@ def _row_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -
     return line_rule_node_count(y1 - y0, slope, tol) * line_rule_node_count(x1 - x0, slope, tol)
 
 
+@functools.lru_cache(maxsize=32)
 def _arc_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
+    """Return the number of nodes on arcs of a stop; kept, as all methods of a PSF ask for it."""
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
         require_planning_time(_WHAT)

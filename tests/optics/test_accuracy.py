@@ -74,7 +74,7 @@ class Promising(Way):
     """A way that keeps no tolerance below its floor."""
 
     def __init__(self, name: str, cost: float, floor: float, tol: float, size: int = 1) -> None:
-        super().__init__(name, size, cost)
+        super().__init__(name, size, cost, cost / 2)
         self.floor, self.tol = floor, tol
 
     def prepare(self) -> None:
@@ -98,6 +98,15 @@ def promising(tol: float) -> MethodChoice[Promising]:
 @pytest.mark.parametrize(("tol", "names"), [(1e-1, ["coarse", "fine"]), (1e-3, ["fine"])])
 def test_the_cheapest_that_keeps_its_promise_comes_first(tol, names):
     assert [one.name for one in promising(tol).prepared_candidates()] == names
+
+
+def test_what_was_prepared_in_vain_is_priced():
+    coarse = promising(1e-1)
+    next(coarse.prepared_candidates())
+    assert coarse.wasted_seconds == 0
+    fine = promising(1e-3)
+    next(fine.prepared_candidates())
+    assert fine.wasted_seconds == 0.5 * MachineSpeed().fft
 
 
 def test_a_refusal_names_the_least_tolerance_that_any_method_keeps():

@@ -8,6 +8,7 @@ import pytest
 import torch
 from judges import positions
 
+from optics.accuracy import MachineSpeed
 from optics.camera import Sensor
 from optics.plane import Plane
 from optics.sensor import (
@@ -171,6 +172,19 @@ def test_weights_of_a_pixels_samples_do_not_amplify_rounding(cycles, tol):
     sums = weights.weights.sum(1) / float(weights.factor)
     assert torch.allclose(sums, torch.ones_like(sums), atol=tol)
     assert float(weights.weights.abs().sum(1).max()) <= 20 * float(weights.factor)
+
+
+def test_the_price_of_weights_is_told_where_they_are_found_and_once():
+    """Of light that no other test asks for: each fit of the first plan is priced, and none of the
+    second."""
+    pixels, cutoff, speed = Plane((40, 40), (1.0, 1.0)), 0.7123, MachineSpeed()
+    first, again = (PixelIntegration(pixels, cutoff, tol=3e-7) for _ in range(2))
+    weights = first._weights[0]
+    assert max(weights.fits) == weights.reach
+    assert len(weights.fits) > 16
+    dearer = first.planning_seconds(speed) - again.planning_seconds(speed)
+    assert dearer == pytest.approx(weights.fit_seconds(speed))
+    assert dearer > again.planning_seconds(speed)
 
 
 def test_pixels_of_a_batch_are_those_of_each_picture():
