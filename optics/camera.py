@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
+from optics.colour_curve import colour_curve_at, require_colour_curve
 from optics.distortion import RadialDistortion
 from optics.quantity_ranges import RANGES, ask_about_unit
 from optics.sensor.sensor import Sensor as Sensor
@@ -16,6 +17,10 @@ from optics.slm.panel import Panel as Panel
 from optics.stop.aperture import Circle, Stop
 from optics.validation import as_number, require_positive, require_share, require_size
 from optics.zernike import require_zernike_indices
+
+MAX_FOCUS_SHIFT_SHARE = 0.1
+"""Largest shift of a lens' focus, as a share of its image distance. Chosen: beyond it, the scale of
+the image changes, too."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,10 @@ class Lens:
     distortion : tuple of (float, float), optional
         Brown's radial coefficients k1 and k2, for heights in units of the image distance, as
         OpenCV has them: barrel below 0, pincushion above. Only the simulator uses them.
+    axial_colour : tuple of (float, float), optional
+        Pairs (wavelength, metres by which its image lies farther from the lens than the sensor) of
+        rising wavelengths, for a point at `focus_distance`. Straight lines join them and go on
+        beyond the ends. None by default: one focus for all. Only the simulator uses them.
 
     Raises
     ------
@@ -56,7 +65,8 @@ class Lens:
 
     References
     ----------
-    Thesis Eq. 2.14; ISO 13653, relative illuminance in the image field; Brown 1971.
+    Thesis Eq. 2.14; ISO 13653, relative illuminance in the image field; Brown 1971;
+    Kingslake, Lens Design Fundamentals, chapter 4, chromatic aberration.
     """
 
     focal_length: float = 0.125
@@ -67,6 +77,7 @@ class Lens:
     kind: Literal["thin", "stigmatic"] = "thin"
     relative_illumination: tuple[tuple[float, float], ...] = ()
     distortion: tuple[float, float] = (0.0, 0.0)
+    axial_colour: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("focal_length", "f_number"):
@@ -95,6 +106,8 @@ class Lens:
         self._require_relative_illumination()
         if not all(math.isfinite(one) for one in self.distortion):
             raise ValueError(f"distortion is {list(self.distortion)}; give two finite numbers")
+        most = MAX_FOCUS_SHIFT_SHARE * as_number(self.image_distance)
+        require_colour_curve("axial_colour", self.axial_colour, most, " m")
 
     def _require_relative_illumination(self) -> None:
         """Raise ValueError if the relative illumination doesn't go outwards from (0, 1)."""
@@ -124,6 +137,34 @@ class Lens:
         if not any(self.distortion):
             return None
         return RadialDistortion(self.distortion, as_number(self.image_distance))
+
+    def focus_shift(self, wavelength: float) -> float:
+        """Return how far behind the sensor the lens forms the image of a wavelength, metres."""
+        shift = colour_curve_at(self.axial_colour, wavelength)
+        if abs(shift) > MAX_FOCUS_SHIFT_SHARE * as_number(self.image_distance):
+            raise ValueError(
+                f"axial_colour goes on to {shift:g} m at {wavelength * 1e9:.4g} nm; give its curve "
+                "up to that wavelength"
+            )
+        return shift
+
+    def defocused(self, shift: float) -> Lens:
+        """Return the lens with its image `shift` metres farther from it, the sensor where it is.
+
+        The lens has another focal length, and the plane in focus lies elsewhere. If that would be
+        beyond infinity, the pupil gets the same quadratic path as the Zernike polynomial (2, 0).
+        """
+        if not shift:
+            return self
+        z, diameter = as_number(self.image_distance), as_number(self.stop_diameter)
+        power = shift / (z * (z + shift))
+        nearest = 1 / as_number(self.focus_distance) - power
+        if nearest < 0:
+            path = (diameter / 2) ** 2 * power / (4 * math.sqrt(3))
+            return replace(self, aberrations=(*self.aberrations, (2, 0, path)))
+        focal = 1 / (1 / as_number(self.focal_length) - power)
+        sharp = 1 / nearest if nearest else math.inf
+        return replace(self, focal_length=focal, f_number=focal / diameter, focus_distance=sharp)
 
     @property
     def stop_diameter(self) -> float:

@@ -177,7 +177,8 @@ class Imaging:
         s.cache.are_estimates = decided_by == "estimate"
         shown = (s.panel_content.names, s.panel_content.frame_time)
         samples = _samples_per_spot(s) if s.cache.are_estimates else 2.0
-        looked_at = (s.camera, shown, s.wavelength, picture.distances, samples)
+        foci = s.foci, s.leaked_foci
+        looked_at = (s.camera, shown, s.wavelength, picture.distances, samples, foci)
         s.cache.pattern_probe = self._patterns.get(
             looked_at,
             lambda: PatternProbe(
@@ -187,6 +188,8 @@ class Imaging:
                 picture.distances,
                 self._cache,
                 samples_per_spot=samples,
+                foci=foci[0],
+                leaked_foci=foci[1],
             ),
         )
 

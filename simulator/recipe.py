@@ -61,6 +61,7 @@ class Recipe:
     vignetting: bool = False
     lamp: bool = False
     rolling: bool = False
+    axial_colour: bool = False
     distortion: bool = False
     vibration: bool = False
     pixel_aperture: bool = False

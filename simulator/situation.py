@@ -11,7 +11,9 @@ from optics.camera import Camera, Panel
 from optics.light.bands import Band
 from optics.polarisation import PathEffect
 from optics.psf import nyquist_samples_per_pixel
+from optics.pupil import object_to_lens_distance
 from optics.sensor.shutter import frame_duration
+from simulator.focus import focus_shifts, leaked_focus_shifts
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
 from simulator.probing.pattern_probe import PatternProbe, panel_without_effects
@@ -95,7 +97,28 @@ class Situation:
         focus.
         """
         distances = {min(self.picture_probe.distances), max(self.picture_probe.distances)}
-        return max(math.hypot(*self.mount.image_shift(self.camera, one)) for one in distances)
+        moved = max(math.hypot(*self.mount.image_shift(self.camera, one)) for one in distances)
+        farthest = max(abs(one) for one in self.foci)
+        return moved + math.hypot(*self.mount.shift) * farthest / self.camera.lens.image_distance
+
+    @property
+    def foci(self) -> tuple[float, ...]:
+        """Return where the lens of a simulated situation may form images, metres behind the sensor.
+
+        They are those of the band's light, and the focus of a lens that is the same for all light.
+        """
+        return focus_shifts(self.camera.lens, self.band, self._distances_to_lens)
+
+    @property
+    def leaked_foci(self) -> tuple[float, ...]:
+        """Return such places for light that leaks through a simulated situation's filter."""
+        return leaked_focus_shifts(self.camera.lens, self.band, self._distances_to_lens)
+
+    @property
+    def _distances_to_lens(self) -> list[float]:
+        """Return the distances from a simulated situation's target to the lens, in metres."""
+        distances = {layer.distance for layer in self.target.layers}
+        return [object_to_lens_distance(self.camera, one) for one in distances]
 
     @property
     def picture_probe(self) -> PictureProbe:
@@ -116,6 +139,8 @@ class Situation:
                 self.panel_content,
                 self.wavelength,
                 self.picture_probe.distances,
+                foci=self.foci,
+                leaked_foci=self.leaked_foci,
             )
         return self.cache.pattern_probe
 

@@ -14,7 +14,7 @@ from labapp.files.calibration_file import CalibrationFile
 from labapp.files.camera_noise_file import CameraNoiseFile
 from labapp.files.panel_file import PanelTable, with_panel
 from labapp.files.polarisation_table import PolarisationTable
-from labapp.files.quantities import Amount, Finite, Positive, Share
+from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.sensor_file import SensorTable, with_sensor
 from optics.camera import Camera, Lens, Sensor
@@ -32,6 +32,8 @@ class LensTable(FileModel):
     relative_illumination is a data sheet's curve, pairs [mm of image height, share of the light on
     the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴. distortion
     is Brown's [k1, k2] for image heights over the image distance, as OpenCV calibrates them.
+    axial_colour is a curve of pairs [nm, µm by which the image of that wavelength lies farther from
+    the lens than the sensor].
     """
 
     focal_length_mm: Positive
@@ -44,6 +46,7 @@ class LensTable(FileModel):
     aberrations: tuple[tuple[int, int, Finite], ...] = ()
     relative_illumination: tuple[tuple[Amount, Finite], ...] = ()
     distortion: tuple[Finite, Finite] = (0.0, 0.0)
+    axial_colour: tuple[tuple[Nanometres, Finite], ...] = ()
 
     @model_validator(mode="after")
     def _validate_lens(self) -> LensTable:
@@ -71,6 +74,7 @@ class LensTable(FileModel):
             self.kind,
             tuple((height * 1e-3, share) for height, share in self.relative_illumination),
             self.distortion,
+            tuple((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour),
         )
 
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
-from labapp.files.quantities import Amount, Finite, Positive, Share
+from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel
 from labapp.files.sensor_file import specks_in_metres
 from optics.camera import Camera, Lens, Panel, Sensor
@@ -115,6 +115,7 @@ class TrueLensTable(FileModel):
     aberrations: list[Zernike] | None = None
     relative_illumination: list[tuple[Amount, Finite]] | None = None
     distortion: tuple[Finite, Finite] | None = None
+    axial_colour: list[tuple[Nanometres, Finite]] | None = None
 
     def apply(self, lens: Lens) -> Lens:
         changes: dict[str, Any] = {
@@ -128,6 +129,9 @@ class TrueLensTable(FileModel):
         if self.relative_illumination is not None:
             curve = ((height * 1e-3, share) for height, share in self.relative_illumination)
             changes["relative_illumination"] = tuple(curve)
+        if self.axial_colour is not None:
+            shifts = ((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour)
+            changes["axial_colour"] = tuple(shifts)
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
 
 

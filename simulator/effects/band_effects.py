@@ -26,6 +26,7 @@ from simulator.effects.landed_light import is_light_moved, landed_light
 from simulator.effects.likely_errors import FAR
 from simulator.effects.picture_norms import estimated_light
 from simulator.effects.psf_bounds import illuminated_area_change
+from simulator.effects.pupil_rim import focus_turns
 from simulator.effects.rendering_work import (
     FILTER_BANDWIDTH,
     LEVELS,
@@ -251,7 +252,11 @@ def _turned_transfers(
     grown = spectral_measure(s, which).nodes / s.wavelength
     span = sum(_phase_spans(s))
     turns = [np.exp(1j * k * span * (1 / grown - 1)) for k in (0.0, part, -part)]
-    return [one * turn for one in _transfers_over_band(s, which, some) for turn in turns]
+    found = [one * turn for one in _transfers_over_band(s, which, some) for turn in turns]
+    if not s.camera.lens.axial_colour:
+        return found
+    turned = focus_turns(s, spectral_measure(s, which).nodes, np.hypot(some.ky, some.kx))
+    return [one * np.exp(1j * k * turned) for one in found for k in (0.0, part, -part, 2 * part)]
 
 
 def _phase_turns(s: Situation) -> NDArray[np.complex128]:
@@ -280,10 +285,7 @@ def _off_axis_factor(s: Situation) -> float:
 def _phase_spans(s: Situation) -> tuple[float, float]:
     """Return the radians that pattern and lens phases span, for the filter bandwidth effect."""
     shown = max(float(one.max() - one.min()) for one in s.pattern_probe.phases)
-    bent = max(
-        float(one.max() - one.min())
-        for one in map(s.pattern_probe.lens_phase, s.pattern_probe.distances)
-    )
+    bent = max(float(one.max() - one.min()) for one in s.pattern_probe.lens_phases)
     return shown, bent
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from simulator.effects.axial_colour import AxialColour
 from simulator.effects.band_effects import Bandwidth, Leak
 from simulator.effects.crosstalk import PixelCrosstalk
 from simulator.effects.crystal import CrystalResponse
@@ -65,6 +66,7 @@ EFFECTS: tuple[Effect, ...] = (
     PanelOrders(),
     FieldPosition(),
     Vignetting(),
+    AxialColour(),
     Diffraction(),
     PSFReach(),
     Vibration(),

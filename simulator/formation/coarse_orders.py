@@ -162,7 +162,7 @@ class CoarseOrders:
 
     def _orders(self, field: torch.Tensor | None, wavelength: float, distance: float) -> Array:
         """Return a panel's field in its side orders, rendered by cells; None is an even field."""
-        camera = self._kernels.camera
+        camera = self._kernels.camera_at(wavelength)
         lit = torch.ones(camera.panel.shape) if field is None else field
         lens = LensProbe(camera, wavelength, distance, self._cache).field(distance)
         side = math.sqrt(camera.panel.fill_factor)

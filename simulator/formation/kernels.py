@@ -18,6 +18,7 @@ from optics.slm.reflection import front_reflection_share
 from optics.stop_shadow import share_through_stop
 from optics.validation import as_number
 from simulator.exposure_fields import WeightedFields, exposure_fields
+from simulator.focus import defocused
 from simulator.formation.rays import RayOperator
 from simulator.formation.windows import ORDER_FADE_PIXELS, Windows
 from simulator.formation.work import psf_operations, ray_operations
@@ -82,8 +83,16 @@ class Kernels:
         r = self._recipe
         beats = self._s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
-        axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction)
+        axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction, r.axial_colour)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
+
+    def camera_at(self, wavelength: float) -> Camera:
+        """Return the camera in the panel's axes by which light of a wavelength is rendered."""
+        shift = self._s.camera.lens.focus_shift(wavelength) if self._recipe.axial_colour else 0.0
+        if not shift:
+            return self.camera
+        camera = replace(self._s.camera, panel=self._recipe.panel)
+        return self._s.mount.camera_in_panel_axes(defocused(camera, shift))
 
     def psf(
         self,
@@ -228,11 +237,11 @@ class Kernels:
             plane = self._s.mount.plane_in_panel_axes(plane)
         return replace(plane, centre=self._order_offset(point.wavelength, order))
 
-    def _without_image_shift(self, plane: Plane, distance: float) -> Plane:
+    def _without_image_shift(self, plane: Plane, camera: Camera, distance: float) -> Plane:
         """Return the plane on which a centred panel has the light that is rendered on a plane."""
         if self._s.mount.is_centred:
             return plane
-        moved = self._s.mount.image_shift_in_panel_axes(self.camera, distance)
+        moved = self._s.mount.image_shift_in_panel_axes(camera, distance)
         y, x = (one - away for one, away in zip(plane.centre, moved, strict=True))
         return replace(plane, centre=(y, x))
 
@@ -244,9 +253,9 @@ class Kernels:
         Unmodulated light is left to the modulator.
         """
         tol = tol or self._s.numerics
-        plane = self._without_image_shift(self._around(point, order), point.distance)
+        camera, recipe = self.camera_at(point.wavelength), self._recipe
+        plane = self._without_image_shift(self._around(point, order), camera, point.distance)
         place = self._place_in_panel_axes(point.distance, point.place)
-        camera, recipe = self.camera, self._recipe
         if not recipe.diffraction:
             return RayOperator(camera, point.distance, point.wavelength, plane, place)
         causes = ("operator", camera, tol, point, plane)

@@ -20,12 +20,13 @@ from optics.slm import Modulator
 from optics.slm.gap import max_gap_power
 from optics.slm.phase_range import max_phase
 from optics.validation import as_number
+from simulator.focus import defocused
 from simulator.panel_at_wavelength import modulator_at
 from simulator.panel_content import PanelContent
 from simulator.probing.far_field import FarField
 from simulator.probing.lens_probe import LensProbe
 from simulator.probing.order_kernel import order_kernel, side_order_kernel
-from simulator.probing.transfer_bounds import TransferBounds, rings
+from simulator.probing.transfer_bounds import TransferBounds, largest_near, rings
 
 Array = NDArray[np.float64]
 
@@ -84,7 +85,8 @@ class PatternProbe:
     the lens' phase for the nearest and the farthest of the given distances. Each property is
     computed when it is first needed. wavelength, distances: metres. cache: stores the effect of
     lens and stop for other patterns. samples_per_spot: of far fields; fewer than 2
-    suffice for estimates.
+    suffice for estimates. foci, leaked_foci: metres behind the sensor at which the lens may form
+    its image of the band's light and of light that leaks; all light is probed in each of them.
     """
 
     def __init__(
@@ -96,14 +98,24 @@ class PatternProbe:
         cache: ByteCache | None = None,
         *,
         samples_per_spot: float = 2,
+        foci: tuple[float, ...] = (0.0,),
+        leaked_foci: tuple[float, ...] = (),
     ) -> None:
         if not distances:
             raise ValueError("distances is empty; give that of one layer at least")
         self.camera, self.panel_content, self.wavelength = camera, panel_content, wavelength
         self.distances = tuple(sorted({min(distances), max(distances)}))
         cache = ByteCache() if cache is None else cache
-        self._lens = LensProbe(camera, wavelength, self.distances[0], cache, samples_per_spot)
-        self.samples_per_spot = samples_per_spot
+        lenses, leaked = (
+            [LensProbe(defocused(camera, one), wavelength, self.distances[0], cache,
+                       samples_per_spot) for one in some]
+            for some in (foci, leaked_foci)
+        )  # fmt: skip
+        self._lens = lenses[0]
+        self._states = [(lens, distance) for lens in lenses for distance in self.distances]
+        self._leaked = [(lens, distance) for lens in leaked for distance in self.distances]
+        self.samples_per_spot, self.foci, self.leaked_foci = samples_per_spot, foci, leaked_foci
+        self._far_fields: dict[tuple[LensProbe, float, int], FarField] = {}
         self.results: dict[Hashable, Any] = {}
         """Results that effects have computed from this probe, by what else they depend on."""
 
@@ -195,27 +207,35 @@ class PatternProbe:
         """Return the metres on the sensor between the probed panel's diffraction orders."""
         return self.wavelength * as_number(self.camera.ray_matrix_b) / self.panel.pitch
 
-    def lens_phase(self, distance: float) -> torch.Tensor:
-        """Return the phase that the probed lens adds to a point's light on the panel, radians."""
-        return self._lens.lens_phase(distance)
+    @property
+    def lens_phases(self) -> list[torch.Tensor]:
+        """Return the phase that the probed lens adds to a point's light on the panel, radians.
 
-    def _far(self, field: torch.Tensor, distance: float) -> FarField:
+        There is one for each distance and focus.
+        """
+        return [lens.lens_phase(distance) for lens, distance in self._states]
+
+    def _far(self, field: torch.Tensor, lens: LensProbe, distance: float) -> FarField:
         """Return the probed far field of a field behind the panel, with the lens' phase."""
         # A neutral pattern has the far field of unmodulated light.
         if bool((field == field[0, 0]).all()):
-            return self._lens.unmodulated_far_field(distance)
-        side = math.sqrt(self.panel.fill_factor)
-        return FarField(self._lens.field(distance) * field, side, self.samples_per_spot)
+            return lens.unmodulated_far_field(distance)
+        known = lens, distance, id(field)
+        if known not in self._far_fields:
+            side = math.sqrt(self.panel.fill_factor)
+            found = FarField(lens.field(distance) * field, side, self.samples_per_spot)
+            self._far_fields[known] = found
+        return self._far_fields[known]
 
     @cached_property
     def _pattern_far_fields(self) -> list[list[FarField]]:
-        """Return the far fields of every probed picture, for each distance."""
-        return [[self._far(field, d) for field in self.fields] for d in self.distances]
+        """Return the far fields of every probed picture, for each distance and focus."""
+        return [[self._far(field, *state) for field in self.fields] for state in self._states]
 
     @cached_property
     def _unmodulated_far_fields(self) -> list[FarField]:
-        """Return the probed far field of unmodulated light for each distance."""
-        return [self._lens.unmodulated_far_field(d) for d in self.distances]
+        """Return the probed far field of unmodulated light for each distance and focus."""
+        return [lens.unmodulated_far_field(distance) for lens, distance in self._states]
 
     @cached_property
     def _possible_far_fields(self) -> list[FarField]:
@@ -224,12 +244,15 @@ class PatternProbe:
         These are the far fields with all effects of the panel, with none of them, and of
         unmodulated light.
         """
-        fields, distances = self._ideal_fields, self.distances
-        bare = [self._far(field, d) for d in distances for field in fields]
+        states = [*self._states, *self._leaked]
+        bare = [self._far(field, *state) for state in states for field in self._ideal_fields]
+        leaked = [self._far(field, *state) for state in self._leaked for field in self.fields]
         every = [
             *(one for there in self._pattern_far_fields for one in there),
             *bare,
+            *leaked,
             *self._unmodulated_far_fields,
+            *(lens.unmodulated_far_field(distance) for lens, distance in self._leaked),
         ]
         return list(dict.fromkeys(every))
 
@@ -289,7 +312,7 @@ class PatternProbe:
         """
         worst = 0.0
         straight = torch.ones(self.panel.shape, dtype=torch.complex64)
-        waves = [self.lens_phase(distance) for distance in self.distances]
+        waves = self.lens_phases
         for field in (*self.fields, straight):
             for wave in waves:
                 turns = [self._mean_step(field, wave, axis) for axis in (0, 1)]
@@ -378,9 +401,8 @@ class PatternProbe:
 
     @cached_property
     def transfer_bounds(self) -> TransferBounds:
-        """Bound the probed PSF's transfer function, for all pictures and distances."""
-        shape = self._pattern_far_fields[0][0].light.shape
-        bins = rings(shape)
+        """Bound the probed PSF's transfer function, for all pictures, distances and foci."""
+        bins = rings(self._shape)
         held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
         mixed = []
         for there, straight in zip(
@@ -402,6 +424,44 @@ class PatternProbe:
             np.sqrt(most),
             np.maximum.accumulate(np.sqrt(lost)),
         )
+
+    def focus_change(self, number: int, frequency: Array, spread: float) -> Array:
+        """Bound how the probed transfer functions in a focus differ from those in the first one.
+
+        number: of the focus in `foci` and `leaked_foci`. The change is the largest of all fields,
+        near frequencies in cycles per metre; see largest_near().
+        """
+        edges = rings(self._shape).edges / self.period
+        return largest_near(edges[:-1], edges[1:], self._focus_changes[number], frequency, spread)
+
+    @cached_property
+    def _focus_changes(self) -> list[Array]:
+        """Return the largest changes of probed transfer functions by focus, in radial bins."""
+        fields, bins = [*self._ideal_fields, *self.fields], rings(self._shape)
+        count, found = len(self.distances), list[Array]()
+        states = [*self._states, *self._leaked]
+        for first in range(0, len(states), count):
+            changes = []
+            for (lens, distance), (same, _) in zip(states[first:], states[:count], strict=False):
+                pairs = [
+                    (self._far(one, lens, distance), self._far(one, same, distance))
+                    for one in fields
+                ]
+                straight = (
+                    lens.unmodulated_far_field(distance),
+                    same.unmodulated_far_field(distance),
+                )
+                changes += [
+                    bins.most(_power(a.transfer - b.transfer)) for a, b in (*pairs, straight)
+                ]
+            found.append(np.sqrt(np.max(changes, axis=0)))
+        return found
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        """Return the samples (rows, columns) of a probed far field."""
+        rows, columns = self._pattern_far_fields[0][0].light.shape
+        return rows, columns
 
     def transfers_at(
         self, ky: Array, kx: Array, half: tuple[float, float]
@@ -444,8 +504,8 @@ class PatternProbe:
         picture.
         """
         found, side = [], math.sqrt(self.panel.fill_factor)
-        for distance in self.distances:
-            lens, transfers = self._lens.field(distance), []
+        for state, distance in self._states:
+            lens, transfers = state.field(distance), []
             for move in moves:
                 away = move[0] / self.panel.pitch, move[1] / self.panel.pitch
                 field = _move_pixels(lens, *away) * self.fields[0]

@@ -48,14 +48,7 @@ class TransferBounds:
 
         spread: factor by which the blur may be wider or narrower.
         """
-        last = len(self.high) - 1
-        first = np.searchsorted(self.high, frequency / spread) - 1
-        end = np.searchsorted(self.low, frequency * spread, side="right")
-        first, end = np.clip(first, 0, last), np.clip(end, 0, last)
-        found = self.most[first]
-        for step in range(1, int((end - first).max(initial=0)) + 1):
-            found = np.maximum(found, self.most[np.minimum(first + step, end)])
-        return found
+        return largest_near(self.low, self.high, self.most, frequency, spread)
 
     def least_between(self, low: Array, high: Array) -> Array:
         """Return the least ``|H|`` of the probed pattern's light in each range of frequencies."""
@@ -71,6 +64,22 @@ class TransferBounds:
 
     def mean_square_between(self, low: Array, high: Array) -> Array:
         return _least(self, self.mean_square, low, high)
+
+
+def largest_near(low: Array, high: Array, values: Array, frequency: Array, spread: float) -> Array:
+    """Return the largest of a probed pattern's values in the bins near each frequency.
+
+    low, high: edges of the bins. spread: factor by which a bin may be off the frequency. Beyond the
+    last bin, the last value is used.
+    """
+    last = len(high) - 1
+    first = np.searchsorted(high, frequency / spread) - 1
+    end = np.searchsorted(low, frequency * spread, side="right")
+    first, end = np.clip(first, 0, last), np.clip(end, 0, last)
+    found = values[first]
+    for step in range(1, int((end - first).max(initial=0)) + 1):
+        found = np.maximum(found, values[np.minimum(first + step, end)])
+    return found
 
 
 def _least(of: TransferBounds, values: Array, low: Array, high: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Dust, crosstalk, vibration, distortion and relative illumination against a slow judge."""
+"""Dust, crosstalk, vibration, colour, distortion and falling light against a slow judge."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from judges.imperfect_camera import Array, imperfect
+from judges.imperfect_camera import Array, imperfect, out_of_focus
 
 from figures import Figure
 from figures.problems import log_uniform
@@ -17,6 +17,7 @@ from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band
 from optics.threads import single_threaded
+from simulator.effects.band_effects import Bandwidth
 from simulator.effects.registry import EFFECTS
 from simulator.formation import expected_electrons
 from simulator.imaging import Imaging
@@ -27,10 +28,11 @@ from simulator.planning.effect_plan import build_recipe
 from simulator.scene import PhotographPrint, Star, Target
 from simulator.situation import Situation
 
-NAMES = ("vibration", "distortion", "vignetting", "dust", "pixel crosstalk")
+NAMES = ("axial colour", "vibration", "distortion", "vignetting", "dust", "pixel crosstalk")
 
 _SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
 _GOAL = 0.01
+_NARROW, _WAVELENGTHS = Band(550e-9, 1e-9), 21
 _PANEL = Panel(shape=(24, 32), pitch=40e-6, unmodulated=0.0)
 _IDEAL = Camera(
     _PANEL, Lens(0.05, 40.0, 1.0),
@@ -47,29 +49,47 @@ class Draw:
     larger: Target
     camera: Camera
     exposure: float
+    band: Band = _NARROW
 
     @property
     def situation(self) -> Situation:
-        return _situation(self.target, self.camera, self.exposure)
+        return _situation(self.target, self.camera, self.exposure, self.band)
 
-    def fine_picture(self) -> Array:
-        """By an ideal camera, on a frame twice as large and pixels a quarter as large."""
-        one = _IDEAL.sensor
-        shape = (2 * _FINER * one.shape[0], 2 * _FINER * one.shape[1])
-        fine = replace(_IDEAL, sensor=replace(one, shape=shape, pitch=one.pitch / _FINER))
-        s = _situation(self.larger, fine, self.exposure)
-        return _FINER**2 * rendered(s, (), 1, aperture=False)
-
-    def judged(self, fine: Array, without: str = "") -> Array:
+    def judged(self, without: str = "") -> Array:
+        """The sum of its wavelengths by the midpoint rule, each by a narrow band."""
         camera = ideal_in(self.camera, without)
         periods = min(camera.vibration_frequency * self.exposure, 1e6)
         seen = camera.vibration * math.sqrt(1 - float(np.sinc(periods)) ** 2)
+        if not camera.lens.axial_colour:
+            return imperfect(self._fine_picture(self.band, camera.lens), _FINER, camera, seen)
+        low, high = self.band.support
+        middles = low + (high - low) * (np.arange(_WAVELENGTHS) + 0.5) / _WAVELENGTHS
+        passed = self.band.transmission(middles) * (high - low) / _WAVELENGTHS
+        fine = 0.0
+        for wavelength, width in zip(middles.tolist(), passed.tolist(), strict=True):
+            narrow = replace(_NARROW, centre=wavelength)
+            ends = np.linspace(*narrow.support, 2001)
+            alone = float(np.trapezoid(narrow.transmission(ends), ends))
+            fine = fine + width / alone * self._fine_picture(narrow, camera.lens)
         return imperfect(fine, _FINER, camera, seen)
 
+    def _fine_picture(self, band: Band, lens: Lens) -> Array:
+        """By a lens that is ideal but for its focus, on a frame twice as large and pixels a quarter
+        as large."""
+        one = _IDEAL.sensor
+        shape = (2 * _FINER * one.shape[0], 2 * _FINER * one.shape[1])
+        focused = replace(_IDEAL.lens, axial_colour=lens.axial_colour)
+        fine = replace(
+            _IDEAL,
+            lens=out_of_focus(focused, band.centre),
+            sensor=replace(one, shape=shape, pitch=one.pitch / _FINER),
+        )
+        s = _situation(self.larger, fine, self.exposure, band)
+        return _FINER**2 * rendered(s, (), 1, aperture=False)
 
-def _situation(target: Target, camera: Camera, exposure: float) -> Situation:
+
+def _situation(target: Target, camera: Camera, exposure: float, band: Band) -> Situation:
     shown = PanelContent.of(np.zeros((1, *camera.panel.shape), np.uint8), math.inf)
-    band = Band(550e-9, 1e-9)
     return Situation(camera, Mount(), target, band, shown, 0.0, exposure, numerics=1e-5)
 
 
@@ -80,6 +100,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
     even = tuple((height, 1.0) for height, _ in lens.relative_illumination)
     return {
         "": camera,
+        "axial colour": replace(camera, lens=replace(lens, axial_colour=())),
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
@@ -92,7 +113,24 @@ def draws(count: int, weakest: float) -> Iterator[Draw]:
     """weakest: of all strengths, over the largest."""
     for number in range(count):
         rng = np.random.default_rng([_SEED, number])
-        yield _draw(rng, lambda most, rng=rng: most * log_uniform(rng, weakest, 1.0))
+        draw = _draw(rng, lambda most, rng=rng: most * log_uniform(rng, weakest, 1.0))
+        yield _coloured(np.random.default_rng([_SEED, number, 1]), draw, weakest)
+
+
+def _coloured(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:
+    """In every other draw a band of up to 40 nm, and a lens that doesn't unite it."""
+    if rng.random() < 0.5:
+        return draw
+    blue, red = (
+        float(rng.choice([-1, 1])) * 4e-3 * log_uniform(rng, weakest, 1.0) for _ in range(2)
+    )
+    curve = ((450e-9, blue), (550e-9, float(rng.uniform(-1, 1)) * blue), (650e-9, red))
+    camera = replace(draw.camera, lens=replace(draw.camera.lens, axial_colour=curve))
+    return replace(
+        draw,
+        camera=camera,
+        band=Band(float(rng.uniform(500e-9, 600e-9)), float(rng.uniform(5e-9, 40e-9))),
+    )
 
 
 def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untyped-def]
@@ -131,6 +169,8 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
 def rendered(s: Situation, names: tuple[str, ...], sampling: int, *, aperture: bool) -> Array:
     """By waves in a large window, with some of the imperfections and nothing else."""
     chosen = {"diffraction": 1, "PSF reach": 1, "light sampling": sampling}
+    if names:
+        chosen["filter bandwidth"] = Bandwidth().finest_level(s)
     present = [one.name for one in EFFECTS if one.name in names and one.is_present(s)]
     levels = chosen | dict.fromkeys(present, 1) | ({"pixel aperture": 1} if aperture else {})
     recipe = build_recipe(EFFECTS, s, levels)
@@ -155,7 +195,7 @@ def imperfect_camera_figures(folder: Path) -> list[Figure]:
     """Pictures with everything on, and what plans leave out of others."""
     errors = []
     for draw in draws(_DRAWS, 0.1):
-        wanted = draw.judged(draw.fine_picture())
+        wanted = draw.judged()
         errors.append(_apart(rendered(draw.situation, NAMES, 3, aperture=True), wanted))
     off = wrong = there = 0
     worst = 0.0
@@ -167,10 +207,9 @@ def imperfect_camera_figures(folder: Path) -> list[Figure]:
         there, off = there + len(present), off + len(left)
         if not left:
             continue
-        fine = draw.fine_picture()
-        whole = draw.judged(fine)
+        whole = draw.judged()
         for name in left:
-            less = draw.judged(fine, name)
+            less = draw.judged(name)
             change = max(_apart(less, whole), _apart(_noise(less), _noise(whole)))
             worst, wrong = max(worst, change), wrong + (change > _TOL)
     return [

@@ -152,7 +152,8 @@ def random_situation(rng: np.random.Generator) -> Situation:
 
 
 def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
-    """With distortion of up to 4 % in the corner, or a curve of relative illumination."""
+    """With distortion of up to 4 % in the corner, a curve of relative illumination, or colour that
+    blurs over up to ten pixels."""
     corner = math.hypot(*camera.sensor.shape) * camera.sensor.pitch / 2
     lens = camera.lens
     if rng.random() < 0.4:
@@ -162,6 +163,14 @@ def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
         least = float(rng.uniform(0.3, 1.0))
         curve = ((0.0, 1.0), (0.6 * corner, 0.6 + 0.4 * least), (1.1 * corner, least))
         lens = replace(lens, relative_illumination=curve)
+    if rng.random() < 0.4:
+        per_pixel = camera.sensor.pitch * lens.image_distance / lens.stop_diameter
+        blue, red = (
+            float(rng.choice([-1, 1]))
+            * min(log_uniform(rng, 0.01, 10) * per_pixel, 0.03 * lens.image_distance)
+            for _ in range(2)
+        )
+        lens = replace(lens, axial_colour=((400e-9, blue), (550e-9, 0.0), (700e-9, red)))
     return lens
 
 

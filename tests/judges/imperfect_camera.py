@@ -6,6 +6,7 @@ scipy alone.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -34,6 +35,21 @@ def imperfect(fine: Array, finer: int, camera: Camera, vibration: float) -> Arra
     a = one.crosstalk
     along = np.array([a, 1 - 2 * a, a])
     return np.asarray(convolve(pixels, along[:, None] * along, mode="nearest"))
+
+
+def out_of_focus(lens: Lens, wavelength: float) -> Lens:
+    """A lens without colour that is as far from sharp as the lens is at a wavelength.
+
+    At its edge, the waves that converge on the image and on the sensor are apart by half of
+    1/z - 1/z' times r². The Zernike polynomial (2, 0) goes from -√3 to √3.
+    """
+    if not lens.axial_colour:
+        return lens
+    z = float(lens.image_distance)
+    behind = z + np.interp(wavelength, *np.array(lens.axial_colour).T)
+    edge = (1 / z - 1 / behind) * float(lens.stop_diameter) ** 2 / 8
+    path = ((2, 0, float(edge) / (2 * 3**0.5)),)
+    return replace(lens, axial_colour=(), aberrations=path)
 
 
 def _places(count: int, finer: int) -> Array:

@@ -45,6 +45,7 @@ focus_distance_m = 1.9
 aberrations = [[3, 1, 50.0]]
 relative_illumination = [[0, 1], [20, 0.5]]
 distortion = [-0.2, 0.1]
+axial_colour = [[450, 40], [550, 0]]
 
 [truth.sensor]
 crosstalk_percent = 3
@@ -107,6 +108,7 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     assert (lens.f_number, lens.aberrations) == (5.0, ((3, 1, pytest.approx(50e-9)),))
     assert lens.relative_illumination == ((0, 1), (0.02, 0.5))
     assert lens.distortion == (-0.2, 0.1)
+    assert lens.focus_shift(500e-9) == pytest.approx(20e-6)
 
 
 def test_the_mount_is_in_degrees():

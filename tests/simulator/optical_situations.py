@@ -13,6 +13,7 @@ from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import PanelMap, PhaseResponse
 from simulator.effects import registry
+from simulator.effects.axial_colour import AxialColour
 from simulator.effects.band_effects import Bandwidth, Leak
 from simulator.effects.crosstalk import PixelCrosstalk
 from simulator.effects.crystal import CrystalResponse
@@ -50,6 +51,7 @@ EFFECTS: tuple[Effect, ...] = (
     FieldPosition(),
     Vignetting(),
     PanelOrders(),
+    AxialColour(),
     Vibration(),
     Distortion(),
     VeilingGlare(),
@@ -166,7 +168,10 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
         dust_distance=float(rng.uniform(2e-4, 3e-3)),
     )
     bent = (float(rng.choice([0.0, 0.0, -300.0, 1000.0])), 0.0)
-    camera = replace(camera, sensor=sensor, lens=replace(camera.lens, distortion=bent))
+    blue, red = (float(10 ** rng.uniform(-5, -2.7)) * rng.choice([-1, 1]) for _ in range(2))
+    colour = ((400e-9, float(blue)), (540e-9, 0.0), (720e-9, float(red)))
+    lens = replace(camera.lens, distortion=bent, axial_colour=colour if rng.random() < 0.4 else ())
+    camera = replace(camera, sensor=sensor, lens=lens)
     trembling = float(rng.choice([0.0, 2e-6, 15e-6]))
     camera = replace(camera, vibration=trembling, vibration_frequency=rng.uniform(5, 100))
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)

@@ -121,6 +121,12 @@ def bent() -> Situation:
     return seen(wide, target=at_the_corner(wide, 3))
 
 
+def out_of_focus_by_colour() -> Situation:
+    """A slope over a band about a wavelength in focus: the rim's light lands pixels away."""
+    lens = Lens(0.05, 40.0, 1.0, axial_colour=((450e-9, -4e-3), (650e-9, 4e-3)))
+    return seen(camera(pitch=20e-6, lens=lens), band=Band(580e-9, 5e-9))
+
+
 SPECK = (1e-4, -1e-4, 3e-4)
 
 
@@ -226,6 +232,7 @@ WORST = [
           "a spot has a mean of its own"),
     Worst("vibration", lambda: seen(replace(camera(pitch=10e-6), vibration=10e-6)), {0: 4},
           "no PSF is known so well; what pixels fold back counts again"),
+    Worst("axial colour", out_of_focus_by_colour, {0: 6}, "×1.3; every frequency at its worst"),
     Worst("distortion", bent, {0: 12}, "all light takes the longest way, its phases as they are"),
     Worst("dust", lambda: on_sensor(seen(target=Flat(1.0, 1e7), camera=camera()), dust=(SPECK,),
                                     dust_distance=2e-3), {0: 1.5},

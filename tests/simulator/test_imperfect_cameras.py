@@ -11,11 +11,17 @@ from figures.imperfect_cameras import NAMES, draws, rendered
 from optical_situations import CAMERA, situation
 
 import simulator.formation.mean_picture as picture
+from optics.camera import Lens
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging
 
 ADDED = [one for one in EFFECTS if one.name in {*NAMES} - {"vignetting"}]
-RENDERING = ("vibration_transfer", "distort", "cast_shadows", "mix_neighbours")
+RENDERING = (
+    (Lens, "defocused"),
+    *((picture, name) for name in (
+        "vibration_transfer", "distort", "cast_shadows", "mix_neighbours"
+    )),
+)  # fmt: skip
 
 
 def never(*args, **kwargs):
@@ -25,7 +31,7 @@ def never(*args, **kwargs):
 @pytest.mark.parametrize("number", range(4))
 def test_a_picture_is_what_rays_and_sums_make_of_it(number):
     draw = next(islice(draws(4, 0.1), number, None))
-    wanted = draw.judged(draw.fine_picture())
+    wanted = draw.judged()
     found = rendered(draw.situation, NAMES, 3, aperture=True)
     assert found == pytest.approx(wanted, abs=0.03 * wanted.max())
     assert ((found - wanted) ** 2).sum() <= 0.01**2 * (wanted**2).sum()
@@ -37,17 +43,18 @@ def test_what_a_camera_has_not_got_costs_nothing(monkeypatch):
     for effect in ADDED:
         for name in ("error_bound", "estimated_error", "added_operations", "add_to_recipe"):
             monkeypatch.setattr(type(effect), name, never)
-    for name in RENDERING:
-        monkeypatch.setattr(picture, name, never)
+    for owner, name in RENDERING:
+        monkeypatch.setattr(owner, name, never)
     s, imaging = situation(), Imaging(1e-3)
     imaging.electrons(s, imaging.plan(s).recipe)
 
 
 def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
-    for name in RENDERING:
-        monkeypatch.setattr(picture, name, never)
+    for owner, name in RENDERING:
+        monkeypatch.setattr(owner, name, never)
     sensor = replace(CAMERA.sensor, crosstalk=1e-6, dust=((0.0, 0.0, 1e-8),), dust_distance=1e-3)
-    lens = replace(CAMERA.lens, distortion=(1e-3, 0.0))
+    colour = ((400e-9, 1e-9), (700e-9, -1e-9))
+    lens = replace(CAMERA.lens, distortion=(1e-3, 0.0), axial_colour=colour)
     s = situation(camera=replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9))
     plan = Imaging(1e-2).plan(s)
     left_out = [one.name for one in ADDED if one.is_present(s) and not plan.level(one.name)]
