@@ -13,6 +13,7 @@ from labapp.files.bench_file import BenchFile, read_bench, read_camera, read_cam
 from labapp.files.calibration_file import CalibrationFile, ZerothOrderTable, calibration_to_json
 from labapp.files.camera_file import CameraFile, LensTable
 from labapp.files.reading import bundled_path
+from optics.camera import Ghost
 from optics.stop.aperture import Circle, Stop, regular_polygon
 
 BENCH = bundled_path("bench.toml").read_text()
@@ -111,6 +112,18 @@ def test_a_veil_is_a_share_of_the_light(tmp_path):
     assert read(tmp_path, shaken).build_camera().vibration_frequency == math.inf
     with pytest.raises(UserError, match=r"key 'glare' is 1\.5: .* less than or equal to 1"):
         read(tmp_path, veiled.replace("0.02", "1.5", 1))
+
+
+def test_ghosts_are_tables_in_millimetres_and_share_the_light(tmp_path):
+    table = "\n[[ghosts]]\nshare = 0.6\nmagnification = -1.2\nblur_mm = 1.5\n"
+    found = read(tmp_path, CAMERA + table).build_camera().ghosts
+    assert found == (Ghost(0.6, -1.2, 1.5e-3),)
+    with pytest.raises(UserError, match=r"ghosts have 1\.2 of the light together"):
+        read(tmp_path, CAMERA + 2 * table)
+    with pytest.raises(UserError, match=r"magnification is 0; give the ghost's size"):
+        read(tmp_path, CAMERA + table.replace("-1.2", "0"))
+    with pytest.raises(UserError, match="blur_mm"):
+        read(tmp_path, CAMERA + table.replace("1.5", "-1"))
 
 
 def test_a_lens_curve_of_relative_illumination_reaches_the_corner(tmp_path):

@@ -11,11 +11,12 @@ from figures.imperfect_cameras import NAMES, draws, rendered
 from optical_situations import CAMERA, situation
 
 import simulator.formation.mean_picture as picture
+from optics.camera import Ghost
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging
 
 ADDED = [one for one in EFFECTS if one.name in {*NAMES} - {"vignetting"}]
-RENDERING = ("vibration_transfer", "distort", "cast_shadows", "mix_neighbours")
+RENDERING = ("vibration_transfer", "distort", "ghost_on_pixels", "cast_shadows", "mix_neighbours")
 
 
 def never(*args, **kwargs):
@@ -48,7 +49,8 @@ def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
         monkeypatch.setattr(picture, name, never)
     sensor = replace(CAMERA.sensor, crosstalk=1e-6, dust=((0.0, 0.0, 1e-8),), dust_distance=1e-3)
     lens = replace(CAMERA.lens, distortion=(1e-3, 0.0))
-    s = situation(camera=replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9))
+    camera = replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9, ghosts=(Ghost(1e-6, -1.0),))
+    s = situation(camera=camera)
     plan = Imaging(1e-2).plan(s)
     left_out = [one.name for one in ADDED if one.is_present(s) and not plan.level(one.name)]
     assert len(left_out) == len(ADDED)
