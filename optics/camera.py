@@ -11,6 +11,8 @@ import numpy as np
 
 from optics.colour_curve import colour_curve_at, require_colour_curve
 from optics.distortion import RadialDistortion
+from optics.ghost import Ghost as Ghost
+from optics.ghost import require_ghosts
 from optics.quantity_ranges import RANGES, ask_about_unit
 from optics.sensor.sensor import Sensor as Sensor
 from optics.slm.panel import Panel as Panel
@@ -225,12 +227,15 @@ class Camera:
     vibration_frequency : float, optional
         Hertz; exposures of less than a period are blurred less. By default, every exposure has
         many periods.
+    ghosts : tuple of Ghost, optional
+        Copies of the picture that reflections within the lens make. Only the simulator uses them.
 
     Raises
     ------
     ValueError
-        If a share is outside 0 to 1, the separation is negative or infinite, or the lens' relative
-        illumination or distortion isn't known up to the sensor's corner.
+        If a share is outside 0 to 1, ghosts have more than all of the light, the separation is
+        negative or infinite, or the lens' relative illumination or distortion isn't known up to the
+        sensor's corner.
 
     References
     ----------
@@ -245,10 +250,12 @@ class Camera:
     glare: float = 0.0
     vibration: float = 0.0
     vibration_frequency: float = math.inf
+    ghosts: tuple[Ghost, ...] = ()
 
     def __post_init__(self) -> None:
         require_share("transmission", self.transmission)
         require_share("glare", self.glare)
+        require_ghosts(self.ghosts)
         if not 0 <= self.vibration < math.inf:
             raise ValueError(f"vibration is {self.vibration:g} m; it is 0 or more, and finite")
         if not self.vibration_frequency > 0:

@@ -30,9 +30,9 @@ class Recipe:
     grid on each side, by PSFs; `coarse_orders`: two on each side instead, on cells of pixels.
     `vignetting`: whether the light falls off towards the field's edge. `lamp`: whether the lamp's
     waveform counts. `rolling`: whether rows are exposed one after the other. `vibration`: whether
-    the image trembles. `distortion`: whether the lens distorts the picture. `glare`: whether
-    veiling glare is added. `dust`: whether dust casts shadows. `crosstalk`: whether neighbours
-    collect some of a pixel's electrons.
+    the image trembles. `distortion`: whether the lens distorts the picture. `ghosts`: whether the
+    lens' ghosts are added. `glare`: whether veiling glare is added. `dust`: whether dust casts
+    shadows. `crosstalk`: whether neighbours collect some of a pixel's electrons.
 
     Window: `window`, the PSF's side in sensor pixels; `samples_per_pixel`, samples of PSFs in a
     pixel along each axis; `picture_samples_per_pixel`, the same of the pictures before they are
@@ -64,6 +64,7 @@ class Recipe:
     axial_colour: bool = False
     distortion: bool = False
     vibration: bool = False
+    ghosts: bool = False
     pixel_aperture: bool = False
     glare: bool = False
     dust: bool = False

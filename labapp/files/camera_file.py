@@ -12,12 +12,14 @@ from pydantic import Field, model_validator
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile
 from labapp.files.camera_noise_file import CameraNoiseFile
+from labapp.files.ghost_table import GhostTable
 from labapp.files.panel_file import PanelTable, with_panel
 from labapp.files.polarisation_table import PolarisationTable
 from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.sensor_file import SensorTable, with_sensor
 from optics.camera import Camera, Lens, Sensor
+from optics.ghost import require_ghosts
 from optics.slm import Panel
 from optics.stop.aperture import Circle, Stop, regular_polygon
 
@@ -88,7 +90,7 @@ class CameraFile(FileModel):
     `labapp calibrate --camera`, whose measurements replace those of the sensor. glare is
     the share of the light that veils the picture evenly. vibration_um is how far the image trembles
     on the sensor, root mean square along each axis, vibration_hz how often; without vibration_hz,
-    many times in every exposure.
+    many times in every exposure. ghosts are copies of the picture that the lens' reflections make.
     """
 
     version: Literal[1]
@@ -103,6 +105,7 @@ class CameraFile(FileModel):
     glare: Share = 0.0
     vibration_um: Amount = 0.0
     vibration_hz: Positive | None = None
+    ghosts: tuple[GhostTable, ...] = ()
 
     @model_validator(mode="after")
     def _require_one_unmodulated_share(self) -> Self:
@@ -118,6 +121,11 @@ class CameraFile(FileModel):
                 f"key 'panel.unmodulated' is {given:g}, and from the table 'polarisation' follows "
                 f"{share:.3g}; remove one of the two"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _require_light_for_ghosts(self) -> Self:
+        require_ghosts([one.build() for one in self.ghosts])
         return self
 
     @model_validator(mode="after")
@@ -208,6 +216,7 @@ class CameraFile(FileModel):
             self.glare,
             self.vibration_um * 1e-6,
             self.vibration_hz or math.inf,
+            tuple(one.build() for one in self.ghosts),
         )
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:

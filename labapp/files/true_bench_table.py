@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
+from labapp.files.ghost_table import GhostTable
 from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel
 from labapp.files.sensor_file import specks_in_metres
@@ -186,6 +187,7 @@ class TrueBenchTable(FileModel):
     sensor: TrueSensorTable = TrueSensorTable()
     vibration_um: Amount | None = None
     vibration_hz: Positive | None = None
+    ghosts: list[GhostTable] | None = None
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
@@ -203,6 +205,7 @@ class TrueBenchTable(FileModel):
         changes: dict[str, Any] = {
             "vibration": _times(self.vibration_um, 1e-6),
             "vibration_frequency": self.vibration_hz,
+            "ghosts": None if self.ghosts is None else tuple(one.build() for one in self.ghosts),
         }
         true = replace(true, **{k: v for k, v in changes.items() if v is not None})
         _with_table_in_errors("mount", lambda: self.mount.require_light(true))

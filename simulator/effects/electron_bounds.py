@@ -10,7 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from optics.camera import Sensor
+from optics.camera import Camera, Sensor
+from optics.ghost import total_share
 from optics.sensor import Stages
 from optics.sensor.moment_table import moment_tables
 from simulator.effects.psf_bounds import (
@@ -89,9 +90,19 @@ def lamp_ripple(s: Situation) -> float:
 def max_light_seconds(s: Situation) -> float:
     """Bound the light of an exposure, in seconds of the lamp's mean light on ideal pixels.
 
-    The lamp's flicker, whatever raises the panel's power and distortion are included.
+    The lamp's flicker, whatever raises the panel's power, distortion and ghosts are included.
     """
-    return s.exposure * (1 + lamp_ripple(s)) * max_panel_power(s) * area_change(s)
+    brighter = area_change(s) * ghost_gain(s.camera)
+    return s.exposure * (1 + lamp_ripple(s)) * max_panel_power(s) * brighter
+
+
+def ghost_gain(camera: Camera) -> float:
+    """Return by how much the lens ghosts effect brightens even light at most, 1 without it.
+
+    A ghost that is smaller than the picture is denser: of light from beside the frame, too.
+    """
+    kept = 1 - total_share(camera.ghosts)
+    return max(1.0, kept + sum(one.brightness for one in camera.ghosts))
 
 
 def area_change(s: Situation) -> float:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
 from optics.formation import spectrum_of_samples
+from optics.ghost import total_share
 from optics.plane import centred_crop
 from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts
@@ -130,13 +131,15 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
     landed = landed_light(s)
     if landed is not None:
         total, norm = landed.total, min(norm, landed.norm * detail_factor(s))
-    return left * total, left * norm
+    return left * total, left * (1 - total_share(s.camera.ghosts)) * norm
 
 
 def _min_light(s: Situation) -> tuple[float, float]:
     """Bound the sum and norm of light from below, with all effects on, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
     attenuated, spread = 0.8 * _min_attenuation(s) / area_change(s), _min_light_by_area(s)
+    # What ghosts take may fall beside the frame.
+    attenuated *= 1 - total_share(s.camera.ghosts)
     total = max((one for one, _ in spread), default=0.0)
     norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
     return attenuated * total, attenuated * max(

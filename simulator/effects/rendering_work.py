@@ -73,7 +73,7 @@ DIFFRACTION, PSF_REACH, LIGHT_SAMPLING, PANEL_DISPERSION = (
     "panel dispersion",
 )
 VIGNETTING, POLARISATION_INTERFERENCE = "vignetting", "polarisation interference"
-OCCLUSION = "occlusion"
+OCCLUSION, LENS_GHOSTS = "occlusion", "lens ghosts"
 
 ATTRIBUTION_ORDER = (
     PSF_REACH,
@@ -86,6 +86,7 @@ ATTRIBUTION_ORDER = (
     FIELD_POSITION,
     VIGNETTING,
     PANEL_ORDERS,
+    LENS_GHOSTS,
 )
 """Order in which the effects' operations are told apart: each effect's operations are those that
 it adds to the effects before."""
@@ -169,15 +170,16 @@ def _windows_at(s: Situation, levels: Mapping[str, int]) -> Windows:
         LEVELS.orders[order] if by_psfs else 0,
         wave,
         (s.coarsest_sampling, light_samples_at(s, levels)),
+        bool(levels.get(LENS_GHOSTS, 0)),
     )
 
 
 @cached_per_situation
 def _windows(
-    s: Situation, window: int, orders: int, wave: bool, samples: tuple[int, int]
+    s: Situation, window: int, orders: int, wave: bool, samples: tuple[int, int], ghosts: bool
 ) -> Windows:
     """Return rendering_windows(), which many combinations of levels share."""
-    return rendering_windows(s, window, orders=orders, wave=wave, samples=samples)
+    return rendering_windows(s, window, orders=orders, wave=wave, samples=samples, ghosts=ghosts)
 
 
 def picture_samples_at(s: Situation, levels: Mapping[str, int]) -> tuple[int, int]:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 
 from optics.caching import ByteCache
+from optics.ghost import total_share
 from optics.sensor.crosstalk import mix_neighbours
 from simulator.formation.coarse_orders import CoarseOrders
 from simulator.formation.compositing import (
@@ -18,6 +19,7 @@ from simulator.formation.compositing import (
 from simulator.formation.distorting import DISTORTION_OPERATIONS, distort
 from simulator.formation.dust_shadows import cast_shadows
 from simulator.formation.exposure_cells import ExposureCell, exposure_cells
+from simulator.formation.ghosts import ghost_on_pixels, ghost_operations
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
 from simulator.formation.nodes import channel_efficiencies, wavelengths
@@ -124,6 +126,7 @@ class _Rendering:
             orders=orders,
             wave=recipe.diffraction,
             samples=(recipe.samples_per_pixel, recipe.light_samples_per_pixel),
+            ghosts=recipe.ghosts,
         )
         self._gathering = SampleGrid(s.camera.sensor, windows.picture, recipe, ledger, check)
         kernels = Kernels(s, recipe, windows, cache, ledger, check)
@@ -169,9 +172,12 @@ class _Rendering:
             self._check()
             if self._vibration:
                 spectrum = self._blurred_by_vibration(spectrum)
+            straight = spectrum
             if self._recipe.distortion:
                 spectrum = self._distorted(spectrum)
             light.append(self._gathering.light_on_pixels(spectrum, aperture))
+            if self._recipe.ghosts:
+                light[-1] = self._with_ghosts(light[-1], straight)
         total = torch.stack(light)
         if self._coarse_orders is not None:
             self._check()
@@ -190,6 +196,23 @@ class _Rendering:
         operations = 6 * self._gathering.operations + DISTORTION_OPERATIONS * samples
         self._ledger.add("distortion", operations, 16 * samples)
         return distort(spectrum, plane, self._s.camera)
+
+    def _with_ghosts(self, light: torch.Tensor, straight: torch.Tensor) -> torch.Tensor:
+        """Add the lens' ghosts to the rendered image, and take their share from the picture.
+
+        straight: the picture's spectrum, not distorted; ghosts are paraxial.
+        """
+        ghosts, plane = self._s.camera.ghosts, self._gathering.plane
+        total = (1 - total_share(ghosts)) * light
+        for one in ghosts:
+            self._check()
+            self._ledger.add("lens ghosts", ghost_operations(plane.shape), 24 * straight.numel())
+            ghost = ghost_on_pixels(
+                straight, plane, self._s.camera.sensor.plane, one,
+                aperture=self._recipe.pixel_aperture,
+            )  # fmt: skip
+            total = total + one.share * ghost
+        return total
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
         """Add veiling glare to the rendered image: spread a share of its light evenly."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from optics.validation import as_number
 from simulator.formation.distorting import distorted_frame
+from simulator.formation.ghosts import ghost_field
 from simulator.formation.work import psf_operations, transform_operations
 from simulator.situation import Situation
 
@@ -20,6 +21,11 @@ _SPARE = 32
 
 _SHARED_MARGIN = 0.125
 """Margin of all pictures whose PSFs need less, as a share of the frame's side. Chosen."""
+
+_GHOSTS_LARGE, _GHOSTS_LARGER = 1 << 25, 16.0
+"""Samples of a picture from which on it may not be larger for the sake of ghosts, which show what
+lies beside the frame, and by how much. Chosen: a larger one takes more memory than it is worth, and
+such ghosts look like veiling glare."""
 
 _LARGE, _LARGER = 1 << 22, 2.5
 """Samples of a picture from which on it may not be larger for the sake of PSFs with all orders, and
@@ -45,8 +51,10 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
     """
     sensor, moved = s.camera.sensor, distorted_frame(s.camera).reach
     y, x = (
-        side + n * sensor.pitch / 2 + moved
-        for side, n in zip(light_extent(s), sensor.shape, strict=True)
+        side + n * sensor.pitch / 2 + max(moved, beside)
+        for side, n, beside in zip(
+            light_extent(s), sensor.shape, ghost_field(s.camera), strict=True
+        )
     )
     if s.mount.is_aligned:
         return y, x
@@ -76,6 +84,7 @@ def rendering_windows(
     orders: int = 0,
     wave: bool = True,
     samples: tuple[int, int] = (1, 1),
+    ghosts: bool = False,
 ) -> Windows:
     """Return the windows for rendering PSFs, and the size that the picture needs for them.
 
@@ -94,18 +103,45 @@ def rendering_windows(
         Whether light is a wave; rays have no orders.
     samples : tuple of int
         Samples of PSFs, and of light, along each axis of a pixel, for the work.
+    ghosts : bool
+        Whether the lens' ghosts are rendered, which may bring light from beside the frame.
+
+    Raises
+    ------
+    ValueError
+        For ghosts of so wide a field that the picture would be many times as large.
     """
+    found = _windows_with(s, window, orders, samples, wave=wave, ghosts=ghosts)
+    if ghosts and any(ghost_field(s.camera)):
+        without = _windows_with(s, window, orders, samples, wave=wave, ghosts=False)
+        larger = math.prod(found.picture) / math.prod(without.picture)
+        is_large = samples[1] ** 2 * math.prod(found.picture) > _GHOSTS_LARGE
+        if is_large and larger > _GHOSTS_LARGER:
+            raise ValueError(
+                "ghosts show so much of what lies beside the frame that the picture is "
+                f"{larger:.3g} times as large; the virtual bench renders {_GHOSTS_LARGER:g}: give "
+                "them a larger magnification or less blur, or count their light as veiling glare"
+            )
+    return found
+
+
+def _windows_with(
+    s: Situation, window: int, orders: int, samples: tuple[int, int], *, wave: bool, ghosts: bool
+) -> Windows:
+    """Return rendering_windows(), whether or not ghosts can be rendered."""
     if not wave:
         own = _window_within_reach(s, window)
-        return Windows(own, own, _picture_shape(s, own))
+        return Windows(own, own, _picture_shape(s, own, ghosts=ghosts))
     one = min(window, _order_side(s, 0))
     apart = Windows(
-        _window_within_reach(s, one), (one, one), _picture_shape(s, (one, one), endless=True)
+        _window_within_reach(s, one),
+        (one, one),
+        _picture_shape(s, (one, one), ghosts=ghosts, endless=True),
     )
     if not orders:
-        return Windows(apart.psf, apart.psf, _picture_shape(s, apart.psf))
+        return Windows(apart.psf, apart.psf, _picture_shape(s, apart.psf, ghosts=ghosts))
     psf = _window_within_reach(s, _order_side(s, orders))
-    merged = Windows(psf, psf, _picture_shape(s, psf), orders)
+    merged = Windows(psf, psf, _picture_shape(s, psf, ghosts=ghosts), orders)
     together, each = (samples[1] ** 2 * math.prod(one.picture) for one in (merged, apart))
     too_large = together > max(_LARGE, _LARGER * each)
     if s.camera.separation or too_large:
@@ -149,19 +185,23 @@ def _window_within_reach(s: Situation, window: int) -> tuple[int, int]:
 
 
 def _picture_shape(
-    s: Situation, sides: tuple[int, int], *, endless: bool = False
+    s: Situation, sides: tuple[int, int], *, ghosts: bool, endless: bool = False
 ) -> tuple[int, int]:
     """Return the size of a rendered picture with its margin, (rows, columns) of sensor pixels.
 
     The margin is so wide that light carried periodically around the edges doesn't reach the sensor.
-    sides: of the PSF's window. endless: whether the light is taken to go on for ever, since a side
-    order may bring any of it.
+    sides: of the PSF's window. ghosts: whether the lens' ghosts are rendered. endless: whether the
+    light is taken to go on for ever, since a side order may bring any of it.
     """
     lit = [math.inf if endless else one / s.camera.sensor.pitch for one in light_extent(s)]
     found = []
-    # Distortion brings light into the frame from so far beside it.
-    beside = math.ceil(distorted_frame(s.camera).reach / s.camera.sensor.pitch)
-    frame = [n + 2 * beside for n in s.camera.sensor.shape]
+    # Distortion and ghosts bring light into the frame from so far beside it.
+    moved = distorted_frame(s.camera).reach
+    field = ghost_field(s.camera) if ghosts else (0.0, 0.0)
+    frame = [
+        n + 2 * math.ceil(max(moved, beside) / s.camera.sensor.pitch)
+        for n, beside in zip(s.camera.sensor.shape, field, strict=True)
+    ]
     for n, side, far in zip(frame, sides, lit, strict=True):
         # Small windows share a margin, so that other patterns find what is kept of the scene.
         shared = 2 ** math.ceil(math.log2(max(n * _SHARED_MARGIN, 1)))

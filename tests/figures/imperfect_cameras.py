@@ -1,4 +1,4 @@
-"""Dust, crosstalk, vibration, colour, distortion and falling light against a slow judge."""
+"""Imperfections of lens, mount and sensor against a slow judge."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from judges.imperfect_camera import Array, imperfect, out_of_focus
 from figures import Figure
 from figures.problems import log_uniform
 from optics.caching import ByteCache
-from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera import Camera, Ghost, Lens, Panel, Sensor
 from optics.light import Band
 from optics.threads import single_threaded
 from simulator.effects.band_effects import Bandwidth
@@ -28,7 +28,10 @@ from simulator.planning.effect_plan import build_recipe
 from simulator.scene import PhotographPrint, Star, Target
 from simulator.situation import Situation
 
-NAMES = ("axial colour", "vibration", "distortion", "vignetting", "dust", "pixel crosstalk")
+NAMES = (
+    "axial colour", "vibration", "distortion", "vignetting", "lens ghosts", "dust",
+    "pixel crosstalk",
+)  # fmt: skip
 
 _SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
 _GOAL = 0.01
@@ -104,6 +107,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
+        "lens ghosts": replace(camera, ghosts=()),
         "dust": replace(camera, sensor=replace(sensor, dust=())),
         "pixel crosstalk": replace(camera, sensor=replace(sensor, crosstalk=0.0)),
     }[name]
@@ -157,6 +161,8 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
         camera = replace(
             camera, vibration=strength(25e-6), vibration_frequency=log_uniform(rng, 2, 200)
         )
+    if rng.random() < 0.5:
+        camera = replace(camera, ghosts=_reflections(rng, strength))
     if rng.random() < 0.4:
         place = tuple(float(one) for one in rng.uniform(-2.4e-3, 2.4e-3, 2))
         star = Star(2e-3, 1.0, 1e9, (place[0], place[1]))
@@ -164,6 +170,15 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
     image = torch.from_numpy(rng.random((24, 30, 3)).astype(np.float32))
     printed = PhotographPrint(image, 1.0, 1e8, cover=2.0)
     return Draw(printed, replace(printed, cover=1.0), camera, exposure)
+
+
+def _reflections(rng: np.random.Generator, strength) -> tuple[Ghost, ...]:  # type: ignore[no-untyped-def]
+    """One ghost or two of what lies in the frame or as far beside it as the fine picture shows."""
+    found = []
+    for _ in range(int(rng.integers(1, 3))):
+        size = float(rng.choice([-1, 1]) * rng.uniform(0.8, 2.0))
+        found.append(Ghost(strength(0.1), size, float(rng.uniform(2e-5, 1.2e-4))))
+    return tuple(found)
 
 
 def rendered(s: Situation, names: tuple[str, ...], sampling: int, *, aperture: bool) -> Array:

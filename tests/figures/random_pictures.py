@@ -16,7 +16,7 @@ from figures.random_benches import random_bench
 from figures.random_targets import Chance
 from labapp.prediction.simulating.all_effects import REFERENCE_TOL, Deviation
 from optics.accuracy import ToleranceError
-from optics.camera import Camera, Lens, Sensor
+from optics.camera import Camera, Ghost, Lens, Sensor
 from optics.pupil import pupil_amplitude
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
@@ -148,7 +148,22 @@ def random_situation(rng: np.random.Generator) -> Situation:
         trembling = log_uniform(rng, 0.03, 3) * s.camera.sensor.pitch
         frequency = log_uniform(rng, 0.05, 5) / exposure
         s = replace(s, camera=replace(s.camera, vibration=trembling, vibration_frequency=frequency))
+    if rng.random() < 0.4:
+        s = replace(s, camera=replace(s.camera, ghosts=_reflections(rng, s.camera.sensor)))
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
+
+
+def _reflections(rng: np.random.Generator, sensor: Sensor) -> tuple[Ghost, ...]:
+    """One ghost or a few, sharp or as wide as the frame."""
+    side = min(sensor.shape) * sensor.pitch
+    return tuple(
+        Ghost(
+            log_uniform(rng, 1e-4, 0.1),
+            float(rng.choice([-1, 1])) * log_uniform(rng, 0.6, 4),
+            float(rng.choice([0.0, 1.0])) * log_uniform(rng, 0.01, 1.0) * side,
+        )
+        for _ in range(int(rng.integers(1, 4)))
+    )
 
 
 def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:

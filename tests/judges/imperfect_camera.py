@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import convolve, gaussian_filter, map_coordinates
+from scipy.ndimage import convolve, gaussian_filter, map_coordinates, spline_filter
 
-from optics.camera import Camera, Lens
+from optics.camera import Camera, Ghost, Lens
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,9 @@ def imperfect(fine: Array, finer: int, camera: Camera, vibration: float) -> Arra
     y, x = np.meshgrid(*places, indexing="ij")
     light = _looked_up(shaken, finer / one.pitch, camera.lens, y, x)
     light *= _falling(camera.lens, np.hypot(y, x))
+    light *= 1 - sum(ghost.share for ghost in camera.ghosts)
+    for ghost in camera.ghosts:
+        light += _ghost(shaken, finer / one.pitch, camera.lens, ghost, y, x)
     pixels = light.reshape(one.shape[0], finer, one.shape[1], finer).mean((1, 3))
     pixels = pixels * _share_past_dust(camera)
     a = one.crosstalk
@@ -71,6 +74,35 @@ def _looked_up(picture: Array, per_metre: float, lens: Lens, y: Array, x: Array)
     return seen * radial * scale
 
 
+def _ghost(picture: Array, per_metre: float, lens: Lens, ghost: Ghost, y: Array, x: Array) -> Array:
+    """The mean of the picture over all points whose discs hold each place, times its share.
+
+    A point at r becomes a disc around M r, which holds x if x + d = M r for an offset d in it. The
+    light is M² times thinner than in the picture, and as bright as the lens' curve says at r.
+    """
+    known = spline_filter(picture, 3)
+    side = (np.arange(24) + 0.5) / 12 - 1
+    dy, dx = (part.ravel() for part in np.meshgrid(side, side))
+    inside = dy**2 + dx**2 <= 1
+    radius = ghost.blur_diameter / 2
+    total = np.zeros_like(y)
+    for one, other in zip(dy[inside] * radius, dx[inside] * radius, strict=True):
+        from_y, from_x = (y + one) / ghost.magnification, (x + other) / ghost.magnification
+        index = [
+            at * per_metre + n // 2 for at, n in zip((from_y, from_x), picture.shape, strict=True)
+        ]
+        seen: Array = map_coordinates(known, index, order=3, prefilter=False)
+        total += seen * _falling(lens, _landing(lens, np.hypot(from_y, from_x)))
+    return ghost.share * total / int(inside.sum()) / ghost.magnification**2
+
+
+def _landing(lens: Lens, height: Array) -> Array:
+    """By Brown's formula: where a point at this height is imaged, as whose light counts."""
+    k1, k2 = lens.distortion
+    t = height / float(lens.image_distance)
+    return np.asarray(height * (1 + k1 * t**2 + k2 * t**4))
+
+
 def _before(lens: Lens, height: Array) -> Array:
     """By bisection of Brown's formula."""
     if not any(lens.distortion):
@@ -87,7 +119,7 @@ def _before(lens: Lens, height: Array) -> Array:
 
 def _falling(lens: Lens, height: Array) -> Array:
     pairs = lens.relative_illumination
-    found = np.ones_like(height)
+    found = np.full_like(height, pairs[-1][1] if pairs else 1.0)
     for (inner, more), (outer, less) in pairwise(pairs):
         here = (height >= inner) & (height <= outer)
         share = (height**2 - inner**2) / (outer**2 - inner**2)

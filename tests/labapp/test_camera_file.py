@@ -13,6 +13,7 @@ from labapp.files.bench_file import BenchFile, read_bench, read_camera, read_cam
 from labapp.files.calibration_file import CalibrationFile, ZerothOrderTable, calibration_to_json
 from labapp.files.camera_file import CameraFile, LensTable
 from labapp.files.reading import bundled_path
+from optics.camera import Ghost
 from optics.stop.aperture import Circle, Stop, regular_polygon
 
 BENCH = bundled_path("bench.toml").read_text()
@@ -123,6 +124,18 @@ def test_a_lens_has_colour_by_wavelength(tmp_path):
             tmp_path,
             coloured.replace("[550, 0]", "[500, 0], [450, 1]", 1).replace("[450, 60], ", "", 1),
         )
+
+
+def test_ghosts_are_tables_in_millimetres_and_share_the_light(tmp_path):
+    table = "\n[[ghosts]]\nshare = 0.6\nmagnification = -1.2\nblur_mm = 1.5\n"
+    found = read(tmp_path, CAMERA + table).build_camera().ghosts
+    assert found == (Ghost(0.6, -1.2, 1.5e-3),)
+    with pytest.raises(UserError, match=r"ghosts have 1\.2 of the light together"):
+        read(tmp_path, CAMERA + 2 * table)
+    with pytest.raises(UserError, match=r"magnification is 0; give the ghost's size"):
+        read(tmp_path, CAMERA + table.replace("-1.2", "0"))
+    with pytest.raises(UserError, match="blur_mm"):
+        read(tmp_path, CAMERA + table.replace("1.5", "-1"))
 
 
 def test_a_lens_curve_of_relative_illumination_reaches_the_corner(tmp_path):

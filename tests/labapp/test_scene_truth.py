@@ -18,6 +18,7 @@ from labapp.runs.acquisition.runner import resume_run, run_plan
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import bench_setup_of
 from labapp.runs.state import State
+from optics.camera import Ghost
 from optics.progress import Progress
 from optics.slm import max_phase
 from simulator.mount import Mount
@@ -26,6 +27,7 @@ TRUTH = """
 [truth]
 vibration_um = 1.5
 vibration_hz = 30
+ghosts = [{ share = 0.02, magnification = -1.5, blur_mm = 2 }]
 
 [truth.panel]
 unmodulated = 0.08
@@ -84,6 +86,7 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
         panel, lens = bench.world.camera.panel, bench.world.camera.lens
         sensor, camera = bench.world.camera.sensor, bench.world.camera
     assert (camera.vibration, camera.vibration_frequency) == (1.5e-6, 30)
+    assert camera.ghosts == (Ghost(0.02, -1.5, 2e-3),)
     assert (sensor.crosstalk, sensor.dust_distance) == pytest.approx((0.03, 9e-4))
     assert sensor.dust == ((10 * 1e-6, 20 * 1e-6, 5 * 1e-6),)
     assert sensor.shape == described.sensor.shape

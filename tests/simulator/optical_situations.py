@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from optics.caching import ByteCache
-from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera import Camera, Ghost, Lens, Panel, Sensor
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import PanelMap, PhaseResponse
 from simulator.effects import registry
@@ -23,6 +23,7 @@ from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
+from simulator.effects.lens_ghosts import LensGhosts
 from simulator.effects.panel_dispersion import PanelDispersion
 from simulator.effects.panel_effects import PanelEffect
 from simulator.effects.panel_orders import PanelOrders
@@ -54,6 +55,7 @@ EFFECTS: tuple[Effect, ...] = (
     AxialColour(),
     Vibration(),
     Distortion(),
+    LensGhosts(),
     VeilingGlare(),
     Dust(),
     PixelCrosstalk(),
@@ -174,6 +176,9 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
     camera = replace(camera, sensor=sensor, lens=lens)
     trembling = float(rng.choice([0.0, 2e-6, 15e-6]))
     camera = replace(camera, vibration=trembling, vibration_frequency=rng.uniform(5, 100))
+    if rng.random() < 0.4:
+        size = float(rng.choice([-1, 1]) * rng.uniform(0.6, 2))
+        camera = replace(camera, ghosts=(Ghost(0.05, size, float(rng.uniform(0, 3e-4))),))
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 

@@ -17,7 +17,7 @@ import torch
 from optical_situations import EFFECTS, PANEL, finest, rendered, situation
 
 from optics.caching import ByteCache
-from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera import Camera, Ghost, Lens, Panel, Sensor
 from optics.light import Band
 from optics.polarisation import PathEffect
 from optics.slm import PanelMap, PhaseResponse
@@ -228,6 +228,8 @@ WORST = [
     Worst("panel orders", orders_on_cells, {1: 50},
           "×1.5; orders that lie apart as if they were one, and all of their light lost",
           label="on cells"),
+    Worst("lens ghosts", lambda: seen(replace(camera(), ghosts=(Ghost(0.05, -1.2, 3e-4),))),
+          {0: 2}, "the panel spreads the spot, too"),
     Worst("veiling glare", lambda: seen(replace(camera(), glare=0.05)), {0: 1.5},
           "a spot has a mean of its own"),
     Worst("vibration", lambda: seen(replace(camera(pitch=10e-6), vibration=10e-6)), {0: 4},

@@ -30,6 +30,7 @@ from simulator.effects.band_effects import Bandwidth
 from simulator.effects.distortion import Distortion
 from simulator.effects.field_effects import FieldPosition
 from simulator.effects.interference import Interference
+from simulator.effects.lens_ghosts import LensGhosts
 from simulator.effects.picture_norms import minimum_norms
 from simulator.effects.rendering_work import rendering_operations
 from simulator.effects.time_effects import LampFlicker
@@ -228,13 +229,19 @@ def test_predicted_work_is_what_is_counted(seed, on):
     s, ledger = random_situation(seed), Ledger()
     levels = capped(s) if on else dict.fromkeys(finest(s), 0)
     expected_electrons(s, recipe(s, levels), ByteCache(), ledger)
-    # Distortion comes after what rendering takes, and predicts its own work.
-    bending = ledger.operations_of("distortion")
-    rest = ledger.operations - bending
+    # Distortion and ghosts come after what rendering takes, and predict their own work.
+    bending, reflecting = (ledger.operations_of(one) for one in ("distortion", "lens ghosts"))
+    rest = ledger.operations - bending - reflecting
     assert rendering_operations(s, levels) == pytest.approx(rest, rel=0.3, abs=1.5e5)
     if "distortion" in levels:
         predicted = Distortion().added_operations(s, levels)
         assert predicted == pytest.approx(bending, rel=0.3, abs=1.5e5)
+    if "lens ghosts" in levels:
+        # With the larger picture that they take.
+        straight = rendering_operations(s, levels | {"lens ghosts": 0})
+        predicted = LensGhosts().added_operations(s, levels)
+        predicted -= rendering_operations(s, levels) - straight
+        assert predicted == pytest.approx(reflecting, rel=0.3, abs=1.5e5)
 
 
 # What is known of a pattern.

@@ -11,7 +11,7 @@ from figures.imperfect_cameras import NAMES, draws, rendered
 from optical_situations import CAMERA, situation
 
 import simulator.formation.mean_picture as picture
-from optics.camera import Lens
+from optics.camera import Ghost, Lens
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging
 
@@ -19,7 +19,7 @@ ADDED = [one for one in EFFECTS if one.name in {*NAMES} - {"vignetting"}]
 RENDERING = (
     (Lens, "defocused"),
     *((picture, name) for name in (
-        "vibration_transfer", "distort", "cast_shadows", "mix_neighbours"
+        "vibration_transfer", "distort", "ghost_on_pixels", "cast_shadows", "mix_neighbours"
     )),
 )  # fmt: skip
 
@@ -55,7 +55,8 @@ def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
     sensor = replace(CAMERA.sensor, crosstalk=1e-6, dust=((0.0, 0.0, 1e-8),), dust_distance=1e-3)
     colour = ((400e-9, 1e-9), (700e-9, -1e-9))
     lens = replace(CAMERA.lens, distortion=(1e-3, 0.0), axial_colour=colour)
-    s = situation(camera=replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9))
+    camera = replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9, ghosts=(Ghost(1e-6, -1.0),))
+    s = situation(camera=camera)
     plan = Imaging(1e-2).plan(s)
     left_out = [one.name for one in ADDED if one.is_present(s) and not plan.level(one.name)]
     assert len(left_out) == len(ADDED)
