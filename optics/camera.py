@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from optics.distortion import RadialDistortion
+from optics.field_aberrations import FieldAberrations
 from optics.quantity_ranges import RANGES, ask_about_unit
 from optics.sensor.sensor import Sensor as Sensor
 from optics.slm.panel import Panel as Panel
@@ -48,6 +49,9 @@ class Lens:
     distortion : tuple of (float, float), optional
         Brown's radial coefficients k1 and k2, for heights in units of the image distance, as
         OpenCV has them: barrel below 0, pincushion above. Only the simulator uses them.
+    field_aberrations : FieldAberrations, optional
+        Coma, astigmatism and field curvature, which grow with the image height, in addition to
+        `aberrations`. None by default. Only the simulator uses them.
 
     Raises
     ------
@@ -67,6 +71,7 @@ class Lens:
     kind: Literal["thin", "stigmatic"] = "thin"
     relative_illumination: tuple[tuple[float, float], ...] = ()
     distortion: tuple[float, float] = (0.0, 0.0)
+    field_aberrations: FieldAberrations | None = None
 
     def __post_init__(self) -> None:
         for name in ("focal_length", "f_number"):

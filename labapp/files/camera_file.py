@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile
 from labapp.files.camera_noise_file import CameraNoiseFile
+from labapp.files.field_aberrations_table import FieldAberrationsTable
 from labapp.files.panel_file import PanelTable, with_panel
 from labapp.files.polarisation_table import PolarisationTable
 from labapp.files.quantities import Amount, Finite, Positive, Share
@@ -32,6 +33,7 @@ class LensTable(FileModel):
     relative_illumination is a data sheet's curve, pairs [mm of image height, share of the light on
     the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴. distortion
     is Brown's [k1, k2] for image heights over the image distance, as OpenCV calibrates them.
+    field_aberrations is a table of those that grow with the image height.
     """
 
     focal_length_mm: Positive
@@ -44,6 +46,7 @@ class LensTable(FileModel):
     aberrations: tuple[tuple[int, int, Finite], ...] = ()
     relative_illumination: tuple[tuple[Amount, Finite], ...] = ()
     distortion: tuple[Finite, Finite] = (0.0, 0.0)
+    field_aberrations: FieldAberrationsTable | None = None
 
     @model_validator(mode="after")
     def _validate_lens(self) -> LensTable:
@@ -71,6 +74,7 @@ class LensTable(FileModel):
             self.kind,
             tuple((height * 1e-3, share) for height, share in self.relative_illumination),
             self.distortion,
+            self.field_aberrations.build() if self.field_aberrations else None,
         )
 
 

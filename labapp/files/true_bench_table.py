@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
+from labapp.files.field_aberrations_table import FieldAberrationsTable
 from labapp.files.quantities import Amount, Finite, Positive, Share
 from labapp.files.reading import FileModel
 from labapp.files.sensor_file import specks_in_metres
@@ -115,6 +116,7 @@ class TrueLensTable(FileModel):
     aberrations: list[Zernike] | None = None
     relative_illumination: list[tuple[Amount, Finite]] | None = None
     distortion: tuple[Finite, Finite] | None = None
+    field_aberrations: FieldAberrationsTable | None = None
 
     def apply(self, lens: Lens) -> Lens:
         changes: dict[str, Any] = {
@@ -128,6 +130,8 @@ class TrueLensTable(FileModel):
         if self.relative_illumination is not None:
             curve = ((height * 1e-3, share) for height, share in self.relative_illumination)
             changes["relative_illumination"] = tuple(curve)
+        if self.field_aberrations is not None:
+            changes["field_aberrations"] = self.field_aberrations.build()
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
 
 

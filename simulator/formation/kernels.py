@@ -11,6 +11,7 @@ import torch
 from optics.accuracy import Budget, ToleranceError
 from optics.caching import ByteCache
 from optics.camera import Camera
+from optics.field_aberrations import add_aberrations
 from optics.plane import Plane
 from optics.psf import PSFOperator, modulated_psf
 from optics.slm import Modulator
@@ -82,7 +83,8 @@ class Kernels:
         r = self._recipe
         beats = self._s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
-        axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction)
+        varied = (r.places > 1, r.aberrated_places > 1)
+        axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction, varied)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
     def psf(
@@ -198,15 +200,34 @@ class Kernels:
 
     def _vignetting_correction(self, point: PointSource) -> float:
         """Return the factor that renders an off-axis PSF as bright as one on the axis."""
-        if not (self.camera.separation and any(point.place)):
+        seen = self._shadow_place(point)
+        if not (self.camera.separation and any(seen)):
             return 1.0
         here, axis = (
             share_through_stop(
                 self.camera, point.distance, self._place_in_panel_axes(point.distance, place)
             )
-            for place in (point.place, (0.0, 0.0))
+            for place in (seen, (0.0, 0.0))
         )
         return axis / here if here else 0.0
+
+    def _shadow_place(self, point: PointSource) -> tuple[float, float]:
+        """Return the place from which a rendered point sees the stop's shadow on the panel.
+
+        It is on the axis where only the lens' aberrations differ over the field.
+        """
+        return point.place if self._recipe.places > 1 else (0.0, 0.0)
+
+    def _camera_at(self, place: tuple[float, float]) -> Camera:
+        """Return the camera for rendering a place, with its lens' field aberrations there."""
+        lens = self._s.camera.lens
+        if self._recipe.aberrated_places == 1 or lens.field_aberrations is None:
+            return self.camera
+        bent = add_aberrations(lens.aberrations, lens.field_aberrations.at(*place))
+        camera = replace(self._s.camera, panel=self._recipe.panel)
+        return self._s.mount.camera_in_panel_axes(
+            replace(camera, lens=replace(lens, aberrations=bent))
+        )
 
     def _place_in_panel_axes(
         self, distance: float, place: tuple[float, float]
@@ -245,8 +266,8 @@ class Kernels:
         """
         tol = tol or self._s.numerics
         plane = self._without_image_shift(self._around(point, order), point.distance)
-        place = self._place_in_panel_axes(point.distance, point.place)
-        camera, recipe = self.camera, self._recipe
+        place = self._place_in_panel_axes(point.distance, self._shadow_place(point))
+        camera, recipe = self._camera_at(point.place), self._recipe
         if not recipe.diffraction:
             return RayOperator(camera, point.distance, point.wavelength, plane, place)
         causes = ("operator", camera, tol, point, plane)
@@ -296,7 +317,7 @@ class Kernels:
         panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
         if not r.dispersion:
             modulator = modulator_at(panel, s.wavelength)
-        elif r.depths == 1 and r.places == 1 and not r.orders:
+        elif r.depths == r.places == r.aberrated_places == 1 and not r.orders:
             return exposure_fields(modulator, seen, pictures, tol)
         causes = ("fields", panel, modulator.wavelength, seen, tol)
         return self._cache.get(

@@ -1,4 +1,4 @@
-"""Dust, crosstalk, vibration, distortion and relative illumination against a slow judge."""
+"""Field aberrations, dust, crosstalk and other imperfections against slow judges."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from judges.aberrated_star import aberrated_star
 from judges.imperfect_camera import Array, imperfect
 
 from figures import Figure
 from figures.problems import log_uniform
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.field_aberrations import FieldAberrations
 from optics.light import Band
 from optics.threads import single_threaded
 from simulator.effects.registry import EFFECTS
@@ -23,11 +25,14 @@ from simulator.imaging import Imaging
 from simulator.ledger import Ledger
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
+from simulator.planning import Effect
 from simulator.planning.effect_plan import build_recipe
 from simulator.scene import PhotographPrint, Star, Target
 from simulator.situation import Situation
 
-NAMES = ("vibration", "distortion", "vignetting", "dust", "pixel crosstalk")
+NAMES = (
+    "field aberrations", "vibration", "distortion", "vignetting", "dust", "pixel crosstalk",
+)  # fmt: skip
 
 _SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
 _GOAL = 0.01
@@ -37,6 +42,7 @@ _IDEAL = Camera(
     Sensor(shape=(20, 24), pitch=20e-6, full_well=1e7, bits=16, read_noise=2.0),
 )  # fmt: skip
 _CORNER = math.hypot(20, 24) * 10e-6
+_BAND = Band(550e-9, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -52,13 +58,25 @@ class Draw:
     def situation(self) -> Situation:
         return _situation(self.target, self.camera, self.exposure)
 
-    def fine_picture(self) -> Array:
-        """By an ideal camera, on a frame twice as large and pixels a quarter as large."""
+    def fine_picture(self, without: str = "") -> Array:
+        """By an ideal camera, on a frame twice as large and pixels a quarter as large.
+
+        A lens with field aberrations has a judge of its own, which the ideal one tells the light.
+        """
         one = _IDEAL.sensor
         shape = (2 * _FINER * one.shape[0], 2 * _FINER * one.shape[1])
         fine = replace(_IDEAL, sensor=replace(one, shape=shape, pitch=one.pitch / _FINER))
         s = _situation(self.larger, fine, self.exposure)
-        return _FINER**2 * rendered(s, (), 1, aperture=False)
+        ideal = _FINER**2 * rendered(s, (), 1, aperture=False)
+        if self.camera.lens.field_aberrations is None:
+            return ideal
+        assert isinstance(self.target, Star)
+        pitch = one.pitch / _FINER
+        seen, sharp = (
+            aberrated_star(self.target, camera, _BAND.centre, shape, pitch)
+            for camera in (ideal_in(self.camera, without), _IDEAL)
+        )
+        return seen * ideal.sum() / sharp.sum()
 
     def judged(self, fine: Array, without: str = "") -> Array:
         camera = ideal_in(self.camera, without)
@@ -69,8 +87,7 @@ class Draw:
 
 def _situation(target: Target, camera: Camera, exposure: float) -> Situation:
     shown = PanelContent.of(np.zeros((1, *camera.panel.shape), np.uint8), math.inf)
-    band = Band(550e-9, 1e-9)
-    return Situation(camera, Mount(), target, band, shown, 0.0, exposure, numerics=1e-5)
+    return Situation(camera, Mount(), target, _BAND, shown, 0.0, exposure, numerics=1e-5)
 
 
 def ideal_in(camera: Camera, name: str) -> Camera:
@@ -80,6 +97,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
     even = tuple((height, 1.0) for height, _ in lens.relative_illumination)
     return {
         "": camera,
+        "field aberrations": replace(camera, lens=replace(lens, field_aberrations=None)),
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
@@ -122,17 +140,34 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
     if rng.random() < 0.4:
         place = tuple(float(one) for one in rng.uniform(-2.4e-3, 2.4e-3, 2))
         star = Star(2e-3, 1.0, 1e9, (place[0], place[1]))
+        camera = replace(camera, lens=_aberrated(rng, camera.lens, strength))
         return Draw(star, star, camera, exposure)
     image = torch.from_numpy(rng.random((24, 30, 3)).astype(np.float32))
     printed = PhotographPrint(image, 1.0, 1e8, cover=2.0)
     return Draw(printed, replace(printed, cover=1.0), camera, exposure)
 
 
+def _aberrated(rng: np.random.Generator, lens: Lens, strength) -> Lens:  # type: ignore[no-untyped-def]
+    """With some of Seidel's aberrations in half of the cases, up to a wave in the corner."""
+    if rng.random() < 0.5:
+        return lens
+    of_all = strength(_BAND.centre)
+    parts = of_all * rng.choice([-1, 0, 1], 3) * rng.uniform(0.3, 1, 3)
+    if not parts.any():
+        return lens
+    coma, astigmatism, curvature = (float(one) for one in parts)
+    return replace(lens, field_aberrations=FieldAberrations(_CORNER, coma, astigmatism, curvature))
+
+
 def rendered(s: Situation, names: tuple[str, ...], sampling: int, *, aperture: bool) -> Array:
     """By waves in a large window, with some of the imperfections and nothing else."""
     chosen = {"diffraction": 1, "PSF reach": 1, "light sampling": sampling}
     present = [one.name for one in EFFECTS if one.name in names and one.is_present(s)]
-    levels = chosen | dict.fromkeys(present, 1) | ({"pixel aperture": 1} if aperture else {})
+    levels = (
+        chosen
+        | {one.name: _level(one, s) for one in EFFECTS if one.name in present}
+        | ({"pixel aperture": 1} if aperture else {})
+    )
     recipe = build_recipe(EFFECTS, s, levels)
     ledger = Ledger()
     found = expected_electrons(s, recipe, ByteCache(), ledger).double().numpy()
@@ -140,6 +175,10 @@ def rendered(s: Situation, names: tuple[str, ...], sampling: int, *, aperture: b
     if not called <= set(present):
         raise AssertionError(f"{sorted(called - set(present))} called, and not there")
     return found
+
+
+def _level(effect: Effect, s: Situation) -> int:
+    return 3 if effect.name == "field aberrations" else 1
 
 
 def _noise(light: Array) -> Array:
@@ -170,7 +209,8 @@ def imperfect_camera_figures(folder: Path) -> list[Figure]:
         fine = draw.fine_picture()
         whole = draw.judged(fine)
         for name in left:
-            less = draw.judged(fine, name)
+            aberrated = name == "field aberrations"
+            less = draw.judged(draw.fine_picture(name) if aberrated else fine, name)
             change = max(_apart(less, whole), _apart(_noise(less), _noise(whole)))
             worst, wrong = max(worst, change), wrong + (change > _TOL)
     return [

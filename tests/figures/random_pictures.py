@@ -17,6 +17,7 @@ from figures.random_targets import Chance
 from labapp.prediction.simulating.all_effects import REFERENCE_TOL, Deviation
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Sensor
+from optics.field_aberrations import FieldAberrations
 from optics.pupil import pupil_amplitude
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
@@ -152,7 +153,8 @@ def random_situation(rng: np.random.Generator) -> Situation:
 
 
 def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
-    """With distortion of up to 4 % in the corner, or a curve of relative illumination."""
+    """With distortion of up to 4 % or half a wave of Seidel's aberrations in the corner, or a curve
+    of relative illumination."""
     corner = math.hypot(*camera.sensor.shape) * camera.sensor.pitch / 2
     lens = camera.lens
     if rng.random() < 0.4:
@@ -162,6 +164,10 @@ def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
         least = float(rng.uniform(0.3, 1.0))
         curve = ((0.0, 1.0), (0.6 * corner, 0.6 + 0.4 * least), (1.1 * corner, least))
         lens = replace(lens, relative_illumination=curve)
+    if rng.random() < 0.3:
+        parts = log_uniform(rng, 1e-3, 0.5) * 550e-9 * rng.uniform(-1, 1, 3)
+        by = FieldAberrations(corner, *(float(one) for one in parts))
+        lens = replace(lens, field_aberrations=by)
     return lens
 
 

@@ -45,6 +45,7 @@ focus_distance_m = 1.9
 aberrations = [[3, 1, 50.0]]
 relative_illumination = [[0, 1], [20, 0.5]]
 distortion = [-0.2, 0.1]
+field_aberrations = { height_mm = 8, coma_nm = 90, curvature_nm = -30 }
 
 [truth.sensor]
 crosstalk_percent = 3
@@ -107,6 +108,8 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     assert (lens.f_number, lens.aberrations) == (5.0, ((3, 1, pytest.approx(50e-9)),))
     assert lens.relative_illumination == ((0, 1), (0.02, 0.5))
     assert lens.distortion == (-0.2, 0.1)
+    by = lens.field_aberrations
+    assert (by.height, by.coma, by.curvature) == pytest.approx((8e-3, 90e-9, -30e-9))
 
 
 def test_the_mount_is_in_degrees():
