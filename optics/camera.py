@@ -11,6 +11,7 @@ import numpy as np
 
 from optics.colour_curve import colour_curve_at, require_colour_curve
 from optics.distortion import RadialDistortion
+from optics.field_aberrations import FieldAberrations
 from optics.ghost import Ghost as Ghost
 from optics.ghost import require_ghosts
 from optics.quantity_ranges import RANGES, ask_about_unit
@@ -59,6 +60,9 @@ class Lens:
         Pairs (wavelength, metres by which its image lies farther from the lens than the sensor) of
         rising wavelengths, for a point at `focus_distance`. Straight lines join them and go on
         beyond the ends. None by default: one focus for all. Only the simulator uses them.
+    field_aberrations : FieldAberrations, optional
+        Coma, astigmatism and field curvature, which grow with the image height, in addition to
+        `aberrations`. None by default. Only the simulator uses them.
 
     Raises
     ------
@@ -80,6 +84,7 @@ class Lens:
     relative_illumination: tuple[tuple[float, float], ...] = ()
     distortion: tuple[float, float] = (0.0, 0.0)
     axial_colour: tuple[tuple[float, float], ...] = ()
+    field_aberrations: FieldAberrations | None = None
 
     def __post_init__(self) -> None:
         for name in ("focal_length", "f_number"):

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from labapp.common.errors import UserError
 from labapp.files.calibration_file import CalibrationFile
 from labapp.files.camera_noise_file import CameraNoiseFile
+from labapp.files.field_aberrations_table import FieldAberrationsTable
 from labapp.files.ghost_table import GhostTable
 from labapp.files.panel_file import PanelTable, with_panel
 from labapp.files.polarisation_table import PolarisationTable
@@ -36,6 +37,7 @@ class LensTable(FileModel):
     is Brown's [k1, k2] for image heights over the image distance, as OpenCV calibrates them.
     axial_colour is a curve of pairs [nm, µm by which the image of that wavelength lies farther from
     the lens than the sensor].
+    field_aberrations is a table of those that grow with the image height.
     """
 
     focal_length_mm: Positive
@@ -49,6 +51,7 @@ class LensTable(FileModel):
     relative_illumination: tuple[tuple[Amount, Finite], ...] = ()
     distortion: tuple[Finite, Finite] = (0.0, 0.0)
     axial_colour: tuple[tuple[Nanometres, Finite], ...] = ()
+    field_aberrations: FieldAberrationsTable | None = None
 
     @model_validator(mode="after")
     def _validate_lens(self) -> LensTable:
@@ -77,6 +80,7 @@ class LensTable(FileModel):
             tuple((height * 1e-3, share) for height, share in self.relative_illumination),
             self.distortion,
             tuple((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour),
+            self.field_aberrations.build() if self.field_aberrations else None,
         )
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
+from labapp.files.field_aberrations_table import FieldAberrationsTable
 from labapp.files.ghost_table import GhostTable
 from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel
@@ -117,6 +118,7 @@ class TrueLensTable(FileModel):
     relative_illumination: list[tuple[Amount, Finite]] | None = None
     distortion: tuple[Finite, Finite] | None = None
     axial_colour: list[tuple[Nanometres, Finite]] | None = None
+    field_aberrations: FieldAberrationsTable | None = None
 
     def apply(self, lens: Lens) -> Lens:
         changes: dict[str, Any] = {
@@ -133,6 +135,8 @@ class TrueLensTable(FileModel):
         if self.axial_colour is not None:
             shifts = ((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour)
             changes["axial_colour"] = tuple(shifts)
+        if self.field_aberrations is not None:
+            changes["field_aberrations"] = self.field_aberrations.build()
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
 
 

@@ -22,6 +22,7 @@ from simulator.effects.electron_bounds import (
     relative_light_change,
     sensor_error_bound,
 )
+from simulator.effects.field_waves import phase_span, wave_distance
 from simulator.effects.landed_light import is_light_moved, landed_light
 from simulator.effects.likely_errors import FAR
 from simulator.effects.picture_norms import estimated_light
@@ -277,16 +278,17 @@ def _phase_turns(s: Situation) -> NDArray[np.complex128]:
 def _off_axis_factor(s: Situation) -> float:
     """Return how much larger the filter bandwidth effect's error may be off the lens' axis.
 
-    Light from off the axis passes another part of the panel. Amplitudes add.
+    Light from off the axis passes another part of the panel, and is aberrated more. Amplitudes add.
     """
-    return (1 + math.sqrt(illuminated_area_change(s))) ** 2 if s.camera.separation else 1.0
+    apart = math.sqrt(illuminated_area_change(s)) if s.camera.separation else 0.0
+    return (1 + apart + wave_distance(s)) ** 2
 
 
 def _phase_spans(s: Situation) -> tuple[float, float]:
     """Return the radians that pattern and lens phases span, for the filter bandwidth effect."""
     shown = max(float(one.max() - one.min()) for one in s.pattern_probe.phases)
     bent = max(float(one.max() - one.min()) for one in s.pattern_probe.lens_phases)
-    return shown, bent
+    return shown, bent + (phase_span(s) if s.camera.lens.field_aberrations else 0.0)
 
 
 class Leak(BlurEffect):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.blur_effects import OnOffBlurEffect, transfer_error_bound
+from simulator.effects.field_waves import displacement, psf_change
 from simulator.effects.rendering_work import DIFFRACTION
 from simulator.planning import Bound
 from simulator.situation import Situation
@@ -31,12 +32,13 @@ class Diffraction(OnOffBlurEffect):
     levels = ("rays", "waves")
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        turn = s.pattern_probe.mean_ray_displacement + s.camera.sensor.pitch
+        turn = s.pattern_probe.mean_ray_displacement + s.camera.sensor.pitch + displacement(s)
+        aberrated = psf_change(s)
         waves = s.pattern_probe.transfer_bounds
 
         def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
             rays = np.minimum(2 * math.pi * k * turn, 2.0)
-            apart = waves.loss_bound(k.ravel()).reshape(k.shape) + rays
+            apart = waves.loss_bound(k.ravel()).reshape(k.shape) + rays + aberrated
             return np.where(
                 k > 0, np.minimum(self.audit_margin * apart, 2.0), s.pattern_probe.side_order_share
             )

@@ -12,11 +12,11 @@ from simulator.effects.electron_bounds import max_light_seconds, sensor_error_bo
 from simulator.effects.likely_errors import LightEffect
 from simulator.effects.moving import transform
 from simulator.effects.rendering_work import (
-    FIELD_POSITION,
     FILTER_BANDWIDTH,
     LEVELS,
     OCCLUSION,
     OUT_OF_BAND_LEAK,
+    place_count_at,
 )
 from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
@@ -63,7 +63,7 @@ class Occlusion(LightEffect, OnOffEffect):
             LEVELS.wavelengths[levels.get(FILTER_BANDWIDTH, 0)]
             + LEVELS.leak[levels.get(OUT_OF_BAND_LEAK, 0)]
         )
-        places = LEVELS.places[levels.get(FIELD_POSITION, 0)] ** 2
+        places = place_count_at(levels)
         layers = s.target.layers
         covers = sum(one is not None for one in s.picture_probe.covers)
         pictures = covers + len(layers) * channels

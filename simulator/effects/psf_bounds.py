@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from optics.pupil import open_area
 from optics.stop_shadow import share_through_stop
 from optics.validation import as_number
+from simulator.effects.field_waves import psf_change, wave_distance
 from simulator.effects.result_cache import cached_per_situation
 from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.scene.drawable import UniformLight
@@ -84,14 +85,21 @@ def _on_pixel(s: Situation, density: float) -> float:
     and field.
     """
     density *= _brighter(s)
-    if s.camera.separation:
-        # Off the axis, light passes another part of the panel: amplitudes add.
-        lit = (
-            open_area(s.mount.camera_in_panel_axes(s.camera))
-            / (s.wavelength * as_number(s.camera.ray_matrix_b)) ** 2
-        )
-        density = (math.sqrt(density) + illuminated_area_change(s) * math.sqrt(lit)) ** 2
+    # Off the axis, light passes another part of the panel, and is aberrated more: amplitudes add.
+    apart = illuminated_area_change(s) if s.camera.separation else 0.0
+    apart += wave_distance(s)
+    if apart:
+        density = (math.sqrt(density) + apart * math.sqrt(full_aperture_density(s))) ** 2
     return min(density * s.camera.sensor.pitch**2, 1.0)
+
+
+def full_aperture_density(s: Situation) -> float:
+    """Return the densest that a PSF can be under any effect of phase, in shares per m².
+
+    All amplitudes of the pupil then add up at one point, at the middle of the band.
+    """
+    camera = s.mount.camera_in_panel_axes(s.camera)
+    return open_area(camera) / (s.wavelength * as_number(s.camera.ray_matrix_b)) ** 2
 
 
 def zeroth_order_share(s: Situation) -> float:
@@ -130,6 +138,7 @@ def mtf_bound(s: Situation, frequency: Array) -> Array:
     if s.camera.separation:
         differs = illuminated_area_change(s)
         most = most + 2 * math.sqrt(differs) + differs
+    most = most + psf_change(s)
     return np.minimum(most, 1.0).reshape(frequency.shape)
 
 

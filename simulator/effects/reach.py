@@ -13,6 +13,7 @@ from simulator.effects.electron_bounds import (
     sharp_norm_bound,
     total_electrons,
 )
+from simulator.effects.field_waves import displacement
 from simulator.effects.likely_errors import FAR
 from simulator.effects.psf_bounds import psf_energy_bound
 from simulator.effects.rendering_work import LEVELS, PSF_REACH, first_level_reaching
@@ -82,9 +83,10 @@ def _window_half_side(s: Situation, level: int, longest: float) -> float:
     """Return the metres from a PSF window's centre to its side at a level of the reach effect.
 
     The metres hold at the band's centre. They are scaled from the longest wavelength to the centre.
-    Light that a shifted panel moves out of the window is beyond it.
+    Light that a shifted panel or field aberrations move out of the window is beyond it.
     """
-    half = (LEVELS.windows[level] / 2 - 1) * s.camera.sensor.pitch - s.image_shift
+    half = (LEVELS.windows[level] / 2 - 1) * s.camera.sensor.pitch
+    half = max(half - s.image_shift - displacement(s), 0.0)
     turned = abs(math.cos(2 * s.mount.rotation)) < 1 - 1e-9
     return half * s.wavelength / longest / (math.sqrt(2) if turned else 1.0)
 

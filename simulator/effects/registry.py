@@ -10,6 +10,7 @@ from simulator.effects.depths import DepthLayers
 from simulator.effects.diffraction import Diffraction
 from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
+from simulator.effects.field_aberrations import FieldAberrations
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
@@ -66,6 +67,7 @@ EFFECTS: tuple[Effect, ...] = (
     UnmodulatedLight(),
     PanelOrders(),
     FieldPosition(),
+    FieldAberrations(),
     Vignetting(),
     AxialColour(),
     Diffraction(),

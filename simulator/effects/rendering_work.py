@@ -36,6 +36,8 @@ class RenderingLevels:
         Nodes of distance.
     places : tuple of int
         Nodes along each axis of the field.
+    aberrated_places : tuple of int
+        The same for field aberrations, which change more than the stop's shadow.
     orders : tuple of int
         Diffraction orders of the panel's pixel grid on each side. At level 1, two on each side are
         rendered on cells of pixels instead, where that is possible.
@@ -50,6 +52,7 @@ class RenderingLevels:
     leak: tuple[int, ...] = (0, 4, 8, 16)
     depths: tuple[int, ...] = (1, 2, 3, 5, 9, 17, 33)
     places: tuple[int, ...] = (1, 3, 5, 9)
+    aberrated_places: tuple[int, ...] = (1, 3, 5, 9, 17)
     orders: tuple[int, ...] = (0, 1, 2)
     samples: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
     windows: tuple[int, ...] = (SMALLEST_WINDOW, 128, 256, 512, 1024, 2048, 4096)
@@ -72,6 +75,7 @@ DIFFRACTION, PSF_REACH, LIGHT_SAMPLING, PANEL_DISPERSION = (
     "light sampling",
     "panel dispersion",
 )
+FIELD_ABERRATIONS = "field aberrations"
 VIGNETTING, POLARISATION_INTERFERENCE = "vignetting", "polarisation interference"
 OCCLUSION, LENS_GHOSTS = "occlusion", "lens ghosts"
 
@@ -84,6 +88,7 @@ ATTRIBUTION_ORDER = (
     PANEL_DISPERSION,
     POLARISATION_INTERFERENCE,
     FIELD_POSITION,
+    FIELD_ABERRATIONS,
     VIGNETTING,
     PANEL_ORDERS,
     LENS_GHOSTS,
@@ -229,7 +234,7 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
         + LEVELS.leak[levels.get(OUT_OF_BAND_LEAK, 0)]
     )
     depths = min(LEVELS.depths[levels.get("depth layers", 0)], len(distances))
-    places = LEVELS.places[levels.get(FIELD_POSITION, 0)] ** 2
+    places = place_count_at(levels)
     fields = (2 if levels.get(POLARISATION_INTERFERENCE, 0) else 1) * _flicker_field_count(
         s, levels
     )
@@ -257,6 +262,12 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
     aside = orders * nodes * parts * (1 + weighing + places) if wave else 0
     blurs = straight + aside - pictures
     return _Counts(psfs, orders if wave else 0, blurs, pictures, wave)
+
+
+def place_count_at(levels: Mapping[str, int]) -> int:
+    """Return the number of places in the field that are rendered at effect levels."""
+    of_shadow = LEVELS.places[levels.get(FIELD_POSITION, 0)]
+    return max(of_shadow, LEVELS.aberrated_places[levels.get(FIELD_ABERRATIONS, 0)]) ** 2
 
 
 def _flicker_field_count(s: Situation, levels: Mapping[str, int]) -> int:

@@ -11,6 +11,7 @@ import torch
 from optics.accuracy import Budget, ToleranceError
 from optics.caching import ByteCache
 from optics.camera import Camera
+from optics.field_aberrations import add_aberrations
 from optics.plane import Plane
 from optics.psf import PSFOperator, modulated_psf
 from optics.slm import Modulator
@@ -83,16 +84,25 @@ class Kernels:
         r = self._recipe
         beats = self._s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
-        axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction, r.axial_colour)
+        varied = (r.places > 1, r.aberrated_places > 1, r.axial_colour)
+        axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction, varied)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
-    def camera_at(self, wavelength: float) -> Camera:
-        """Return the camera in the panel's axes by which light of a wavelength is rendered."""
-        shift = self._s.camera.lens.focus_shift(wavelength) if self._recipe.axial_colour else 0.0
-        if not shift:
+    def camera_at(self, wavelength: float, place: tuple[float, float] = (0.0, 0.0)) -> Camera:
+        """Return the camera in the panel's axes by which light of a wavelength is rendered.
+
+        place: (y, x) metres of the image, for the lens' field aberrations.
+        """
+        recipe, lens = self._recipe, self._s.camera.lens
+        shift = lens.focus_shift(wavelength) if recipe.axial_colour else 0.0
+        bent = lens.field_aberrations if recipe.aberrated_places > 1 else None
+        if not shift and bent is None:
             return self.camera
-        camera = replace(self._s.camera, panel=self._recipe.panel)
-        return self._s.mount.camera_in_panel_axes(defocused(camera, shift))
+        camera = replace(self._s.camera, panel=recipe.panel)
+        if bent is not None:
+            aberrations = add_aberrations(lens.aberrations, bent.at(*place))
+            camera = replace(camera, lens=replace(lens, aberrations=aberrations))
+        return self._s.mount.camera_in_panel_axes(defocused(camera, shift) if shift else camera)
 
     def psf(
         self,
@@ -207,15 +217,23 @@ class Kernels:
 
     def _vignetting_correction(self, point: PointSource) -> float:
         """Return the factor that renders an off-axis PSF as bright as one on the axis."""
-        if not (self.camera.separation and any(point.place)):
+        seen = self._shadow_place(point)
+        if not (self.camera.separation and any(seen)):
             return 1.0
         here, axis = (
             share_through_stop(
                 self.camera, point.distance, self._place_in_panel_axes(point.distance, place)
             )
-            for place in (point.place, (0.0, 0.0))
+            for place in (seen, (0.0, 0.0))
         )
         return axis / here if here else 0.0
+
+    def _shadow_place(self, point: PointSource) -> tuple[float, float]:
+        """Return the place from which a rendered point sees the stop's shadow on the panel.
+
+        It is on the axis where only the lens' aberrations differ over the field.
+        """
+        return point.place if self._recipe.places > 1 else (0.0, 0.0)
 
     def _place_in_panel_axes(
         self, distance: float, place: tuple[float, float]
@@ -253,9 +271,9 @@ class Kernels:
         Unmodulated light is left to the modulator.
         """
         tol = tol or self._s.numerics
-        camera, recipe = self.camera_at(point.wavelength), self._recipe
+        camera, recipe = self.camera_at(point.wavelength, point.place), self._recipe
         plane = self._without_image_shift(self._around(point, order), camera, point.distance)
-        place = self._place_in_panel_axes(point.distance, point.place)
+        place = self._place_in_panel_axes(point.distance, self._shadow_place(point))
         if not recipe.diffraction:
             return RayOperator(camera, point.distance, point.wavelength, plane, place)
         causes = ("operator", camera, tol, point, plane)
@@ -305,7 +323,7 @@ class Kernels:
         panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
         if not r.dispersion:
             modulator = modulator_at(panel, s.wavelength)
-        elif r.depths == 1 and r.places == 1 and not r.orders:
+        elif r.depths == r.places == r.aberrated_places == 1 and not r.orders:
             return exposure_fields(modulator, seen, pictures, tol)
         causes = ("fields", panel, modulator.wavelength, seen, tol)
         return self._cache.get(

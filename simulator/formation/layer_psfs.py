@@ -11,7 +11,7 @@ from simulator.formation.exposure_cells import ExposureCell
 from simulator.formation.kernels import Kernels, Order, PointSource
 from simulator.formation.merged_parts import merge_parts
 from simulator.formation.nodes import Wavelength, depth_nodes, electrons_per_radiance, wavelengths
-from simulator.formation.objects import ObjectSpectra, Place
+from simulator.formation.objects import ObjectSpectra, Place, field_effect
 from simulator.recipe import Recipe
 from simulator.scene.target import Layer
 from simulator.situation import Situation
@@ -101,7 +101,7 @@ class LayerPSFs:
         if self.nodes[node].leak:
             return "out-of-band leak"
         if place != self.places[0]:
-            return "field position"
+            return field_effect(self._recipe)
         if distance != self._first:
             return "depth layers"
         if node:

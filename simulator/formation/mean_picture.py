@@ -96,7 +96,15 @@ def expected_electrons(
 
 def _require_counts(recipe: Recipe) -> None:
     """Raise ValueError if a count of the recipe is too small to render any image."""
-    for name in ("window", "samples_per_pixel", "wavelengths", "depths", "places", "motion"):
+    for name in (
+        "window",
+        "samples_per_pixel",
+        "wavelengths",
+        "depths",
+        "places",
+        "aberrated_places",
+        "motion",
+    ):
         if getattr(recipe, name) < 1:
             raise ValueError(f"the recipe's {name} is {getattr(recipe, name)}; it is 1 at least")
     for name in ("leak", "orders"):

@@ -17,6 +17,19 @@ from simulator.scene.drawable import Drawable, UniformLight
 from simulator.scene.target import Layer
 from simulator.situation import Situation
 
+
+def place_count(s: Situation, recipe: Recipe) -> int:
+    """Return the places along each axis of the field whose PSFs are rendered."""
+    of_shadow = recipe.places if s.camera.separation else 1
+    of_lens = recipe.aberrated_places if s.camera.lens.field_aberrations else 1
+    return max(of_shadow, of_lens)
+
+
+def field_effect(recipe: Recipe) -> str:
+    """Return the effect to which the ledger ascribes the work of rendering places."""
+    return "field position" if recipe.places > 1 else "field aberrations"
+
+
 Place = tuple[float, float]
 """(y, x) metres on the sensor."""
 
@@ -52,7 +65,7 @@ class ObjectSpectra:
         self._s, self._recipe, self._gathering, self._cache = s, recipe, gathering, cache
         self._kernels, self._plane = kernels, gathering.plane
         halves = [n * s.camera.sensor.pitch / 2 for n in s.camera.sensor.shape]
-        count = recipe.places if s.camera.separation else 1
+        count = place_count(s, recipe)
         self._grid = [field_nodes(count, half) for half in halves]
         self.places: list[Place] = [(y, x) for y in self._grid[0] for x in self._grid[1]]
 
@@ -171,7 +184,7 @@ class ObjectSpectra:
         self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False
     ) -> list[torch.Tensor]:
         """Weight a rendered picture by vignetting and field place; return the spectra."""
-        effect = "vignetting" if len(self.places) == 1 else "field position"
+        effect = "vignetting" if len(self.places) == 1 else field_effect(self._recipe)
         light = self._gathering.samples(bare, effect)
         if attenuation is not None:
             light = light * (attenuation - 1 if even else attenuation)

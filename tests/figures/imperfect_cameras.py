@@ -1,4 +1,4 @@
-"""Imperfections of lens, mount and sensor against a slow judge."""
+"""Imperfections of lens, mount and sensor against slow judges."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from judges.aberrated_star import aberrated_star
 from judges.imperfect_camera import Array, imperfect, out_of_focus
 
 from figures import Figure
 from figures.problems import log_uniform
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
+from optics.field_aberrations import FieldAberrations
 from optics.light import Band
 from optics.threads import single_threaded
 from simulator.effects.band_effects import Bandwidth
@@ -24,13 +26,14 @@ from simulator.imaging import Imaging
 from simulator.ledger import Ledger
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
+from simulator.planning import Effect
 from simulator.planning.effect_plan import build_recipe
 from simulator.scene import PhotographPrint, Star, Target
 from simulator.situation import Situation
 
 NAMES = (
-    "axial colour", "vibration", "distortion", "vignetting", "lens ghosts", "dust",
-    "pixel crosstalk",
+    "axial colour", "field aberrations", "vibration", "distortion", "vignetting", "lens ghosts",
+    "dust", "pixel crosstalk",
 )  # fmt: skip
 
 _SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
@@ -42,6 +45,7 @@ _IDEAL = Camera(
     Sensor(shape=(20, 24), pitch=20e-6, full_well=1e7, bits=16, read_noise=2.0),
 )  # fmt: skip
 _CORNER = math.hypot(20, 24) * 10e-6
+_BAND = Band(550e-9, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -59,12 +63,18 @@ class Draw:
         return _situation(self.target, self.camera, self.exposure, self.band)
 
     def judged(self, without: str = "") -> Array:
-        """The sum of its wavelengths by the midpoint rule, each by a narrow band."""
+        """The picture of a camera in which one thing may be ideal."""
         camera = ideal_in(self.camera, without)
         periods = min(camera.vibration_frequency * self.exposure, 1e6)
         seen = camera.vibration * math.sqrt(1 - float(np.sinc(periods)) ** 2)
+        return imperfect(self._light(camera), _FINER, camera, seen)
+
+    def _light(self, camera: Camera) -> Array:
+        """The sum of its wavelengths by the midpoint rule, each by a narrow band."""
+        if self.camera.lens.field_aberrations is not None:
+            return self._aberrated_light(camera)
         if not camera.lens.axial_colour:
-            return imperfect(self._fine_picture(self.band, camera.lens), _FINER, camera, seen)
+            return self._fine_picture(self.band, camera.lens)
         low, high = self.band.support
         middles = low + (high - low) * (np.arange(_WAVELENGTHS) + 0.5) / _WAVELENGTHS
         passed = self.band.transmission(middles) * (high - low) / _WAVELENGTHS
@@ -74,7 +84,18 @@ class Draw:
             ends = np.linspace(*narrow.support, 2001)
             alone = float(np.trapezoid(narrow.transmission(ends), ends))
             fine = fine + width / alone * self._fine_picture(narrow, camera.lens)
-        return imperfect(fine, _FINER, camera, seen)
+        return fine
+
+    def _aberrated_light(self, camera: Camera) -> Array:
+        """A star by a judge of its own, which an ideal lens tells how much light there is."""
+        assert isinstance(self.target, Star)
+        ideal = self._fine_picture(self.band, _IDEAL.lens)
+        pitch = _IDEAL.sensor.pitch / _FINER
+        seen, sharp = (
+            aberrated_star(self.target, one, self.band.centre, ideal.shape, pitch)
+            for one in (camera, _IDEAL)
+        )
+        return seen * ideal.sum() / sharp.sum()
 
     def _fine_picture(self, band: Band, lens: Lens) -> Array:
         """By a lens that is ideal but for its focus, on a frame twice as large and pixels a quarter
@@ -104,6 +125,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
     return {
         "": camera,
         "axial colour": replace(camera, lens=replace(lens, axial_colour=())),
+        "field aberrations": replace(camera, lens=replace(lens, field_aberrations=None)),
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
@@ -122,8 +144,11 @@ def draws(count: int, weakest: float) -> Iterator[Draw]:
 
 
 def _coloured(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:
-    """In every other draw a band of up to 40 nm, and a lens that doesn't unite it."""
-    if rng.random() < 0.5:
+    """In every other draw a band of up to 40 nm, and a lens that doesn't unite it.
+
+    The judge of field aberrations knows one focus.
+    """
+    if rng.random() < 0.5 or draw.camera.lens.field_aberrations is not None:
         return draw
     blue, red = (
         float(rng.choice([-1, 1])) * 4e-3 * log_uniform(rng, weakest, 1.0) for _ in range(2)
@@ -166,6 +191,7 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
     if rng.random() < 0.4:
         place = tuple(float(one) for one in rng.uniform(-2.4e-3, 2.4e-3, 2))
         star = Star(2e-3, 1.0, 1e9, (place[0], place[1]))
+        camera = replace(camera, lens=_aberrated(rng, camera.lens, strength))
         return Draw(star, star, camera, exposure)
     image = torch.from_numpy(rng.random((24, 30, 3)).astype(np.float32))
     printed = PhotographPrint(image, 1.0, 1e8, cover=2.0)
@@ -181,13 +207,30 @@ def _reflections(rng: np.random.Generator, strength) -> tuple[Ghost, ...]:  # ty
     return tuple(found)
 
 
+def _aberrated(rng: np.random.Generator, lens: Lens, strength) -> Lens:  # type: ignore[no-untyped-def]
+    """With some of Seidel's aberrations in half of the cases, up to a wave in the corner."""
+    if rng.random() < 0.5:
+        return lens
+    of_all = strength(_BAND.centre)
+    parts = of_all * rng.choice([-1, 0, 1], 3) * rng.uniform(0.3, 1, 3)
+    if not parts.any():
+        return lens
+    coma, astigmatism, curvature = (float(one) for one in parts)
+    bent = FieldAberrations(_CORNER, coma, astigmatism, curvature)
+    return replace(lens, field_aberrations=bent)
+
+
 def rendered(s: Situation, names: tuple[str, ...], sampling: int, *, aperture: bool) -> Array:
     """By waves in a large window, with some of the imperfections and nothing else."""
     chosen = {"diffraction": 1, "PSF reach": 1, "light sampling": sampling}
     if names:
         chosen["filter bandwidth"] = Bandwidth().finest_level(s)
     present = [one.name for one in EFFECTS if one.name in names and one.is_present(s)]
-    levels = chosen | dict.fromkeys(present, 1) | ({"pixel aperture": 1} if aperture else {})
+    levels = (
+        chosen
+        | {one.name: _level(one, s) for one in EFFECTS if one.name in present}
+        | ({"pixel aperture": 1} if aperture else {})
+    )
     recipe = build_recipe(EFFECTS, s, levels)
     ledger = Ledger()
     found = expected_electrons(s, recipe, ByteCache(), ledger).double().numpy()
@@ -195,6 +238,10 @@ def rendered(s: Situation, names: tuple[str, ...], sampling: int, *, aperture: b
     if not called <= set(present):
         raise AssertionError(f"{sorted(called - set(present))} called, and not there")
     return found
+
+
+def _level(effect: Effect, s: Situation) -> int:
+    return 3 if effect.name == "field aberrations" else 1
 
 
 def _noise(light: Array) -> Array:

@@ -17,6 +17,7 @@ from figures.random_targets import Chance
 from labapp.prediction.simulating.all_effects import REFERENCE_TOL, Deviation
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Ghost, Lens, Sensor
+from optics.field_aberrations import FieldAberrations
 from optics.pupil import pupil_amplitude
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
@@ -167,8 +168,8 @@ def _reflections(rng: np.random.Generator, sensor: Sensor) -> tuple[Ghost, ...]:
 
 
 def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
-    """With distortion of up to 4 % in the corner, a curve of relative illumination, or colour that
-    blurs over up to ten pixels."""
+    """With distortion of up to 4 % or half a wave of Seidel's aberrations in the corner, a curve of
+    relative illumination, or colour that blurs over up to ten pixels."""
     corner = math.hypot(*camera.sensor.shape) * camera.sensor.pitch / 2
     lens = camera.lens
     if rng.random() < 0.4:
@@ -186,6 +187,10 @@ def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
             for _ in range(2)
         )
         lens = replace(lens, axial_colour=((400e-9, blue), (550e-9, 0.0), (700e-9, red)))
+    if rng.random() < 0.3:
+        parts = log_uniform(rng, 1e-3, 0.5) * 550e-9 * rng.uniform(-1, 1, 3)
+        by = FieldAberrations(corner, *(float(one) for one in parts))
+        lens = replace(lens, field_aberrations=by)
     return lens
 
 

@@ -138,6 +138,18 @@ def test_ghosts_are_tables_in_millimetres_and_share_the_light(tmp_path):
         read(tmp_path, CAMERA + table.replace("1.5", "-1"))
 
 
+def test_a_lens_is_aberrated_more_off_its_axis(tmp_path):
+    bent = CAMERA.replace(
+        "[lens]", "[lens]\nfield_aberrations = { height_mm = 8, astigmatism_nm = 200 }", 1
+    )
+    by = read(tmp_path, bent).build_camera().lens.field_aberrations
+    assert (by.height, by.coma, by.astigmatism) == pytest.approx((8e-3, 0, 200e-9))
+    with pytest.raises(UserError, match=r"astigmatism_nm' is 2000000000.* check its unit"):
+        read(tmp_path, bent.replace("200", "2e9", 1))
+    with pytest.raises(UserError, match=r"field_aberrations\.height_mm"):
+        read(tmp_path, bent.replace("height_mm = 8, ", "", 1))
+
+
 def test_a_lens_curve_of_relative_illumination_reaches_the_corner(tmp_path):
     """In millimetres, as in its data sheet."""
     falling = CAMERA.replace(

@@ -48,6 +48,7 @@ aberrations = [[3, 1, 50.0]]
 relative_illumination = [[0, 1], [20, 0.5]]
 distortion = [-0.2, 0.1]
 axial_colour = [[450, 40], [550, 0]]
+field_aberrations = { height_mm = 8, coma_nm = 90, curvature_nm = -30 }
 
 [truth.sensor]
 crosstalk_percent = 3
@@ -112,6 +113,8 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     assert lens.relative_illumination == ((0, 1), (0.02, 0.5))
     assert lens.distortion == (-0.2, 0.1)
     assert lens.focus_shift(500e-9) == pytest.approx(20e-6)
+    by = lens.field_aberrations
+    assert (by.height, by.coma, by.curvature) == pytest.approx((8e-3, 90e-9, -30e-9))
 
 
 def test_the_mount_is_in_degrees():

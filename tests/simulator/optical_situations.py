@@ -10,6 +10,7 @@ import torch
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
+from optics.field_aberrations import FieldAberrations
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import PanelMap, PhaseResponse
 from simulator.effects import registry
@@ -20,6 +21,7 @@ from simulator.effects.crystal import CrystalResponse
 from simulator.effects.diffraction import Diffraction
 from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
+from simulator.effects.field_aberrations import FieldAberrations as FieldAberrationsEffect
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
@@ -50,6 +52,7 @@ EFFECTS: tuple[Effect, ...] = (
     CrystalResponse(),
     Interference(),
     FieldPosition(),
+    FieldAberrationsEffect(),
     Vignetting(),
     PanelOrders(),
     AxialColour(),
@@ -65,6 +68,7 @@ PANEL = Panel(shape=(24, 32), pitch=40e-6, fill_factor=0.81, unmodulated=0.05)
 CAMERA = Camera(
     PANEL, Lens(0.05, 40.0, 1.0), Sensor(shape=(20, 24), pitch=20e-6, full_well=1e7, bits=16)
 )
+CORNER = math.hypot(20, 24) * 10e-6
 STAR = Star(40e-6, 1.0, 2e12, (2e-4, 1e-4))
 STILL = PanelContent.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
 
@@ -174,6 +178,10 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
     colour = ((400e-9, float(blue)), (540e-9, 0.0), (720e-9, float(red)))
     lens = replace(camera.lens, distortion=bent, axial_colour=colour if rng.random() < 0.4 else ())
     camera = replace(camera, sensor=sensor, lens=lens)
+    chance = np.random.default_rng([seed, 1])
+    if chance.random() < 0.04:
+        by = FieldAberrations(CORNER, *(float(one) for one in chance.uniform(-4e-9, 4e-9, 3)))
+        camera = replace(camera, lens=replace(camera.lens, field_aberrations=by))
     trembling = float(rng.choice([0.0, 2e-6, 15e-6]))
     camera = replace(camera, vibration=trembling, vibration_frequency=rng.uniform(5, 100))
     if rng.random() < 0.4:

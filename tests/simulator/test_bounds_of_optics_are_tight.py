@@ -18,6 +18,7 @@ from optical_situations import EFFECTS, PANEL, finest, rendered, situation
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
+from optics.field_aberrations import FieldAberrations
 from optics.light import Band
 from optics.polarisation import PathEffect
 from optics.slm import PanelMap, PhaseResponse
@@ -156,6 +157,12 @@ def apart() -> Situation:
     return seen(far, lens_pattern(7), at_the_corner(far, 1), numerics=0.1)
 
 
+def aberrated() -> Situation:
+    by = FieldAberrations(1e-3, curvature=1e-7)
+    bent = camera(pitch=20e-6, lens=replace(LENS, field_aberrations=by), shape=(60, 80))
+    return seen(bent, target=at_the_corner(bent, 2), numerics=1e-3)
+
+
 def gratings_orders() -> Situation:
     return seen(camera(replace(IDEAL, pitch=80e-6), shape=(8, 28)))
 
@@ -220,6 +227,8 @@ WORST = [
           {"unmodulated light": 1}),
     Worst("field position", apart, {0: 170},
           "the root of the light that is lit anew, as if it met the rest in phase"),
+    Worst("field aberrations", aberrated, {0: 12, 1: 130},
+          "trace norms: as if every pattern were the worst, and light in phase wherever it lands"),
     Worst("vignetting", wide_angle(), {0: 3}, "the margin's corner is darker still", RAYS, "star"),
     Worst("vignetting", wide_angle(Flat(1.0, 1e5)), {0: 6}, "as all were as dark as that", RAYS,
           "even light"),

@@ -10,14 +10,17 @@ import pytest
 from figures.imperfect_cameras import NAMES, draws, rendered
 from optical_situations import CAMERA, situation
 
+import simulator.formation.kernels as kernels
 import simulator.formation.mean_picture as picture
 from optics.camera import Ghost, Lens
+from optics.field_aberrations import FieldAberrations
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging
 
 ADDED = [one for one in EFFECTS if one.name in {*NAMES} - {"vignetting"}]
 RENDERING = (
     (Lens, "defocused"),
+    (kernels, "add_aberrations"),
     *((picture, name) for name in (
         "vibration_transfer", "distort", "ghost_on_pixels", "cast_shadows", "mix_neighbours"
     )),
@@ -28,9 +31,11 @@ def never(*args, **kwargs):
     raise AssertionError("called for nothing")
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize(
+    "number", [0, 1, *(pytest.param(one, marks=pytest.mark.sweep) for one in (2, 3, 4, 5))]
+)
 def test_a_picture_is_what_rays_and_sums_make_of_it(number):
-    draw = next(islice(draws(4, 0.1), number, None))
+    draw = next(islice(draws(6, 0.1), number, None))
     wanted = draw.judged()
     found = rendered(draw.situation, NAMES, 3, aperture=True)
     assert found == pytest.approx(wanted, abs=0.03 * wanted.max())
@@ -53,8 +58,12 @@ def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
     for owner, name in RENDERING:
         monkeypatch.setattr(owner, name, never)
     sensor = replace(CAMERA.sensor, crosstalk=1e-6, dust=((0.0, 0.0, 1e-8),), dust_distance=1e-3)
-    colour = ((400e-9, 1e-9), (700e-9, -1e-9))
-    lens = replace(CAMERA.lens, distortion=(1e-3, 0.0), axial_colour=colour)
+    lens = replace(
+        CAMERA.lens,
+        distortion=(1e-3, 0.0),
+        axial_colour=((400e-9, 1e-9), (700e-9, -1e-9)),
+        field_aberrations=FieldAberrations(1e-3, 1e-12, 1e-12, 1e-12),
+    )
     camera = replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9, ghosts=(Ghost(1e-6, -1.0),))
     s = situation(camera=camera)
     plan = Imaging(1e-2).plan(s)
