@@ -11,6 +11,7 @@ from optics.accuracy.account import (
 from optics.accuracy.budget import Budget, MachineSpeed, plan_budget
 from optics.accuracy.choice import (
     CandidateMethod,
+    DearerThanOthersError,
     IterationOption,
     MethodChoice,
     best_within,
@@ -31,6 +32,7 @@ __all__ = [
     "Account",
     "Budget",
     "CandidateMethod",
+    "DearerThanOthersError",
     "ErrorEstimate",
     "IterationOption",
     "MachineSpeed",

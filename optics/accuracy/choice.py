@@ -24,6 +24,10 @@ from optics.accuracy.tolerance_error import (
 from optics.validation import rounded_up
 
 
+class DearerThanOthersError(Exception):
+    """Tells that the preparation of a method would take longer than another one altogether."""
+
+
 class CandidateMethod(ABC):
     """Base class of methods to choose from, each with a name and a predicted cost.
 
@@ -34,9 +38,13 @@ class CandidateMethod(ABC):
     ----------
     name : str
         The method's name.
+    others_seconds : float
+        Predicted processor time of the next method, of planning and all calls; infinite if there is
+        none. A method whose preparation proves to be dearer may end it with DearerThanOthersError.
     """
 
     name: str
+    others_seconds: float = math.inf
 
     @property
     @abstractmethod
@@ -172,17 +180,27 @@ class MethodChoice(Generic[O]):
     def prepared_candidates(self) -> Iterator[O]:
         """Yield the candidate methods that keep their tolerance, the cheapest first.
 
-        Each is prepared only when the iteration reaches it.
+        Each is prepared only when the iteration reaches it. One that proves to be dearer than the
+        next one comes last.
         """
-        for offer in self.candidates:
+        waiting = list(self.candidates)
+        while waiting:
+            offer = waiting.pop(0)
+            given_up = offer.others_seconds < math.inf
+            offer.others_seconds = math.inf
+            if waiting and not given_up:
+                offer.others_seconds = waiting[0].total_seconds(self._budget)
             try:
                 require_planning_time(self._what)
                 offer.prepare()
             except ToleranceError as error:
                 self._refusals.append(error)
                 self.wasted_seconds += offer.planning_seconds(self._budget.speed)
-                continue
-            yield offer
+            except DearerThanOthersError:
+                self.wasted_seconds += offer.planning_seconds(self._budget.speed)
+                waiting.append(offer)
+            else:
+                yield offer
 
     def refusal(self, tol: float) -> ValueError:
         """Return the error that says why no candidate method keeps a tolerance.

@@ -9,6 +9,7 @@ import torch
 
 from optics.accuracy import (
     FLOAT32_ARITHMETIC,
+    DearerThanOthersError,
     MachineSpeed,
     require_memory,
     unreachable_tolerance_error,
@@ -144,6 +145,9 @@ class SampledEngine(CachedPupilWave, PSFEngine):
             self._plan()
             if self.bytes > q.budget.memory:
                 break
+            speed, calls = q.budget.speed, q.budget.calls
+            if self._grid_seconds(speed) + calls * self.cpu_seconds(speed) > self.others_seconds:
+                raise DearerThanOthersError(f"a grid of {self._grid_size}² samples")
         raise unreachable_tolerance_error(q.tol, 1.5 * self.error.value + self.arithmetic)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:

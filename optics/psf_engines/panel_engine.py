@@ -141,7 +141,8 @@ class PanelCostSettings:
     pixel_passes : float
         Passes over the panel's pixels in a call: the pattern's phasor, and the measured error.
     term_passes : float
-        Passes over the panel's pixels for each term of the wave.
+        Passes over the panel's pixels for each term of the wave; transforms that hold the wave have
+        none.
     sample_passes : float
         Passes over the samples at the sensor in a call.
     node_passes : float
@@ -161,8 +162,8 @@ class PanelCostSettings:
     term_passes: float = 26.0
     sample_passes: float = 28.0
     node_passes: float = 120.0
-    open_share_passes: float = 90.0
-    line_passes: float = 12_500.0
+    open_share_passes: float = 50.0
+    line_passes: float = 10_000.0
     planning_calls: float = 18.0
     degree_calls: float = 3.0
 
@@ -735,7 +736,8 @@ class _PanelMethod(CandidateMethod):
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         pixels, (rows, columns) = self._panel_pixels, self.transform.geometry.image.shape
-        passes = pixels * (_COST.pixel_passes + self.terms * _COST.term_passes)
+        terms = self.terms if self.degrees else 0
+        passes = pixels * (_COST.pixel_passes + terms * _COST.term_passes)
         passes += rows * columns * _COST.sample_passes
         sums = self.terms * self.transform.cpu_seconds(speed)
         return passes * speed.touch * self._slowdown(speed) + sums

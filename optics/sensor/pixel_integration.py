@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -38,6 +39,10 @@ class PixelIntegrationSettings:
     samples_per_digit : float
         Samples on either side of a pixel that another digit needs, times the oversampling beyond 1.
         Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it meets within a quarter.
+    first_digit_steps : float
+        Samples on either side in which the error is first taken to fall to a tenth. Chosen.
+    stalled_steps : int
+        Steps of the search for the reach after which an error that hardly falls ends it. Chosen.
     max_reach : int
         Most samples on either side of a pixel that its weights use. Chosen: the error is down to
         rounding there.
@@ -52,6 +57,8 @@ class PixelIntegrationSettings:
     oversampling: tuple[float, ...] = (1.15, 1.3, 1.5)
     widest_band: float = 0.48
     samples_per_digit: float = 0.75
+    first_digit_steps: float = 2.0
+    stalled_steps: int = 3
     max_reach: int = 96
     block: int = 16
     whole_samples: int = 64
@@ -182,27 +189,74 @@ def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
     """
     # A pixel's centre between two samples is the hardest case, and one on a sample the easiest.
     offsets = sorted({_offset(factor, pixel) for pixel in range(_SETTINGS.block)}, key=abs)
-    best: tuple[float, int] | None = None
-    fits: list[float] = []
+    tried: dict[tuple[int, float], tuple[NDArray[np.float64], float]] = {}
 
     def fit(reach: int, offset: float) -> tuple[NDArray[np.float64], float]:
-        fits.append(reach if offset else reach / 2)
-        return _fit_weights(factor, band, reach, offset, tol)
+        """Fit once; the weights of a pixel on the other side of its sample are mirrored."""
+        key = reach, abs(offset)
+        if key not in tried:
+            tried[key] = _fit_weights(factor, band, reach, abs(offset), tol)
+        weights, error = tried[key]
+        return (weights if offset >= 0 else weights[::-1]), error
 
     first = math.ceil(factor) // 2 + 1
-    # Far fewer weights than expected needn't be tried.
-    start = max(first, math.floor(0.6 * _expected_reach(0.5 / band, tol)))
-    for reach in range(start, first + _SETTINGS.max_reach):
-        error = max(fit(reach, one)[1] for one in {offsets[0], offsets[-1]})
-        if best is None or error < best[0]:
-            best = error, reach
-        if error <= tol:
+    expected = max(first, math.floor(_expected_reach(0.5 / band, tol)))
+    most = first + _SETTINGS.max_reach - 1
+    reach = _least_reach(lambda one: fit(one, offsets[-1])[1], first, expected, most, tol)
+    # An easier case may need a sample more, where rounding rules.
+    while reach < most and fit(reach, offsets[-1])[1] <= tol:
+        if max(fit(reach, one)[1] for one in offsets) <= tol:
             break
-    assert best is not None
-    found = {one: fit(best[1], one) for one in offsets}
+        reach += 1
+    found = {one: fit(reach, one) for one in offsets}
     rows = [found[_offset(factor, pixel)][0] for pixel in range(_SETTINGS.block)]
     error = max(one[1] for one in found.values())
-    return PixelWeights(torch.from_numpy(np.stack(rows)), factor, error, tuple(fits))
+    fits = tuple(size if offset else size / 2 for size, offset in tried)
+    return PixelWeights(torch.from_numpy(np.stack(rows)), factor, error, fits)
+
+
+def _least_reach(
+    error: Callable[[int], float], first: int, expected: int, most: int, tol: float
+) -> int:
+    """Return the least reach of weights from `first` on whose error is within a tolerance.
+
+    The error falls about exponentially with the reach. Each step goes where the last two errors
+    point to, within the reaches that are known to be too short and long enough. Where no reach up
+    to `most` does, the one of the least error among those that were tried is returned.
+    """
+    short, enough = first - 1, most + 1
+    tried: dict[int, float] = {}
+    reach = min(max(expected, first), most)
+    while enough - short > 1:
+        tried[reach] = error(reach)
+        if tried[reach] <= tol:
+            enough = reach
+        else:
+            short = reach
+        # A reach that gains nothing more has met rounding, which longer ones don't pass.
+        if enough > most and len(tried) > _SETTINGS.stalled_steps:
+            *_, before, last = sorted(tried)
+            if tried[last] > 0.5 * tried[before]:
+                break
+        step = _step_towards(tol, tried, reach)
+        reach = min(max(reach + step, short + 1), enough - 1, most)
+    return enough if enough <= most else min(tried, key=lambda one: tried[one])
+
+
+def _step_towards(tol: float, tried: dict[int, float], reach: int) -> int:
+    """Return by how much a pixel's weights shall reach farther for a tolerance; negative for less.
+
+    tried: errors by reach. The slope is that of the two reaches that were tried next to `reach`.
+    """
+    digits = math.log10(max(tried[reach], 1e-300) / max(tol, 1e-300))
+    others = sorted((one for one in tried if one != reach), key=lambda one: abs(one - reach))
+    slope = 1 / _SETTINGS.first_digit_steps
+    if others:
+        other = others[0]
+        fall = math.log10(max(tried[other], 1e-300) / max(tried[reach], 1e-300)) / (reach - other)
+        slope = fall if fall > 0 else slope
+    step = digits / slope
+    return math.ceil(step) if step > 0 else min(math.ceil(step), -1)
 
 
 def _offset(factor: Fraction, pixel: int) -> float:

@@ -7,6 +7,7 @@ from optics.accuracy import (
     Account,
     Budget,
     CandidateMethod,
+    DearerThanOthersError,
     ErrorEstimate,
     IterationOption,
     MachineSpeed,
@@ -107,6 +108,23 @@ def test_what_was_prepared_in_vain_is_priced():
     fine = promising(1e-3)
     next(fine.prepared_candidates())
     assert fine.wasted_seconds == 0.5 * MachineSpeed().fft
+
+
+class Growing(Promising):
+    """A way that proves to be dear while it is prepared."""
+
+    def prepare(self) -> None:
+        if 100 * MachineSpeed().fft > self.others_seconds:
+            raise DearerThanOthersError(self.name)
+        super().prepare()
+
+
+@pytest.mark.parametrize(("floor", "names"), [(1e-6, ["fine", "grows"]), (1e-2, ["grows"])])
+def test_what_proves_to_be_dearer_than_the_next_comes_last(floor, names):
+    makers = [lambda: Growing("grows", 1.0, 0, 1e-3), lambda: Promising("fine", 9.0, floor, 1e-3)]
+    choice = MethodChoice(makers, Budget(calls=1), "it")
+    assert [one.name for one in choice.prepared_candidates()] == names
+    assert choice.wasted_seconds >= 0.5 * MachineSpeed().fft
 
 
 def test_a_refusal_names_the_least_tolerance_that_any_method_keeps():
