@@ -33,7 +33,7 @@ class LensTable(FileModel):
     the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴. distortion
     is Brown's [k1, k2] for image heights over the image distance, as OpenCV calibrates them.
     axial_colour is a curve of pairs [nm, µm by which the image of that wavelength lies farther from
-    the lens than the sensor].
+    the lens than the sensor], and lateral_colour one of [nm, percent by which it is larger].
     """
 
     focal_length_mm: Positive
@@ -47,6 +47,7 @@ class LensTable(FileModel):
     relative_illumination: tuple[tuple[Amount, Finite], ...] = ()
     distortion: tuple[Finite, Finite] = (0.0, 0.0)
     axial_colour: tuple[tuple[Nanometres, Finite], ...] = ()
+    lateral_colour: tuple[tuple[Nanometres, Finite], ...] = ()
 
     @model_validator(mode="after")
     def _validate_lens(self) -> LensTable:
@@ -75,6 +76,7 @@ class LensTable(FileModel):
             tuple((height * 1e-3, share) for height, share in self.relative_illumination),
             self.distortion,
             tuple((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour),
+            tuple((one * 1e-9, change * 1e-2) for one, change in self.lateral_colour),
         )
 
 

@@ -116,6 +116,7 @@ class TrueLensTable(FileModel):
     relative_illumination: list[tuple[Amount, Finite]] | None = None
     distortion: tuple[Finite, Finite] | None = None
     axial_colour: list[tuple[Nanometres, Finite]] | None = None
+    lateral_colour: list[tuple[Nanometres, Finite]] | None = None
 
     def apply(self, lens: Lens) -> Lens:
         changes: dict[str, Any] = {
@@ -132,6 +133,9 @@ class TrueLensTable(FileModel):
         if self.axial_colour is not None:
             shifts = ((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour)
             changes["axial_colour"] = tuple(shifts)
+        if self.lateral_colour is not None:
+            scales = ((one * 1e-9, change * 1e-2) for one, change in self.lateral_colour)
+            changes["lateral_colour"] = tuple(scales)
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
 
 

@@ -13,6 +13,7 @@ from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
+from simulator.effects.lateral_colour import LateralColour
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.moving import Motion
 from simulator.effects.occlusion import Occlusion
@@ -70,6 +71,7 @@ EFFECTS: tuple[Effect, ...] = (
     Diffraction(),
     PSFReach(),
     Vibration(),
+    LateralColour(),
     Distortion(),
     LightSampling(),
     PixelAperture(),

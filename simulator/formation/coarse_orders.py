@@ -46,9 +46,9 @@ def order_cell_pixels(s: Situation) -> int:
 def can_be_coarse(s: Situation) -> bool:
     """Whether side orders can be rendered on cells: all light takes the same way through the stop.
 
-    Moving or hidden light, a turned panel, a lens that distorts, light that interferes, and jitter,
-    which scatters light evenly, need PSFs. So does a small panel, whose diffraction spots are as
-    large as a cell.
+    Moving or hidden light, a turned panel, a lens that distorts or scales colours, light that
+    interferes, and jitter, which scatters light evenly, need PSFs. So does a small panel, whose
+    diffraction spots are as large as a cell.
     """
     return (
         not s.camera.separation
@@ -59,6 +59,7 @@ def can_be_coarse(s: Situation) -> bool:
         and not s.target.is_moving
         and not s.camera.panel.jitter
         and not any(s.camera.lens.distortion)
+        and not s.camera.lens.lateral_colour
         and all(layer.cover is None for layer in s.target.layers)
     )
 

@@ -129,6 +129,7 @@ class _Rendering:
         kernels = Kernels(s, recipe, windows, cache, ledger, check)
         objects = ObjectSpectra(s, recipe, self._gathering, kernels, cache)
         spreading = LayerPSFs(s, recipe, kernels, objects, cache)
+        self._wavelengths = [one.metres for one in spreading.nodes]
         ways: list[LightPath] = [ZerothOrderPath(self._gathering, objects, spreading)]
         if orders and not windows.merged_orders:
             ways.append(SideOrdersPath(self._gathering, objects, spreading, orders))
@@ -162,12 +163,8 @@ class _Rendering:
         """Render the image that an exposure cell forms on the sensor's pixels."""
         aperture = self._recipe.pixel_aperture
         light = []
-        for spectrum in self._layered.spectra(cell, number):
+        for spectrum in self._spectra(cell, number):
             self._check()
-            if self._vibration:
-                spectrum = self._blurred_by_vibration(spectrum)
-            if self._recipe.distortion:
-                spectrum = self._distorted(spectrum)
             light.append(self._gathering.light_on_pixels(spectrum, aperture))
         total = torch.stack(light)
         if self._coarse_orders is not None:
@@ -175,18 +172,32 @@ class _Rendering:
             total += self._coarse_orders.light(cell)
         return self._with_glare(total) if self._recipe.glare else total
 
-    def _blurred_by_vibration(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Blur the rendered image of a spectrum as it trembles."""
-        self._ledger.add("vibration", 20.0 * spectrum.numel(), 12 * spectrum.numel())
-        return spectrum * vibration_transfer(self._gathering.plane, self._vibration)
+    def _spectra(self, cell: ExposureCell, number: int) -> list[torch.Tensor]:
+        """Render all light where it lands, as a spectrum for each channel."""
+        if not self._recipe.lateral_colour:
+            return [self._landed(one) for one in self._layered.spectra(cell, number)]
+        lens, total = self._s.camera.lens, list[torch.Tensor]()
+        for node, wavelength in enumerate(self._wavelengths):
+            scale = lens.image_scale(wavelength)
+            found = self._layered.spectra(cell, number, [node])
+            moved = [self._landed(one, scale) for one in found]
+            total = [a + b for a, b in zip(total, moved, strict=True)] if total else moved
+        return total
 
-    def _distorted(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Distort the rendered image of a spectrum, which is on samples finer than pixels."""
+    def _landed(self, spectrum: torch.Tensor, scale: float = 1.0) -> torch.Tensor:
+        """Blur the rendered image of a spectrum as it trembles, and distort it."""
+        self._check()
+        if self._vibration:
+            self._ledger.add("vibration", 20.0 * spectrum.numel(), 12 * spectrum.numel())
+            spectrum = spectrum * vibration_transfer(self._gathering.plane, self._vibration)
+        bend, coloured = self._recipe.distortion, self._recipe.lateral_colour
+        if not (bend or coloured):
+            return spectrum
         plane = self._gathering.plane
         samples = plane.shape[0] * plane.shape[1]
         operations = 6 * self._gathering.operations + DISTORTION_OPERATIONS * samples
-        self._ledger.add("distortion", operations, 16 * samples)
-        return distort(spectrum, plane, self._s.camera)
+        self._ledger.add("lateral colour" if coloured else "distortion", operations, 16 * samples)
+        return distort(spectrum, plane, self._s.camera, bend=bend, scale=scale)
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
         """Add veiling glare to the rendered image: spread a share of its light evenly."""

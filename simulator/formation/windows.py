@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from optics.validation import as_number
-from simulator.formation.distorting import distorted_frame
+from simulator.formation.distorting import moved_frame
 from simulator.formation.work import psf_operations, transform_operations
 from simulator.situation import Situation
 
@@ -43,7 +43,7 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 
     The distances (y, x) are in metres on the sensor, along the panel's axes.
     """
-    sensor, moved = s.camera.sensor, distorted_frame(s.camera).reach
+    sensor, moved = s.camera.sensor, moved_frame(s).reach
     y, x = (
         side + n * sensor.pitch / 2 + moved
         for side, n in zip(light_extent(s), sensor.shape, strict=True)
@@ -160,7 +160,7 @@ def _picture_shape(
     lit = [math.inf if endless else one / s.camera.sensor.pitch for one in light_extent(s)]
     found = []
     # Distortion brings light into the frame from so far beside it.
-    beside = math.ceil(distorted_frame(s.camera).reach / s.camera.sensor.pitch)
+    beside = math.ceil(moved_frame(s).reach / s.camera.sensor.pitch)
     frame = [n + 2 * beside for n in s.camera.sensor.shape]
     for n, side, far in zip(frame, sides, lit, strict=True):
         # Small windows share a margin, so that other patterns find what is kept of the scene.

@@ -171,6 +171,10 @@ def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
             for _ in range(2)
         )
         lens = replace(lens, axial_colour=((400e-9, blue), (550e-9, 0.0), (700e-9, red)))
+    if rng.random() < 0.3:
+        apart = float(rng.choice([-1, 1])) * log_uniform(rng, 0.05, 5)
+        blue = apart * camera.sensor.pitch / corner
+        lens = replace(lens, lateral_colour=((400e-9, blue), (550e-9, 0.0), (700e-9, -blue)))
     return lens
 
 

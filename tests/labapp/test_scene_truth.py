@@ -46,6 +46,7 @@ aberrations = [[3, 1, 50.0]]
 relative_illumination = [[0, 1], [20, 0.5]]
 distortion = [-0.2, 0.1]
 axial_colour = [[450, 40], [550, 0]]
+lateral_colour = [[450, -0.04], [550, 0]]
 
 [truth.sensor]
 crosstalk_percent = 3
@@ -109,6 +110,7 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     assert lens.relative_illumination == ((0, 1), (0.02, 0.5))
     assert lens.distortion == (-0.2, 0.1)
     assert lens.focus_shift(500e-9) == pytest.approx(20e-6)
+    assert lens.image_scale(500e-9) == pytest.approx(0.9998)
 
 
 def test_the_mount_is_in_degrees():
