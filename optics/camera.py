@@ -21,6 +21,10 @@ from optics.stop.aperture import Circle, Stop
 from optics.validation import as_number, require_positive, require_share, require_size
 from optics.zernike import require_zernike_indices
 
+MAX_SCALE_CHANGE = 0.1
+"""Largest change of the image's scale by the wavelength, as a share of it. Chosen: no lens has so
+much."""
+
 MAX_FOCUS_SHIFT_SHARE = 0.1
 """Largest shift of a lens' focus, as a share of its image distance. Chosen: beyond it, the scale of
 the image changes, too."""
@@ -63,6 +67,9 @@ class Lens:
     field_aberrations : FieldAberrations, optional
         Coma, astigmatism and field curvature, which grow with the image height, in addition to
         `aberrations`. None by default. Only the simulator uses them.
+    lateral_colour : tuple of (float, float), optional
+        Pairs (wavelength in metres, share by which its image is larger) in the same way. None by
+        default: one scale for all. Only the simulator uses them.
 
     Raises
     ------
@@ -85,6 +92,7 @@ class Lens:
     distortion: tuple[float, float] = (0.0, 0.0)
     axial_colour: tuple[tuple[float, float], ...] = ()
     field_aberrations: FieldAberrations | None = None
+    lateral_colour: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("focal_length", "f_number"):
@@ -115,6 +123,7 @@ class Lens:
             raise ValueError(f"distortion is {list(self.distortion)}; give two finite numbers")
         most = MAX_FOCUS_SHIFT_SHARE * as_number(self.image_distance)
         require_colour_curve("axial_colour", self.axial_colour, most, " m")
+        require_colour_curve("lateral_colour", self.lateral_colour, MAX_SCALE_CHANGE, "")
 
     def _require_relative_illumination(self) -> None:
         """Raise ValueError if the relative illumination doesn't go outwards from (0, 1)."""
@@ -147,13 +156,13 @@ class Lens:
 
     def focus_shift(self, wavelength: float) -> float:
         """Return how far behind the sensor the lens forms the image of a wavelength, metres."""
-        shift = colour_curve_at(self.axial_colour, wavelength)
-        if abs(shift) > MAX_FOCUS_SHIFT_SHARE * as_number(self.image_distance):
-            raise ValueError(
-                f"axial_colour goes on to {shift:g} m at {wavelength * 1e9:.4g} nm; give its curve "
-                "up to that wavelength"
-            )
-        return shift
+        most = MAX_FOCUS_SHIFT_SHARE * as_number(self.image_distance)
+        return colour_curve_at("axial_colour", self.axial_colour, wavelength, most)
+
+    def image_scale(self, wavelength: float) -> float:
+        """Return how much larger than by `magnification` the lens images light of a wavelength."""
+        curve = self.lateral_colour
+        return 1 + colour_curve_at("lateral_colour", curve, wavelength, MAX_SCALE_CHANGE)
 
     def defocused(self, shift: float) -> Lens:
         """Return the lens with its image `shift` metres farther from it, the sensor where it is.

@@ -40,18 +40,28 @@ def require_colour_curve(name: str, curve: ColourCurve, most: float, unit: str) 
             )
 
 
-def colour_curve_at(curve: ColourCurve, wavelength: float) -> float:
-    """Return a curve's value at a wavelength in metres; 0 for an empty curve."""
+def colour_curve_at(name: str, curve: ColourCurve, wavelength: float, most: float) -> float:
+    """Return a curve's value at a wavelength in metres; 0 for an empty curve.
+
+    Raises ValueError where a curve that goes on beyond its ends exceeds `most` in size.
+    """
     if not curve:
         return 0.0
     x, y = np.array(curve).T
     first = int(np.clip(np.searchsorted(x, wavelength) - 1, 0, len(x) - 2))
     slope = (y[first + 1] - y[first]) / (x[first + 1] - x[first])
-    return float(y[first] + slope * (wavelength - x[first]))
+    value = float(y[first] + slope * (wavelength - x[first]))
+    if abs(value) > most * (1 + 1e-9):
+        raise ValueError(
+            f"{name} goes on to {value:.3g} at {wavelength * 1e9:.4g} nm, more than {most:.3g}; "
+            "give its curve up to that wavelength"
+        )
+    return value
 
 
-def colour_curve_range(curve: ColourCurve, low: float, high: float) -> tuple[float, float]:
-    """Return the least and the largest value of a curve between two wavelengths in metres."""
-    inside = [value for wavelength, value in curve if low < wavelength < high]
-    values = [*inside, colour_curve_at(curve, low), colour_curve_at(curve, high)]
-    return min(values), max(values)
+def wavelengths_between(curve: ColourCurve, low: float, high: float) -> list[float]:
+    """Return both ends of a range in metres, and where the curve bends between them.
+
+    The least and the largest of its values in the range are at these wavelengths.
+    """
+    return [low, *(one for one, _ in curve if low < one < high), high]

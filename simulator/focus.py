@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from optics.camera import Camera, Lens
-from optics.colour_curve import colour_curve_range
+from optics.colour_curve import wavelengths_between
 from optics.light.bands import Band
 from optics.pupil import vergence_error
 from optics.validation import as_number
@@ -23,6 +23,12 @@ def defocused(camera: Camera, shift: float) -> Camera:
     return replace(camera, lens=camera.lens.defocused(shift)) if shift else camera
 
 
+def focus_range(lens: Lens, low: float, high: float) -> tuple[float, float]:
+    """Return the outermost foci of a range of wavelengths, metres behind the sensor."""
+    found = [lens.focus_shift(one) for one in wavelengths_between(lens.axial_colour, low, high)]
+    return min(found), max(found)
+
+
 def focus_shifts(lens: Lens, band: Band, distances: Iterable[float]) -> tuple[float, ...]:
     """Return the foci of a band's light for which PSFs are probed, metres behind the sensor.
 
@@ -31,7 +37,7 @@ def focus_shifts(lens: Lens, band: Band, distances: Iterable[float]) -> tuple[fl
     """
     if not lens.axial_colour:
         return (0.0,)
-    low, high = colour_curve_range(lens.axial_colour, *band.support)
+    low, high = focus_range(lens, *band.support)
     sharp = (-_image_shift(lens, distance) for distance in distances)
     between = (one for one in sharp if low < one < high)
     depth = _depth(lens, band)
@@ -46,7 +52,7 @@ def leaked_focus_shifts(lens: Lens, band: Band, distances: Iterable[float]) -> t
     if not (lens.axial_colour and band.leak):
         return ()
     known = focus_shifts(lens, band, distances)
-    ends = colour_curve_range(lens.axial_colour, *band.leak_range)
+    ends = focus_range(lens, *band.leak_range)
     return _with_others(list(known), ends, _depth(lens, band))[len(known) :]
 
 

@@ -64,6 +64,7 @@ class Recipe:
     lamp: bool = False
     rolling: bool = False
     axial_colour: bool = False
+    lateral_colour: bool = False
     distortion: bool = False
     vibration: bool = False
     ghosts: bool = False

@@ -36,7 +36,7 @@ class LensTable(FileModel):
     the axis] from [0, 1] to the sensor's corner; without it, the light falls with cos⁴. distortion
     is Brown's [k1, k2] for image heights over the image distance, as OpenCV calibrates them.
     axial_colour is a curve of pairs [nm, µm by which the image of that wavelength lies farther from
-    the lens than the sensor].
+    the lens than the sensor], and lateral_colour one of [nm, percent by which it is larger].
     field_aberrations is a table of those that grow with the image height.
     """
 
@@ -52,6 +52,7 @@ class LensTable(FileModel):
     distortion: tuple[Finite, Finite] = (0.0, 0.0)
     axial_colour: tuple[tuple[Nanometres, Finite], ...] = ()
     field_aberrations: FieldAberrationsTable | None = None
+    lateral_colour: tuple[tuple[Nanometres, Finite], ...] = ()
 
     @model_validator(mode="after")
     def _validate_lens(self) -> LensTable:
@@ -81,6 +82,7 @@ class LensTable(FileModel):
             self.distortion,
             tuple((one * 1e-9, shift * 1e-6) for one, shift in self.axial_colour),
             self.field_aberrations.build() if self.field_aberrations else None,
+            tuple((one * 1e-9, change * 1e-2) for one, change in self.lateral_colour),
         )
 
 

@@ -119,6 +119,7 @@ class TrueLensTable(FileModel):
     distortion: tuple[Finite, Finite] | None = None
     axial_colour: list[tuple[Nanometres, Finite]] | None = None
     field_aberrations: FieldAberrationsTable | None = None
+    lateral_colour: list[tuple[Nanometres, Finite]] | None = None
 
     def apply(self, lens: Lens) -> Lens:
         changes: dict[str, Any] = {
@@ -137,6 +138,9 @@ class TrueLensTable(FileModel):
             changes["axial_colour"] = tuple(shifts)
         if self.field_aberrations is not None:
             changes["field_aberrations"] = self.field_aberrations.build()
+        if self.lateral_colour is not None:
+            scales = ((one * 1e-9, change * 1e-2) for one, change in self.lateral_colour)
+            changes["lateral_colour"] = tuple(scales)
         return replace(lens, **{k: v for k, v in changes.items() if v is not None})
 
 

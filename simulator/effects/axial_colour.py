@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.colour_curve import colour_curve_range
+from simulator.effects.colour_changes import Which, mean_change_bound
 from simulator.effects.electron_bounds import (
     light_norm_bound,
     max_light_seconds,
@@ -17,14 +16,14 @@ from simulator.effects.electron_bounds import (
 )
 from simulator.effects.likely_errors import LightEffect
 from simulator.effects.pupil_rim import rim_displacement
-from simulator.effects.rendering_work import LEVELS
 from simulator.effects.result_cache import cached_across_exposures
-from simulator.effects.spectra import spectral_measure
-from simulator.formation.nodes import gauss_quadrature
+from simulator.focus import focus_range
 from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
+
+_BOTH: tuple[Which, Which] = ("band", "leak")
 
 _MARGIN, _SPREAD = 1.3, 1.1
 """Factor of the change that the far field tells, and of the frequencies near which it is looked
@@ -54,8 +53,7 @@ class AxialColour(OnOffEffect, LightEffect):
 
     def explain(self, s: Situation) -> str:
         lens, pitch = s.camera.lens, s.camera.sensor.pitch
-        low, high = colour_curve_range(lens.axial_colour, *s.band.support)
-        most = max((low, high), key=abs)
+        most = max(focus_range(lens, *s.band.support), key=abs)
         return (
             f"light of the band is focused up to {most * 1e6:.3g} µm behind the sensor, and "
             f"blurred over {2 * rim_displacement(s, most) / pitch:.2g} pixels"
@@ -75,35 +73,19 @@ def _change_rate(s: Situation) -> float:
     changes no more than in a focus beyond, as the far field tells it (audited).
     """
 
+    probe = s.picture_probe
+
     def gain(k: Array) -> Array:
         flat = k.ravel()
-        both = _largest(s, flat, "band") + _largest(s, flat, "leak")
-        return np.asarray(np.minimum(both.max(1), 2.0).reshape(k.shape))
+        probed = {which: _changes_beyond(s, flat, which) for which in _BOTH}
 
-    probe = s.picture_probe
+        def at(wavelength: float, which: Which) -> Array:
+            return _turned(s, flat, s.camera.lens.focus_shift(wavelength), probed[which])
+
+        found = mean_change_bound(s, flat.shape, at)
+        return np.asarray(np.minimum(found, 2.0).reshape(k.shape))
+
     return probe.change_bound([gain] * len(probe.distances))
-
-
-def _largest(s: Situation, k: Array, which: Literal["band", "leak"]) -> Array:
-    """Bound the change of each part's transfer function by axial colour, for any number of nodes.
-
-    k: cycles per metre. The result is relative to all light of the part, (frequencies, rows); each
-    row is a channel of a part.
-    """
-    measures = [spectral_measure(s, one) for one in ("band", "leak")]
-    masses = sum(one.electrons.sum(-1) for one in measures if not one.is_empty)
-    found = measures[which == "leak"]
-    if found.is_empty:
-        return np.zeros((len(k), 1))
-    probed = _changes_beyond(s, k, which)
-    brightest = np.maximum(np.max(masses, axis=0), 1e-300)
-    total = np.zeros((len(k), masses.size))
-    for count in LEVELS.wavelengths if which == "band" else LEVELS.leak[1:]:
-        nodes, weights = gauss_quadrature(found.wavelengths, found.electrons, count)
-        shares = np.abs(weights / brightest[:, None]).reshape(-1, len(nodes))
-        turned = [_turned(s, k, s.camera.lens.focus_shift(one), probed) for one in nodes.tolist()]
-        total = np.maximum(total, np.stack(turned, axis=1) @ shares.T)
-    return total
 
 
 def _turned(s: Situation, k: Array, shift: float, probed: list[tuple[float, Array]]) -> Array:
@@ -115,9 +97,7 @@ def _turned(s: Situation, k: Array, shift: float, probed: list[tuple[float, Arra
     return found
 
 
-def _changes_beyond(
-    s: Situation, k: Array, which: Literal["band", "leak"]
-) -> list[tuple[float, Array]]:
+def _changes_beyond(s: Situation, k: Array, which: Which) -> list[tuple[float, Array]]:
     """Return the foci that were probed for axial colour, and the transfer functions' changes there.
 
     Light of another wavelength than the band's centre has its transfer function at other

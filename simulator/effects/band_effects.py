@@ -27,7 +27,7 @@ from simulator.effects.landed_light import is_light_moved, landed_light
 from simulator.effects.likely_errors import FAR
 from simulator.effects.picture_norms import estimated_light
 from simulator.effects.psf_bounds import illuminated_area_change
-from simulator.effects.pupil_rim import focus_turns
+from simulator.effects.pupil_rim import colour_turns
 from simulator.effects.rendering_work import (
     FILTER_BANDWIDTH,
     LEVELS,
@@ -142,7 +142,7 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
     landed = landed_light(s)
     least = most if landed is None else min(landed.norm, most)
     enough = max(_SETTINGS.converged_change * least, _SETTINGS.numerical_change * most)
-    if not len(some.ky):
+    if not len(some.ky) and not s.camera.lens.lateral_colour:
         # Uniform light has no frequencies but 0.
         return (0.0,)
     some = some.with_aliases(plane)
@@ -158,6 +158,7 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
                 # Whatever part of the light lands may turn by the whole span against the rest.
                 apart = max(apart, _largest_turned_error(turns, rows, power))
             change += math.sqrt(apart)
+        change += _brightness_error(s, "band", count)
         changes.append(min(_SETTINGS.margin * _off_axis_factor(s) * change, most))
         if changes[-1] <= enough:
             break
@@ -184,7 +185,7 @@ def _find_likely_rates(
     pattern to differ in phase by a quarter of the phase's span.
     """
     found, some = spectral_measure(s, which), s.picture_probe.sampled_frequencies
-    if not len(some.ky):
+    if not len(some.ky) and not s.camera.lens.lateral_colour:
         return (0.0,)
     some = some.every(_SETTINGS.likely_thinning).with_aliases(s.picture_probe.plane)
     squares, transfers = _sampled_powers(s, some), _turned_transfers(s, which, some, 0.25)
@@ -194,10 +195,23 @@ def _find_likely_rates(
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
             total += max(_error_power(one, rows, power) for one in transfers)
+        total += _brightness_error(s, which, count) ** 2
         rates.append(_SETTINGS.likely_margin * math.sqrt(total))
         if rates[-1] <= enough:
             break
     return tuple(np.maximum.accumulate(rates[::-1])[::-1].tolist())
+
+
+def _brightness_error(s: Situation, which: Literal["band", "leak"], count: int) -> float:
+    """Return the error of few wavelengths in the light of images of other scale, electrons/s.
+
+    It is an L2 norm. A larger image is as much dimmer, also that of uniform light.
+    """
+    lens, found = s.camera.lens, spectral_measure(s, which)
+    if not lens.lateral_colour or lens.relative_illumination:
+        return 0.0
+    density = np.array([lens.image_scale(one) ** -2 for one in found.nodes.tolist()])
+    return float(np.abs(found.weight_errors(count) @ density).max() * s.picture_probe.norm_bound)
 
 
 def _sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[int], Array]]:
@@ -254,10 +268,11 @@ def _turned_transfers(
     span = sum(_phase_spans(s))
     turns = [np.exp(1j * k * span * (1 / grown - 1)) for k in (0.0, part, -part)]
     found = [one * turn for one in _transfers_over_band(s, which, some) for turn in turns]
-    if not s.camera.lens.axial_colour:
-        return found
-    turned = focus_turns(s, spectral_measure(s, which).nodes, np.hypot(some.ky, some.kx))
-    return [one * np.exp(1j * k * turned) for one in found for k in (0.0, part, -part, 2 * part)]
+    away = np.hypot(some.ky, some.kx)
+    for turned in colour_turns(s, spectral_measure(s, which).nodes, away):
+        steps = (0.0, part, -part, 2 * part)
+        found = [one * np.exp(1j * k * turned) for one in found for k in steps]
+    return found
 
 
 def _phase_turns(s: Situation) -> NDArray[np.complex128]:

@@ -22,7 +22,7 @@ from simulator.effects.psf_bounds import (
     zeroth_order_share,
 )
 from simulator.effects.result_cache import cached_per_situation
-from simulator.formation.distorting import distorted_frame
+from simulator.formation.distorting import moved_frame
 from simulator.planning import Bound, OnOffEffect
 from simulator.recipe import Recipe
 from simulator.situation import Situation
@@ -106,11 +106,11 @@ def ghost_gain(camera: Camera) -> float:
 
 
 def area_change(s: Situation) -> float:
-    """Return by how much the distortion effect enlarges or shrinks areas at most, 1 without it.
+    """Return by how much distortion and lateral colour change areas at most, 1 without them.
 
     As much denser or larger is their light, and so is the norm of a picture.
     """
-    frame = distorted_frame(s.camera)
+    frame = moved_frame(s)
     return max(frame.largest, 1 / frame.least)
 
 

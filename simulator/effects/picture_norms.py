@@ -26,7 +26,7 @@ from simulator.effects.psf_bounds import (
 from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
 from simulator.effects.spectra import spectral_measure
 from simulator.effects.vignetting_bounds import vignetting_samples
-from simulator.formation.distorting import distorted_frame
+from simulator.formation.distorting import lateral_scales, moved_frame
 from simulator.formation.vibration import image_vibration
 from simulator.planning.bound import MinimumNorms
 from simulator.probing.picture_probe import MARGIN
@@ -193,7 +193,7 @@ def _blur_margin(s: Situation, share: float) -> int:
     reach = (
         s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength
         + s.image_motion
-        + distorted_frame(s.camera).reach
+        + moved_frame(s).reach
         + 3 * image_vibration(s)
     )
     pixels = max(reach / s.camera.sensor.pitch, 1.0) + (1.0 if s.camera.sensor.crosstalk else 0.0)
@@ -314,6 +314,11 @@ def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float6
     gain = np.clip(1 - (np.pi * k * sensor.pitch) ** 2 / 3, 0, 1)
     if sensor.crosstalk:
         gain = gain * (1 - max_contrast_loss(sensor.crosstalk, k, sensor.pitch)) ** 2
+    low, high = lateral_scales(s)
+    if low != high:
+        # Colours lie apart by so much in the corners, to either side of their middle.
+        apart = (high - low) / 2 * math.hypot(*sensor.shape) * sensor.pitch / 2
+        gain = gain * np.clip(1 - 2 * np.pi * k * apart, 0, 1) ** 2
     if s.camera.vibration:
         gain = gain * np.exp(-((2 * np.pi * image_vibration(s) * k) ** 2))
     return gain

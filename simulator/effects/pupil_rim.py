@@ -1,4 +1,4 @@
-"""How far light from the rim of the pupil moves on the sensor if the focus moves."""
+"""How far a lens' colours, and shifts of its focus, move light on the sensor at most."""
 
 from __future__ import annotations
 
@@ -26,19 +26,24 @@ def rim_displacement(s: Situation, shift: float) -> float:
     return radius * abs(shift) / (z + shift)
 
 
-def focus_turns(
+def colour_turns(
     s: Situation, wavelengths: NDArray[np.float64], k: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return how axial colour turns light from the pupil's rim over a band, for the band effects.
+) -> list[NDArray[np.float64]]:
+    """Return how a lens' colours turn light over a band, for the band effects.
 
-    The radians are those by which its transfer function at frequencies k in cycles/m turns against
-    that of the band's centre, (frequencies, wavelengths).
+    The radians are those by which a transfer function at frequencies k in cycles/m turns against
+    that of the band's centre: of light from the pupil's rim by axial colour, and of light in the
+    frame's corners by lateral colour; each (frequencies, wavelengths).
     """
-    lens = s.camera.lens
-    middle = lens.focus_shift(s.wavelength)
-    moved = [
-        math.copysign(rim_displacement(s, shift), shift) - math.copysign(
-            rim_displacement(s, middle), middle)
-        for shift in map(lens.focus_shift, wavelengths.tolist())
-    ]  # fmt: skip
-    return np.asarray(2 * np.pi * np.multiply.outer(k, np.array(moved)))
+    lens, sensor = s.camera.lens, s.camera.sensor
+    ways = []
+    if lens.axial_colour:
+        shifts = [lens.focus_shift(one) for one in (s.wavelength, *wavelengths.tolist())]
+        ways.append([math.copysign(rim_displacement(s, one), one) for one in shifts])
+    if lens.lateral_colour:
+        corner = math.hypot(*sensor.shape) * sensor.pitch / 2
+        scales = [lens.image_scale(one) for one in (s.wavelength, *wavelengths.tolist())]
+        ways.append([corner * one for one in scales])
+    return [
+        np.asarray(2 * np.pi * np.multiply.outer(k, np.array(way[1:]) - way[0])) for way in ways
+    ]

@@ -14,6 +14,7 @@ from simulator.effects.field_aberrations import FieldAberrations
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
+from simulator.effects.lateral_colour import LateralColour
 from simulator.effects.lens_ghosts import LensGhosts
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.moving import Motion
@@ -73,6 +74,7 @@ EFFECTS: tuple[Effect, ...] = (
     Diffraction(),
     PSFReach(),
     Vibration(),
+    LateralColour(),
     Distortion(),
     LightSampling(),
     PixelAperture(),

@@ -77,7 +77,7 @@ DIFFRACTION, PSF_REACH, LIGHT_SAMPLING, PANEL_DISPERSION = (
 )
 FIELD_ABERRATIONS = "field aberrations"
 VIGNETTING, POLARISATION_INTERFERENCE = "vignetting", "polarisation interference"
-OCCLUSION, LENS_GHOSTS = "occlusion", "lens ghosts"
+OCCLUSION, LENS_GHOSTS, LATERAL_COLOUR = "occlusion", "lens ghosts", "lateral colour"
 
 ATTRIBUTION_ORDER = (
     PSF_REACH,
@@ -102,6 +102,7 @@ _RELEVANT_EFFECTS = (
     "colour filter array",
     "flicker",
     OCCLUSION,
+    LATERAL_COLOUR,
 )
 """Effects whose levels change the number of operations."""
 
@@ -255,7 +256,11 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
     # Each part is transformed once. If its light is weighted over the field, it is transformed
     # back, and then once for each place.
     weighing = 1 + places if levels.get(VIGNETTING, 0) or places > 1 else 0
-    straight = parts * (1 + weighing) + places * min(nodes * len(distances), parts * channels)
+    blurred = nodes * len(distances)
+    if not levels.get(LATERAL_COLOUR, 0):
+        # PSFs are added before they are transformed.
+        blurred = min(blurred, parts * channels)
+    straight = parts * (1 + weighing) + places * blurred
     # Each order shifts a picture by a distance that depends on the wavelength: the picture is
     # drawn anew for each.
     pictures = parts * (1 + orders * nodes) if wave else parts

@@ -46,9 +46,9 @@ def order_cell_pixels(s: Situation) -> int:
 def can_be_coarse(s: Situation) -> bool:
     """Whether side orders can be rendered on cells: all light takes the same way through the stop.
 
-    Moving or hidden light, a turned panel, a lens that distorts or has ghosts, light that
-    interferes, and jitter, which scatters light evenly, need PSFs. So does a small panel, whose
-    diffraction spots are as large as a cell.
+    Moving or hidden light, a turned panel, a lens that distorts, scales colours or has ghosts,
+    light that interferes, and jitter, which scatters light evenly, need PSFs. So does a small
+    panel, whose diffraction spots are as large as a cell.
     """
     return (
         not s.camera.separation
@@ -60,6 +60,7 @@ def can_be_coarse(s: Situation) -> bool:
         and not s.camera.panel.jitter
         and not any(s.camera.lens.distortion)
         and not s.camera.ghosts
+        and not s.camera.lens.lateral_colour
         and all(layer.cover is None for layer in s.target.layers)
     )
 

@@ -25,8 +25,10 @@ class LightPath(Protocol):
     Spectra are Fourier spectra of the light on samples, in electrons per second and pixel.
     """
 
-    def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Render a layer's light of all wavelengths, as one spectrum for each channel."""
+    def layer_spectra(
+        self, number: int, cell: ExposureCell, count: int, nodes: Sequence[int]
+    ) -> list[torch.Tensor]:
+        """Render a layer's light of some wavelengths, as one spectrum for each channel."""
         ...
 
     def wavelength_spectra(
@@ -58,12 +60,15 @@ class ZerothOrderPath:
     def __init__(self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs) -> None:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
 
-    def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Render a layer's zeroth-order light of all wavelengths, one spectrum for each channel.
+    def layer_spectra(
+        self, number: int, cell: ExposureCell, count: int, nodes: Sequence[int]
+    ) -> list[torch.Tensor]:
+        """Render a layer's zeroth-order light of some wavelengths, one spectrum for each channel.
 
-        The PSFs of all wavelengths are added before the convolution.
+        The PSFs of these wavelengths are added before the convolution.
         """
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
+        weights = weights[:, :, list(nodes)]
         total = self._gathering.zero_spectra(self._spreading.channels)
         where = self._objects.placement(layer, cell)
         if not layer.parts or where is None:
@@ -78,10 +83,7 @@ class ZerothOrderPath:
             return total
         flat = weights[:, uneven].reshape(-1, weights.shape[2])
         for at, place in enumerate(self._objects.places):
-            psfs = [
-                self._spreading.psf(number, node, place, cell, count)
-                for node in range(weights.shape[2])
-            ]
+            psfs = [self._spreading.psf(number, node, place, cell, count) for node in nodes]
             transfers = iter(self._gathering.transfers(psfs, flat, "picture"))
             for spectrum in total:
                 for index in uneven:
@@ -151,18 +153,30 @@ class Compositor(ABC):
     paths: Sequence[LightPath]
 
     @abstractmethod
-    def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Render all layers into one image, as spectra of the light on samples for each channel."""
+    def spectra(
+        self, cell: ExposureCell, count: int, nodes: Sequence[int] | None = None
+    ) -> list[torch.Tensor]:
+        """Render all layers into one image, as spectra of the light on samples for each channel.
+
+        nodes: the wavelengths that are rendered; all of them by default.
+        """
+
+    def _nodes(self, nodes: Sequence[int] | None) -> Sequence[int]:
+        """Return the wavelengths that are rendered."""
+        return range(len(self.spreading.nodes)) if nodes is None else nodes
 
 
 class AdditiveCompositor(Compositor):
     """Add the light of all layers, as if all were transparent."""
 
-    def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
+    def spectra(
+        self, cell: ExposureCell, count: int, nodes: Sequence[int] | None = None
+    ) -> list[torch.Tensor]:
         total = self.gathering.zero_spectra(self.spreading.channels)
         for number in range(len(self.spreading.layers)):
             for way in self.paths:
-                for channel, light in enumerate(way.layer_spectra(number, cell, count)):
+                found = way.layer_spectra(number, cell, count, self._nodes(nodes))
+                for channel, light in enumerate(found):
                     total[channel] += light
         return total
 
@@ -174,9 +188,11 @@ class OccludingCompositor(Compositor):
     wavelength, and path by path: what comes to a pixel from aside is hidden by what is aside.
     """
 
-    def spectra(self, cell: ExposureCell, count: int) -> list[torch.Tensor]:
+    def spectra(
+        self, cell: ExposureCell, count: int, nodes: Sequence[int] | None = None
+    ) -> list[torch.Tensor]:
         total: list[torch.Tensor] = []
-        for node in range(len(self.spreading.nodes)):
+        for node in self._nodes(nodes):
             for way in self.paths:
                 total = _sums(total, self._path_light(way, node, cell, count))
         if not total:

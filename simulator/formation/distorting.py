@@ -1,4 +1,4 @@
-"""Distort a rendered picture as the lens does, with all its blur."""
+"""Distort and scale a rendered picture as the lens does, with all its blur."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera, Lens
+from optics.colour_curve import wavelengths_between
 from optics.fourier import irfft2, rfft2
 from optics.plane import Plane
 from simulator.probing.picture_probe import MARGIN
+from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
@@ -73,28 +75,67 @@ def _distorted_frame(lens: Lens, shape: tuple[int, int], pitch: float) -> Distor
     return DistortedFrame(reach, float(gain.max()), float(gain.min()))
 
 
-def distort(spectrum: torch.Tensor, plane: Plane, camera: Camera) -> torch.Tensor:
+def lateral_scales(s: Situation) -> tuple[float, float]:
+    """Return the least and the largest scale of the images of all rendered light."""
+    lens, band = s.camera.lens, s.band
+    if not lens.lateral_colour:
+        return 1.0, 1.0
+    ranges = [band.support, *([band.leak_range] if band.leak else [])]
+    found = [
+        lens.image_scale(one)
+        for ends in ranges
+        for one in wavelengths_between(lens.lateral_colour, *ends)
+    ]
+    return min(found), max(found)
+
+
+def moved_frame(s: Situation) -> DistortedFrame:
+    """Return what distortion and the colours' scales of a rendered frame amount to together.
+
+    Raises ValueError if light from beyond the picture's margin is brought into the frame.
+    """
+    camera, bent = s.camera, distorted_frame(s.camera)
+    low, high = lateral_scales(s)
+    if low == high == 1:
+        return bent
+    corner = math.hypot(*camera.sensor.shape) * camera.sensor.pitch / 2
+    reach = bent.reach + (corner + bent.reach) * max(1 / low - 1, 1 - 1 / high)
+    if reach > MARGIN * camera.sensor.pitch:
+        raise ValueError(
+            f"lateral_colour changes the image's scale to {low:.4g} and {high:.4g}, which moves "
+            f"light by {reach / camera.sensor.pitch:.0f} pixels, and the virtual bench follows it "
+            f"over {MARGIN}: give smaller changes, or a sensor of fewer pixels"
+        )
+    least, largest = bent.least * min(low, 1.0) ** 2, bent.largest * max(high, 1.0) ** 2
+    return DistortedFrame(reach, largest, least)
+
+
+def distort(
+    spectrum: torch.Tensor, plane: Plane, camera: Camera, *, bend: bool = True, scale: float = 1.0
+) -> torch.Tensor:
     """Distort a rendered picture, given and returned as its spectrum on a plane's samples.
 
     The light of each area is kept, and is spread over its image. But where the lens has a curve of
-    relative illumination, the light is as bright as the curve says where it lands.
+    relative illumination, the light is as bright as the curve says where it lands. bend: whether
+    the lens' distortion counts. scale: by which the image is larger.
     """
     lens = camera.lens
-    by = lens.radial_distortion
-    if by is None:
+    by = lens.radial_distortion if bend else None
+    if by is None and scale == 1:
         return spectrum
     shape = [_FINER * n for n in plane.shape]
     known = irfft2(_padded(spectrum, plane.shape), shape).numpy() * _FINER**2
     y, x = (_from_corner(plane.coordinates(axis).numpy()) for axis in (0, 1))
-    height = np.hypot(y[:, None], x)
-    before = by.undistorted(height)
-    scale = np.divide(before, height, out=np.ones_like(height), where=height > 0)
+    height = np.hypot(y[:, None], x) / scale
+    before = height if by is None else by.undistorted(height)
+    back = np.divide(before, height, out=np.ones_like(height), where=height > 0) / scale
     places = [
-        scale * at * (_FINER / pitch)
-        for at, pitch in zip((y[:, None], x), plane.pitch, strict=True)
+        back * at * (_FINER / pitch) for at, pitch in zip((y[:, None], x), plane.pitch, strict=True)
     ]
     seen = scipy.ndimage.map_coordinates(known, places, order=_SPLINE, mode="grid-wrap")
     if not lens.relative_illumination:
+        seen = seen / scale**2
+    if by is not None and not lens.relative_illumination:
         # Beyond the frame areas may vanish; light as bright as that would ring into it.
         seen = seen / np.maximum(by.area_gain(before), distorted_frame(camera).least)
     return rfft2(torch.from_numpy(seen.astype(np.float32))).to(torch.complex64)

@@ -140,6 +140,7 @@ class _Rendering:
         kernels = Kernels(s, recipe, windows, cache, ledger, check)
         objects = ObjectSpectra(s, recipe, self._gathering, kernels, cache)
         spreading = LayerPSFs(s, recipe, kernels, objects, cache)
+        self._wavelengths = [one.metres for one in spreading.nodes]
         ways: list[LightPath] = [ZerothOrderPath(self._gathering, objects, spreading)]
         if orders and not windows.merged_orders:
             ways += [
@@ -176,13 +177,8 @@ class _Rendering:
         """Render the image that an exposure cell forms on the sensor's pixels."""
         aperture = self._recipe.pixel_aperture
         light = []
-        for spectrum in self._layered.spectra(cell, number):
+        for spectrum, straight in self._spectra(cell, number):
             self._check()
-            if self._vibration:
-                spectrum = self._blurred_by_vibration(spectrum)
-            straight = spectrum
-            if self._recipe.distortion:
-                spectrum = self._distorted(spectrum)
             light.append(self._gathering.light_on_pixels(spectrum, aperture))
             if self._recipe.ghosts:
                 light[-1] = self._with_ghosts(light[-1], straight)
@@ -192,23 +188,43 @@ class _Rendering:
             total += self._coarse_orders.light(cell)
         return self._with_glare(total) if self._recipe.glare else total
 
-    def _blurred_by_vibration(self, spectrum: torch.Tensor) -> torch.Tensor:
+    def _spectra(self, cell: ExposureCell, number: int) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """Render all light where it lands, and straight, as two spectra for each channel."""
+        groups: list[tuple[list[int] | None, float]] = [(None, 1.0)]
+        if self._recipe.lateral_colour:
+            scale = self._s.camera.lens.image_scale
+            groups = [([node], scale(one)) for node, one in enumerate(self._wavelengths)]
+        total: list[tuple[torch.Tensor, torch.Tensor]] = []
+        for nodes, scaled in groups:
+            straight = [self._blurred(one) for one in self._layered.spectra(cell, number, nodes)]
+            found = [(self._moved(one, scaled), one) for one in straight]
+            sums = [(a + c, b + d) for (a, b), (c, d) in zip(total, found, strict=False)]
+            total = sums or found
+        return total
+
+    def _blurred(self, spectrum: torch.Tensor) -> torch.Tensor:
         """Blur the rendered image of a spectrum as it trembles."""
+        self._check()
+        if not self._vibration:
+            return spectrum
         self._ledger.add("vibration", 20.0 * spectrum.numel(), 12 * spectrum.numel())
         return spectrum * vibration_transfer(self._gathering.plane, self._vibration)
 
-    def _distorted(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Distort the rendered image of a spectrum, which is on samples finer than pixels."""
+    def _moved(self, spectrum: torch.Tensor, scale: float) -> torch.Tensor:
+        """Distort and scale the rendered image of a spectrum."""
+        bend, coloured = self._recipe.distortion, self._recipe.lateral_colour
+        if not (bend or coloured):
+            return spectrum
         plane = self._gathering.plane
         samples = plane.shape[0] * plane.shape[1]
         operations = 6 * self._gathering.operations + DISTORTION_OPERATIONS * samples
-        self._ledger.add("distortion", operations, 16 * samples)
-        return distort(spectrum, plane, self._s.camera)
+        self._ledger.add("lateral colour" if coloured else "distortion", operations, 16 * samples)
+        return distort(spectrum, plane, self._s.camera, bend=bend, scale=scale)
 
     def _with_ghosts(self, light: torch.Tensor, straight: torch.Tensor) -> torch.Tensor:
         """Add the lens' ghosts to the rendered image, and take their share from the picture.
 
-        straight: the picture's spectrum, not distorted; ghosts are paraxial.
+        straight: the picture's spectrum, not moved; ghosts are paraxial, and of one scale.
         """
         ghosts, plane = self._s.camera.ghosts, self._gathering.plane
         total = (1 - total_share(ghosts)) * light

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 
@@ -33,10 +35,12 @@ class SideOrderPath:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
         self._order = order
 
-    def layer_spectra(self, number: int, cell: ExposureCell, count: int) -> list[torch.Tensor]:
-        """Render a layer's light of all wavelengths; see LightPath."""
+    def layer_spectra(
+        self, number: int, cell: ExposureCell, count: int, nodes: Sequence[int]
+    ) -> list[torch.Tensor]:
+        """Render a layer's light of some wavelengths; see LightPath."""
         total = self._gathering.zero_spectra(self._spreading.channels)
-        for node in range(len(self._spreading.nodes)):
+        for node in nodes:
             for channel, light in enumerate(self.wavelength_spectra(number, node, cell, count)):
                 total[channel] += light
         return total

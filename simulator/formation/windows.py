@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from optics.validation import as_number
-from simulator.formation.distorting import distorted_frame
+from simulator.formation.distorting import moved_frame
 from simulator.formation.ghosts import ghost_field
 from simulator.formation.work import psf_operations, transform_operations
 from simulator.situation import Situation
@@ -49,7 +49,7 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 
     The distances (y, x) are in metres on the sensor, along the panel's axes.
     """
-    sensor, moved = s.camera.sensor, distorted_frame(s.camera).reach
+    sensor, moved = s.camera.sensor, moved_frame(s).reach
     y, x = (
         side + n * sensor.pitch / 2 + max(moved, beside)
         for side, n, beside in zip(
@@ -195,8 +195,8 @@ def _picture_shape(
     """
     lit = [math.inf if endless else one / s.camera.sensor.pitch for one in light_extent(s)]
     found = []
-    # Distortion and ghosts bring light into the frame from so far beside it.
-    moved = distorted_frame(s.camera).reach
+    # Distortion, colours and ghosts bring light into the frame from so far beside it.
+    moved = moved_frame(s).reach
     field = ghost_field(s.camera) if ghosts else (0.0, 0.0)
     frame = [
         n + 2 * math.ceil(max(moved, beside) / s.camera.sensor.pitch)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from judges.aberrated_star import aberrated_star
-from judges.imperfect_camera import Array, imperfect, out_of_focus
+from judges.imperfect_camera import Array, imperfect, larger, out_of_focus
 
 from figures import Figure
 from figures.problems import log_uniform
@@ -32,8 +32,8 @@ from simulator.scene import PhotographPrint, Star, Target
 from simulator.situation import Situation
 
 NAMES = (
-    "axial colour", "field aberrations", "vibration", "distortion", "vignetting", "lens ghosts",
-    "dust", "pixel crosstalk",
+    "axial colour", "field aberrations", "lateral colour", "vibration", "distortion", "vignetting",
+    "lens ghosts", "dust", "pixel crosstalk",
 )  # fmt: skip
 
 _SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
@@ -67,24 +67,22 @@ class Draw:
         camera = ideal_in(self.camera, without)
         periods = min(camera.vibration_frequency * self.exposure, 1e6)
         seen = camera.vibration * math.sqrt(1 - float(np.sinc(periods)) ** 2)
-        return imperfect(self._light(camera), _FINER, camera, seen)
-
-    def _light(self, camera: Camera) -> Array:
-        """The sum of its wavelengths by the midpoint rule, each by a narrow band."""
+        lens = camera.lens
         if self.camera.lens.field_aberrations is not None:
-            return self._aberrated_light(camera)
-        if not camera.lens.axial_colour:
-            return self._fine_picture(self.band, camera.lens)
+            return imperfect(self._aberrated_light(camera), _FINER, camera, seen)
+        if not (lens.axial_colour or lens.lateral_colour):
+            return imperfect(self._fine_picture(self.band, lens), _FINER, camera, seen)
         low, high = self.band.support
         middles = low + (high - low) * (np.arange(_WAVELENGTHS) + 0.5) / _WAVELENGTHS
         passed = self.band.transmission(middles) * (high - low) / _WAVELENGTHS
-        fine = 0.0
+        total = np.zeros(camera.sensor.shape)
         for wavelength, width in zip(middles.tolist(), passed.tolist(), strict=True):
             narrow = replace(_NARROW, centre=wavelength)
             ends = np.linspace(*narrow.support, 2001)
             alone = float(np.trapezoid(narrow.transmission(ends), ends))
-            fine = fine + width / alone * self._fine_picture(narrow, camera.lens)
-        return fine
+            fine = width / alone * self._fine_picture(narrow, lens)
+            total += imperfect(fine, _FINER, camera, seen, larger(lens, wavelength))
+        return total
 
     def _aberrated_light(self, camera: Camera) -> Array:
         """A star by a judge of its own, which an ideal lens tells how much light there is."""
@@ -126,6 +124,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
         "": camera,
         "axial colour": replace(camera, lens=replace(lens, axial_colour=())),
         "field aberrations": replace(camera, lens=replace(lens, field_aberrations=None)),
+        "lateral colour": replace(camera, lens=replace(lens, lateral_colour=())),
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
@@ -150,16 +149,18 @@ def _coloured(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:
     """
     if rng.random() < 0.5 or draw.camera.lens.field_aberrations is not None:
         return draw
-    blue, red = (
-        float(rng.choice([-1, 1])) * 4e-3 * log_uniform(rng, weakest, 1.0) for _ in range(2)
-    )
-    curve = ((450e-9, blue), (550e-9, float(rng.uniform(-1, 1)) * blue), (650e-9, red))
-    camera = replace(draw.camera, lens=replace(draw.camera.lens, axial_colour=curve))
-    return replace(
-        draw,
-        camera=camera,
-        band=Band(float(rng.uniform(500e-9, 600e-9)), float(rng.uniform(5e-9, 40e-9))),
-    )
+
+    def curve(most: float) -> tuple[tuple[float, float], ...]:
+        if rng.random() < 0.3:
+            return ()
+        blue, red = (
+            float(rng.choice([-1, 1])) * most * log_uniform(rng, weakest, 1.0) for _ in range(2)
+        )
+        return ((450e-9, blue), (550e-9, float(rng.uniform(-1, 1)) * blue), (650e-9, red))
+
+    lens = replace(draw.camera.lens, axial_colour=curve(4e-3), lateral_colour=curve(0.04))
+    band = Band(float(rng.uniform(500e-9, 600e-9)), float(rng.uniform(5e-9, 40e-9)))
+    return replace(draw, camera=replace(draw.camera, lens=lens), band=band)
 
 
 def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untyped-def]

@@ -191,6 +191,10 @@ def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
         parts = log_uniform(rng, 1e-3, 0.5) * 550e-9 * rng.uniform(-1, 1, 3)
         by = FieldAberrations(corner, *(float(one) for one in parts))
         lens = replace(lens, field_aberrations=by)
+    if rng.random() < 0.3:
+        apart = float(rng.choice([-1, 1])) * log_uniform(rng, 0.05, 5)
+        blue = apart * camera.sensor.pitch / corner
+        lens = replace(lens, lateral_colour=((400e-9, blue), (550e-9, 0.0), (700e-9, -blue)))
     return lens
 
 

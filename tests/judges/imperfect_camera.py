@@ -18,17 +18,19 @@ from optics.camera import Camera, Ghost, Lens
 Array = NDArray[np.float64]
 
 
-def imperfect(fine: Array, finer: int, camera: Camera, vibration: float) -> Array:
+def imperfect(
+    fine: Array, finer: int, camera: Camera, vibration: float, larger: float = 1.0
+) -> Array:
     """Electrons on the camera's pixels.
 
     fine: irradiance as electrons of a whole pixel, at places `finer` of which lie along one; the
-    axis is at n // 2. vibration: metres rms while it is exposed.
+    axis is at n // 2. vibration: metres rms while it is exposed. larger: scale of its colour.
     """
     one = camera.sensor
     shaken = gaussian_filter(fine, vibration * finer / one.pitch, truncate=6) if vibration else fine
     places = [_places(n, finer) * one.pitch for n in one.shape]
     y, x = np.meshgrid(*places, indexing="ij")
-    light = _looked_up(shaken, finer / one.pitch, camera.lens, y, x)
+    light = _looked_up(shaken, finer / one.pitch, camera.lens, y, x, larger)
     light *= _falling(camera.lens, np.hypot(y, x))
     light *= 1 - sum(ghost.share for ghost in camera.ghosts)
     for ghost in camera.ghosts:
@@ -38,6 +40,12 @@ def imperfect(fine: Array, finer: int, camera: Camera, vibration: float) -> Arra
     a = one.crosstalk
     along = np.array([a, 1 - 2 * a, a])
     return np.asarray(convolve(pixels, along[:, None] * along, mode="nearest"))
+
+
+def larger(lens: Lens, wavelength: float) -> float:
+    """The scale of a colour's image."""
+    curve = lens.lateral_colour
+    return 1 + float(np.interp(wavelength, *np.array(curve).T)) if curve else 1.0
 
 
 def out_of_focus(lens: Lens, wavelength: float) -> Lens:
@@ -60,14 +68,20 @@ def _places(count: int, finer: int) -> Array:
     return np.asarray((np.arange(count)[:, None] - count // 2 + inside).ravel())
 
 
-def _looked_up(picture: Array, per_metre: float, lens: Lens, y: Array, x: Array) -> Array:
+def _looked_up(
+    picture: Array, per_metre: float, lens: Lens, y: Array, x: Array, larger: float
+) -> Array:
     """The straight picture where each place's light comes from, as bright as areas change."""
+    y, x = y / larger, x / larger
     height = np.hypot(y, x)
     before = _before(lens, height)
     scale = before / height
     index = [at * scale * per_metre + n // 2 for at, n in zip((y, x), picture.shape, strict=True)]
     seen: Array = map_coordinates(picture, index, order=3)
-    if not any(lens.distortion) or lens.relative_illumination:
+    if lens.relative_illumination:
+        return seen
+    seen = seen / larger**2
+    if not any(lens.distortion):
         return seen
     step = 1e-4 * height
     radial = (_before(lens, height + step) - _before(lens, height - step)) / (2 * step)

@@ -116,14 +116,16 @@ def test_a_veil_is_a_share_of_the_light(tmp_path):
 
 def test_a_lens_has_colour_by_wavelength(tmp_path):
     """In nanometres and micrometres."""
-    coloured = CAMERA.replace("[lens]", "[lens]\naxial_colour = [[450, 60], [550, 0]]", 1)
+    coloured = CAMERA.replace(
+        "[lens]",
+        "[lens]\nlateral_colour = [[450, 0.1], [550, 0]]\naxial_colour = [[450, 60], [550, 0]]",
+        1,
+    )
     lens = read(tmp_path, coloured).build_camera().lens
     assert lens.focus_shift(500e-9) == pytest.approx(30e-6)
-    with pytest.raises(UserError, match=r"450 nm after 500 nm; wavelengths rise"):
-        read(
-            tmp_path,
-            coloured.replace("[550, 0]", "[500, 0], [450, 1]", 1).replace("[450, 60], ", "", 1),
-        )
+    assert lens.image_scale(500e-9) == pytest.approx(1.0005)
+    with pytest.raises(UserError, match=r"450 nm after 550 nm; wavelengths rise"):
+        read(tmp_path, coloured.replace("[[450, 60], [550, 0]]", "[[550, 0], [450, 60]]", 1))
 
 
 def test_ghosts_are_tables_in_millimetres_and_share_the_light(tmp_path):

@@ -49,6 +49,7 @@ relative_illumination = [[0, 1], [20, 0.5]]
 distortion = [-0.2, 0.1]
 axial_colour = [[450, 40], [550, 0]]
 field_aberrations = { height_mm = 8, coma_nm = 90, curvature_nm = -30 }
+lateral_colour = [[450, -0.04], [550, 0]]
 
 [truth.sensor]
 crosstalk_percent = 3
@@ -115,6 +116,7 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
     assert lens.focus_shift(500e-9) == pytest.approx(20e-6)
     by = lens.field_aberrations
     assert (by.height, by.coma, by.curvature) == pytest.approx((8e-3, 90e-9, -30e-9))
+    assert lens.image_scale(500e-9) == pytest.approx(0.9998)
 
 
 def test_the_mount_is_in_degrees():

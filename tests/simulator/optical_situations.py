@@ -25,6 +25,7 @@ from simulator.effects.field_aberrations import FieldAberrations as FieldAberrat
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
+from simulator.effects.lateral_colour import LateralColour
 from simulator.effects.lens_ghosts import LensGhosts
 from simulator.effects.panel_dispersion import PanelDispersion
 from simulator.effects.panel_effects import PanelEffect
@@ -57,6 +58,7 @@ EFFECTS: tuple[Effect, ...] = (
     PanelOrders(),
     AxialColour(),
     Vibration(),
+    LateralColour(),
     Distortion(),
     LensGhosts(),
     VeilingGlare(),
@@ -177,6 +179,9 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
     blue, red = (float(10 ** rng.uniform(-5, -2.7)) * rng.choice([-1, 1]) for _ in range(2))
     colour = ((400e-9, float(blue)), (540e-9, 0.0), (720e-9, float(red)))
     lens = replace(camera.lens, distortion=bent, axial_colour=colour if rng.random() < 0.4 else ())
+    if rng.random() < 0.3:
+        wide, narrow = (float(one) for one in 10 ** rng.uniform(-4, -2, 2))
+        lens = replace(lens, lateral_colour=((400e-9, wide), (550e-9, 0.0), (700e-9, -narrow)))
     camera = replace(camera, sensor=sensor, lens=lens)
     chance = np.random.default_rng([seed, 1])
     if chance.random() < 0.04:

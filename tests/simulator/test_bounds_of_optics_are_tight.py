@@ -128,6 +128,12 @@ def out_of_focus_by_colour() -> Situation:
     return seen(camera(pitch=20e-6, lens=lens), band=Band(580e-9, 5e-9))
 
 
+def colours_apart() -> Situation:
+    lens = replace(LENS, lateral_colour=((450e-9, -0.06), (650e-9, 0.06)))
+    wide = camera(pitch=20e-6, lens=lens)
+    return seen(wide, target=at_the_corner(wide, 3), band=Band(580e-9, 5e-9))
+
+
 SPECK = (1e-4, -1e-4, 3e-4)
 
 
@@ -244,6 +250,8 @@ WORST = [
     Worst("vibration", lambda: seen(replace(camera(pitch=10e-6), vibration=10e-6)), {0: 4},
           "no PSF is known so well; what pixels fold back counts again"),
     Worst("axial colour", out_of_focus_by_colour, {0: 6}, "×1.3; every frequency at its worst"),
+    Worst("lateral colour", colours_apart, {0: 16},
+          "all light as in the corner, its phases as they are"),
     Worst("distortion", bent, {0: 12}, "all light takes the longest way, its phases as they are"),
     Worst("dust", lambda: on_sensor(seen(target=Flat(1.0, 1e7), camera=camera()), dust=(SPECK,),
                                     dust_distance=2e-3), {0: 1.5},

@@ -44,24 +44,24 @@ def test_a_picture_is_what_rays_and_sums_make_of_it(number):
 
 def test_what_a_camera_has_not_got_costs_nothing(monkeypatch):
     """Neither to decide nor to render it."""
-    assert len(ADDED) == len(RENDERING)
+    parts = (*RENDERING, (Lens, "image_scale"))
+    assert len(ADDED) == len(parts)
     for effect in ADDED:
         for name in ("error_bound", "estimated_error", "added_operations", "add_to_recipe"):
             monkeypatch.setattr(type(effect), name, never)
-    for owner, name in RENDERING:
+    for owner, name in parts:
         monkeypatch.setattr(owner, name, never)
     s, imaging = situation(), Imaging(1e-3)
     imaging.electrons(s, imaging.plan(s).recipe)
 
 
 def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
-    for owner, name in RENDERING:
-        monkeypatch.setattr(owner, name, never)
     sensor = replace(CAMERA.sensor, crosstalk=1e-6, dust=((0.0, 0.0, 1e-8),), dust_distance=1e-3)
     lens = replace(
         CAMERA.lens,
         distortion=(1e-3, 0.0),
         axial_colour=((400e-9, 1e-9), (700e-9, -1e-9)),
+        lateral_colour=((400e-9, 1e-9), (700e-9, -1e-9)),
         field_aberrations=FieldAberrations(1e-3, 1e-12, 1e-12, 1e-12),
     )
     camera = replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9, ghosts=(Ghost(1e-6, -1.0),))
@@ -69,4 +69,6 @@ def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
     plan = Imaging(1e-2).plan(s)
     left_out = [one.name for one in ADDED if one.is_present(s) and not plan.level(one.name)]
     assert len(left_out) == len(ADDED)
+    for owner, name in RENDERING:
+        monkeypatch.setattr(owner, name, never)
     Imaging(1e-2).electrons(s, plan.recipe)
