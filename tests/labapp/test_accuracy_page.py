@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from labapp.accuracy.diagram import draw
-from labapp.accuracy.overview.cases import OverviewSettings, chain_case
+from labapp.accuracy.overview.cases import OverviewSettings, Scope, chain_case
 from labapp.accuracy.overview.measured import MeasuredOperation
 from labapp.accuracy.overview.measuring import measure_all, write_outcome
 from labapp.accuracy.overview.operations import OPERATIONS, Operation
@@ -42,6 +42,7 @@ from labapp.accuracy.work_precision import (
     measure,
 )
 from labapp.common.errors import UserError
+from optics.accuracy import Budget
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.progress import Cancelled, Progress
 
@@ -155,7 +156,7 @@ def test_the_page_has_every_operation_and_the_numbers_of_its_data(tmp_path, monk
     data = json.loads((tmp_path / "made/here/accuracy.json").read_text())
     names = [one.name for one in OPERATIONS]
     assert names == [
-        "lens", "panel", "chain", "edof-psf", "propagate", "simulate", "retrieval", "edof-design",
+        "chain", "panel", "lens", "edof-psf", "propagate", "simulate", "retrieval", "edof-design",
         "hdr", "deconvolve", "multispectral",
     ]  # fmt: skip
     assert [one["name"] for one in data["operations"]] == names
@@ -313,6 +314,17 @@ def test_a_cameras_own_operations_are_measured_and_the_others_named():
     assert [one.name for one in apart.operations] == ["chain"]
     assert "50 mm before 50 mm f/32" in apart.operations[0].case
     assert "stands apart" in apart.left_out[0].why
+
+
+def test_the_first_case_is_the_thesis_camera_smaller_with_its_angles():
+    found = chain_case(Scope(Budget(), settings=SMALL)).problem
+    camera = found.camera
+    assert found.integrate
+    assert camera.panel.shape == (16, 24)
+    assert camera.lens.f_number == 5.6
+    smaller = 24 / 1920
+    assert camera.lens.focal_length == pytest.approx(0.1 * smaller)
+    assert camera.separation == pytest.approx(0.05 * smaller)
 
 
 def test_an_operation_that_fails_is_left_out_with_its_reason():

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from labapp.accuracy import chain, edof_case, propagate, retrieval
 from labapp.common.errors import UserError
 from labapp.files.bench_file import read_camera
+from labapp.files.reading import bundled_path
 from labapp.patterns.designing.kinds import read_psf
-from labapp.prediction.lens_options import LensCase
+from labapp.prediction.lens_options import LensCase, read_panel
 from labapp.prediction.simulating.picture_request import PictureRequest, prepare_bench_scene
 from labapp.prediction.simulating.small_bench import small_bench_setup
 from optics.accuracy import Budget
@@ -35,7 +36,8 @@ class OverviewSettings:
     chain_window : int
         The same for a panel apart from its lens.
     chain_panel : str
-        That panel: rows, columns and micrometres, as for `labapp accuracy chain`.
+        That panel: rows, columns and micrometres, as for `labapp accuracy chain`. It makes the
+        thesis' camera as much smaller as it is narrower.
     field_size : int
         Samples along a side of the field that propagates.
     picture_size : int
@@ -59,8 +61,8 @@ class OverviewSettings:
     operation_s: float = 75.0
     least_tolerance: float = 1e-8
     window: int = 128
-    chain_window: int = 16
-    chain_panel: str = "48x64x8"
+    chain_window: int = 32
+    chain_panel: str = "270x480x8"
     field_size: int = 192
     picture_size: int = 128
     edof_panel: str = edof_case.THESIS_PANEL
@@ -108,21 +110,32 @@ def panel_case(scope: Scope) -> chain.ChainCase:
 
 
 def chain_case(scope: Scope) -> chain.ChainCase:
-    """Return the accuracy page's panel apart from its lens.
+    """Return the accuracy page's panel apart from its lens, with light on whole pixels.
 
     Raises UserError for a camera whose panel stands in the plane of its lens.
     """
-    size = scope.settings.chain_window
-    if scope.camera is None:
-        plane = Plane((size, size), (_PITCH, _PITCH))
-        small = LensCase(Lens(0.05, 16.0, 2.0), 1.5, _WAVELENGTH, plane)
-        return _describe(small, scope, scope.settings.chain_panel)
-    if not scope.camera.separation:
+    camera = scope.camera or _small_thesis_camera(scope.settings.chain_panel)
+    if not camera.separation:
         raise UserError("this camera's panel stands in the plane of its lens: see the panel")
-    return _describe(_camera_case(scope.camera, scope, size), scope)
+    found = _describe(_camera_case(camera, scope, scope.settings.chain_window), scope)
+    whole = replace(found.problem, integrate=True)
+    return chain.ChainCase(whole, f"{found.name}, whole pixels")
 
 
-def _describe(case: LensCase, scope: Scope, panel: str | None = None) -> chain.ChainCase:
+def _small_thesis_camera(panel: str) -> Camera:
+    """Return the camera of the thesis for the accuracy page, smaller, with its angles.
+
+    Panel, lens and their distance shrink alike. The whole camera's exact integral takes minutes.
+    """
+    thesis = read_camera(bundled_path("thesis-camera.toml"))
+    shape, pitch = read_panel(panel)
+    smaller = shape[1] * pitch / (thesis.panel.shape[1] * thesis.panel.pitch)
+    lens = replace(thesis.lens, focal_length=smaller * thesis.lens.focal_length)
+    cells = replace(thesis.panel, shape=shape, pitch=pitch)
+    return replace(thesis, panel=cells, lens=lens, separation=smaller * thesis.separation)
+
+
+def _describe(case: LensCase, scope: Scope) -> chain.ChainCase:
     """Return the accuracy page's case of a camera, with a pattern whose exact light is found soon.
 
     Random phases are the hardest pattern, but their exact integral through a large panel and a
@@ -131,7 +144,7 @@ def _describe(case: LensCase, scope: Scope, panel: str | None = None) -> chain.C
     apart = case.camera is not None and case.camera.separation
     return chain.chain_case_from_options(
         case,
-        panel=panel,
+        panel=None,
         separation_mm=None,
         pattern="cubic" if apart else "random",
         field=(0.0, 0.0),

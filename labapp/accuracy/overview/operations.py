@@ -194,27 +194,28 @@ def _in_turn(candidates: Iterable[Candidate], settings: OverviewSettings) -> lis
 
 OPERATIONS = (
     Operation(
+        "chain",
+        "PSF of a panel apart from its lens",
+        "Light goes from a point to the panel, on to the lens and its stop, and to the sensor, on "
+        "whose whole pixels it is integrated. Here each decimal has its price.",
+        "error, relative L2",
+        _measure_chain,
+    ),
+    Operation(
+        "panel",
+        "PSF behind a panel",
+        "The light of a point behind an SLM that stands in the plane of the lens and shows random "
+        "phases. One Fourier transform leads to the sensor, so that accuracy costs little.",
+        "error, relative L2",
+        _measure_panel,
+    ),
+    Operation(
         "lens",
         "PSF of a lens",
         "The light of a point behind a lens with a stop: Fraunhofer's integral over the stop, "
         "squared.",
         "error, relative L2",
         _measure_lens,
-    ),
-    Operation(
-        "panel",
-        "PSF behind a panel",
-        "The light of a point behind an SLM that stands in the plane of the lens and shows random "
-        "phases.",
-        "error, relative L2",
-        _measure_panel,
-    ),
-    Operation(
-        "chain",
-        "PSF of a panel apart from its lens",
-        "Light goes from a point to the panel, on to the lens and its stop, and to the sensor.",
-        "error, relative L2",
-        _measure_chain,
     ),
     Operation(
         "edof-psf",
