@@ -190,6 +190,8 @@ class TrueBenchTable(FileModel):
     sensor: TrueSensorTable = TrueSensorTable()
     vibration_um: Amount | None = None
     vibration_hz: Positive | None = None
+    focus_drift_um: Finite | None = None
+    focus_drift_s: Positive | None = None
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
@@ -207,6 +209,8 @@ class TrueBenchTable(FileModel):
         changes: dict[str, Any] = {
             "vibration": _times(self.vibration_um, 1e-6),
             "vibration_frequency": self.vibration_hz,
+            "focus_drift": _times(self.focus_drift_um, 1e-6),
+            "focus_drift_time": self.focus_drift_s,
         }
         true = replace(true, **{k: v for k, v in changes.items() if v is not None})
         _with_table_in_errors("mount", lambda: self.mount.require_light(true))

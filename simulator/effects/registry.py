@@ -11,6 +11,7 @@ from simulator.effects.diffraction import Diffraction
 from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.focus_drift import FocusDrift
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
 from simulator.effects.lateral_colour import LateralColour
@@ -68,6 +69,7 @@ EFFECTS: tuple[Effect, ...] = (
     FieldPosition(),
     Vignetting(),
     AxialColour(),
+    FocusDrift(),
     Diffraction(),
     PSFReach(),
     Vibration(),

@@ -68,6 +68,7 @@ class Kernels:
     ) -> None:
         self._s, self._recipe, self._cache, self._ledger = s, recipe, cache, ledger
         self._check, self._merged_orders = check, windows.merged_orders
+        self._drift = s.focus_drift if recipe.focus_drift else 0.0
         camera = s.mount.camera_in_panel_axes(replace(s.camera, panel=recipe.panel))
         self.camera: Camera = camera
         sensor, finer = camera.sensor, recipe.samples_per_pixel
@@ -83,12 +84,21 @@ class Kernels:
         r = self._recipe
         beats = self._s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
-        axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction, r.axial_colour)
+        axes = (
+            self._drift,
+            sides,
+            r.samples_per_pixel,
+            r.dispersion,
+            beats,
+            r.diffraction,
+            r.axial_colour,
+        )
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
     def camera_at(self, wavelength: float) -> Camera:
         """Return the camera in the panel's axes by which light of a wavelength is rendered."""
         shift = self._s.camera.lens.focus_shift(wavelength) if self._recipe.axial_colour else 0.0
+        shift += self._drift
         if not shift:
             return self.camera
         camera = replace(self._s.camera, panel=self._recipe.panel)

@@ -31,6 +31,7 @@ from simulator.situation import Situation
 NAMES = (
     "axial colour",
     "lateral colour",
+    "focus drift",
     "vibration",
     "distortion",
     "vignetting",
@@ -58,10 +59,14 @@ class Draw:
     camera: Camera
     exposure: float
     band: Band = _NARROW
+    start: float = 0.0
 
     @property
     def situation(self) -> Situation:
-        return _situation(self.target, self.camera, self.exposure, self.band)
+        return replace(
+            _situation(self.target, self.camera, self.exposure, self.band),
+            exposure_start=self.start,
+        )
 
     def judged(self, without: str = "") -> Array:
         """The sum of its wavelengths by the midpoint rule, each by a narrow band."""
@@ -70,7 +75,7 @@ class Draw:
         seen = camera.vibration * math.sqrt(1 - float(np.sinc(periods)) ** 2)
         lens = camera.lens
         if not (lens.axial_colour or lens.lateral_colour):
-            return imperfect(self._fine_picture(self.band, lens), _FINER, camera, seen)
+            return imperfect(self._fine_picture(self.band, camera), _FINER, camera, seen)
         low, high = self.band.support
         middles = low + (high - low) * (np.arange(_WAVELENGTHS) + 0.5) / _WAVELENGTHS
         passed = self.band.transmission(middles) * (high - low) / _WAVELENGTHS
@@ -79,19 +84,20 @@ class Draw:
             narrow = replace(_NARROW, centre=wavelength)
             ends = np.linspace(*narrow.support, 2001)
             alone = float(np.trapezoid(narrow.transmission(ends), ends))
-            fine = width / alone * self._fine_picture(narrow, lens)
+            fine = width / alone * self._fine_picture(narrow, camera)
             total += imperfect(fine, _FINER, camera, seen, larger(lens, wavelength))
         return total
 
-    def _fine_picture(self, band: Band, lens: Lens) -> Array:
+    def _fine_picture(self, band: Band, camera: Camera) -> Array:
         """By a lens that is ideal but for its focus, on a frame twice as large and pixels a quarter
         as large."""
         one = _IDEAL.sensor
         shape = (2 * _FINER * one.shape[0], 2 * _FINER * one.shape[1])
-        focused = replace(_IDEAL.lens, axial_colour=lens.axial_colour)
+        focused = replace(_IDEAL.lens, axial_colour=camera.lens.axial_colour)
+        warm = 1 - math.exp(-(self.start + self.exposure / 2) / camera.focus_drift_time)
         fine = replace(
             _IDEAL,
-            lens=out_of_focus(focused, band.centre),
+            lens=out_of_focus(focused, band.centre, warm * camera.focus_drift),
             sensor=replace(one, shape=shape, pitch=one.pitch / _FINER),
         )
         s = _situation(self.larger, fine, self.exposure, band)
@@ -112,6 +118,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
         "": camera,
         "axial colour": replace(camera, lens=replace(lens, axial_colour=())),
         "lateral colour": replace(camera, lens=replace(lens, lateral_colour=())),
+        "focus drift": replace(camera, focus_drift=0.0),
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
@@ -125,7 +132,17 @@ def draws(count: int, weakest: float) -> Iterator[Draw]:
     for number in range(count):
         rng = np.random.default_rng([_SEED, number])
         draw = _draw(rng, lambda most, rng=rng: most * log_uniform(rng, weakest, 1.0))
-        yield _coloured(np.random.default_rng([_SEED, number, 1]), draw, weakest)
+        draw = _coloured(np.random.default_rng([_SEED, number, 1]), draw, weakest)
+        yield _drifting(np.random.default_rng([_SEED, number, 2]), draw, weakest)
+
+
+def _drifting(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:
+    """In some draws a camera that has warmed up for a while."""
+    if rng.random() < 0.6:
+        return draw
+    drift = float(rng.choice([-1, 1])) * 4e-3 * log_uniform(rng, weakest, 1.0)
+    camera = replace(draw.camera, focus_drift=drift, focus_drift_time=600.0)
+    return replace(draw, camera=camera, start=log_uniform(rng, 30.0, 3000.0))
 
 
 def _coloured(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:

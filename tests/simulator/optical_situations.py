@@ -21,6 +21,7 @@ from simulator.effects.diffraction import Diffraction
 from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.focus_drift import FocusDrift
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
 from simulator.effects.lateral_colour import LateralColour
@@ -53,6 +54,7 @@ EFFECTS: tuple[Effect, ...] = (
     Vignetting(),
     PanelOrders(),
     AxialColour(),
+    FocusDrift(),
     Vibration(),
     LateralColour(),
     Distortion(),
@@ -179,6 +181,8 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
     camera = replace(camera, sensor=sensor, lens=lens)
     trembling = float(rng.choice([0.0, 2e-6, 15e-6]))
     camera = replace(camera, vibration=trembling, vibration_frequency=rng.uniform(5, 100))
+    drift = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10 ** rng.uniform(-4.5, -2.5))
+    camera = replace(camera, focus_drift=drift, focus_drift_time=0.1)
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 

@@ -11,7 +11,7 @@ from figures.imperfect_cameras import NAMES, draws, rendered
 from optical_situations import CAMERA, situation
 
 import simulator.formation.mean_picture as picture
-from optics.camera import Lens
+from optics.camera import Camera, Lens
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging
 
@@ -39,7 +39,7 @@ def test_a_picture_is_what_rays_and_sums_make_of_it(number):
 
 def test_what_a_camera_has_not_got_costs_nothing(monkeypatch):
     """Neither to decide nor to render it."""
-    parts = (*RENDERING, (Lens, "image_scale"))
+    parts = (*RENDERING, (Lens, "image_scale"), (Camera, "focus_at"))
     assert len(ADDED) == len(parts)
     for effect in ADDED:
         for name in ("error_bound", "estimated_error", "added_operations", "add_to_recipe"):
@@ -54,7 +54,16 @@ def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
     sensor = replace(CAMERA.sensor, crosstalk=1e-6, dust=((0.0, 0.0, 1e-8),), dust_distance=1e-3)
     colour = ((400e-9, 1e-9), (700e-9, -1e-9))
     lens = replace(CAMERA.lens, distortion=(1e-3, 0.0), axial_colour=colour, lateral_colour=colour)
-    s = situation(camera=replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9))
+    s = situation(
+        camera=replace(
+            CAMERA,
+            sensor=sensor,
+            lens=lens,
+            vibration=1e-9,
+            focus_drift=1e-8,
+            focus_drift_time=1e-3,
+        )
+    )
     plan = Imaging(1e-2).plan(s)
     left_out = [one.name for one in ADDED if one.is_present(s) and not plan.level(one.name)]
     assert len(left_out) == len(ADDED)
