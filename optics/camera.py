@@ -243,6 +243,11 @@ class Camera:
         many periods.
     ghosts : tuple of Ghost, optional
         Copies of the picture that reflections within the lens make. Only the simulator uses them.
+    focus_drift : float, optional
+        Metres by which the image comes to lie farther from the lens than the sensor while lens and
+        mount warm up. Only the simulator uses it and the next.
+    focus_drift_time : float, optional
+        Seconds in which the drift comes within 1/e of its end.
 
     Raises
     ------
@@ -265,6 +270,8 @@ class Camera:
     vibration: float = 0.0
     vibration_frequency: float = math.inf
     ghosts: tuple[Ghost, ...] = ()
+    focus_drift: float = 0.0
+    focus_drift_time: float = 1800.0
 
     def __post_init__(self) -> None:
         require_share("transmission", self.transmission)
@@ -277,6 +284,7 @@ class Camera:
                 f"vibration_frequency is {self.vibration_frequency:g} Hz; it is more than 0 (inf "
                 "for many periods in every exposure)"
             )
+        self._require_focus_drift()
         separation = as_number(self.separation)
         if not 0 <= separation < math.inf:
             raise ValueError(
@@ -284,6 +292,18 @@ class Camera:
             )
         require_size("separation", "separation", separation)
         self._require_field_of_lens()
+
+    def _require_focus_drift(self) -> None:
+        """Raise ValueError if the focus drifts farther than a lens' can, or in no time."""
+        most = MAX_FOCUS_SHIFT_SHARE * as_number(self.lens.image_distance)
+        if not abs(self.focus_drift) <= most:
+            raise ValueError(
+                f"focus_drift is {self.focus_drift:g} m; it is between {-most:.3g} and {most:.3g} m"
+            )
+        if not 0 < self.focus_drift_time < math.inf:
+            raise ValueError(
+                f"focus_drift_time is {self.focus_drift_time:g} s; it is more than 0, and finite"
+            )
 
     def _require_field_of_lens(self) -> None:
         """Raise ValueError if the lens' data end within the sensor."""
@@ -303,6 +323,14 @@ class Camera:
                     f"{most * 1e3:.4g} mm from the axis, and the sensor's corner is at "
                     f"{corner * 1e3:.4g} mm: give k1 and k2 for heights over the image distance"
                 )
+
+    def focus_at(self, time: float) -> float:
+        """Return how far behind the sensor the image lies `time` seconds after the start, metres.
+
+        A body that warms up comes to its temperature exponentially (Newton's law of cooling), and
+        its focus with it. Before the start there is no drift.
+        """
+        return -self.focus_drift * math.expm1(-max(time, 0.0) / self.focus_drift_time)
 
     @property
     def ray_matrix_b(self) -> float:

@@ -260,6 +260,7 @@ def picture_key(s: Situation) -> Hashable:
         (s.panel_content.names, s.panel_content.frame_time),
         s.exposure_start if _depends_on_start(s) else 0.0,
         s.exposure,
+        s.focus_drift,
         s.interference,
         s.numerics,
     )

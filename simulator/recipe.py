@@ -65,6 +65,7 @@ class Recipe:
     rolling: bool = False
     axial_colour: bool = False
     lateral_colour: bool = False
+    focus_drift: bool = False
     distortion: bool = False
     vibration: bool = False
     ghosts: bool = False

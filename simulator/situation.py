@@ -13,7 +13,7 @@ from optics.polarisation import PathEffect
 from optics.psf import nyquist_samples_per_pixel
 from optics.pupil import object_to_lens_distance
 from optics.sensor.shutter import frame_duration
-from simulator.focus import focus_shifts, leaked_focus_shifts
+from simulator.focus import drifted_focus, focus_shifts, leaked_focus_shifts
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
 from simulator.probing.pattern_probe import PatternProbe, panel_without_effects
@@ -102,17 +102,28 @@ class Situation:
         return moved + math.hypot(*self.mount.shift) * farthest / self.camera.lens.image_distance
 
     @property
+    def focus_drift(self) -> float:
+        """Return how far a simulated situation's focus has drifted, metres behind the sensor.
+
+        It is that in the middle of the exposure.
+        """
+        middle = self.exposure_start + self.exposure / 2
+        return drifted_focus(self.camera, middle, self.wavelength)
+
+    @property
     def foci(self) -> tuple[float, ...]:
         """Return where the lens of a simulated situation may form images, metres behind the sensor.
 
         They are those of the band's light, and the focus of a lens that is the same for all light.
         """
-        return focus_shifts(self.camera.lens, self.band, self._distances_to_lens)
+        lens, drift = self.camera.lens, self.focus_drift
+        return focus_shifts(lens, self.band, self._distances_to_lens, drift)
 
     @property
     def leaked_foci(self) -> tuple[float, ...]:
         """Return such places for light that leaks through a simulated situation's filter."""
-        return leaked_focus_shifts(self.camera.lens, self.band, self._distances_to_lens)
+        lens, drift = self.camera.lens, self.focus_drift
+        return leaked_focus_shifts(lens, self.band, self._distances_to_lens, drift)
 
     @property
     def _distances_to_lens(self) -> list[float]:

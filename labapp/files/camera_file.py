@@ -97,6 +97,8 @@ class CameraFile(FileModel):
     the share of the light that veils the picture evenly. vibration_um is how far the image trembles
     on the sensor, root mean square along each axis, vibration_hz how often; without vibration_hz,
     many times in every exposure. ghosts are copies of the picture that the lens' reflections make.
+    focus_drift_um is how far behind the sensor the image comes to lie while the camera warms up,
+    focus_drift_s the time constant.
     """
 
     version: Literal[1]
@@ -112,6 +114,8 @@ class CameraFile(FileModel):
     vibration_um: Amount = 0.0
     vibration_hz: Positive | None = None
     ghosts: tuple[GhostTable, ...] = ()
+    focus_drift_um: Finite = 0.0
+    focus_drift_s: Positive = 1800.0
 
     @model_validator(mode="after")
     def _require_one_unmodulated_share(self) -> Self:
@@ -138,7 +142,8 @@ class CameraFile(FileModel):
     def _require_lens_for_sensor(self) -> Self:
         """Check that the lens' data reach as far as the sensor."""
         table = self.sensor
-        Camera(lens=self.lens.build(), sensor=Sensor((table.height, table.width), table.pitch))
+        sensor = Sensor((table.height, table.width), table.pitch)
+        Camera(lens=self.lens.build(), sensor=sensor, focus_drift=self.focus_drift_um * 1e-6)
         return self
 
     @property
@@ -223,6 +228,8 @@ class CameraFile(FileModel):
             self.vibration_um * 1e-6,
             self.vibration_hz or math.inf,
             tuple(one.build() for one in self.ghosts),
+            focus_drift=self.focus_drift_um * 1e-6,
+            focus_drift_time=self.focus_drift_s,
         )
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:

@@ -196,6 +196,8 @@ class TrueBenchTable(FileModel):
     vibration_um: Amount | None = None
     vibration_hz: Positive | None = None
     ghosts: list[GhostTable] | None = None
+    focus_drift_um: Finite | None = None
+    focus_drift_s: Positive | None = None
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
@@ -214,6 +216,8 @@ class TrueBenchTable(FileModel):
             "vibration": _times(self.vibration_um, 1e-6),
             "vibration_frequency": self.vibration_hz,
             "ghosts": None if self.ghosts is None else tuple(one.build() for one in self.ghosts),
+            "focus_drift": _times(self.focus_drift_um, 1e-6),
+            "focus_drift_time": self.focus_drift_s,
         }
         true = replace(true, **{k: v for k, v in changes.items() if v is not None})
         _with_table_in_errors("mount", lambda: self.mount.require_light(true))

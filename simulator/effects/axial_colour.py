@@ -103,6 +103,8 @@ def _changes_beyond(s: Situation, k: Array, which: Which) -> list[tuple[float, A
     Light of another wavelength than the band's centre has its transfer function at other
     frequencies, and its phase is larger by as much.
     """
+    if s.focus_drift:
+        return []  # The foci were probed against one that doesn't drift.
     probe, ends = s.pattern_probe, s.band.support if which == "band" else s.band.leak_range
     apart = max(s.wavelength / ends[0], ends[1] / s.wavelength, 1.0)
     foci = probe.foci if which == "band" else (*probe.foci, *probe.leaked_foci)

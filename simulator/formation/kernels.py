@@ -69,6 +69,7 @@ class Kernels:
     ) -> None:
         self._s, self._recipe, self._cache, self._ledger = s, recipe, cache, ledger
         self._check, self._merged_orders = check, windows.merged_orders
+        self._drift = s.focus_drift if recipe.focus_drift else 0.0
         camera = s.mount.camera_in_panel_axes(replace(s.camera, panel=recipe.panel))
         self.camera: Camera = camera
         sensor, finer = camera.sensor, recipe.samples_per_pixel
@@ -84,7 +85,7 @@ class Kernels:
         r = self._recipe
         beats = self._s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
-        varied = (r.places > 1, r.aberrated_places > 1, r.axial_colour)
+        varied = (r.places > 1, r.aberrated_places > 1, r.axial_colour, self._drift)
         axes = (sides, r.samples_per_pixel, r.dispersion, beats, r.diffraction, varied)
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
@@ -95,6 +96,7 @@ class Kernels:
         """
         recipe, lens = self._recipe, self._s.camera.lens
         shift = lens.focus_shift(wavelength) if recipe.axial_colour else 0.0
+        shift += self._drift
         bent = lens.field_aberrations if recipe.aberrated_places > 1 else None
         if not shift and bent is None:
             return self.camera

@@ -170,6 +170,7 @@ class _Rendering:
         causes = (
             "light", s.camera, s.mount, s.target, s.band, s.interference, s.numerics, axes,
             cell.panel_state, cell.shift, cell.path, self._vibration,
+            s.focus_drift if r.focus_drift else 0.0,
         )  # fmt: skip
         return self._cache.get(causes, lambda: self._compute_light(cell, number))
 

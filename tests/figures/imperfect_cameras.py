@@ -32,8 +32,8 @@ from simulator.scene import PhotographPrint, Star, Target
 from simulator.situation import Situation
 
 NAMES = (
-    "axial colour", "field aberrations", "lateral colour", "vibration", "distortion", "vignetting",
-    "lens ghosts", "dust", "pixel crosstalk",
+    "axial colour", "field aberrations", "lateral colour", "focus drift", "vibration", "distortion",
+    "vignetting", "lens ghosts", "dust", "pixel crosstalk",
 )  # fmt: skip
 
 _SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
@@ -57,10 +57,14 @@ class Draw:
     camera: Camera
     exposure: float
     band: Band = _NARROW
+    start: float = 0.0
 
     @property
     def situation(self) -> Situation:
-        return _situation(self.target, self.camera, self.exposure, self.band)
+        return replace(
+            _situation(self.target, self.camera, self.exposure, self.band),
+            exposure_start=self.start,
+        )
 
     def judged(self, without: str = "") -> Array:
         """The picture of a camera in which one thing may be ideal."""
@@ -71,7 +75,7 @@ class Draw:
         if self.camera.lens.field_aberrations is not None:
             return imperfect(self._aberrated_light(camera), _FINER, camera, seen)
         if not (lens.axial_colour or lens.lateral_colour):
-            return imperfect(self._fine_picture(self.band, lens), _FINER, camera, seen)
+            return imperfect(self._fine_picture(self.band, camera), _FINER, camera, seen)
         low, high = self.band.support
         middles = low + (high - low) * (np.arange(_WAVELENGTHS) + 0.5) / _WAVELENGTHS
         passed = self.band.transmission(middles) * (high - low) / _WAVELENGTHS
@@ -80,14 +84,14 @@ class Draw:
             narrow = replace(_NARROW, centre=wavelength)
             ends = np.linspace(*narrow.support, 2001)
             alone = float(np.trapezoid(narrow.transmission(ends), ends))
-            fine = width / alone * self._fine_picture(narrow, lens)
+            fine = width / alone * self._fine_picture(narrow, camera)
             total += imperfect(fine, _FINER, camera, seen, larger(lens, wavelength))
         return total
 
     def _aberrated_light(self, camera: Camera) -> Array:
         """A star by a judge of its own, which an ideal lens tells how much light there is."""
         assert isinstance(self.target, Star)
-        ideal = self._fine_picture(self.band, _IDEAL.lens)
+        ideal = self._fine_picture(self.band, _IDEAL)
         pitch = _IDEAL.sensor.pitch / _FINER
         seen, sharp = (
             aberrated_star(self.target, one, self.band.centre, ideal.shape, pitch)
@@ -95,15 +99,16 @@ class Draw:
         )
         return seen * ideal.sum() / sharp.sum()
 
-    def _fine_picture(self, band: Band, lens: Lens) -> Array:
+    def _fine_picture(self, band: Band, camera: Camera) -> Array:
         """By a lens that is ideal but for its focus, on a frame twice as large and pixels a quarter
         as large."""
         one = _IDEAL.sensor
         shape = (2 * _FINER * one.shape[0], 2 * _FINER * one.shape[1])
-        focused = replace(_IDEAL.lens, axial_colour=lens.axial_colour)
+        focused = replace(_IDEAL.lens, axial_colour=camera.lens.axial_colour)
+        warm = 1 - math.exp(-(self.start + self.exposure / 2) / camera.focus_drift_time)
         fine = replace(
             _IDEAL,
-            lens=out_of_focus(focused, band.centre),
+            lens=out_of_focus(focused, band.centre, warm * camera.focus_drift),
             sensor=replace(one, shape=shape, pitch=one.pitch / _FINER),
         )
         s = _situation(self.larger, fine, self.exposure, band)
@@ -125,6 +130,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
         "axial colour": replace(camera, lens=replace(lens, axial_colour=())),
         "field aberrations": replace(camera, lens=replace(lens, field_aberrations=None)),
         "lateral colour": replace(camera, lens=replace(lens, lateral_colour=())),
+        "focus drift": replace(camera, focus_drift=0.0),
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
@@ -139,7 +145,17 @@ def draws(count: int, weakest: float) -> Iterator[Draw]:
     for number in range(count):
         rng = np.random.default_rng([_SEED, number])
         draw = _draw(rng, lambda most, rng=rng: most * log_uniform(rng, weakest, 1.0))
-        yield _coloured(np.random.default_rng([_SEED, number, 1]), draw, weakest)
+        draw = _coloured(np.random.default_rng([_SEED, number, 1]), draw, weakest)
+        yield _drifting(np.random.default_rng([_SEED, number, 2]), draw, weakest)
+
+
+def _drifting(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:
+    """In some draws a camera that has warmed up for a while, unless its judge knows one focus."""
+    if rng.random() < 0.6 or draw.camera.lens.field_aberrations is not None:
+        return draw
+    drift = float(rng.choice([-1, 1])) * 4e-3 * log_uniform(rng, weakest, 1.0)
+    camera = replace(draw.camera, focus_drift=drift, focus_drift_time=600.0)
+    return replace(draw, camera=camera, start=log_uniform(rng, 30.0, 3000.0))
 
 
 def _coloured(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:

@@ -151,6 +151,13 @@ def random_situation(rng: np.random.Generator) -> Situation:
         s = replace(s, camera=replace(s.camera, vibration=trembling, vibration_frequency=frequency))
     if rng.random() < 0.4:
         s = replace(s, camera=replace(s.camera, ghosts=_reflections(rng, s.camera.sensor)))
+    if rng.random() < 0.3:
+        drift = float(rng.choice([-1, 1])) * min(
+            log_uniform(rng, 0.01, 10) * _focus_per_pixel(s.camera),
+            0.03 * s.camera.lens.image_distance,
+        )
+        camera = replace(s.camera, focus_drift=drift, focus_drift_time=log_uniform(rng, 0.01, 1))
+        s = replace(s, camera=camera)
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
 
 
@@ -167,6 +174,11 @@ def _reflections(rng: np.random.Generator, sensor: Sensor) -> tuple[Ghost, ...]:
     )
 
 
+def _focus_per_pixel(camera: Camera) -> float:
+    """The shift of focus that blurs over a pixel, metres."""
+    return camera.sensor.pitch * camera.lens.image_distance / camera.lens.stop_diameter
+
+
 def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
     """With distortion of up to 4 % or half a wave of Seidel's aberrations in the corner, a curve of
     relative illumination, or colour that blurs over up to ten pixels."""
@@ -180,7 +192,7 @@ def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
         curve = ((0.0, 1.0), (0.6 * corner, 0.6 + 0.4 * least), (1.1 * corner, least))
         lens = replace(lens, relative_illumination=curve)
     if rng.random() < 0.4:
-        per_pixel = camera.sensor.pitch * lens.image_distance / lens.stop_diameter
+        per_pixel = _focus_per_pixel(camera)
         blue, red = (
             float(rng.choice([-1, 1]))
             * min(log_uniform(rng, 0.01, 10) * per_pixel, 0.03 * lens.image_distance)

@@ -48,16 +48,18 @@ def larger(lens: Lens, wavelength: float) -> float:
     return 1 + float(np.interp(wavelength, *np.array(curve).T)) if curve else 1.0
 
 
-def out_of_focus(lens: Lens, wavelength: float) -> Lens:
-    """A lens without colour that is as far from sharp as the lens is at a wavelength.
+def out_of_focus(lens: Lens, wavelength: float, drift: float = 0.0) -> Lens:
+    """A lens without colour that is as far from sharp as the lens is at a wavelength, and by drift.
 
     At its edge, the waves that converge on the image and on the sensor are apart by half of
     1/z - 1/z' times r². The Zernike polynomial (2, 0) goes from -√3 to √3.
     """
-    if not lens.axial_colour:
+    if not (lens.axial_colour or drift):
         return lens
     z = float(lens.image_distance)
-    behind = z + np.interp(wavelength, *np.array(lens.axial_colour).T)
+    behind = z + drift
+    if lens.axial_colour:
+        behind += float(np.interp(wavelength, *np.array(lens.axial_colour).T))
     edge = (1 / z - 1 / behind) * float(lens.stop_diameter) ** 2 / 8
     path = ((2, 0, float(edge) / (2 * 3**0.5)),)
     return replace(lens, axial_colour=(), aberrations=path)

@@ -108,6 +108,11 @@ def test_a_veil_is_a_share_of_the_light(tmp_path):
     veiled = CAMERA.replace("transmission", "glare = 0.02\ntransmission", 1)
     assert read(tmp_path, veiled).build_camera().glare == 0.02
     shaken = veiled.replace("glare", "vibration_um = 2\nglare", 1)
+    warming = veiled.replace("glare", "focus_drift_um = -20\nfocus_drift_s = 600\nglare", 1)
+    assert read(tmp_path, warming).build_camera().focus_drift == pytest.approx(-20e-6)
+    assert read(tmp_path, warming).build_camera().focus_drift_time == 600
+    with pytest.raises(UserError, match=r"focus_drift is -0\.2 m; it is between"):
+        read(tmp_path, warming.replace("-20", "-2e5", 1))
     assert read(tmp_path, shaken).build_camera().vibration == 2e-6
     assert read(tmp_path, shaken).build_camera().vibration_frequency == math.inf
     with pytest.raises(UserError, match=r"key 'glare' is 1\.5: .* less than or equal to 1"):

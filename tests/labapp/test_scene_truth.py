@@ -28,6 +28,8 @@ TRUTH = """
 vibration_um = 1.5
 vibration_hz = 30
 ghosts = [{ share = 0.02, magnification = -1.5, blur_mm = 2 }]
+focus_drift_um = 15
+focus_drift_s = 900
 
 [truth.panel]
 unmodulated = 0.08
@@ -89,6 +91,7 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
         sensor, camera = bench.world.camera.sensor, bench.world.camera
     assert (camera.vibration, camera.vibration_frequency) == (1.5e-6, 30)
     assert camera.ghosts == (Ghost(0.02, -1.5, 2e-3),)
+    assert (camera.focus_drift, camera.focus_drift_time) == (pytest.approx(15e-6), 900)
     assert (sensor.crosstalk, sensor.dust_distance) == pytest.approx((0.03, 9e-4))
     assert sensor.dust == ((10 * 1e-6, 20 * 1e-6, 5 * 1e-6),)
     assert sensor.shape == described.sensor.shape

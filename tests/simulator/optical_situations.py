@@ -23,6 +23,7 @@ from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_aberrations import FieldAberrations as FieldAberrationsEffect
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.focus_drift import FocusDrift
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
 from simulator.effects.lateral_colour import LateralColour
@@ -57,6 +58,7 @@ EFFECTS: tuple[Effect, ...] = (
     Vignetting(),
     PanelOrders(),
     AxialColour(),
+    FocusDrift(),
     Vibration(),
     LateralColour(),
     Distortion(),
@@ -192,6 +194,8 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
     if rng.random() < 0.4:
         size = float(rng.choice([-1, 1]) * rng.uniform(0.6, 2))
         camera = replace(camera, ghosts=(Ghost(0.05, size, float(rng.uniform(0, 3e-4))),))
+    drift = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10 ** rng.uniform(-4.5, -2.5))
+    camera = replace(camera, focus_drift=drift, focus_drift_time=0.1)
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 

@@ -12,7 +12,7 @@ from optical_situations import CAMERA, situation
 
 import simulator.formation.kernels as kernels
 import simulator.formation.mean_picture as picture
-from optics.camera import Ghost, Lens
+from optics.camera import Camera, Ghost, Lens
 from optics.field_aberrations import FieldAberrations
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging
@@ -44,7 +44,7 @@ def test_a_picture_is_what_rays_and_sums_make_of_it(number):
 
 def test_what_a_camera_has_not_got_costs_nothing(monkeypatch):
     """Neither to decide nor to render it."""
-    parts = (*RENDERING, (Lens, "image_scale"))
+    parts = (*RENDERING, (Lens, "image_scale"), (Camera, "focus_at"))
     assert len(ADDED) == len(parts)
     for effect in ADDED:
         for name in ("error_bound", "estimated_error", "added_operations", "add_to_recipe"):
@@ -64,7 +64,10 @@ def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
         lateral_colour=((400e-9, 1e-9), (700e-9, -1e-9)),
         field_aberrations=FieldAberrations(1e-3, 1e-12, 1e-12, 1e-12),
     )
-    camera = replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9, ghosts=(Ghost(1e-6, -1.0),))
+    camera = replace(
+        CAMERA, sensor=sensor, lens=lens, vibration=1e-9, ghosts=(Ghost(1e-6, -1.0),),
+        focus_drift=1e-8, focus_drift_time=1e-3,
+    )  # fmt: skip
     s = situation(camera=camera)
     plan = Imaging(1e-2).plan(s)
     left_out = [one.name for one in ADDED if one.is_present(s) and not plan.level(one.name)]

@@ -63,7 +63,7 @@ def test_even_light_is_as_dense_as_its_image_is_small():
     assert picture(seen(Flat(1.0, 1e7), as_told, s.band)) == pytest.approx(straight, rel=3e-3)
 
 
-@pytest.mark.parametrize("bent", [0.0, 1500.0])
+@pytest.mark.parametrize("bent", [pytest.param(0.0, marks=pytest.mark.sweep), 1500.0])
 def test_a_band_is_the_sum_of_its_wavelengths(bent):
     """By the midpoint rule over narrow bands, each with as much light as the wide one has."""
     camera = replace(APART, lens=replace(APART.lens, distortion=(bent, 0.0)))
@@ -82,7 +82,7 @@ def test_a_band_is_the_sum_of_its_wavelengths(bent):
     assert found / straight.sum() == pytest.approx(wanted, abs=6e-3 * wanted.max())
 
 
-@pytest.mark.parametrize("target", [star_in_the_corner(), random_print(), Flat(1.0, 1e7)], ids=type)
+@pytest.mark.parametrize("target", [random_print(), Flat(1.0, 1e7)], ids=type)
 def test_no_more_changes_than_the_bound_and_no_less_is_left(target):
     s = seen(target)
     found, straight = picture(s), picture(s, lateral_colour=0)
