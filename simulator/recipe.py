@@ -22,8 +22,9 @@ class Recipe:
     with modulated light.
 
     Axes: `wavelengths` in the band (Gauss nodes); `leak`, wavelengths outside the band; `depths`,
-    nodes of distance; `places` along each axis of the field (Chebyshev nodes); `motion`, parts of
-    the exposure. 0 leak nodes leave the leak out; 1 node of another axis leaves that axis out.
+    nodes of distance; `places` along each axis of the field (Chebyshev nodes); `angles` at which
+    light passes the filter; `motion`, parts of the exposure. 0 leak nodes leave the leak out; 1
+    node of another axis leaves that axis out.
 
     Light: `occlusion`: whether near layers hide far ones at their blurred edges, or all light is
     added. `diffraction`: waves, or the geometric blur of the same wavefront. `orders` of the pixel
@@ -54,6 +55,7 @@ class Recipe:
     depths: int = 1
     occlusion: bool = False
     places: int = 1
+    angles: int = 1
     motion: int = 1
     diffraction: bool = False
     orders: int = 0

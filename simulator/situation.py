@@ -12,6 +12,7 @@ from optics.light.bands import Band
 from optics.polarisation import PathEffect
 from optics.psf import nyquist_samples_per_pixel
 from optics.sensor.shutter import frame_duration
+from simulator.filter_angles import largest_squared_sine
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
 from simulator.probing.pattern_probe import PatternProbe, panel_without_effects
@@ -132,6 +133,9 @@ class Situation:
         wavelength. 5 % more samples than necessary are taken.
         """
         shortest = self.band.support[0]
+        if self.band.shifts_with_angle:
+            steepest = largest_squared_sine(self.camera)
+            shortest = self.band.at_angle(steepest).support[0]
         if self.band.leak:
             shortest = min(shortest, self.band.leak_range[0])
         return math.ceil(1.05 * nyquist_samples_per_pixel(self.camera, shortest))

@@ -20,6 +20,7 @@ from optics.pupil import open_area
 from optics.stop_shadow import share_through_stop
 from optics.validation import as_number
 from simulator.effects.result_cache import cached_per_situation
+from simulator.effects.spectra import angle_shares
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.scene.drawable import UniformLight
@@ -208,6 +209,9 @@ def is_uniform_scene(s: Situation) -> bool:
 def blur_sensitivity(s: Situation) -> float:
     """Return the largest share of the light that effects on the PSF can change.
 
-    In uniform, endless light, they change only its vignetting.
+    In uniform, endless light, they change only what vignetting and the filter's angle make of it.
     """
-    return min(max_vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0
+    if not is_uniform_scene(s):
+        return 1.0
+    aslant = 1 - float(angle_shares(s).min())
+    return min(max_vignetting_change(s) + aslant, 1.0)

@@ -10,6 +10,7 @@ from simulator.effects.diffraction import Diffraction
 from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.filter_angle import FilterAngle
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
 from simulator.effects.lens_ghosts import LensGhosts
@@ -51,6 +52,7 @@ EFFECTS: tuple[Effect, ...] = (
     Occlusion(),
     Bandwidth(),
     Leak(),
+    FilterAngle(),
     Interference(),
     PanelDispersion(),
     Illumination(),

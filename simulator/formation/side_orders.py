@@ -52,7 +52,8 @@ class SideOrdersPath:
             for part, one in enumerate(layer.parts):
                 if self._objects.is_off_plane(one.picture, layer, cell, off):
                     continue
-                shining = self._objects.light_spectra(one.picture, layer, where, off)
+                angle = self._spreading.angles(number)[part]
+                shining = self._objects.light_spectra(one.picture, layer, where, off, angle)
                 light = self._order_spectrum(number, node, order, cell, shining)
                 if light is None:
                     continue

@@ -1,4 +1,4 @@
-"""Dust, crosstalk, vibration, distortion, uneven light and ghosts against a slow judge."""
+"""Imperfect lenses, filters and sensors against a slow judge: rays, and sums over places."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from figures import Figure
 from figures.problems import log_uniform
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
-from optics.light import Band
+from optics.light import Band, Spectrum
 from optics.threads import single_threaded
 from simulator.effects.registry import EFFECTS
 from simulator.formation import expected_electrons
@@ -27,7 +27,10 @@ from simulator.planning.effect_plan import build_recipe
 from simulator.scene import PhotographPrint, Star, Target
 from simulator.situation import Situation
 
-NAMES = ("vibration", "distortion", "vignetting", "lens ghosts", "dust", "pixel crosstalk")
+NAMES = (
+    "filter angle", "vibration", "distortion", "vignetting", "lens ghosts", "dust",
+    "pixel crosstalk",
+)  # fmt: skip
 
 _SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
 _GOAL = 0.01
@@ -47,29 +50,32 @@ class Draw:
     larger: Target
     camera: Camera
     exposure: float
+    band: Band
 
     @property
     def situation(self) -> Situation:
-        return _situation(self.target, self.camera, self.exposure)
+        return _situation(self.target, self.camera, self.exposure, self.band)
 
     def fine_picture(self) -> Array:
         """By an ideal camera, on a frame twice as large and pixels a quarter as large."""
         one = _IDEAL.sensor
         shape = (2 * _FINER * one.shape[0], 2 * _FINER * one.shape[1])
         fine = replace(_IDEAL, sensor=replace(one, shape=shape, pitch=one.pitch / _FINER))
-        s = _situation(self.larger, fine, self.exposure)
+        straight = replace(self.band, effective_index=math.inf)
+        s = _situation(self.larger, fine, self.exposure, straight)
         return _FINER**2 * rendered(s, (), 1, aperture=False)
 
     def judged(self, fine: Array, without: str = "") -> Array:
         camera = ideal_in(self.camera, without)
         periods = min(camera.vibration_frequency * self.exposure, 1e6)
         seen = camera.vibration * math.sqrt(1 - float(np.sinc(periods)) ** 2)
-        return imperfect(fine, _FINER, camera, seen)
+        shifts = self.band.shifts_with_angle and without != "filter angle"
+        band = self.band if shifts else None
+        return imperfect(fine, _FINER, camera, seen, band, self.target.light)
 
 
-def _situation(target: Target, camera: Camera, exposure: float) -> Situation:
+def _situation(target: Target, camera: Camera, exposure: float, band: Band) -> Situation:
     shown = PanelContent.of(np.zeros((1, *camera.panel.shape), np.uint8), math.inf)
-    band = Band(550e-9, 1e-9)
     return Situation(camera, Mount(), target, band, shown, 0.0, exposure, numerics=1e-5)
 
 
@@ -80,6 +86,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
     even = tuple((height, 1.0) for height, _ in lens.relative_illumination)
     return {
         "": camera,
+        "filter angle": camera,
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
@@ -105,7 +112,7 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
         bent = float(rng.choice([-1, 1])) * strength(0.06)
         lens = replace(lens, distortion=(bent * (lens.image_distance / _CORNER) ** 2, 0.0))
     if on[1]:
-        loss = strength(0.6)
+        loss = strength(0.35)
         curve = ((0.0, 1.0), (0.6 * _CORNER, 1 - 0.4 * loss), (1.2 * _CORNER, 1 - loss))
         lens = replace(lens, relative_illumination=curve)
     if on[2]:
@@ -122,13 +129,21 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
         )
     if rng.random() < 0.5:
         camera = replace(camera, ghosts=_reflections(rng, strength))
+    band, light = Band(550e-9, 1e-9), None
+    if rng.random() < 0.5:
+        # Within .3 mm of the axis the angle is small, and a band narrow that shifts by its width.
+        width = min(1e-11 / strength(1.0), 5e-9)
+        band = Band(550e-9, width, effective_index=float(rng.uniform(1.0, 1.5)))
+        light = Spectrum((4e-7, 550e-9 - width, 550e-9 + width, 7e-7), (0.5, 0.5, 1.0, 1.0))
     if rng.random() < 0.4:
         place = tuple(float(one) for one in rng.uniform(-2.4e-3, 2.4e-3, 2))
-        star = Star(2e-3, 1.0, 1e9, (place[0], place[1]))
-        return Draw(star, star, camera, exposure)
-    image = torch.from_numpy(rng.random((24, 30, 3)).astype(np.float32))
-    printed = PhotographPrint(image, 1.0, 1e8, cover=2.0)
-    return Draw(printed, replace(printed, cover=1.0), camera, exposure)
+        star = Star(2e-3, 1.0, 1e9, (place[0], place[1]), light=light)
+        return Draw(star, star, camera, exposure, band)
+    # All light has one spectrum: behind a filter that shifts, prints are grey.
+    grey = rng.random((24, 30, 3 if light is None else 1)).astype(np.float32)
+    image = torch.from_numpy(grey).expand(-1, -1, 3)
+    printed = PhotographPrint(image, 1.0, 1e8, cover=2.0, light=light)
+    return Draw(printed, replace(printed, cover=1.0), camera, exposure, band)
 
 
 def _reflections(rng: np.random.Generator, strength) -> tuple[Ghost, ...]:  # type: ignore[no-untyped-def]
@@ -144,7 +159,8 @@ def rendered(s: Situation, names: tuple[str, ...], sampling: int, *, aperture: b
     """By waves in a large window, with some of the imperfections and nothing else."""
     chosen = {"diffraction": 1, "PSF reach": 1, "light sampling": sampling}
     present = [one.name for one in EFFECTS if one.name in names and one.is_present(s)]
-    levels = chosen | dict.fromkeys(present, 1) | ({"pixel aperture": 1} if aperture else {})
+    wanted = {one.name: one.finest_level(s) for one in EFFECTS if one.name in present}
+    levels = chosen | wanted | ({"pixel aperture": 1} if aperture else {})
     recipe = build_recipe(EFFECTS, s, levels)
     ledger = Ledger()
     found = expected_electrons(s, recipe, ByteCache(), ledger).double().numpy()

@@ -150,6 +150,8 @@ def random_situation(rng: np.random.Generator) -> Situation:
         s = replace(s, camera=replace(s.camera, vibration=trembling, vibration_frequency=frequency))
     if rng.random() < 0.4:
         s = replace(s, camera=replace(s.camera, ghosts=_reflections(rng, s.camera.sensor)))
+    if s.band.shape != "lyot" and rng.random() < 0.4:
+        s = replace(s, band=replace(s.band, effective_index=float(rng.uniform(1.0, 2.2))))
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
 
 

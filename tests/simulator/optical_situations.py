@@ -20,6 +20,7 @@ from simulator.effects.diffraction import Diffraction
 from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.filter_angle import FilterAngle
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
 from simulator.effects.lens_ghosts import LensGhosts
@@ -44,6 +45,7 @@ EFFECTS: tuple[Effect, ...] = (
     Diffraction(),
     Bandwidth(),
     Leak(),
+    FilterAngle(),
     PanelDispersion(),
     *(one for one in registry.EFFECTS if isinstance(one, PanelEffect)),
     CrystalResponse(),
@@ -174,6 +176,9 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
     if rng.random() < 0.4:
         size = float(rng.choice([-1, 1]) * rng.uniform(0.6, 2))
         camera = replace(camera, ghosts=(Ghost(0.05, size, float(rng.uniform(0, 3e-4))),))
+    if shape == "interference":
+        # Within .3 mm of the axis no angle is large.
+        band = replace(band, effective_index=1.0)
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 

@@ -11,12 +11,21 @@ from figures.imperfect_cameras import NAMES, draws, rendered
 from optical_situations import CAMERA, situation
 
 import simulator.formation.mean_picture as picture
+import simulator.formation.objects as objects
 from optics.camera import Ghost
+from optics.light import Band
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging
 
 ADDED = [one for one in EFFECTS if one.name in {*NAMES} - {"vignetting"}]
-RENDERING = ("vibration_transfer", "distort", "ghost_on_pixels", "cast_shadows", "mix_neighbours")
+RENDERING = (
+    (objects, "angle_share"),
+    (picture, "vibration_transfer"),
+    (picture, "distort"),
+    (picture, "ghost_on_pixels"),
+    (picture, "cast_shadows"),
+    (picture, "mix_neighbours"),
+)
 
 
 def never(*args, **kwargs):
@@ -38,19 +47,19 @@ def test_what_a_camera_has_not_got_costs_nothing(monkeypatch):
     for effect in ADDED:
         for name in ("error_bound", "estimated_error", "added_operations", "add_to_recipe"):
             monkeypatch.setattr(type(effect), name, never)
-    for name in RENDERING:
-        monkeypatch.setattr(picture, name, never)
+    for module, name in RENDERING:
+        monkeypatch.setattr(module, name, never)
     s, imaging = situation(), Imaging(1e-3)
     imaging.electrons(s, imaging.plan(s).recipe)
 
 
 def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
-    for name in RENDERING:
-        monkeypatch.setattr(picture, name, never)
+    for module, name in RENDERING:
+        monkeypatch.setattr(module, name, never)
     sensor = replace(CAMERA.sensor, crosstalk=1e-6, dust=((0.0, 0.0, 1e-8),), dust_distance=1e-3)
     lens = replace(CAMERA.lens, distortion=(1e-3, 0.0))
     camera = replace(CAMERA, sensor=sensor, lens=lens, vibration=1e-9, ghosts=(Ghost(1e-6, -1.0),))
-    s = situation(camera=camera)
+    s = situation(camera=camera, band=Band(550e-9, 20e-9, effective_index=2.0))
     plan = Imaging(1e-2).plan(s)
     left_out = [one.name for one in ADDED if one.is_present(s) and not plan.level(one.name)]
     assert len(left_out) == len(ADDED)
