@@ -82,3 +82,15 @@ def require_ghosts(ghosts: Sequence[Ghost]) -> None:
             f"ghosts have {total:g} of the light together; the picture and they share all of it: "
             "give shares that add up to 1 at most"
         )
+
+
+def ghost_field(ghosts: Sequence[Ghost], half: Sequence[float]) -> tuple[float, float]:
+    """Return from how far beside the frame ghosts of a lens bring light into it, (y, x) metres.
+
+    half: half the sides of the frame, (y, x) metres.
+    """
+    beside = [0.0, 0.0]
+    for one in ghosts:
+        field = [(side + one.blur_diameter / 2) / abs(one.magnification) for side in half]
+        beside = [max(a, b - c) for a, b, c in zip(beside, field, half, strict=True)]
+    return beside[0], beside[1]

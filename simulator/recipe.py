@@ -23,8 +23,9 @@ class Recipe:
 
     Axes: `wavelengths` in the band (Gauss nodes); `leak`, wavelengths outside the band; `depths`,
     nodes of distance; `places` along each axis of the field (Chebyshev nodes) for the stop's shadow
-    on the panel, and `aberrated_places` for field aberrations; `motion`, parts of the exposure. 0
-    leak nodes leave the leak out; 1 node of another axis leaves that axis out.
+    on the panel, and `aberrated_places` for field aberrations; `angles` at which light passes the
+    filter; `motion`, parts of the exposure. 0 leak nodes leave the leak out; 1 node of another axis
+    leaves that axis out.
 
     Light: `occlusion`: whether near layers hide far ones at their blurred edges, or all light is
     added. `diffraction`: waves, or the geometric blur of the same wavefront. `orders` of the pixel
@@ -56,6 +57,7 @@ class Recipe:
     occlusion: bool = False
     places: int = 1
     aberrated_places: int = 1
+    angles: int = 1
     motion: int = 1
     diffraction: bool = False
     orders: int = 0

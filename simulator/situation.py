@@ -13,6 +13,7 @@ from optics.polarisation import PathEffect
 from optics.psf import nyquist_samples_per_pixel
 from optics.pupil import object_to_lens_distance
 from optics.sensor.shutter import frame_duration
+from simulator.filter_angles import largest_squared_sine
 from simulator.focus import drifted_focus, focus_shifts, leaked_focus_shifts
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
@@ -168,6 +169,9 @@ class Situation:
         wavelength. 5 % more samples than necessary are taken.
         """
         shortest = self.band.support[0]
+        if self.band.shifts_with_angle:
+            steepest = largest_squared_sine(self.camera)
+            shortest = self.band.at_angle(steepest).support[0]
         if self.band.leak:
             shortest = min(shortest, self.band.leak_range[0])
         return math.ceil(1.05 * nyquist_samples_per_pixel(self.camera, shortest))

@@ -50,7 +50,8 @@ class World:
     bench's clock. faults: faults of its devices. memory: bytes that are kept for later pictures;
     default_memory() if None. decide_by: whether bounds decide which effects are left out, or
     estimates. The devices set the panel's content, `band`, `target` and `gain_db`. Pictures are
-    computed from these, and only when something has changed.
+    computed from these, and only when something has changed. effective_index: that the filter's
+    thin films really have, where it isn't what the filter is described with.
     """
 
     def __init__(
@@ -66,9 +67,11 @@ class World:
         faults: Iterable[Fault] = (),
         memory: int | None = None,
         decide_by: DecidedBy = "bound",
+        effective_index: float | None = None,
     ) -> None:
         self.camera, self.scene = camera, scene
         self.mount, self.path = mount or Mount(), path
+        self._effective_index = effective_index
         memory = default_memory(camera) if memory is None else memory
         self.imaging = Imaging(tol, memory=memory, decide_by=decide_by)
         self.clock: Clock = clock or VirtualClock()
@@ -160,7 +163,7 @@ class World:
             self._amplified_camera(self.gain_db),
             self.mount,
             self.scene.targets[self.target],
-            self.band,
+            self._true_band(self.band),
             self._panel_content,
             self._exposure_start,
             exposure,
@@ -188,10 +191,18 @@ class World:
             self.situation(countable_exposure(exposure)),
             camera=self._amplified_camera(self.gain_db if gain_db is None else gain_db),
             panel_content=video,
-            band=replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth),
+            band=self._true_band(
+                replace(self.band, centre=wavelength, fwhm=bandwidth or self.bandwidth)
+            ),
             target=self.scene.targets[target or self.target],
         )
         return self.imaging.plan(asked)
+
+    def _true_band(self, band: Band) -> Band:
+        """Return a simulated filter's band with the effective index that it really has."""
+        if self._effective_index is None:
+            return band
+        return replace(band, effective_index=self._effective_index)
 
     def _amplified_camera(self, gain_db: float) -> Camera:
         """Return the simulated camera with a gain in decibels beyond its description's."""

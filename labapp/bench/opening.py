@@ -507,6 +507,7 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
             faults=setup.faults,
             memory=setup.memory,
             decide_by=scene.decide_by,
+            effective_index=truth.filter.effective_index if truth else None,
         )
     except ValueError as error:
         raise UserError(f"{setup.scene_source}: {error}.") from error

@@ -160,6 +160,15 @@ class TrueSensorTable(FileModel):
         return replace(sensor, **{k: v for k, v in changes.items() if v is not None})
 
 
+class TrueFilterTable(FileModel):
+    """True properties of a virtual bench's filter; those left out are as in the bench file.
+
+    effective_index is that of thin films, whose band shifts with the angle: 1.5 to 2.5 mostly.
+    """
+
+    effective_index: Annotated[float, Field(ge=1)] | None = None
+
+
 class MountTable(FileModel):
     """Orientation and place of the panel: mirrored, then rotated from x towards y, then shifted.
 
@@ -193,6 +202,7 @@ class TrueBenchTable(FileModel):
     panel: TruePanelTable = TruePanelTable()
     lens: TrueLensTable = TrueLensTable()
     sensor: TrueSensorTable = TrueSensorTable()
+    filter: TrueFilterTable = TrueFilterTable()
     vibration_um: Amount | None = None
     vibration_hz: Positive | None = None
     ghosts: list[GhostTable] | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from optics.light.spectrum import LONGEST_WAVELENGTH, SHORTEST_WAVELENGTH, Spectrum
-from optics.validation import require_positive, require_size, require_wavelength
+from optics.validation import require_positive, require_share, require_size, require_wavelength
 
 _STEEPNESS = 6
 """Exponent of an interference filter's super-Gaussian. Its transmission falls from 90 to 10 %
@@ -49,18 +49,21 @@ class Band:
         Shortest and longest wavelength of the leak, metres.
     table : Spectrum, optional
         Measured curve, for the shape "table" only.
+    effective_index : float, default math.inf
+        Refractive index that stands for the layers of a thin-film filter when light passes aslant,
+        1 or more; see `at_angle`. Mostly 1.5 to 2.5; infinite for a band that doesn't shift.
 
     Raises
     ------
     ValueError
         If a length isn't positive, the width or the leak is too large, the leak's range runs
-        backwards, the shape is another word, or a table comes without that shape or that shape
-        without one.
+        backwards, the shape is another word, a table comes without that shape or that shape
+        without one, or the effective index is below 1 or that of a Lyot filter.
 
     References
     ----------
     B. Lyot 1944, Ann. Astrophys. 7, 31; J. W. Evans 1949, J. Opt. Soc. Am. 39, 229,
-    doi 10.1364/JOSA.39.000229.
+    doi 10.1364/JOSA.39.000229. H. A. Macleod, Thin-Film Optical Filters, on tilted filters.
     """
 
     centre: float
@@ -69,6 +72,7 @@ class Band:
     leak: float = 0.0
     leak_range: tuple[float, float] = (400e-9, 720e-9)
     table: Spectrum | None = None
+    effective_index: float = math.inf
 
     def __post_init__(self) -> None:
         require_wavelength("centre", self.centre)
@@ -95,6 +99,59 @@ class Band:
         low, high = self.leak_range
         if not 0 < low < high < math.inf:
             raise ValueError(f"leak_range is {low:g} to {high:g} m; give the shorter first")
+        self._require_effective_index()
+
+    def _require_effective_index(self) -> None:
+        if not self.effective_index >= 1:
+            raise ValueError(
+                f"effective_index is {self.effective_index:g}; thin films have 1 or more, mostly "
+                "1.5 to 2.5 (inf for a band that doesn't shift)"
+            )
+        if self.shape == "lyot" and self.shifts_with_angle:
+            raise ValueError(
+                f"effective_index is {self.effective_index:g}; a lyot filter has no thin films: "
+                "leave it out, or choose the shape interference"
+            )
+
+    @property
+    def shifts_with_angle(self) -> bool:
+        """Whether the filter's band is another for light that passes aslant."""
+        return math.isfinite(self.effective_index)
+
+    def at_angle(self, squared_sine: float) -> Band:
+        """Return the band that the filter has for light that passes aslant.
+
+        The phase that a layer adds is in proportion to its thickness times the cosine of the angle
+        within it, over the wavelength. So all wavelengths of the curve are multiplied by that
+        cosine, √(1 - sin²θ / n²). The two polarisations aren't told apart.
+
+        Parameters
+        ----------
+        squared_sine : float
+            sin² of the angle of incidence in air, 0 to 1.
+
+        Returns
+        -------
+        Band
+            Of the shape and the leak that this one has, and without an effective index.
+
+        Raises
+        ------
+        ValueError
+            For a squared sine that isn't between 0 and 1.
+        """
+        require_share("squared_sine", squared_sine)
+        shorter = math.sqrt(1 - squared_sine / self.effective_index**2)
+        table = self.table
+        if table is not None:
+            table = replace(table, wavelengths=tuple(shorter * one for one in table.wavelengths))
+        return replace(
+            self,
+            centre=shorter * self.centre,
+            fwhm=shorter * self.fwhm,
+            table=table,
+            effective_index=math.inf,
+        )
 
     @staticmethod
     def from_table(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, Self, get_args
@@ -22,17 +23,25 @@ VISIBLE: Range = (400.0, 720.0)
 all light beyond."""
 
 
-def _band(centre: float, fwhm: float, shape: Shape, leak: float, leak_range_nm: Range) -> Band:
+def _band(
+    centre: float,
+    fwhm: float,
+    shape: Shape,
+    leak: float,
+    leak_range_nm: Range,
+    effective_index: float,
+) -> Band:
     """Return the band of a simulated filter, with centre and width in metres.
 
-    Raises ValueError, which names the filter's option, for an impossible shape or leak range.
+    Raises ValueError, which names the filter's option, for an impossible shape, range or index.
     """
     if shape not in get_args(Shape):
         raise ValueError(f"shape is {shape!r}; choose {', '.join(get_args(Shape))}")
     low, high = leak_range_nm
     if not 0 < low < high:
         raise ValueError(f"leak_range_nm is {leak_range_nm}; give the shorter wavelength first")
-    return Band(centre, fwhm, shape, leak, (low * 1e-9, high * 1e-9))
+    ends = low * 1e-9, high * 1e-9
+    return Band(centre, fwhm, shape, leak, ends, effective_index=effective_index)
 
 
 class SimulatedFilter(SimulatedDevice):
@@ -54,6 +63,9 @@ class SimulatedFilter(SimulatedDevice):
         Share of the light that passes at all wavelengths of `leak_range_nm`, beside the band.
     leak_range_nm : tuple of float, default (400.0, 720.0)
         Shortest and longest wavelength of the leak in nanometres.
+    effective_index : float, default math.inf
+        Of thin films, whose band lies at shorter wavelengths for light that passes aslant, 1 or
+        more; see `optics.light.bands.Band`. By default, the band doesn't shift.
 
     Raises
     ------
@@ -75,6 +87,7 @@ class SimulatedFilter(SimulatedDevice):
         shape: Shape = "gaussian",
         leak: float = 0.0,
         leak_range_nm: Range = VISIBLE,
+        effective_index: float = math.inf,
     ) -> None:
         super().__init__(surroundings)
         if not 0 < range_nm[0] < range_nm[1]:
@@ -84,7 +97,8 @@ class SimulatedFilter(SimulatedDevice):
         low, high = self.wavelength_range = (range_nm[0] * 1e-9, range_nm[1] * 1e-9)
         self.settling = settling_ms * 1e-3
         # A band that is valid at the shortest wavelength is valid at all others.
-        band = _band(low, bandwidth_nm * 1e-9, shape, leak, leak_range_nm)
+        width = bandwidth_nm * 1e-9
+        band = _band(low, width, shape, leak, leak_range_nm, effective_index)
         self._world.band = replace(band, centre=min(max(self._world.wavelength, low), high))
 
     @property
@@ -139,6 +153,9 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
         Share of the light that passes at all wavelengths of `leak_range_nm`, beside the band.
     leak_range_nm : tuple of float, default (400.0, 720.0)
         Shortest and longest wavelength of the leak in nanometres.
+    effective_index : float, default math.inf
+        Of thin films, whose band lies at shorter wavelengths for light that passes aslant, 1 or
+        more; see `optics.light.bands.Band`. By default, the band doesn't shift.
 
     Raises
     ------
@@ -159,12 +176,13 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
         shape: Shape = "gaussian",
         leak: float = 0.0,
         leak_range_nm: Range = VISIBLE,
+        effective_index: float = math.inf,
     ) -> None:
         super().__init__(surroundings)
         require_duration("step_ms", step_ms)
         self._slots = parse_slots(slots_nm)
         self._bands = [
-            _band(slot.wavelength, slot.bandwidth, shape, leak, leak_range_nm)
+            _band(slot.wavelength, slot.bandwidth, shape, leak, leak_range_nm, effective_index)
             for slot in self._slots
         ]
         self._step = step_ms * 1e-3

@@ -146,20 +146,20 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
         # Uniform light has no frequencies but 0.
         return (0.0,)
     some = some.with_aliases(plane)
-    squares = _sampled_powers(s, some)
-    transfers, changes = _turned_transfers(s, "band", some, 0.5), list[float]()
+    squares = sampled_powers(s, some)
+    transfers, changes = turned_transfers(s, found.nodes, some, 0.5), list[float]()
     turns = _phase_turns(s) if is_light_moved(s) else None
     for count in LEVELS.wavelengths:
         wrong, change = found.weight_errors(count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
-            apart = max(_error_power(transfer, rows, power) for transfer in transfers)
+            apart = max(error_power(transfer, rows, power) for transfer in transfers)
             if turns is not None:
                 # Whatever part of the light lands may turn by the whole span against the rest.
                 apart = max(apart, _largest_turned_error(turns, rows, power))
             change += math.sqrt(apart)
         change += _brightness_error(s, "band", count)
-        changes.append(min(_SETTINGS.margin * _off_axis_factor(s) * change, most))
+        changes.append(min(_SETTINGS.margin * off_axis_factor(s) * change, most))
         if changes[-1] <= enough:
             break
     return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
@@ -188,13 +188,13 @@ def _find_likely_rates(
     if not len(some.ky) and not s.camera.lens.lateral_colour:
         return (0.0,)
     some = some.every(_SETTINGS.likely_thinning).with_aliases(s.picture_probe.plane)
-    squares, transfers = _sampled_powers(s, some), _turned_transfers(s, which, some, 0.25)
+    squares, transfers = sampled_powers(s, some), turned_transfers(s, found.nodes, some, 0.25)
     rates, enough = [], _SETTINGS.likely_converged_change * estimated_light(s)[1]
     for count in counts:
         wrong, total = found.weight_errors(count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
-            total += max(_error_power(one, rows, power) for one in transfers)
+            total += max(error_power(one, rows, power) for one in transfers)
         total += _brightness_error(s, which, count) ** 2
         rates.append(_SETTINGS.likely_margin * math.sqrt(total))
         if rates[-1] <= enough:
@@ -214,7 +214,7 @@ def _brightness_error(s: Situation, which: Literal["band", "leak"], count: int) 
     return float(np.abs(found.weight_errors(count) @ density).max() * s.picture_probe.norm_bound)
 
 
-def _sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[int], Array]]:
+def sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[int], Array]]:
     """Return the power at sampled frequencies for the bandwidth effect, for each spectrum of light.
 
     Each entry has the numbers of the parts with that spectrum.
@@ -226,7 +226,7 @@ def _sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[i
     ]
 
 
-def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
+def error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
     """Return the filter bandwidth effect's error with few wavelengths, squared and summed.
 
     transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes). power:
@@ -237,39 +237,38 @@ def _error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -
 
 
 def _largest_turned_error(turns: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Return _error_power() of light that all turns by the worst of some turns over the band."""
+    """Return error_power() of light that all turns by the worst of some turns over the band."""
     return float((np.abs(turns @ wrong.T) ** 2).max() * power.sum())
 
 
 def _transfers_over_band(
-    s: Situation, which: Literal["band", "leak"], some: SampledFrequencies
+    s: Situation, nodes: Array, some: SampledFrequencies
 ) -> list[NDArray[np.complex128]]:
     """Return the transfer functions that light has over band or leak, for the effects of both.
 
-    Each array has the shape (frequencies, nodes). A PSF grows with λ, so that its transfer function
-    shrinks.
+    nodes: wavelengths in metres. Each array has the shape (frequencies, nodes). A PSF grows with λ,
+    so that its transfer function shrinks.
     """
-    nodes = spectral_measure(s, which).nodes
     ky, kx = s.mount.to_panel_axes(some.ky, some.kx)
     grown = nodes / s.wavelength
     far = [s.wavelength / min(nodes[0], s.wavelength) * one for one in max_blur_distance(s)]
     return s.pattern_probe.transfers_at(ky[:, None] * grown, kx[:, None] * grown, (far[0], far[1]))
 
 
-def _turned_transfers(
-    s: Situation, which: Literal["band", "leak"], some: SampledFrequencies, part: float
+def turned_transfers(
+    s: Situation, nodes: Array, some: SampledFrequencies, part: float
 ) -> list[NDArray[np.complex128]]:
     """Return the transfer functions that parts of the pattern may have, for the band effects.
 
     The pattern's phase and the lens' aberrations go with 1/λ, so that a part turns over the band
     against the rest. part: of the phase's span, by which it may differ to either side.
     """
-    grown = spectral_measure(s, which).nodes / s.wavelength
+    grown = nodes / s.wavelength
     span = sum(_phase_spans(s))
     turns = [np.exp(1j * k * span * (1 / grown - 1)) for k in (0.0, part, -part)]
-    found = [one * turn for one in _transfers_over_band(s, which, some) for turn in turns]
+    found = [one * turn for one in _transfers_over_band(s, nodes, some) for turn in turns]
     away = np.hypot(some.ky, some.kx)
-    for turned in colour_turns(s, spectral_measure(s, which).nodes, away):
+    for turned in colour_turns(s, nodes, away):
         steps = (0.0, part, -part, 2 * part)
         found = [one * np.exp(1j * k * turned) for one in found for k in steps]
     return found
@@ -290,7 +289,7 @@ def _phase_turns(s: Situation) -> NDArray[np.complex128]:
     return np.asarray(np.exp(1j * np.linspace(0.25, 1, 4)[:, None] * turn))
 
 
-def _off_axis_factor(s: Situation) -> float:
+def off_axis_factor(s: Situation) -> float:
     """Return how much larger the filter bandwidth effect's error may be off the lens' axis.
 
     Light from off the axis passes another part of the panel, and is aberrated more. Amplitudes add.

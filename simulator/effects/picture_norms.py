@@ -24,7 +24,7 @@ from simulator.effects.psf_bounds import (
     is_uniform_scene,
 )
 from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
-from simulator.effects.spectra import spectral_measure
+from simulator.effects.spectra import angle_shares, spectral_measure
 from simulator.effects.vignetting_bounds import vignetting_samples
 from simulator.formation.distorting import lateral_scales, moved_frame
 from simulator.formation.vibration import image_vibration
@@ -110,6 +110,7 @@ def estimated_light_share(s: Situation) -> float:
     """Estimate the share of the frame's light that vignetting, panel and colour filters leave."""
     distances = set(s.picture_probe.distances)
     seen = float(vignetting_samples(s, s.camera.sensor.shape, distances).mean())
+    seen *= float(angle_shares(s).mean())
     return seen * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
 
 
@@ -153,7 +154,8 @@ def _min_attenuation(s: Situation) -> float:
     The colour filters' share is relative to the light of the best channel.
     """
     least = vignetting_samples(s, s.camera.sensor.shape, set(s.picture_probe.distances)).min()
-    return float(least) * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
+    left = float(least) * float(angle_shares(s).min())
+    return left * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
 
 
 def _min_channel_share(s: Situation) -> float:

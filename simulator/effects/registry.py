@@ -12,6 +12,7 @@ from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_aberrations import FieldAberrations
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.filter_angle import FilterAngle
 from simulator.effects.focus_drift import FocusDrift
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
@@ -55,6 +56,7 @@ EFFECTS: tuple[Effect, ...] = (
     Occlusion(),
     Bandwidth(),
     Leak(),
+    FilterAngle(),
     Interference(),
     PanelDispersion(),
     Illumination(),

@@ -38,6 +38,8 @@ class RenderingLevels:
         Nodes along each axis of the field.
     aberrated_places : tuple of int
         The same for field aberrations, which change more than the stop's shadow.
+    angles : tuple of int
+        Angles at which light passes the filter.
     orders : tuple of int
         Diffraction orders of the panel's pixel grid on each side. At level 1, two on each side are
         rendered on cells of pixels instead, where that is possible.
@@ -53,6 +55,7 @@ class RenderingLevels:
     depths: tuple[int, ...] = (1, 2, 3, 5, 9, 17, 33)
     places: tuple[int, ...] = (1, 3, 5, 9)
     aberrated_places: tuple[int, ...] = (1, 3, 5, 9, 17)
+    angles: tuple[int, ...] = (1, 2, 3, 5, 9)
     orders: tuple[int, ...] = (0, 1, 2)
     samples: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
     windows: tuple[int, ...] = (SMALLEST_WINDOW, 128, 256, 512, 1024, 2048, 4096)
@@ -78,6 +81,7 @@ DIFFRACTION, PSF_REACH, LIGHT_SAMPLING, PANEL_DISPERSION = (
 FIELD_ABERRATIONS = "field aberrations"
 VIGNETTING, POLARISATION_INTERFERENCE = "vignetting", "polarisation interference"
 OCCLUSION, LENS_GHOSTS, LATERAL_COLOUR = "occlusion", "lens ghosts", "lateral colour"
+FILTER_ANGLE = "filter angle"
 
 ATTRIBUTION_ORDER = (
     PSF_REACH,
@@ -92,6 +96,7 @@ ATTRIBUTION_ORDER = (
     VIGNETTING,
     PANEL_ORDERS,
     LENS_GHOSTS,
+    FILTER_ANGLE,
 )
 """Order in which the effects' operations are told apart: each effect's operations are those that
 it adds to the effects before."""
@@ -247,15 +252,18 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
     )
     channels = channel_count_at(s, levels)
     parts = sum(len(groups_of_parts(layer, channels, nodes)) for layer in target.layers)
+    # Light of further angles is weighted over the field, and added.
+    angles = LEVELS.angles[levels.get(FILTER_ANGLE, 0)]
+    parts *= angles
     cells = max(1, len(s.panel_content.pictures))
     psfs = nodes * depths * places * fields * cells
-    if is_uniform_scene(s) and not levels.get(VIGNETTING, 0):
+    if is_uniform_scene(s) and not levels.get(VIGNETTING, 0) and angles == 1:
         # Uniform light stays uniform however it is blurred: no PSF is needed.
         psfs = parts = 0
     wave = bool(levels.get(DIFFRACTION, 0))
     # Each part is transformed once. If its light is weighted over the field, it is transformed
     # back, and then once for each place.
-    weighing = 1 + places if levels.get(VIGNETTING, 0) or places > 1 else 0
+    weighing = 1 + places if levels.get(VIGNETTING, 0) or places > 1 or angles > 1 else 0
     blurred = nodes * len(distances)
     if not levels.get(LATERAL_COLOUR, 0):
         # PSFs are added before they are transformed.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -11,12 +12,14 @@ from numpy.typing import NDArray
 
 from optics.light import Spectrum
 from optics.light.bands import Band
+from simulator.filter_angles import some_angles
 from simulator.formation.nodes import (
-    electrons_by_wavelength,
+    electrons_by_angle,
     gauss_quadrature,
     interpolation_weights,
     mean_curve,
 )
+from simulator.probing.picture_probe import PROBED_ANGLES
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
@@ -27,7 +30,8 @@ class SpectralMeasure:
     """The electrons that the light frees, by wavelength.
 
     wavelengths: points in metres. electrons: those of each channel and part at the points,
-    (channels, parts, points), relative to all of the brightest channel's.
+    (channels, parts, points), relative to all of the brightest channel's. Where the filter's band
+    shifts with the angle, all channels follow for each further angle.
     """
 
     wavelengths: Array
@@ -83,25 +87,64 @@ def spectral_measure(s: Situation, which: Literal["band", "leak"]) -> SpectralMe
 
     The situation's light frees these electrons.
     """
+    spectra, curves = _lights_and_curves(s)
+    angles = some_angles(s.camera, s.band, PROBED_ANGLES)
+    return _measure(spectra, curves, s.band, which == "leak", tuple(angles))
+
+
+def _lights_and_curves(s: Situation) -> tuple[tuple[Spectrum, ...], tuple[Spectrum, ...]]:
+    """Return the spectra of a situation's parts, and the electrons per photon of its channels."""
     parts = [part for layer in s.target.for_camera(s.camera).layers for part in layer.parts]
     sensor = s.camera.sensor
     curves = [sensor.spectral_efficiency or Spectrum.flat(sensor.quantum_efficiency)]
     if sensor.colour is not None:
         curves = [sensor.colour.efficiencies[name] for name in sensor.colour.channels]
         curves.append(mean_curve(sensor.colour))
-    spectra = tuple(part.spectrum for part in parts)
-    return _measure(spectra, tuple(curves), s.band, which == "leak")
+    return tuple(part.spectrum for part in parts), tuple(curves)
+
+
+def measures_at_angles(s: Situation, squared: Sequence[Sequence[float]]) -> list[Array]:
+    """Return wavelengths, and the electrons at them for lists of angles, for the filter's effects.
+
+    squared: lists of sin². The first array has wavelengths in metres. Each further one is
+    (angles, channels, parts, wavelengths).
+    """
+    x, measures = electrons_by_angle(
+        *_lights_and_curves(s), s.band, [one for many in squared for one in many], leak=False
+    )
+    ends = np.cumsum([len(many) for many in squared])[:-1]
+    return [x, *np.split(measures, ends)]
 
 
 @lru_cache(maxsize=16)
 def _measure(
-    spectra: tuple[Spectrum, ...], curves: tuple[Spectrum, ...], band: Band, leak: bool
+    spectra: tuple[Spectrum, ...],
+    curves: tuple[Spectrum, ...],
+    band: Band,
+    leak: bool,
+    angles: tuple[float, ...],
 ) -> SpectralMeasure:
     """Return the spectral measure for a filter's effects, cached by the values of light and filter.
 
     The measure is the same for every pattern.
     """
-    return SpectralMeasure(*electrons_by_wavelength(spectra, curves, band, leak))
+    x, measures = electrons_by_angle(spectra, curves, band, angles, leak=leak)
+    angles_and_channels = measures.shape[0] * measures.shape[1]
+    return SpectralMeasure(x, measures.reshape(angles_and_channels, *measures.shape[2:]))
+
+
+def angle_shares(s: Situation) -> Array:
+    """Return the light that the filter angle effect leaves at some angles, over the most at any.
+
+    It is the least of any part and channel, (angles,).
+    """
+    if not s.band.shifts_with_angle:
+        return np.ones(1)
+    masses = spectral_measure(s, "band").electrons.sum(-1)
+    by_angle = masses.reshape(PROBED_ANGLES, -1)
+    most = by_angle.max(0)
+    lit = most > 0
+    return np.asarray((by_angle[:, lit] / most[lit]).min(1)) if lit.any() else np.ones(1)
 
 
 def leak_share(s: Situation) -> float:

@@ -14,6 +14,7 @@ from optics.plane import Plane
 from simulator.effects.psf_bounds import is_uniform_scene
 from simulator.effects.rendering_work import LEVELS
 from simulator.effects.result_cache import cached_per_situation
+from simulator.effects.spectra import angle_shares
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import light_extent
 from simulator.situation import Situation
@@ -93,11 +94,16 @@ def _with_falling_light(camera: Camera) -> Camera:
 def blur_sensitivity(s: Situation) -> float:
     """Return the largest share of the light that effects on the PSF can change.
 
-    In uniform, endless light, they change only its vignetting.
+    In uniform, endless light, they change only what vignetting and the filter's angle make of it.
     """
-    return min(max_vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0
+    return min(max_vignetting_change(s) + _aslant(s), 1.0) if is_uniform_scene(s) else 1.0
 
 
 def unevenness(s: Situation) -> float:
     """Bound the share of the light by which the picture differs from an even one."""
-    return min(vignetting_change(s), 1.0) if is_uniform_scene(s) else 1.0
+    return min(vignetting_change(s) + _aslant(s), 1.0) if is_uniform_scene(s) else 1.0
+
+
+def _aslant(s: Situation) -> float:
+    """Return the largest share of the light that its angle to the filter takes."""
+    return 1 - float(angle_shares(s).min())

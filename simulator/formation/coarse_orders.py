@@ -14,8 +14,10 @@ from optics.caching import ByteCache
 from optics.plane import Plane
 from simulator.convolution import convolve_valid
 from simulator.formation.exposure_cells import ExposureCell
+from simulator.formation.filter_shares import angle_share
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
+from simulator.formation.nodes import rendered_angles
 from simulator.formation.objects import ObjectSpectra
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import max_blur_distance
@@ -88,6 +90,7 @@ class CoarseOrders:
         # The outermost pixels lie between cells, too.
         rows, columns = (math.ceil(n / self._pixels) + 2 for n in s.camera.sensor.shape)
         self._frame = rows, columns
+        self._squared_sines = tuple(rendered_angles(s, recipe))
 
     def light(self, cell: ExposureCell) -> torch.Tensor:
         """Render the light of an exposure cell in side orders, (channels, rows, columns).
@@ -100,29 +103,41 @@ class CoarseOrders:
             weights = spreading.weights(number)
             for node in range(len(spreading.nodes)):
                 kernel = self._kernel(number, node, cell)
-                for part, one in enumerate(layer.parts):
-                    if self._objects.is_uniform(one.picture) and not self._recipe.vignetting:
+                for part, angle in enumerate(spreading.angles(number)):
+                    drawn = self._draw_on_cells(layer, part, kernel.shape, angle)
+                    if drawn is None:
                         continue  # It stays uniform, and all of it is in the zeroth order's path.
-                    drawn = self._draw_on_cells(layer, part, kernel.shape)
                     ghosts = convolve_valid(drawn, kernel)
                     total += weights[:, part, node, None, None] * ghosts
         return self._on_pixels(total)
 
-    def _draw_on_cells(self, layer: Layer, part: int, kernel: tuple[int, ...]) -> Array:
-        """Return a rendered layer's part on the cells from which light reaches the frame."""
+    def _draw_on_cells(
+        self, layer: Layer, part: int, kernel: tuple[int, ...], angle: int
+    ) -> Array | None:
+        """Return a rendered layer's part on the cells from which light reaches the frame.
+
+        angle: number of the angle at the filter by whose share it is weighted, 0 for none. None
+        stands for uniform light.
+        """
+        even = self._objects.is_uniform(layer.parts[part].picture) and not angle
+        if even and not self._recipe.vignetting:
+            return None
         rows, columns = (n + side - 1 for n, side in zip(self._frame, kernel, strict=True))
         plane = Plane((rows, columns), (self._cell, self._cell))
         picture, camera = layer.parts[part].picture, self._kernels.camera
         causes = (
             "cells", picture, layer.distance, plane, camera, self._s.mount, self._recipe.vignetting,
+            angle and (angle, self._squared_sines),
         )  # fmt: skip
 
         def draw() -> torch.Tensor:
             light = picture.light(plane, self._s.camera.magnification(layer.distance))
+            if angle:
+                light = light * angle_share(self._squared_sines, angle, self._s.camera, plane)
             if not self._recipe.vignetting:
                 return light
             seen = vignetting(camera, self._s.mount, plane, layer.distance)
-            return light * (seen - 1 if self._objects.is_uniform(picture) else seen)
+            return light * (seen - 1 if even else seen)
 
         return self._cache.get(causes, draw).numpy().astype(np.float64)
 

@@ -73,11 +73,15 @@ class ZerothOrderPath:
         where = self._objects.placement(layer, cell)
         if not layer.parts or where is None:
             return total
-        for index, one in enumerate(layer.parts):
-            evenly = self._objects.uniform_dc_term(one.picture)
+        angles = self._spreading.angles(number)
+        for index, (one, angle) in enumerate(zip(layer.parts, angles, strict=True)):
+            evenly = self._objects.uniform_dc_term(one.picture, angle)
             for spectrum, seen in zip(total, weights[:, index].sum(1), strict=True):
                 spectrum[0, 0] += float(seen) * evenly
-        shining = [self._objects.light_spectra(part.picture, layer, where) for part in layer.parts]
+        shining = [
+            self._objects.light_spectra(part.picture, layer, where, angle=angle)
+            for part, angle in zip(layer.parts, angles, strict=True)
+        ]
         uneven = [index for index, spectra in enumerate(shining) if spectra]
         if not uneven:
             return total
@@ -99,8 +103,9 @@ class ZerothOrderPath:
         where = self._objects.placement(layer, cell)
         assert where is not None
         transfers = self._transfers(number, node, cell, count)
+        angles = self._spreading.angles(number)
         for part, one in enumerate(layer.parts):
-            shining = self._objects.light_spectra(one.picture, layer, where)
+            shining = self._objects.light_spectra(one.picture, layer, where, angle=angles[part])
             light = _apply_transfers(transfers, shining)
             for channel in range(self._spreading.channels):
                 total[channel] += float(weights[channel, part, node]) * light

@@ -6,7 +6,7 @@ import math
 
 import torch
 
-from optics.camera import Camera, Ghost
+from optics.camera import Ghost
 from optics.formation import rfft2_frequencies, spectrum_of_disc
 from optics.fourier import ChirpTransform, FourierGeometry, rfft_column_weights
 from optics.plane import Plane
@@ -14,17 +14,6 @@ from simulator.formation.work import transform_operations
 
 _TRANSFORMS = 6.0
 """Real Fourier transforms of a picture that take as long as one of its ghosts; measured."""
-
-
-def ghost_field(camera: Camera) -> tuple[float, float]:
-    """Return from how far beside a rendered frame ghosts bring light, (y, x) metres."""
-    sensor = camera.sensor
-    half = [n * sensor.pitch / 2 for n in sensor.shape]
-    beside = [0.0, 0.0]
-    for one in camera.ghosts:
-        field = [(side + one.blur_diameter / 2) / abs(one.magnification) for side in half]
-        beside = [max(a, b - c) for a, b, c in zip(beside, field, half, strict=True)]
-    return beside[0], beside[1]
 
 
 def ghost_operations(shape: tuple[int, int]) -> float:

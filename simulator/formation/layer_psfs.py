@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -37,15 +39,21 @@ class LayerPSFs:
         self.nodes = found.nodes
         self.channels = len(found.weights)
         self._weights: list[NDArray[np.float64]] = []
+        self._angles: list[list[int]] = []
         self.layers: list[Layer] = []
         first = 0
         for layer in layers:
-            each = found.weights[:, first : first + len(layer.parts)]
-            merged, weights = merge_parts(layer, each, cache)
-            self.layers.append(merged)
+            own = slice(first, first + len(layer.parts))
+            # On the axis, and what the light of each further angle has more or less.
+            every = [found.weights[:, own], *found.aslant[:, :, own]]
+            merged, weights = zip(*(merge_parts(layer, one, cache) for one in every), strict=True)
+            parts = tuple(part for one in merged for part in one.parts)
+            self.layers.append(replace(layer, parts=parts))
+            self._angles.append([k for k, one in enumerate(merged) for _ in one.parts])
             # The irradiance depends on the layer's own distance, even if the PSFs of other
             # distances represent its blur.
-            self._weights.append(weights * electrons_per_radiance(kernels.camera, layer.distance))
+            scale = electrons_per_radiance(kernels.camera, layer.distance)
+            self._weights.append(scale * np.concatenate(weights, axis=1))
             first += len(layer.parts)
         distances = [layer.distance for layer in self.layers]
         self._depths = depth_nodes(distances, recipe.depths)
@@ -57,6 +65,13 @@ class LayerPSFs:
         The shape is (channels, parts, nodes).
         """
         return self._weights[layer]
+
+    def angles(self, layer: int) -> list[int]:
+        """Return for each part of a rendered layer the number of the filter's angle, 0 on the axis.
+
+        The light of a further angle is what it has more or less than the axis; see Wavelengths.
+        """
+        return self._angles[layer]
 
     def distances(self, layer: int) -> tuple[tuple[float, float], ...]:
         """Return the distances whose PSFs render a layer, in metres, with their weights."""

@@ -15,6 +15,7 @@ from optics.gauss_legendre import gauss_legendre
 from optics.light import Spectrum
 from optics.light.bands import Band
 from optics.sensor import Mosaic
+from simulator.filter_angles import angle_nodes, largest_squared_sine
 from simulator.probing.rates import irradiance_per_radiance
 from simulator.recipe import Recipe
 from simulator.scene.target import Part
@@ -36,11 +37,14 @@ class Wavelengths:
     """The wavelength nodes of a picture, and the weights of its parts at them.
 
     weights: (channels, parts, nodes). Times electrons_per_radiance() of a part's distance, they are
-    electrons per second and pixel where the part's picture is 1 and all light arrives.
+    electrons per second and pixel where the part's picture is 1 and all light arrives. aslant: how
+    much more or less they are at the further angles of the filter's light, (angles - 1, channels,
+    parts, nodes).
     """
 
     nodes: tuple[Wavelength, ...]
     weights: Array
+    aslant: Array
 
 
 def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
@@ -49,20 +53,54 @@ def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Waveleng
     The wavelengths are the Gauss nodes of all light that counts.
 
     A part's weights are those of the interpolating polynomial through the nodes: they add up to all
-    of the part's electrons, for any number of nodes. Without light there are no nodes.
+    of the part's electrons, for any number of nodes. Without light there are no nodes. The nodes
+    are the same for light of all angles.
     """
     curves = channel_efficiencies(s, recipe)
     spectra = [part.spectrum for part in parts]
+    squared = rendered_angles(s, recipe)
     nodes: list[Wavelength] = []
-    weights: list[Array] = [np.zeros((len(curves), len(parts), 0))]
+    weights: list[Array] = [np.zeros((len(squared), len(curves), len(parts), 0))]
     for leak, count in ((False, recipe.wavelengths), (True, recipe.leak)):
         if count:
-            found, each = gauss_quadrature(
-                *electrons_by_wavelength(spectra, curves, s.band, leak), count
-            )
+            x, measures = electrons_by_angle(spectra, curves, s.band, squared, leak=leak)
+            found, each = gauss_quadrature(x, measures, count)
             nodes += [Wavelength(float(one), leak) for one in found]
             weights.append(each)
-    return Wavelengths(tuple(nodes), np.concatenate(weights, axis=2))
+    at_angles = np.concatenate(weights, axis=3)
+    return Wavelengths(tuple(nodes), at_angles[0], at_angles[1:] - at_angles[0])
+
+
+def rendered_angles(s: Situation, recipe: Recipe) -> list[float]:
+    """Return sin² of the angles for which the filter's band is rendered, that of the axis first."""
+    if recipe.angles == 1 or not s.band.shifts_with_angle:
+        return [0.0]
+    return angle_nodes(largest_squared_sine(s.camera), recipe.angles)
+
+
+def electrons_by_angle(
+    spectra: Sequence[Spectrum],
+    curves: Sequence[Spectrum],
+    band: Band,
+    squared: Sequence[float],
+    *,
+    leak: bool,
+) -> tuple[Array, Array]:
+    """Return electrons_by_wavelength() for rendering light that passes the filter at some angles.
+
+    squared: sin² of each. The result is points in metres, and (angles, curves, spectra, points).
+    """
+    if len(squared) == 1 or leak:
+        x, measure = electrons_by_wavelength(spectra, curves, band, leak)
+        return x, np.stack([measure] * len(squared))
+    bands = [band.at_angle(one) for one in squared]
+    low, high = min(one.support[0] for one in bands), max(one.support[1] for one in bands)
+    low, high = _seen_range(spectra, curves, low, high)
+    if low >= high:
+        return np.zeros(0), np.zeros((len(squared), len(curves), len(spectra), 0))
+    x, w = _fine_points([*spectra, *curves], low, high)
+    passed = np.stack([one.transmission(x) for one in bands])
+    return x, _density(spectra, curves, x) * (w * passed)[:, None, None]
 
 
 def electrons_by_wavelength(

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import torch
 
 from optics.caching import ByteCache
+from optics.plane import Plane
 from simulator.formation.exposure_cells import ExposureCell
+from simulator.formation.filter_shares import angle_share
 from simulator.formation.kernels import Kernels
-from simulator.formation.nodes import field_nodes, interpolation_weights
+from simulator.formation.nodes import field_nodes, interpolation_weights, rendered_angles
 from simulator.formation.sample_grid import SampleGrid
 from simulator.formation.vignetting import vignetting
 from simulator.recipe import Recipe
@@ -67,6 +69,7 @@ class ObjectSpectra:
         halves = [n * s.camera.sensor.pitch / 2 for n in s.camera.sensor.shape]
         count = place_count(s, recipe)
         self._grid = [field_nodes(count, half) for half in halves]
+        self._squared_sines = tuple(rendered_angles(s, recipe))
         self.places: list[Place] = [(y, x) for y in self._grid[0] for x in self._grid[1]]
 
     def placement(
@@ -114,29 +117,35 @@ class ObjectSpectra:
         return spectrum if smear is None else spectrum * smear
 
     def light_spectra(
-        self, picture: Drawable, layer: Layer, where: LayerPlacement, off: Place = (0.0, 0.0)
+        self,
+        picture: Drawable,
+        layer: Layer,
+        where: LayerPlacement,
+        off: Place = (0.0, 0.0),
+        angle: int = 0,
     ) -> list[torch.Tensor]:
         """Return the spectra of a picture's light for each rendered place, with vignetting.
 
-        off: (y, x) metres on the sensor by which the picture was shifted further. For uniform
-        light, the spectra are those of the deviation from uniform that vignetting causes, if any:
-        see is_uniform().
+        off: (y, x) metres on the sensor by which the picture was shifted further. angle: number of
+        the angle at the filter by whose share of each point's light the picture is weighted; 0 for
+        none. For uniform light without it, the spectra are those of the deviation from uniform that
+        vignetting causes, if any: see is_uniform().
         """
-        if self.is_uniform(picture) and not self._recipe.vignetting:
+        even = self.is_uniform(picture) and not angle
+        if even and not self._recipe.vignetting:
             return []
-        if not self._recipe.vignetting and len(self.places) == 1:
+        if not self._recipe.vignetting and len(self.places) == 1 and not angle:
             return [self.picture_spectrum(picture, where, "picture")]
         causes = (
             "shining", self._kernels.camera, self._s.mount, picture, where, off, self._plane,
             len(self.places), self._recipe.vignetting, layer.distance,
-            self._recipe.picture_samples_per_pixel,
+            self._recipe.picture_samples_per_pixel, angle and (angle, self._squared_sines),
         )  # fmt: skip
-        even = self.is_uniform(picture)
 
         def weighted_spectra() -> list[torch.Tensor]:
             # The unweighted spectrum isn't needed again, so it isn't cached.
             bare = self._compute_picture_spectrum(picture, where, "picture")
-            return self._weight_by_place(bare, self._attenuation(layer, off), even)
+            return self._weight_by_place(bare, self._attenuation(layer, off, angle), even)
 
         return self._cache.get(causes, weighted_spectra)
 
@@ -147,13 +156,13 @@ class ObjectSpectra:
         """
         return isinstance(picture, UniformLight) and not self._recipe.occlusion
 
-    def uniform_dc_term(self, picture: Drawable) -> float:
+    def uniform_dc_term(self, picture: Drawable, angle: int = 0) -> float:
         """Return the rendered spectrum of uniform light at frequency 0; 0 for other pictures.
 
-        Blur doesn't change this value.
+        Blur doesn't change this value. angle: as in light_spectra(), which has all light of others.
         """
         rows, columns = self._plane.shape
-        if not isinstance(picture, UniformLight) or not self.is_uniform(picture):
+        if angle or not isinstance(picture, UniformLight) or not self.is_uniform(picture):
             return 0.0
         return picture.value * rows * columns
 
@@ -164,11 +173,25 @@ class ObjectSpectra:
             return [bare]
         return self._weight_by_place(bare, None)
 
-    def _attenuation(self, layer: Layer, off: Place) -> torch.Tensor | None:
-        """Return the vignetting of a layer on the rendered samples.
+    def _attenuation(self, layer: Layer, off: Place, angle: int) -> torch.Tensor | None:
+        """Return the vignetting of a layer on the rendered samples, times an angle's share.
 
-        The result is None if the recipe has no vignetting.
+        The result is None if the recipe has neither.
         """
+        seen = self._vignetting(layer, off)
+        if not angle:
+            return seen
+        away = self._plane_before(off)
+        share = angle_share(self._squared_sines, angle, self._s.camera, away)
+        return share if seen is None else seen * share
+
+    def _plane_before(self, off: Place) -> Plane:
+        """Return the rendered samples' plane where light was before it was shifted by `off`."""
+        centre = (self._plane.centre[0] - off[0], self._plane.centre[1] - off[1])
+        return Plane(self._plane.shape, self._plane.pitch, centre)
+
+    def _vignetting(self, layer: Layer, off: Place) -> torch.Tensor | None:
+        """Return the vignetting of a layer on the rendered samples; None if it isn't rendered."""
         if not self._recipe.vignetting:
             return None
         camera, mount, plane = self._kernels.camera, self._s.mount, self._plane
@@ -176,9 +199,7 @@ class ObjectSpectra:
             causes = ("vignetting", camera, mount, plane, layer.distance)
             return self._cache.get(causes, lambda: vignetting(camera, mount, plane, layer.distance))
         # Light that was shifted is vignetted by its original place.
-        centre = (plane.centre[0] - off[0], plane.centre[1] - off[1])
-        away = type(plane)(plane.shape, plane.pitch, centre)
-        return vignetting(camera, mount, away, layer.distance)
+        return vignetting(camera, mount, self._plane_before(off), layer.distance)
 
     def _weight_by_place(
         self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False

@@ -58,7 +58,8 @@ class SideOrderPath:
             assert where is not None
             if self._objects.is_off_plane(one.picture, layer, cell, off):
                 continue
-            shining = self._objects.light_spectra(one.picture, layer, where, off)
+            angle = self._spreading.angles(number)[part]
+            shining = self._objects.light_spectra(one.picture, layer, where, off, angle)
             light = self._spectrum(number, node, cell, shining)
             if light is None:
                 continue

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from optics.ghost import ghost_field
 from optics.validation import as_number
 from simulator.formation.distorting import moved_frame
-from simulator.formation.ghosts import ghost_field
 from simulator.formation.work import psf_operations, transform_operations
 from simulator.situation import Situation
 
@@ -44,6 +44,12 @@ def light_extent(s: Situation) -> tuple[float, float]:
     return y, x
 
 
+def _field_of_ghosts(s: Situation) -> tuple[float, float]:
+    """Return from how far beside the frame ghosts of a rendered image bring light, metres."""
+    sensor = s.camera.sensor
+    return ghost_field(s.camera.ghosts, [n * sensor.pitch / 2 for n in sensor.shape])
+
+
 def max_blur_distance(s: Situation) -> tuple[float, float]:
     """Return the largest distance of rendered blur: from any light's image to any pixel.
 
@@ -52,9 +58,7 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
     sensor, moved = s.camera.sensor, moved_frame(s).reach
     y, x = (
         side + n * sensor.pitch / 2 + max(moved, beside)
-        for side, n, beside in zip(
-            light_extent(s), sensor.shape, ghost_field(s.camera), strict=True
-        )
+        for side, n, beside in zip(light_extent(s), sensor.shape, _field_of_ghosts(s), strict=True)
     )
     if s.mount.is_aligned:
         return y, x
@@ -112,7 +116,7 @@ def rendering_windows(
         For ghosts of so wide a field that the picture would be many times as large.
     """
     found = _windows_with(s, window, orders, samples, wave=wave, ghosts=ghosts)
-    if ghosts and any(ghost_field(s.camera)):
+    if ghosts and any(_field_of_ghosts(s)):
         without = _windows_with(s, window, orders, samples, wave=wave, ghosts=False)
         larger = math.prod(found.picture) / math.prod(without.picture)
         is_large = samples[1] ** 2 * math.prod(found.picture) > _GHOSTS_LARGE
@@ -197,7 +201,7 @@ def _picture_shape(
     found = []
     # Distortion, colours and ghosts bring light into the frame from so far beside it.
     moved = moved_frame(s).reach
-    field = ghost_field(s.camera) if ghosts else (0.0, 0.0)
+    field = _field_of_ghosts(s) if ghosts else (0.0, 0.0)
     frame = [
         n + 2 * math.ceil(max(moved, beside) / s.camera.sensor.pitch)
         for n, beside in zip(s.camera.sensor.shape, field, strict=True)

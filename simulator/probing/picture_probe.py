@@ -17,6 +17,7 @@ from optics.formation import spectrum_of_samples
 from optics.light.bands import Band
 from optics.light.spectrum import Spectrum
 from optics.plane import Plane
+from simulator.filter_angles import some_angles
 from simulator.probing.radial import Gain, RadialProfile
 from simulator.probing.rates import electron_rates
 from simulator.probing.sampled_frequencies import SampledFrequencies
@@ -26,6 +27,9 @@ from simulator.scene.target import Layer, Target
 
 MARGIN = 128
 """Width in sensor pixels of the margin around the frame, whose light may be blurred into it."""
+
+PROBED_ANGLES = 5
+"""Angles at the filter, evenly spaced in sin², for which the light is probed. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +65,21 @@ class PictureProbe:
 
     @cached_property
     def rates(self) -> tuple[tuple[float, ...], ...]:
-        """Return a probed pixel's electrons per second at picture value 1, by layer and part."""
+        """Return a probed pixel's electrons per second at picture value 1, by layer and part.
+
+        Where the filter's band shifts with the angle, the rates are those of the best angle.
+        """
         area = self.camera.sensor.pitch**2
+        angles = some_angles(self.camera, self.band, PROBED_ANGLES)
+        bands = [self.band.at_angle(one) for one in angles]
         return tuple(
             tuple(
-                area * max(electron_rates(part.spectrum, self.band, self.camera, layer.distance))
+                area
+                * max(
+                    rate
+                    for band in bands
+                    for rate in electron_rates(part.spectrum, band, self.camera, layer.distance)
+                )
                 for part in layer.parts
             )
             for layer in self.target.layers

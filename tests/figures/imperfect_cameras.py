@@ -17,7 +17,7 @@ from figures.problems import log_uniform
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
 from optics.field_aberrations import FieldAberrations
-from optics.light import Band
+from optics.light import Band, Spectrum
 from optics.threads import single_threaded
 from simulator.effects.band_effects import Bandwidth
 from simulator.effects.registry import EFFECTS
@@ -32,8 +32,8 @@ from simulator.scene import PhotographPrint, Star, Target
 from simulator.situation import Situation
 
 NAMES = (
-    "axial colour", "field aberrations", "lateral colour", "focus drift", "vibration", "distortion",
-    "vignetting", "lens ghosts", "dust", "pixel crosstalk",
+    "axial colour", "field aberrations", "lateral colour", "focus drift", "filter angle",
+    "vibration", "distortion", "vignetting", "lens ghosts", "dust", "pixel crosstalk",
 )  # fmt: skip
 
 _SEED, _DRAWS, _PLANS, _FINER, _TOL = 20261128, 40, 200, 4, 1e-2
@@ -66,6 +66,11 @@ class Draw:
             exposure_start=self.start,
         )
 
+    @property
+    def has_one_focus(self) -> bool:
+        """Whether its judge knows no other."""
+        return self.camera.lens.field_aberrations is not None or self.band.shifts_with_angle
+
     def judged(self, without: str = "") -> Array:
         """The picture of a camera in which one thing may be ideal."""
         camera = ideal_in(self.camera, without)
@@ -75,7 +80,11 @@ class Draw:
         if self.camera.lens.field_aberrations is not None:
             return imperfect(self._aberrated_light(camera), _FINER, camera, seen)
         if not (lens.axial_colour or lens.lateral_colour):
-            return imperfect(self._fine_picture(self.band, camera), _FINER, camera, seen)
+            shifts = self.band.shifts_with_angle and without != "filter angle"
+            straight = replace(self.band, effective_index=math.inf)
+            fine = self._fine_picture(straight, camera)
+            band = self.band if shifts else None
+            return imperfect(fine, _FINER, camera, seen, band=band, light=self.target.light)
         low, high = self.band.support
         middles = low + (high - low) * (np.arange(_WAVELENGTHS) + 0.5) / _WAVELENGTHS
         passed = self.band.transmission(middles) * (high - low) / _WAVELENGTHS
@@ -131,6 +140,7 @@ def ideal_in(camera: Camera, name: str) -> Camera:
         "field aberrations": replace(camera, lens=replace(lens, field_aberrations=None)),
         "lateral colour": replace(camera, lens=replace(lens, lateral_colour=())),
         "focus drift": replace(camera, focus_drift=0.0),
+        "filter angle": camera,
         "vibration": replace(camera, vibration=0.0),
         "distortion": replace(camera, lens=replace(lens, distortion=(0.0, 0.0))),
         "vignetting": replace(camera, lens=replace(lens, relative_illumination=even)),
@@ -151,7 +161,7 @@ def draws(count: int, weakest: float) -> Iterator[Draw]:
 
 def _drifting(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:
     """In some draws a camera that has warmed up for a while, unless its judge knows one focus."""
-    if rng.random() < 0.6 or draw.camera.lens.field_aberrations is not None:
+    if rng.random() < 0.6 or draw.has_one_focus:
         return draw
     drift = float(rng.choice([-1, 1])) * 4e-3 * log_uniform(rng, weakest, 1.0)
     camera = replace(draw.camera, focus_drift=drift, focus_drift_time=600.0)
@@ -161,9 +171,9 @@ def _drifting(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:
 def _coloured(rng: np.random.Generator, draw: Draw, weakest: float) -> Draw:
     """In every other draw a band of up to 40 nm, and a lens that doesn't unite it.
 
-    The judge of field aberrations knows one focus.
+    The judges of field aberrations and of a filter's angle know one focus.
     """
-    if rng.random() < 0.5 or draw.camera.lens.field_aberrations is not None:
+    if rng.random() < 0.5 or draw.has_one_focus:
         return draw
 
     def curve(most: float) -> tuple[tuple[float, float], ...]:
@@ -188,7 +198,7 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
         bent = float(rng.choice([-1, 1])) * strength(0.06)
         lens = replace(lens, distortion=(bent * (lens.image_distance / _CORNER) ** 2, 0.0))
     if on[1]:
-        loss = strength(0.6)
+        loss = strength(0.35)
         curve = ((0.0, 1.0), (0.6 * _CORNER, 1 - 0.4 * loss), (1.2 * _CORNER, 1 - loss))
         lens = replace(lens, relative_illumination=curve)
     if on[2]:
@@ -205,14 +215,23 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
         )
     if rng.random() < 0.5:
         camera = replace(camera, ghosts=_reflections(rng, strength))
+    band, light = Band(550e-9, 1e-9), None
+    if rng.random() < 0.5:
+        # Within .3 mm of the axis the angle is small, and a band narrow that shifts by its width.
+        width = min(1e-11 / strength(1.0), 5e-9)
+        band = Band(550e-9, width, effective_index=float(rng.uniform(1.0, 1.5)))
+        light = Spectrum((4e-7, 550e-9 - width, 550e-9 + width, 7e-7), (0.5, 0.5, 1.0, 1.0))
     if rng.random() < 0.4:
         place = tuple(float(one) for one in rng.uniform(-2.4e-3, 2.4e-3, 2))
-        star = Star(2e-3, 1.0, 1e9, (place[0], place[1]))
-        camera = replace(camera, lens=_aberrated(rng, camera.lens, strength))
-        return Draw(star, star, camera, exposure)
-    image = torch.from_numpy(rng.random((24, 30, 3)).astype(np.float32))
-    printed = PhotographPrint(image, 1.0, 1e8, cover=2.0)
-    return Draw(printed, replace(printed, cover=1.0), camera, exposure)
+        star = Star(2e-3, 1.0, 1e9, (place[0], place[1]), light=light)
+        if light is None:
+            camera = replace(camera, lens=_aberrated(rng, camera.lens, strength))
+        return Draw(star, star, camera, exposure, band)
+    # All light has one spectrum: behind a filter that shifts, prints are grey.
+    grey = rng.random((24, 30, 3 if light is None else 1)).astype(np.float32)
+    image = torch.from_numpy(grey).expand(-1, -1, 3)
+    printed = PhotographPrint(image, 1.0, 1e8, cover=2.0, light=light)
+    return Draw(printed, replace(printed, cover=1.0), camera, exposure, band)
 
 
 def _reflections(rng: np.random.Generator, strength) -> tuple[Ghost, ...]:  # type: ignore[no-untyped-def]

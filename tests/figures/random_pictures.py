@@ -158,6 +158,8 @@ def random_situation(rng: np.random.Generator) -> Situation:
         )
         camera = replace(s.camera, focus_drift=drift, focus_drift_time=log_uniform(rng, 0.01, 1))
         s = replace(s, camera=camera)
+    if s.band.shape != "lyot" and rng.random() < 0.4:
+        s = replace(s, band=replace(s.band, effective_index=float(rng.uniform(1.0, 2.2))))
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
 
 

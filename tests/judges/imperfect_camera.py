@@ -14,28 +14,40 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve, gaussian_filter, map_coordinates, spline_filter
 
 from optics.camera import Camera, Ghost, Lens
+from optics.light import Band, Spectrum
 
 Array = NDArray[np.float64]
 
 
 def imperfect(
-    fine: Array, finer: int, camera: Camera, vibration: float, larger: float = 1.0
+    fine: Array,
+    finer: int,
+    camera: Camera,
+    vibration: float,
+    larger: float = 1.0,
+    band: Band | None = None,
+    light: Spectrum | None = None,
 ) -> Array:
     """Electrons on the camera's pixels.
 
     fine: irradiance as electrons of a whole pixel, at places `finer` of which lie along one; the
-    axis is at n // 2. vibration: metres rms while it is exposed. larger: scale of its colour.
+    axis is at n // 2. vibration: metres rms while it is exposed. larger: scale of its colour. band:
+    a Gaussian filter's, if it shifts with the angle, and the spectrum of all light.
     """
-    one = camera.sensor
+    one, lens = camera.sensor, camera.lens
+    down, along = ((np.arange(n) - n // 2) * one.pitch / finer for n in fine.shape)
+    height = np.hypot(down[:, None], along)
+    fine = fine * _falling(lens, _landing(lens, height))
+    if band is not None and light is not None:
+        fine = fine * _through_filter(band, light, lens, height)
     shaken = gaussian_filter(fine, vibration * finer / one.pitch, truncate=6) if vibration else fine
     places = [_places(n, finer) * one.pitch for n in one.shape]
     y, x = np.meshgrid(*places, indexing="ij")
-    light = _looked_up(shaken, finer / one.pitch, camera.lens, y, x, larger)
-    light *= _falling(camera.lens, np.hypot(y, x))
-    light *= 1 - sum(ghost.share for ghost in camera.ghosts)
+    seen = _looked_up(shaken, finer / one.pitch, lens, y, x, larger)
+    seen *= 1 - sum(ghost.share for ghost in camera.ghosts)
     for ghost in camera.ghosts:
-        light += _ghost(shaken, finer / one.pitch, camera.lens, ghost, y, x)
-    pixels = light.reshape(one.shape[0], finer, one.shape[1], finer).mean((1, 3))
+        seen += _ghost(shaken, finer / one.pitch, ghost, y, x)
+    pixels = seen.reshape(one.shape[0], finer, one.shape[1], finer).mean((1, 3))
     pixels = pixels * _share_past_dust(camera)
     a = one.crosstalk
     along = np.array([a, 1 - 2 * a, a])
@@ -65,6 +77,25 @@ def out_of_focus(lens: Lens, wavelength: float, drift: float = 0.0) -> Lens:
     return replace(lens, axial_colour=(), aberrations=path)
 
 
+def _through_filter(band: Band, light: Spectrum, lens: Lens, height: Array) -> Array:
+    """Photons that pass the filter at each height, over those on the axis: sums over wavelengths.
+
+    Thin films shift all wavelengths by the cosine within them (Macleod).
+    """
+    tangent = height / float(lens.image_distance)
+    sines = np.sin(np.arctan(np.linspace(0, tangent.max(), 60)))
+    shift = band.centre - band.centre * np.sqrt(1 - (sines / band.effective_index) ** 2)
+    reach = 3 * band.fwhm + shift.max()
+    waves = np.linspace(band.centre - reach, band.centre + reach, 20001)
+    sent = np.interp(waves, light.wavelengths, light.values) * waves
+    passed = []
+    for sine in sines:
+        cosine = np.sqrt(1 - (sine / band.effective_index) ** 2)
+        passed.append((sent * 0.5 ** ((2 * (waves / cosine - band.centre) / band.fwhm) ** 2)).sum())
+    known = np.linspace(0, tangent.max(), 60)
+    return np.asarray(np.interp(tangent, known, np.array(passed) / passed[0]))
+
+
 def _places(count: int, finer: int) -> Array:
     inside = (np.arange(finer) + 0.5) / finer - 0.5
     return np.asarray((np.arange(count)[:, None] - count // 2 + inside).ravel())
@@ -90,11 +121,11 @@ def _looked_up(
     return seen * radial * scale
 
 
-def _ghost(picture: Array, per_metre: float, lens: Lens, ghost: Ghost, y: Array, x: Array) -> Array:
+def _ghost(picture: Array, per_metre: float, ghost: Ghost, y: Array, x: Array) -> Array:
     """The mean of the picture over all points whose discs hold each place, times its share.
 
     A point at r becomes a disc around M r, which holds x if x + d = M r for an offset d in it. The
-    light is M² times thinner than in the picture, and as bright as the lens' curve says at r.
+    light is M² times thinner than in the picture.
     """
     known = spline_filter(picture, 3)
     side = (np.arange(24) + 0.5) / 12 - 1
@@ -107,8 +138,7 @@ def _ghost(picture: Array, per_metre: float, lens: Lens, ghost: Ghost, y: Array,
         index = [
             at * per_metre + n // 2 for at, n in zip((from_y, from_x), picture.shape, strict=True)
         ]
-        seen: Array = map_coordinates(known, index, order=3, prefilter=False)
-        total += seen * _falling(lens, _landing(lens, np.hypot(from_y, from_x)))
+        total += map_coordinates(known, index, order=3, prefilter=False)
     return ghost.share * total / int(inside.sum()) / ghost.magnification**2
 
 

@@ -58,6 +58,9 @@ crosstalk_percent = 3
 dust = [[10, 20, 5]]
 dust_distance_um = 900
 
+[truth.filter]
+effective_index = 1.9
+
 [truth.mount]
 rotation_deg = 1.7
 flip_x = true
@@ -89,6 +92,8 @@ def test_a_bench_is_what_the_truth_says_and_is_described_as_before(small):
         assert bench.description == described
         panel, lens = bench.world.camera.panel, bench.world.camera.lens
         sensor, camera = bench.world.camera.sensor, bench.world.camera
+        assert bench.world.situation().band.effective_index == 1.9
+        assert not bench.world.band.shifts_with_angle
     assert (camera.vibration, camera.vibration_frequency) == (1.5e-6, 30)
     assert camera.ghosts == (Ghost(0.02, -1.5, 2e-3),)
     assert (camera.focus_drift, camera.focus_drift_time) == (pytest.approx(15e-6), 900)

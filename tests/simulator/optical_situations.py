@@ -23,6 +23,7 @@ from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_aberrations import FieldAberrations as FieldAberrationsEffect
 from simulator.effects.field_effects import FieldPosition, Vignetting
+from simulator.effects.filter_angle import FilterAngle
 from simulator.effects.focus_drift import FocusDrift
 from simulator.effects.glare import VeilingGlare
 from simulator.effects.interference import Interference
@@ -49,6 +50,7 @@ EFFECTS: tuple[Effect, ...] = (
     Diffraction(),
     Bandwidth(),
     Leak(),
+    FilterAngle(),
     PanelDispersion(),
     *(one for one in registry.EFFECTS if isinstance(one, PanelEffect)),
     CrystalResponse(),
@@ -196,6 +198,9 @@ def random_situation(seed: int, *, video: bool = False) -> Situation:
         camera = replace(camera, ghosts=(Ghost(0.05, size, float(rng.uniform(0, 3e-4))),))
     drift = float(rng.choice([0.0, 0.0, -1.0, 1.0]) * 10 ** rng.uniform(-4.5, -2.5))
     camera = replace(camera, focus_drift=drift, focus_drift_time=0.1)
+    if shape == "interference":
+        # Within .3 mm of the axis no angle is large.
+        band = replace(band, effective_index=1.0)
     return situation(target, camera, band, shown, exposure, moment, numerics=1e-4)
 
 

@@ -19,7 +19,7 @@ from optical_situations import EFFECTS, PANEL, finest, rendered, situation
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
 from optics.field_aberrations import FieldAberrations
-from optics.light import Band
+from optics.light import Band, Spectrum
 from optics.polarisation import PathEffect
 from optics.slm import PanelMap, PhaseResponse
 from optics.slm.phase_range import max_phase
@@ -107,6 +107,14 @@ def leaking(most: float) -> Situation:
 
 def beside() -> Situation:
     return seen(camera(pitch=20e-6), target=Flat(1.0, 1e7), band=Band(550e-9, 10e-9, leak=3e-3))
+
+
+def aslant() -> Situation:
+    """A steep spectrum, of which the corner's band has half as much."""
+    lamp = Spectrum((400e-9, 540e-9, 560e-9, 700e-9), (0.0, 0.0, 1.0, 1.0))
+    wide = camera(pitch=80e-6, shape=(40, 48), lens=Lens(0.01, 80.0, 1.0))
+    band = Band(550e-9, 5e-9, "interference", effective_index=1.5)
+    return seen(wide, target=Flat(1.0, 1e6, light=lamp), band=band)
 
 
 def thick_grating() -> Situation:
@@ -212,6 +220,7 @@ WORST = [
           BAND | {"panel dispersion": 1}, beyond_estimate=2.7),
     Worst("out-of-band leak", lambda: leaking(300), {1: 30}, "as if none of it were as it is",
           BAND | {"panel dispersion": 1}, "by few wavelengths", 2),
+    Worst("filter angle", aslant, {0: 4}, "all light as from the corner, and at its worst channel"),
     Worst("panel dispersion", thick_grating, {0: 15},
           FIELDS + "; errors of either sign as if they were of one", BAND),
     Worst("illumination", uneven_light, {0: 10}, FIELDS),

@@ -12,8 +12,10 @@ from optical_situations import CAMERA, situation
 
 import simulator.formation.kernels as kernels
 import simulator.formation.mean_picture as picture
+import simulator.formation.objects as objects
 from optics.camera import Camera, Ghost, Lens
 from optics.field_aberrations import FieldAberrations
+from optics.light import Band
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging
 
@@ -21,6 +23,7 @@ ADDED = [one for one in EFFECTS if one.name in {*NAMES} - {"vignetting"}]
 RENDERING = (
     (Lens, "defocused"),
     (kernels, "add_aberrations"),
+    (objects, "angle_share"),
     *((picture, name) for name in (
         "vibration_transfer", "distort", "ghost_on_pixels", "cast_shadows", "mix_neighbours"
     )),
@@ -68,7 +71,7 @@ def test_what_a_plan_leaves_out_is_not_rendered(monkeypatch):
         CAMERA, sensor=sensor, lens=lens, vibration=1e-9, ghosts=(Ghost(1e-6, -1.0),),
         focus_drift=1e-8, focus_drift_time=1e-3,
     )  # fmt: skip
-    s = situation(camera=camera)
+    s = situation(camera=camera, band=Band(550e-9, 20e-9, effective_index=2.0))
     plan = Imaging(1e-2).plan(s)
     left_out = [one.name for one in ADDED if one.is_present(s) and not plan.level(one.name)]
     assert len(left_out) == len(ADDED)

@@ -26,8 +26,9 @@ FILTERS = ("varispec", "thorlabs", "starlight", "zwo")
 _SLOTS = ((450, 10), (500, 10), (532, 10), (550, 10), (600, 10), (633, 10))
 """Centres and widths in nm of the slots of a wheel that the bench file doesn't describe."""
 
-_FILTER_OPTIONS = ("range_nm", "bandwidth_nm", "settling_ms", "shape", "leak", "leak_range_nm")
-_WHEEL_OPTIONS = ("slots_nm", "shape", "leak", "leak_range_nm")
+_BAND_OPTIONS = ("shape", "leak", "leak_range_nm", "effective_index")
+_FILTER_OPTIONS = ("range_nm", "bandwidth_nm", "settling_ms", *_BAND_OPTIONS)
+_WHEEL_OPTIONS = ("slots_nm", *_BAND_OPTIONS)
 
 
 def serve_filter(kind: str, table: DeviceTable, site: ServingContext) -> ServedInstrument:
