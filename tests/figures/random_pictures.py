@@ -19,6 +19,7 @@ from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Sensor
 from optics.field_aberrations import FieldAberrations
 from optics.pupil import pupil_amplitude
+from optics.speckle import RoughSurface
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging, PictureMoments
@@ -149,6 +150,9 @@ def random_situation(rng: np.random.Generator) -> Situation:
         trembling = log_uniform(rng, 0.03, 3) * s.camera.sensor.pitch
         frequency = log_uniform(rng, 0.05, 5) / exposure
         s = replace(s, camera=replace(s.camera, vibration=trembling, vibration_frequency=frequency))
+    if rng.random() < 0.25:
+        rough = RoughSurface(log_uniform(rng, 1e-7, 1e-3), patterns=log_uniform(rng, 1, 100))
+        target = replace(target, speckle=rough)
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
 
 
