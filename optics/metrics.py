@@ -40,10 +40,13 @@ def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> f
 
 
 @accepts_numpy
-def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
+def speckle_contrast(
+    psf: torch.Tensor, target: torch.Tensor, noise: torch.Tensor | None = None
+) -> float:
     """Compute the speckle contrast metric of a PSF: standard deviation over mean of PSF / target.
 
-    Only samples at which the target exceeds half its peak count.
+    Only samples at which the target exceeds half its peak count. noise: variance of a measured
+    PSF's samples by the camera's noise, which is taken out of the measured variance.
     """
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
@@ -51,7 +54,13 @@ def speckle_contrast(psf: torch.Tensor, target: torch.Tensor) -> float:
     ratio = psf[bright].to(torch.float64) / target[bright].to(torch.float64)
     if not float(ratio.mean()) > 0:
         raise ValueError("psf sends no light where the target is bright; contrast is 0 / 0")
-    return float(ratio.std(correction=0) / ratio.mean())
+    variance = float(ratio.var(correction=0))
+    if noise is not None:
+        if noise.shape != psf.shape:
+            raise ValueError(f"noise is {tuple(noise.shape)}; give one of psf's shape")
+        of_camera = noise[bright].to(torch.float64) / target[bright].to(torch.float64).square()
+        variance -= float(of_camera.mean())
+    return math.sqrt(max(variance, 0.0)) / float(ratio.mean())
 
 
 @accepts_numpy

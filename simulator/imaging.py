@@ -29,6 +29,7 @@ from simulator.planning.forcing import forced_level, resolve_forced_levels
 from simulator.probing.pattern_probe import PatternProbe
 from simulator.recipe import Recipe
 from simulator.situation import Situation
+from simulator.speckle import moments_with_speckle, speckle_pattern
 from simulator.streaming import FrameSimulator
 
 _MACHINE = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -205,7 +206,12 @@ class Imaging:
     ) -> PictureMoments:
         """Return mean and variance of every pixel in a situation's simulated picture."""
         electrons = self.electrons(s, recipe, check)
-        mean, variance = moments(electrons, s.exposure, s.camera.sensor, **asdict(recipe.stages))
+        stages = asdict(recipe.stages)
+        if recipe.speckle:
+            self.ledger.add("speckle", 20.0 * electrons.numel(), 16 * electrons.numel())
+            mean, variance = moments_with_speckle(s, electrons, **stages)
+        else:
+            mean, variance = moments(electrons, s.exposure, s.camera.sensor, **stages)
         return PictureMoments(electrons, mean, variance)
 
     def stream(
@@ -216,6 +222,9 @@ class Imaging:
         def compute() -> FrameSimulator:
             recipe = plan.recipe
             electrons = self.electrons(s, recipe, check)
+            if recipe.speckle:
+                self.ledger.add("speckle", 20.0 * electrons.numel(), 16 * electrons.numel())
+                electrons = electrons * speckle_pattern(s)
             return FrameSimulator(electrons, s.exposure, s.camera.sensor, recipe)
 
         return self._streams.get((picture_key(s), tuple(plan.levels.items())), compute)

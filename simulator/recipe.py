@@ -34,7 +34,8 @@ class Recipe:
     waveform counts. `rolling`: whether rows are exposed one after the other. `vibration`: whether
     the image trembles. `distortion`: whether the lens distorts the picture. `ghosts`: whether the
     lens' ghosts are added. `glare`: whether veiling glare is added. `dust`: whether dust casts
-    shadows. `crosstalk`: whether neighbours collect some of a pixel's electrons.
+    shadows. `crosstalk`: whether neighbours collect some of a pixel's electrons. `speckle`: whether
+    the light of rough objects speckles.
 
     Window: `window`, the PSF's side in sensor pixels; `samples_per_pixel`, samples of PSFs in a
     pixel along each axis; `picture_samples_per_pixel`, the same of the pictures before they are
@@ -76,6 +77,7 @@ class Recipe:
     dust: bool = False
     mosaic: bool = False
     crosstalk: bool = False
+    speckle: bool = False
     dark_current: bool = False
     fixed_pattern: bool = False
     shot: ShotNoise = "none"

@@ -17,6 +17,7 @@ from labapp.files.picture_cache import cached_picture
 from labapp.files.quantities import Finite, Positive
 from labapp.files.reading import FileModel
 from labapp.files.reflectance_table import reflectance_basis
+from optics.speckle import RoughSurface
 from simulator.scene import Dark, Flat, PhotographPrint, Pinhole, Sheet, Sheets, Star, Target
 
 Distance = Annotated[float, Field(gt=0)]
@@ -42,18 +43,33 @@ class MotionTable(FileModel):
     velocity_mm_s: tuple[Finite, Finite]
 
 
+class SpeckleTable(FileModel):
+    """A target's rough surface, whose narrow-band light speckles: rms height of what scatters.
+
+    optics.speckle.RoughSurface describes the keys.
+    """
+
+    roughness_um: Annotated[Positive, Field(le=1e6)]
+    depolarises: bool = True
+    patterns: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 1.0
+
+    def build(self) -> RoughSurface:
+        return RoughSurface(self.roughness_um * 1e-6, self.depolarises, self.patterns)
+
+
 class IlluminatedTargetTable(FileModel):
     """Base of all targets of a scene that give light.
 
     light names a lamp of the table [lights]; without it, the light is the same at all wavelengths.
     polarised_deg is the direction of linear polarisation, from x towards y; without it, the light
-    is unpolarised.
+    is unpolarised. With speckle, the target is rough.
     """
 
     radiance: Positive
     light: str | None = None
     motion: MotionTable | None = None
     polarised_deg: Finite | None = None
+    speckle: SpeckleTable | None = None
 
     def light_arguments(self, lamps: Lamps) -> dict[str, Any]:
         """Return a simulated target's light and motion, as a scene file's table gives them."""
@@ -66,6 +82,7 @@ class IlluminatedTargetTable(FileModel):
             "lamp": lamp.waveform,
             "velocity": (velocity[0] * 1e-3, velocity[1] * 1e-3),
             "polarisation_angle": None if angle is None else math.radians(angle % 180),
+            "speckle": self.speckle.build() if self.speckle else None,
         }
 
 

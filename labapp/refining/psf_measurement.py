@@ -40,7 +40,7 @@ class MeasuredPSF:
     noise : float
         Approximate error that the noise of the picture alone would make.
     contrast : float
-        Speckle contrast, where the target exceeds half its peak.
+        Speckle contrast, where the target exceeds half its peak, without the camera's noise.
     central : float
         Share of the squared error in the zeroth order, where unmodulated light falls.
     scale : float
@@ -112,7 +112,7 @@ class PSFMeasurer:
             light,
             scaled_nrmse(light[bright], wanted),
             noise / scale,
-            speckle_contrast(light, target),
+            speckle_contrast(light, target, _NOISE_VARIANCE_SHARE * variance),
             self._central_error_share(light / scale - target, bright),
             scale,
         )

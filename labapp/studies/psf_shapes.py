@@ -110,19 +110,23 @@ def _row(shape: str, report: PSFReport) -> ResultRow:
 
 
 def _measured_quality(report: PSFReport) -> dict[str, float]:
-    return _shape_quality(report.modulated_psf, report)
+    noise = report.variance_without(report.unmodulated)
+    return _shape_quality(report.modulated_psf, report, noise)
 
 
-def _shape_quality(shape: Picture, report: PSFReport) -> dict[str, float]:
+def _shape_quality(
+    shape: Picture, report: PSFReport, noise: Picture | None = None
+) -> dict[str, float]:
     """Rate a study's PSF, from which unmodulated light is removed, against its target's shape.
 
-    "light" is the share of the star's light within the shape; "contrast" is the speckle contrast.
+    "light" is the share of the star's light within the shape; "contrast" is the speckle contrast,
+    without the camera's noise where its variance is given.
     """
     target = requested_psf(report)
     return {
         "light": metrics.efficiency(shape, target, 1.0),
         "correlation": correlation(shape, target),
-        "contrast": metrics.speckle_contrast(shape, target),
+        "contrast": metrics.speckle_contrast(shape, target, noise),
     }
 
 

@@ -110,7 +110,8 @@ def evaluate(record: Record, settings: StabilitySettings, progress: Progress) ->
 
 
 def _speckle_contrast(report: PSFReport) -> float:
-    return metrics.speckle_contrast(report.modulated_psf, requested_psf(report))
+    noise = report.variance_without(report.unmodulated)
+    return metrics.speckle_contrast(report.modulated_psf, requested_psf(report), noise)
 
 
 def independent_frames_error(frames: int, reference: int) -> float:

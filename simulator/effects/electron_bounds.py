@@ -26,6 +26,7 @@ from simulator.formation.distorting import moved_frame
 from simulator.planning import Bound, OnOffEffect
 from simulator.recipe import Recipe
 from simulator.situation import Situation
+from simulator.speckle import speckle_variance
 
 
 @dataclass(frozen=True)
@@ -221,10 +222,20 @@ def affected_pixel_bound(share: float, count: int) -> float:
 def peak_electrons(s: Situation) -> float:
     """Bound the brightest pixel's electrons for sensor effects, hot pixels included."""
     sensor = s.camera.sensor
-    lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu)
+    lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu) * _speckle_peak(s)
     return (
         lit + dark_current_electrons(s) + (sensor.hot_current * s.exposure if sensor.hot else 0.0)
     )
+
+
+def _speckle_peak(s: Situation) -> float:
+    """Return how many times the mean light a pixel of the speckle effect holds at most.
+
+    Five standard deviations, and as many means of an exponential distribution as all but one in
+    10,000 pixels stay below.
+    """
+    variance = speckle_variance(s)
+    return 1 + 5 * math.sqrt(variance) + 4 * variance
 
 
 def electron_norm_bound(s: Situation) -> float:

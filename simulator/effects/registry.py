@@ -45,6 +45,7 @@ from simulator.effects.sensor_effects import (
     ReadNoise,
 )
 from simulator.effects.shot_noise import ShotNoise
+from simulator.effects.speckle import Speckle
 from simulator.effects.time_effects import LampFlicker, RollingShutter
 from simulator.effects.vibration import Vibration
 from simulator.planning import Effect
@@ -54,6 +55,7 @@ EFFECTS: tuple[Effect, ...] = (
     Motion(),
     DepthLayers(),
     Occlusion(),
+    Speckle(),
     Bandwidth(),
     Leak(),
     FilterAngle(),

@@ -163,7 +163,7 @@ class _Rendering:
         # the sensor's later stages: these are set to one value in the cache key.
         axes = r.with_changes(
             lamp=False, rolling=False, motion=1, crystal=False, dust=False, crosstalk=False,
-            dark_current=False,
+            speckle=False, dark_current=False,
             fixed_pattern=False, shot="none", clipping=False, read_noise=False,
             quantisation=False,
         )  # fmt: skip

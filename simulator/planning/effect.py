@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 from simulator.planning.bound import Bound
 from simulator.recipe import Recipe
 from simulator.situation import Situation
+from simulator.speckle import speckle_variance
+
+_BRIGHTER = 2.0
+"""Factor by which a lamp's ripple or the panel may make the brightest pixel brighter. Chosen."""
 
 DecidedBy = Literal["bound", "estimate"]
 """What decides in a plan: bounds, which prove its error, or audited estimates, which save more."""
@@ -90,7 +96,17 @@ class Effect(ABC):
     def error(self, s: Situation, level: int, decided_by: DecidedBy) -> Bound:
         """Return the error of the effect at a planned level, as bounds or estimates tell it."""
         told = self.error_bound if decided_by == "bound" else self.likely_error
-        return told(s, level)
+        found = told(s, level)
+        varied = speckle_variance(s) if found.mean and s.target.speckle else 0.0
+        if not varied:
+            return found
+        # Speckle's variance v m² changes with the mean m: its root by √v times m's change.
+        brightest = float(s.picture_probe.brightest) * s.exposure
+        return replace(
+            found,
+            variance=found.variance + _BRIGHTER * 2 * varied * brightest * found.mean,
+            sigma=found.sigma + math.sqrt(varied) * found.mean,
+        )
 
     @abstractmethod
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:

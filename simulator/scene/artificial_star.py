@@ -24,7 +24,7 @@ class Star(Target):
     offset : tuple of float, default (0.0, 0.0)
         Position (y, x) of the pinhole relative to the axis, metres on the object. The target
         appears upright in the picture, with y down the rows.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
 
     Raises
@@ -65,7 +65,7 @@ class Pinhole(Star):
         Spectral radiance of the pinhole, W / (sr m² m), not negative.
     offset : tuple of float, default (0.0, 0.0)
         Position (y, x) of the pinhole relative to the axis, metres on the object.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     """
 

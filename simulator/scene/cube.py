@@ -33,7 +33,7 @@ class Cube(FramedPicture):
     tol : float, default 5e-3
         Relative error with which the pixels' spectra are replaced by mixtures of fewer spectra,
         from 0 to below 1.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     cover, height, offset, side : optional
         See `PhotographPrint`.

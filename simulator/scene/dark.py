@@ -17,7 +17,7 @@ class Dark(Target):
         Distance from the panel in metres, positive; it has no effect on the picture.
     radiance : float, default 0.0
         Spectral radiance, W / (sr m² m); it has no effect on the picture.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     """
 

@@ -146,7 +146,7 @@ class Display(Target):
         Relative spectra of red, green and blue, such as those of `display_primaries`.
     fill : float, default 0.9
         Side of a stripe's window over the side of its cell, along each axis, above 0, up to 1.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`; `light` must be None.
 
     Raises

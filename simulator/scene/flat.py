@@ -20,7 +20,7 @@ class Flat(Target):
         it is rendered, and it is smallest in focus.
     radiance : float
         Spectral radiance, W / (sr m² m), not negative.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     """
 

@@ -25,7 +25,7 @@ class PhotographPrint(FramedPicture):
         Spectral radiance of white, W / (sr m² m), not negative.
     basis : tuple of Spectrum, default primaries()
         Reflectances of red, green and blue.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     cover : float, default 1.05
         Side of the picture over side of the frame, along the axis where this ratio is smaller;

@@ -78,7 +78,7 @@ class Relief(FramedPicture):
         Number of depth layers, 1 to 64, at even steps of the inverse distance.
     basis : tuple of Spectrum, default primaries()
         Reflectances of red, green and blue.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
     cover, height, offset, side : optional
         See `PhotographPrint`.

@@ -50,7 +50,7 @@ class Sheets(Target):
         The sheets, the nearest first, no two at one distance.
     radiance : float
         Spectral radiance of white, W / (sr m² m), not negative.
-    light, lamp, velocity, polarisation_angle, name : optional
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
         See `Target`.
 
     Raises

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from optics.camera import Camera
 from optics.light.spectrum import Spectrum
 from optics.light.waveform import Waveform
+from optics.speckle import RoughSurface
 from simulator.scene.drawable import Drawable
 
 
@@ -85,6 +86,8 @@ class Target(_Stands):
         begins with the target at its original position.
     polarisation_angle : float, optional
         Angle of linear polarisation in radians, from x towards y; None is unpolarised light.
+    speckle : RoughSurface, optional
+        Roughness of what scatters the light, which speckles; None doesn't.
     name : str, default ""
         Name of the target for people.
 
@@ -98,6 +101,7 @@ class Target(_Stands):
     lamp: Waveform | None = None
     velocity: tuple[float, float] = (0.0, 0.0)
     polarisation_angle: float | None = None
+    speckle: RoughSurface | None = None
     name: str = ""
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ from optics.accuracy import ToleranceError
 from optics.camera import Camera, Ghost, Lens, Sensor
 from optics.field_aberrations import FieldAberrations
 from optics.pupil import pupil_amplitude
+from optics.speckle import RoughSurface
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging, PictureMoments
@@ -160,6 +161,9 @@ def random_situation(rng: np.random.Generator) -> Situation:
         s = replace(s, camera=camera)
     if s.band.shape != "lyot" and rng.random() < 0.4:
         s = replace(s, band=replace(s.band, effective_index=float(rng.uniform(1.0, 2.2))))
+    if rng.random() < 0.25:
+        rough = RoughSurface(log_uniform(rng, 1e-7, 1e-3), patterns=log_uniform(rng, 1, 100))
+        target = replace(target, speckle=rough)
     return replace(s, target=lit(target, wanted / brightest)) if brightest else s
 
 

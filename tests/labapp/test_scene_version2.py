@@ -17,6 +17,7 @@ from labapp.files.reading import bundled_path, read_file, validate
 from labapp.files.scene_file import SceneFile
 from optics.camera import Camera, Sensor
 from optics.plane import Plane
+from optics.speckle import RoughSurface
 from simulator.scene import Cube, Display, PhotographPrint, Relief, Sheets, Star
 
 CAMERA = Camera(sensor=Sensor(shape=(60, 80)))
@@ -81,7 +82,8 @@ def test_a_scene_is_found_by_its_name_or_its_path(tmp_path):
 def test_light_motion_and_polarisation_reach_the_target():
     star = built(
         {"kind": "star", "diameter_um": 70, "distance_m": 1.72, "radiance": 2.0, "light": "lamp",
-         "motion": {"velocity_mm_s": [1.0, -2.0]}, "polarised_deg": 90.0, "offset_um": [3.0, 4.0]}
+         "motion": {"velocity_mm_s": [1.0, -2.0]}, "polarised_deg": 90.0, "offset_um": [3.0, 4.0],
+         "speckle": {"roughness_um": 20, "depolarises": False, "patterns": 3}}
     )  # fmt: skip
     assert isinstance(star, Star)
     assert star.name == "one"
@@ -91,6 +93,7 @@ def test_light_motion_and_polarisation_reach_the_target():
     assert star.light.at(720e-9) == pytest.approx(1.0)
     assert star.layers[0].parts[0].spectrum.at(720e-9) == pytest.approx(2e9)
     assert star.offset == pytest.approx((3e-6, 4e-6))
+    assert star.speckle == RoughSurface(20 * 1e-6, False, 3)
 
 
 def test_effects_may_be_forced_to_a_level():

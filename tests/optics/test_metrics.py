@@ -34,6 +34,17 @@ def test_speckle_contrast_is_the_spread_over_the_mean_where_the_target_is_bright
     assert speckle_contrast(psf, target) == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("spread", [0.0, 0.04])
+def test_the_cameras_noise_is_no_speckle(spread):
+    """Drawn photons and read noise on a PSF of a known contrast; on an even one little is left."""
+    rng = np.random.default_rng(6)
+    target = rng.uniform(2, 4, (120, 120))
+    light = 200 * target * (1 + spread * rng.standard_normal(target.shape))
+    seen = rng.poisson(light) + 3 * rng.standard_normal(target.shape)
+    assert speckle_contrast(seen, target) > spread + 0.015
+    assert speckle_contrast(seen, target, light + 9) == pytest.approx(spread, abs=0.006)
+
+
 def test_a_scale_changes_no_contrast():
     rng = np.random.default_rng(0)
     psf, target = rng.random((5, 5)), 1 + rng.random((5, 5))

@@ -6,7 +6,9 @@ from types import SimpleNamespace
 from optics.camera import Panel
 from simulator.planning import Bound, Effect
 
-SITUATION = SimpleNamespace(ideal_panel=Panel(), coarsest_sampling=1)
+SITUATION = SimpleNamespace(
+    ideal_panel=Panel(), coarsest_sampling=1, target=SimpleNamespace(speckle=None)
+)
 
 
 @dataclass

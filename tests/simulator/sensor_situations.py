@@ -102,7 +102,7 @@ def situation(light: torch.Tensor, one: Sensor, exposure: float = 0.5, **more) -
         "camera": Camera(sensor=one), "picture_probe": probe,
         "exposure": exposure, "exposure_start": 0.0,
         "exposure_span": frame_duration(one, exposure),
-        "target": SimpleNamespace(lamp=None, is_moving=False, layers=()),
+        "target": SimpleNamespace(speckle=None, lamp=None, is_moving=False, layers=()),
         "panel_content": SimpleNamespace(is_changing=False), "interference": 0j,
         "pattern_probe": SimpleNamespace(max_relative_power=1.0),
         "cache": SituationCache(),

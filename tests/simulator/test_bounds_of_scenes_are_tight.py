@@ -240,7 +240,7 @@ def test_filters_of_even_light():
     even = torch.full((12, 12), float(rates.max())).double()
     s = sensor_situations.situation(even, bayer, 1.0, band=BAND)
     layer = SimpleNamespace(distance=2.0, parts=(part,), cover=None)
-    s.target = SimpleNamespace(lamp=None, is_moving=False, layers=(layer,))
+    s.target = SimpleNamespace(speckle=None, lamp=None, is_moving=False, layers=(layer,))
     channels = bayer.colour.channel_map((12, 12)).numpy()
     apart = rates[channels] - rates @ np.array([0.25, 0.5, 0.25])
     near(ColourFilters().error_bound(s, 0).mean, np.linalg.norm(apart), 2.5)
@@ -249,7 +249,7 @@ def test_filters_of_even_light():
 def rolling(exposure: float, lamp=None, moves=False):
     one = Sensor(shape=(40, 12), shutter="rolling", line_time=50e-6, dark_current=0.0)
     s = sensor_situations.situation(torch.full((40, 12), 100.0), one, exposure)
-    s.target = SimpleNamespace(lamp=lamp, is_moving=moves, layers=())
+    s.target = SimpleNamespace(speckle=None, lamp=lamp, is_moving=moves, layers=())
     return s
 
 

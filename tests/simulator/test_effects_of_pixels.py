@@ -115,6 +115,7 @@ def test_filters_differ_from_the_mean_pixel_by_no_more_than_is_told(seed):
     s = situation(torch.from_numpy(light), BAYER, 1.0, band=band)
     s.camera = camera
     s.target = SimpleNamespace(
+        speckle=None,
         lamp=None,
         is_moving=False,
         layers=(SimpleNamespace(distance=2.0, parts=tuple(parts), cover=None),),
@@ -134,7 +135,7 @@ def test_filters_differ_from_the_mean_pixel_by_no_more_than_is_told(seed):
 def rolling(exposure, lamp=None, is_moving=False, moment=0.0):
     one = Sensor(shape=(40, 12), shutter="rolling", line_time=50e-6, dark_current=0.0)
     s = situation(torch.full((40, 12), 100.0), one, exposure, exposure_start=moment)
-    s.target = SimpleNamespace(lamp=lamp, is_moving=is_moving, layers=())
+    s.target = SimpleNamespace(speckle=None, lamp=lamp, is_moving=is_moving, layers=())
     return s
 
 

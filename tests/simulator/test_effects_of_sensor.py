@@ -128,7 +128,8 @@ def test_a_lamp_that_flickers_is_as_bright_as_its_brightest_moment():
     one = replace(Sensor(shape=(12, 12)), full_well=10_000.0)
     lamp = SimpleNamespace(ripple=0.5)
     s = situation(torch.full((12, 12), 14_000.0), one,
-                  target=SimpleNamespace(lamp=lamp, is_moving=False, layers=()))  # fmt: skip
+                  target=SimpleNamespace(
+                      speckle=None, lamp=lamp, is_moving=False, layers=()))  # fmt: skip
     assert Clipping().error_bound(s, 0).mean > 0
 
 

@@ -48,6 +48,9 @@ class StarImage:
         small for all filters to see it alike.
     filters : ColourFilters or None
         Colour filters of the sensor, with the star's light as white.
+    variance, neutral_variance : Picture
+        Variance of `measured` and of `neutral` by the camera's noise. 0 where it isn't known: on
+        pixels that are clipped in every exposure, and behind colour filters.
     """
 
     measured: Picture
@@ -56,6 +59,12 @@ class StarImage:
     wavelength: float
     bands: Picture
     filters: ColourFilters | None
+    variance: Picture
+    neutral_variance: Picture
+
+    def variance_without(self, share: float) -> Picture:
+        """Return the noise variance of `measured` without a share of `neutral`."""
+        return self.variance + share**2 * self.neutral_variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +86,7 @@ class PSFReport(StarImage):
         Light of `modulated_psf` where the target exceeds 2 % of its peak, over all light of
         `measured`.
     contrast : float or None
-        Speckle contrast of `modulated_psf`; None where it has no light.
+        Speckle contrast of `modulated_psf`, without the camera's noise; None where it has no light.
     prediction_error : float or None
         Relative L2 difference of measurement and prediction, without a fitted scale.
     """
@@ -112,7 +121,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
         predicted=predicted,
         unmodulated=share,
         efficiency=efficiency,
-        contrast=None if target is None else _contrast(shape, target),
+        contrast=None if target is None else _contrast(shape, target, star.variance_without(share)),
         prediction_error=None if predicted is None else metrics.relative_error(measured, predicted),
     )
 
@@ -138,7 +147,21 @@ def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
     inside = float(cut.mean(0).sum()) / max(float(seen.mean(0).sum()), total)
     sums = total if filters is None else cut.sum((1, 2), keepdims=True)
     bands = cut / sums
-    return StarImage(bands.mean(0), straight / total, inside, coded.wavelength, bands, filters)
+    noise, neutral_noise = (
+        _known_variance(one, centre, window, filters) / total**2 for one in (coded, neutral)
+    )
+    return StarImage(
+        bands.mean(0), straight / total, inside, coded.wavelength, bands, filters, noise,
+        neutral_noise,
+    )  # fmt: skip
+
+
+def _known_variance(
+    bracket: Bracket, centre: tuple[int, int], window: int, filters: ColourFilters | None
+) -> Picture:
+    """Cut the variance of a star's merged picture out; 0 where it isn't known."""
+    known = np.isfinite(bracket.variance) & (filters is None)
+    return crop_centred(np.where(known, bracket.variance, 0.0), centre, window)
 
 
 def _separate_bands(bracket: Bracket, filters: ColourFilters | None) -> Picture:
@@ -150,14 +173,14 @@ def _separate_bands(bracket: Bracket, filters: ColourFilters | None) -> Picture:
     return filters.separate(bracket.rate, noise, clipped).astype(np.float64)
 
 
-def _contrast(shape: Picture, target: Picture) -> float | None:
+def _contrast(shape: Picture, target: Picture, noise: Picture) -> float | None:
     """Return the speckle contrast of the PSF measured on recorded pictures.
 
     Returns None if the PSF is dark where its target is bright.
     """
     bright = target > 0.5 * target.max()
     lit = float((shape[bright] / target[bright]).mean()) > 0
-    return metrics.speckle_contrast(shape, target) if lit else None
+    return metrics.speckle_contrast(shape, target, noise) if lit else None
 
 
 def bright_centroid(rate: Picture) -> tuple[int, int]:
