@@ -62,7 +62,7 @@ class OverviewSettings:
     least_tolerance: float = 1e-8
     window: int = 128
     chain_window: int = 32
-    chain_panel: str = "270x480x8"
+    chain_panel: str = "68x120x8"
     field_size: int = 192
     picture_size: int = 128
     edof_panel: str = edof_case.THESIS_PANEL
@@ -125,7 +125,8 @@ def chain_case(scope: Scope) -> chain.ChainCase:
 def _small_thesis_camera(panel: str) -> Camera:
     """Return the camera of the thesis for the accuracy page, smaller, with its angles.
 
-    Panel, lens and their distance shrink alike. The whole camera's exact integral takes minutes.
+    Panel, lens and their distance shrink alike. The whole camera's exact integral takes minutes,
+    and that of random phases hours.
     """
     thesis = read_camera(bundled_path("thesis-camera.toml"))
     shape, pitch = read_panel(panel)
@@ -138,10 +139,10 @@ def _small_thesis_camera(panel: str) -> Camera:
 def _describe(case: LensCase, scope: Scope) -> chain.ChainCase:
     """Return the accuracy page's case of a camera, with a pattern whose exact light is found soon.
 
-    Random phases are the hardest pattern, but their exact integral through a large panel and a
-    distance takes hours. A cubic phase is a product of functions of y and x.
+    Random phases are the hardest pattern, but their exact integral through the large panel of a
+    camera and a distance takes hours. A cubic phase is a product of functions of y and x.
     """
-    apart = case.camera is not None and case.camera.separation
+    apart = scope.camera is not None and scope.camera.separation
     return chain.chain_case_from_options(
         case,
         panel=None,
