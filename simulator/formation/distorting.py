@@ -77,9 +77,10 @@ def _distorted_frame(lens: Lens, shape: tuple[int, int], pitch: float) -> Distor
 
 def lateral_scales(s: Situation) -> tuple[float, float]:
     """Return the least and the largest scale of the images of all rendered light."""
-    lens, band = s.camera.lens, s.band
+    lens = s.camera.lens
     if not lens.lateral_colour:
         return 1.0, 1.0
+    band = s.band
     ranges = [band.support, *([band.leak_range] if band.leak else [])]
     found = [
         lens.image_scale(one)
