@@ -32,6 +32,7 @@ from simulator.planning.bound import MinimumNorms
 from simulator.probing.picture_probe import MARGIN
 from simulator.probing.radial import RadialProfile
 from simulator.situation import Situation
+from simulator.speckle import speckle_variance
 
 T = TypeVar("T")
 
@@ -63,10 +64,24 @@ def minimum_norms(s: Situation) -> MinimumNorms:
         )
         total, norm = _in_dusts_shadow(s, total, norm)
     noise = dark + sensor.read_noise**2
-    return MinimumNorms(
+    found = MinimumNorms(
         math.hypot(norm, dark * math.sqrt(pixels)),
         math.hypot(norm, noise * math.sqrt(pixels)),
         math.sqrt(total + noise * pixels),
+    )
+    return _with_speckle(s, found, norm)
+
+
+def _with_speckle(s: Situation, norms: MinimumNorms, light: float) -> MinimumNorms:
+    """Add what speckle of variance v m² adds to the least norms of pictures, for a mean m.
+
+    light: least norm of m. The norm of m² is least where all pixels are alike.
+    """
+    varied = speckle_variance(s)
+    squared = varied * light**2
+    even = squared / math.sqrt(math.prod(s.camera.sensor.shape))
+    return MinimumNorms(
+        norms.mean, math.hypot(norms.variance, even), math.sqrt(norms.sigma**2 + squared)
     )
 
 
@@ -96,7 +111,8 @@ def estimated_norms(s: Situation) -> MinimumNorms:
     def with_offset(offset: float) -> float:
         return math.sqrt(norm**2 + 2 * offset * total + offset**2 * pixels)
 
-    return MinimumNorms(with_offset(dark), with_offset(noise), math.sqrt(total + noise * pixels))
+    found = MinimumNorms(with_offset(dark), with_offset(noise), math.sqrt(total + noise * pixels))
+    return _with_speckle(s, found, norm)
 
 
 def estimated_light(s: Situation) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from optical_situations import CAMERA, situation
 import simulator.imaging
 from optics.light import Band
 from optics.speckle import RoughSurface
+from simulator.effects.picture_norms import estimated_norms, minimum_norms
 from simulator.effects.speckle import Speckle
 from simulator.imaging import Imaging
 from simulator.mount import Mount
@@ -117,3 +118,13 @@ def test_what_does_not_speckle_costs_nothing(monkeypatch):
     plan = imaging.plan(s)
     imaging.picture_moments(s, plan.recipe)
     imaging.stream(s, plan)
+
+
+def test_errors_are_relative_to_a_noise_that_has_it():
+    """Relative to the light's own noise, all that changes the light would count ten times."""
+    s = seen()
+    picture = Imaging(0.0).picture_moments(s, recipe(s, True))
+    for norms in (minimum_norms(s), estimated_norms(s)):
+        sigma = float(picture.variance.sqrt().double().norm())
+        assert 0.5 * sigma <= norms.sigma <= sigma
+        assert norms.variance <= float(picture.variance.double().norm())
