@@ -126,4 +126,4 @@ def _is_fixed(value: Any) -> bool:
         return all(map(_is_fixed, value))
     if is_dataclass(value):
         return all(_is_fixed(getattr(value, one.name)) for one in fields(value))
-    return isinstance(value, (int, float, str))
+    return value is None or isinstance(value, (int, float, str))
