@@ -204,16 +204,21 @@ def _imperfect(rng: np.random.Generator, camera: Camera) -> Lens:
             * min(log_uniform(rng, 0.01, 10) * per_pixel, 0.03 * lens.image_distance)
             for _ in range(2)
         )
-        lens = replace(lens, axial_colour=((400e-9, blue), (550e-9, 0.0), (700e-9, red)))
+        lens = replace(lens, axial_colour=_curve(blue, red))
     if rng.random() < 0.3:
         parts = log_uniform(rng, 1e-3, 0.5) * 550e-9 * rng.uniform(-1, 1, 3)
         by = FieldAberrations(corner, *(float(one) for one in parts))
         lens = replace(lens, field_aberrations=by)
     if rng.random() < 0.3:
         apart = float(rng.choice([-1, 1])) * log_uniform(rng, 0.05, 5)
-        blue = apart * camera.sensor.pitch / corner
-        lens = replace(lens, lateral_colour=((400e-9, blue), (550e-9, 0.0), (700e-9, -blue)))
+        blue = max(-0.09, min(apart * camera.sensor.pitch / corner, 0.09))
+        lens = replace(lens, lateral_colour=_curve(blue, -blue))
     return lens
+
+
+def _curve(blue: float, red: float) -> tuple[tuple[float, float], ...]:
+    """What a lens does by wavelength, and no more where filters leak."""
+    return ((300e-9, blue), (400e-9, blue), (550e-9, 0.0), (700e-9, red), (1200e-9, red))
 
 
 def _unclean(rng: np.random.Generator, sensor: Sensor) -> Sensor:

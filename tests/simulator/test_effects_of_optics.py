@@ -30,6 +30,7 @@ from simulator.effects.band_effects import Bandwidth
 from simulator.effects.distortion import Distortion
 from simulator.effects.field_effects import FieldPosition
 from simulator.effects.interference import Interference
+from simulator.effects.lateral_colour import LateralColour
 from simulator.effects.lens_ghosts import LensGhosts
 from simulator.effects.picture_norms import minimum_norms
 from simulator.effects.rendering_work import rendering_operations
@@ -229,13 +230,16 @@ def test_predicted_work_is_what_is_counted(seed, on):
     s, ledger = random_situation(seed), Ledger()
     levels = capped(s) if on else dict.fromkeys(finest(s), 0)
     expected_electrons(s, recipe(s, levels), ByteCache(), ledger)
-    # Distortion and ghosts come after what rendering takes, and predict their own work.
-    bending, reflecting = (ledger.operations_of(one) for one in ("distortion", "lens ghosts"))
-    rest = ledger.operations - bending - reflecting
+    # What moves light and ghosts come after what rendering takes, and predict their own work.
+    moving = Distortion(), LateralColour()
+    moved = [ledger.operations_of(one.name) for one in moving]
+    reflecting = ledger.operations_of("lens ghosts")
+    rest = ledger.operations - sum(moved) - reflecting
     assert rendering_operations(s, levels) == pytest.approx(rest, rel=0.3, abs=1.5e5)
-    if "distortion" in levels:
-        predicted = Distortion().added_operations(s, levels)
-        assert predicted == pytest.approx(bending, rel=0.3, abs=1.5e5)
+    for one, counted in zip(moving, moved, strict=True):
+        if one.name in levels:
+            predicted = one.added_operations(s, levels)
+            assert predicted == pytest.approx(counted, rel=0.3, abs=1.5e5)
     if "lens ghosts" in levels:
         # With the larger picture that they take.
         straight = rendering_operations(s, levels | {"lens ghosts": 0})
