@@ -63,7 +63,7 @@ def focus_shifts(
     middle = lens.focus_shift(band.centre)
     depth = _depth(lens, band.support[0])
     ends = [one for one in (low, high) if abs(one) > _NO_SHIFT * depth]
-    if low * high > 0 and high - low < _SAME_FOCUS * depth:
+    if len(ends) == 2 and low * high > 0 and high - low < _SAME_FOCUS * depth:
         ends = [max(ends, key=abs)]
     return _with_others([0.0, *ends], (middle, middle + drift, *between), depth)
 

@@ -163,3 +163,9 @@ def test_a_curve_that_goes_on_too_far_is_refused():
     lens = Lens(0.05, 40.0, 1.0, axial_colour=((500e-9, 0.0), (510e-9, 1e-3)))
     with pytest.raises(ValueError, match=r"at 700 nm, .* give its curve up to that"):
         lens.focus_shift(700e-9)
+
+
+def test_a_band_in_which_all_foci_are_nearly_the_sensors_has_one():
+    """Both ends were within rounding of it, and on one side."""
+    lens = replace(CAMERA.lens, axial_colour=((400e-9, 1e-12), (700e-9, 2e-12)))
+    assert focus_shifts(lens, Band(550e-9, 1e-9), (1.0,)) == (0.0,)
