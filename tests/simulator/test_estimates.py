@@ -142,6 +142,7 @@ def test_a_point_on_the_axis_needs_no_places():
 
 
 @pytest.mark.sweep
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [11, 12])
 def test_random_scenes_keep_their_tolerance_by_estimates(seed):
     """Thirty of each seed, at a tolerance each: one beyond it at most, none beyond thrice it."""
