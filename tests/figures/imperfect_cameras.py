@@ -344,7 +344,7 @@ def _speckle_figure() -> Figure:
         light = [float(_BAND.transmission(one)) for one in waves]
         drawn = [speckled(rng, camera, _FINER, rough, waves, light) for _ in range(_SURFACES)]
         wanted = float(np.var(drawn) / np.mean(drawn) ** 2)
-        s = _situation(even, camera, 0.01)
+        s = _situation(even, camera, 0.01, _BAND)
         recipe = build_recipe(EFFECTS, s, {"speckle": 1, "shot noise": 3})
         seen = Imaging(0.0).picture_moments(s, recipe)
         varied = (seen.variance - seen.mean) / seen.mean**2
