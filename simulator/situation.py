@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -127,10 +127,13 @@ class Situation:
         return leaked_focus_shifts(lens, self.band, self._distances_to_lens, drift)
 
     @property
-    def _distances_to_lens(self) -> list[float]:
-        """Return the distances from a simulated situation's target to the lens, in metres."""
-        distances = {layer.distance for layer in self.target.layers}
-        return [object_to_lens_distance(self.camera, one) for one in distances]
+    def _distances_to_lens(self) -> Iterator[float]:
+        """Yield the distances from a simulated situation's target to the lens, in metres.
+
+        Only a lens whose focus shifts needs them.
+        """
+        for distance in {layer.distance for layer in self.target.layers}:
+            yield object_to_lens_distance(self.camera, distance)
 
     @property
     def picture_probe(self) -> PictureProbe:

@@ -238,6 +238,14 @@ class Band:
         half = 0.5 * self.fwhm * reach
         return max(self.centre - half, 0.01 * self.centre), self.centre + half
 
+    @property
+    def whole_support(self) -> tuple[float, float]:
+        """The shortest and longest wavelength in metres that pass the filter, the leak included."""
+        if not self.leak:
+            return self.support
+        low, high = zip(self.support, self.leak_range, strict=True)
+        return min(low), max(high)
+
     @cached_property
     def _stages(self) -> tuple[int, float]:
         """The number of stages of a filter band's Lyot model, and the order of its thinnest stage.

@@ -2,35 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.colour_changes import Which, mean_change_bound
-from simulator.effects.electron_bounds import (
-    light_norm_bound,
-    max_light_seconds,
-    relative_light_change,
-    sensor_error_bound,
-)
-from simulator.effects.likely_errors import LightEffect
+from simulator.effects.focus_shift import FAR_FIELD_MARGIN, FocusShift
 from simulator.effects.pupil_rim import rim_displacement
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.focus import focus_range
-from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
 _BOTH: tuple[Which, Which] = ("band", "leak")
 
-_MARGIN, _SPREAD = 1.3, 1.1
-"""Factor of the change that the far field tells, and of the frequencies near which it is looked
-for, from audits: the panel's effects may change a PSF, and its wavelength isn't the band's."""
+_SPREAD = 1.1
+"""Factor of the frequencies near which a change is looked for, from audits: a PSF's wavelength
+isn't the band's."""
 
 
-class AxialColour(OnOffEffect, LightEffect):
+class AxialColour(FocusShift):
     name = "axial colour"
     likely_shares = (0.4,)
     recipe_field = "axial_colour"
@@ -40,17 +31,6 @@ class AxialColour(OnOffEffect, LightEffect):
     def is_present(self, s: Situation) -> bool:
         return bool(s.camera.lens.axial_colour) and not s.picture_probe.is_dark
 
-    def estimated_error_if_omitted(self, s: Situation) -> float:
-        return 0.5 * relative_light_change(s, self._change(s))
-
-    def error_bound_if_omitted(self, s: Situation) -> Bound:
-        how = f"audited ×{_MARGIN:g}: phases over the pupil, and transfer functions out of focus"
-        return sensor_error_bound(s, self._change(s), how)
-
-    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        rows, columns = s.camera.panel.shape
-        return 60.0 * rows * columns if levels[self.name] else 0.0
-
     def explain(self, s: Situation) -> str:
         lens, pitch = s.camera.lens, s.camera.sensor.pitch
         most = max(focus_range(lens, *s.band.support), key=abs)
@@ -59,10 +39,8 @@ class AxialColour(OnOffEffect, LightEffect):
             f"blurred over {2 * rim_displacement(s, most) / pitch:.2g} pixels"
         )
 
-    def _change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that the axial colour effect moves."""
-        rate = cached_across_exposures(s, self.name, lambda: _change_rate(s))
-        return min(rate * max_light_seconds(s), 2 * light_norm_bound(s))
+    def change_rate(self, s: Situation) -> float:
+        return cached_across_exposures(s, self.name, lambda: _change_rate(s))
 
 
 def _change_rate(s: Situation) -> float:
@@ -109,6 +87,6 @@ def _changes_beyond(s: Situation, k: Array, which: Which) -> list[tuple[float, A
     apart = max(s.wavelength / ends[0], ends[1] / s.wavelength, 1.0)
     foci = probe.foci if which == "band" else (*probe.foci, *probe.leaked_foci)
     return [
-        (focus, _MARGIN * apart**2 * probe.focus_change(number, k, _SPREAD * apart))
+        (focus, FAR_FIELD_MARGIN * apart**2 * probe.focus_change(number, k, _SPREAD * apart))
         for number, focus in enumerate(foci)
     ]

@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 
-from simulator.effects.electron_bounds import (
-    relative_light_change,
-    sensor_error_bound,
-)
-from simulator.effects.likely_errors import LightEffect
-from simulator.effects.moved_light import moved_light_bound
-from simulator.effects.rendering_work import (
-    LATERAL_COLOUR,
-    channel_count_at,
-    picture_samples_at,
-)
-from simulator.formation.distorting import DISTORTION_OPERATIONS, distorted_frame
-from simulator.formation.work import transform_operations
-from simulator.planning import Bound, OnOffEffect
+from simulator.effects.moved_light import MovedLight, moved_light_bound
+from simulator.effects.rendering_work import LATERAL_COLOUR
+from simulator.formation.distorting import distorted_frame
 from simulator.situation import Situation
 
 
-class Distortion(OnOffEffect, LightEffect):
+class Distortion(MovedLight):
     name = "distortion"
     recipe_field = "distortion"
     physics = "the lens' magnification changes with the image height: straight lines bend"
@@ -33,19 +21,9 @@ class Distortion(OnOffEffect, LightEffect):
     def is_present(self, s: Situation) -> bool:
         return any(s.camera.lens.distortion) and not s.picture_probe.is_dark
 
-    def estimated_error_if_omitted(self, s: Situation) -> float:
-        return 0.3 * relative_light_change(s, self._change(s))
-
-    def error_bound_if_omitted(self, s: Situation) -> Bound:
-        how = "proved: the gradient of coarse detail along the way, and all fine detail; area"
-        return sensor_error_bound(s, self._change(s), how)
-
-    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        if not levels[self.name] or levels.get(LATERAL_COLOUR, 0):
-            return 0.0  # What scales each wavelength distorts it as well.
-        shape = picture_samples_at(s, levels)
-        one = 6 * transform_operations(*shape) + DISTORTION_OPERATIONS * math.prod(shape)
-        return one * channel_count_at(s, levels) * max(1, len(s.panel_content.pictures))
+    def lookups(self, levels: Mapping[str, int]) -> int:
+        # What scales each wavelength distorts it as well.
+        return 0 if levels.get(LATERAL_COLOUR, 0) else 1
 
     def explain(self, s: Situation) -> str:
         frame = distorted_frame(s.camera)
@@ -54,7 +32,7 @@ class Distortion(OnOffEffect, LightEffect):
             f"change by {max(frame.largest, 1 / frame.least) - 1:.2g}"
         )
 
-    def _change(self, s: Situation) -> float:
+    def change(self, s: Situation) -> float:
         """Bound the L2 norm of the electrons that the distortion effect moves."""
         frame = distorted_frame(s.camera)
         gain = max(frame.largest, 1 / frame.least)

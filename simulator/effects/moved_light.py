@@ -1,9 +1,10 @@
-"""Bound what changes in a picture if its light lands elsewhere, as by a lens' distortion."""
+"""The base of effects by which light lands elsewhere, as by a lens' distortion, and their bound."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,45 @@ from simulator.effects.electron_bounds import (
     light_norm_bound,
     max_light_seconds,
     off_plane_star_electrons,
+    relative_light_change,
+    sensor_error_bound,
 )
+from simulator.effects.likely_errors import LightEffect
 from simulator.effects.psf_bounds import mtf_bound
+from simulator.effects.rendering_work import channel_count_at, picture_samples_at
+from simulator.formation.distorting import DISTORTION_OPERATIONS
+from simulator.formation.work import transform_operations
+from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
+
+
+class MovedLight(OnOffEffect, LightEffect):
+    """An effect by which light lands elsewhere: the picture is looked up."""
+
+    @abstractmethod
+    def change(self, s: Situation) -> float:
+        """Bound the L2 norm of the electrons that the effect moves; see moved_light_bound()."""
+
+    @abstractmethod
+    def lookups(self, levels: Mapping[str, int]) -> int:
+        """Return how often a plan with these levels looks up the picture of each channel."""
+
+    def estimated_error_if_omitted(self, s: Situation) -> float:
+        return 0.3 * relative_light_change(s, self.change(s))
+
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
+        how = "proved: the gradient of coarse detail along the way, and all fine detail; area"
+        return sensor_error_bound(s, self.change(s), how)
+
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
+        lookups = self.lookups(levels) if levels[self.name] else 0
+        if not lookups:
+            return 0.0
+        shape = picture_samples_at(s, levels)
+        one = 6 * transform_operations(*shape) + DISTORTION_OPERATIONS * math.prod(shape)
+        return one * lookups * channel_count_at(s, levels) * max(1, len(s.panel_content.pictures))
 
 
 def moved_light_bound(

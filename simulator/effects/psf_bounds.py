@@ -114,8 +114,7 @@ def can_orders_reach_sensor(s: Situation) -> bool:
 
     The first order begins half a period from the light's image.
     """
-    shortest = min(s.band.support[0], s.band.leak_range[0] if s.band.leak else math.inf)
-    period = s.pattern_probe.period * shortest / s.wavelength
+    period = s.pattern_probe.period * s.band.whole_support[0] / s.wavelength
     return max(max_blur_distance(s)) + ORDER_FADE_PIXELS * s.camera.sensor.pitch > period / 2
 
 

@@ -46,8 +46,7 @@ class PSFReach(BlurEffect):
 
         Useful light can reach a pixel. The zeroth order is widest at the longest wavelength.
         """
-        longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
-        period = longest * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch
+        period = s.band.whole_support[1] * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch
         far = min(period, 2 * max(max_blur_distance(s)))
         # The next order fades in over 6 pixels beyond a period.
         return first_level_reaching(LEVELS.windows, far / s.camera.sensor.pitch + 6.0)

@@ -48,8 +48,8 @@ def _vignetting_change(s: Situation, orders: int) -> float:
 
     The change is computed at a few places, the corners included.
     """
-    plane, period = s.picture_probe.plane, s.pattern_probe.period
-    period *= max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0) / s.wavelength
+    plane = s.picture_probe.plane
+    period = s.pattern_probe.period * s.band.whole_support[1] / s.wavelength
     turned = abs(math.cos(s.mount.rotation)) + abs(math.sin(s.mount.rotation))
     aside = (orders + 0.5) * period * turned if orders else 0.0
     shape = [

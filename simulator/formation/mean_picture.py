@@ -199,8 +199,9 @@ class _Rendering:
         for nodes, scaled in groups:
             straight = [self._blurred(one) for one in self._layered.spectra(cell, number, nodes)]
             found = [(self._moved(one, scaled), one) for one in straight]
-            sums = [(a + c, b + d) for (a, b), (c, d) in zip(total, found, strict=False)]
-            total = sums or found
+            if total:
+                found = [(a + c, b + d) for (a, b), (c, d) in zip(total, found, strict=True)]
+            total = found
         return total
 
     def _blurred(self, spectrum: torch.Tensor) -> torch.Tensor:

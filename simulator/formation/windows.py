@@ -156,8 +156,7 @@ def _windows_with(
 
 def _order_side(s: Situation, most: int) -> int:
     """Return the side in pixels of the square that holds orders up to `most` of a rendered PSF."""
-    longest = max(s.band.support[1], s.band.leak_range[1] if s.band.leak else 0.0)
-    pitch = s.camera.sensor.pitch
+    longest, pitch = s.band.whole_support[1], s.camera.sensor.pitch
     period = longest * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch / pitch
     half = (most + 0.5) * period + ORDER_FADE_PIXELS / 2
     turned = abs(math.cos(s.mount.rotation)) + abs(math.sin(s.mount.rotation))

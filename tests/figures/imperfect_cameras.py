@@ -48,7 +48,6 @@ _IDEAL = Camera(
     Sensor(shape=(20, 24), pitch=20e-6, full_well=1e7, bits=16, read_noise=2.0),
 )  # fmt: skip
 _CORNER = math.hypot(20, 24) * 10e-6
-_BAND = Band(550e-9, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -218,7 +217,7 @@ def _draw(rng: np.random.Generator, strength) -> Draw:  # type: ignore[no-untype
         )
     if rng.random() < 0.5:
         camera = replace(camera, ghosts=_reflections(rng, strength))
-    band, light = Band(550e-9, 1e-9), None
+    band, light = _NARROW, None
     if rng.random() < 0.5:
         # Within .3 mm of the axis the angle is small, and a band narrow that shifts by its width.
         width = min(1e-11 / strength(1.0), 5e-9)
@@ -250,7 +249,7 @@ def _aberrated(rng: np.random.Generator, lens: Lens, strength) -> Lens:  # type:
     """With some of Seidel's aberrations in half of the cases, up to a wave in the corner."""
     if rng.random() < 0.5:
         return lens
-    of_all = strength(_BAND.centre)
+    of_all = strength(_NARROW.centre)
     parts = of_all * rng.choice([-1, 0, 1], 3) * rng.uniform(0.3, 1, 3)
     if not parts.any():
         return lens
@@ -339,12 +338,12 @@ def _speckle_figure() -> Figure:
         camera = replace(_IDEAL, lens=lens)
         rough = log_uniform(rng, 1e-6, 5e-5)
         even = Flat(1.0, 1e8, speckle=RoughSurface(rough))
-        centre, width = _BAND.centre, _BAND.support[1] - _BAND.support[0]
+        centre, width = _NARROW.centre, _NARROW.support[1] - _NARROW.support[0]
         waves = centre + width * (np.arange(12) + 0.5) / 12 - width / 2
-        light = [float(_BAND.transmission(one)) for one in waves]
+        light = [float(_NARROW.transmission(one)) for one in waves]
         drawn = [speckled(rng, camera, _FINER, rough, waves, light) for _ in range(_SURFACES)]
         wanted = float(np.var(drawn) / np.mean(drawn) ** 2)
-        s = _situation(even, camera, 0.01, _BAND)
+        s = _situation(even, camera, 0.01, _NARROW)
         recipe = build_recipe(EFFECTS, s, {"speckle": 1, "shot noise": 3})
         seen = Imaging(0.0).picture_moments(s, recipe)
         varied = (seen.variance - seen.mean) / seen.mean**2
