@@ -71,7 +71,7 @@ class BandwidthBoundSettings:
     converged_change: float = 2e-5
     numerical_change: float = 5e-6
     margin: float = 2.0
-    likely_margin: float = 1.5
+    likely_margin: float = 2.0
     likely_thinning: int = 4
     likely_converged_change: float = 1e-4
     dim_pixel_margin: float = 12.0
@@ -109,7 +109,7 @@ class Bandwidth(BlurEffect):
             return Bound()
         how = "estimated: quadrature of H(k λ) by the far field"
         change = occlusion_factor(s) * _node_count_errors(s)[level]
-        return self.likely_light_error(s, change, how, self.error_bound(s, level).sigma)
+        return self.likely_light_error(s, change, how)
 
     def explain(self, s: Situation) -> str:
         width = s.band.fwhm * 1e9
@@ -126,14 +126,20 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
     if s.cache.are_estimates and not is_light_moved(s):
         rates = _likely_error_rates(s, "band", LEVELS.wavelengths)
     else:
-        rates = cached_across_exposures(s, FILTER_BANDWIDTH, lambda: _node_count_error_rates(s))
+        step = _SETTINGS.likely_thinning if s.cache.are_estimates else 1
+        causes = f"{FILTER_BANDWIDTH}, one frequency of {step}"
+        rates = cached_across_exposures(s, causes, lambda: _node_count_error_rates(s, step))
+        if s.pattern_probe.samples_per_spot < 2:
+            # The finest detail, which the probe then lacks, turns most and asks for a level more.
+            rates = (rates[0], *rates)[: len(LEVELS.wavelengths)]
     return tuple(max_light_seconds(s) * one for one in rates)
 
 
-def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
+def _node_count_error_rates(s: Situation, step: int) -> tuple[float, ...]:
     """Return the filter bandwidth effect's L2 error rates, by number of wavelength nodes.
 
-    The rates are in electrons per second, computed at a sample of the picture's frequencies.
+    The rates are in electrons per second, computed at one in `step` of the picture's sampled
+    frequencies.
     """
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     some = s.picture_probe.sampled_frequencies
@@ -145,7 +151,7 @@ def _node_count_error_rates(s: Situation) -> tuple[float, ...]:
     if not len(some.ky) and not s.camera.lens.lateral_colour:
         # Uniform light has no frequencies but 0.
         return (0.0,)
-    some = some.with_aliases(plane)
+    some = some.every(step).with_aliases(plane)
     squares = sampled_powers(s, some)
     transfers, changes = turned_transfers(s, found.nodes, some, 0.5), list[float]()
     turns = _phase_turns(s) if is_light_moved(s) else None

@@ -142,6 +142,18 @@ def test_an_audit_says_of_each_error_whether_it_held(ask, decide_by):
     assert not any(one["broken"] for one in data["audit"])
 
 
+@pytest.mark.sweep
+def test_estimates_hold_where_a_grating_moves_the_picture(labapp, tmp_path):
+    """The picture's finest detail then turns fastest over the filter's band."""
+    grating = str(tmp_path / "grating.png")
+    assert labapp("pattern", "blaze", "period_px=6.1", "angle_deg=75", "--out", grating)[0] == 0
+    code, printed, _ = labapp(
+        "explain", "display", "--pattern", grating, "--audit", "--pairs", "1", "--json"
+    )
+    assert not [one for one in json.loads(printed)["audit"] if one["broken"]]
+    assert code == 0
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
