@@ -179,11 +179,12 @@ class Imaging:
         shown = (s.panel_content.names, s.panel_content.frame_time)
         samples = _samples_per_spot(s) if s.cache.are_estimates else 2.0
         foci = s.foci, s.leaked_foci
-        looked_at = (s.camera, shown, s.wavelength, picture.distances, samples, foci)
+        camera = s.mount.camera_in_panel_axes(s.camera)
+        looked_at = (camera, shown, s.wavelength, picture.distances, samples, foci)
         s.cache.pattern_probe = self._patterns.get(
             looked_at,
             lambda: PatternProbe(
-                s.camera,
+                camera,
                 s.panel_content,
                 s.wavelength,
                 picture.distances,

@@ -12,6 +12,7 @@ from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band
 from optics.patterns import blazed_grating
 from optics.slm import phase_to_grey
+from optics.stop.aperture import Polygon, Stop
 from simulator.effects.landed_light import landed_light
 from simulator.imaging import Imaging
 from simulator.mount import Mount
@@ -23,6 +24,13 @@ from simulator.situation import Situation
 
 PANEL = Panel((24, 32), 40e-6, 0.9, unmodulated=0.0)
 CAMERA = Camera(PANEL, Lens(0.05, 40.0, 1.0), Sensor(shape=(24, 32), pitch=10e-6, full_well=1e6))
+
+
+def before_lens(mount, y, x):
+    """Where a point of the panel lies before the lens: mirrored, turned, then shifted."""
+    y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
+    c, s = math.cos(mount.rotation), math.sin(mount.rotation)
+    return x * s + y * c + mount.shift[0], x * c - y * s + mount.shift[1]
 
 
 def steered(period, direction=0.0, mount=None, band=None):
@@ -52,6 +60,22 @@ def test_light_in_cells_is_that_of_the_picture(mount, direction):
         place = np.arange(found.shape[axis])
         middles = [light.sum(1 - axis) @ place / light.sum() for light in (found, everything_on)]
         assert middles[0] == pytest.approx(middles[1], abs=0.3)
+
+
+def test_a_plan_looks_at_the_pattern_behind_the_stop_where_it_lies_on_the_panel():
+    """That of a turned and shifted panel, by the map of points that the mount is told by."""
+    half = Polygon(((-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)))
+    mount = Mount(0.5, flip_x=True, shift=(1e-4, -3e-4))
+    camera = replace(CAMERA, lens=replace(CAMERA.lens, stop=Stop(half)))
+    s = replace(steered(9.0, mount=mount), camera=camera)
+    Imaging(1e-2, decide_by="estimate").plan(s)
+    panel_y, panel_x = np.meshgrid(
+        *(PANEL.plane.coordinates(k).numpy() for k in (0, 1)), indexing="ij"
+    )
+    y, x = (2 * one / camera.lens.stop_diameter for one in before_lens(mount, panel_y, panel_x))
+    open_pixels = (y <= 0) & (abs(x) <= 1 + y)
+    found = s.pattern_probe.aperture_share.numpy() > 0.5
+    assert (found == open_pixels).mean() > 0.98
 
 
 def test_estimates_keep_tol_of_what_little_light_lands():
