@@ -26,8 +26,8 @@ from optics.psf_engines.window_error import (
 from optics.pupil import Scalar, numeric_camera, open_area
 from optics.validation import needs_gradient
 
-_SEARCH_CALLS = 240.0
-"""Time of the search for a band and a grid, in calls; fitted to 170 random chains."""
+_SEARCH_CALLS = 180.0
+"""Time of the search for a band and a grid, in calls; fitted to 180 random chains."""
 
 
 def search_seconds(speed: MachineSpeed) -> float:

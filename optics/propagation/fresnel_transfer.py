@@ -19,6 +19,10 @@ class FresnelTransfer(ScaledAngularSpectrum):
     name = "Fresnel transfer function"
     paraxial = True
 
+    @property
+    def _filter_size(self) -> int:
+        return sum(self.frequencies.shape)
+
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
         """Compute the Fresnel propagation's filter W along y and along x, joined in one vector."""
         y, x = (frequencies.coordinates(axis) for axis in (0, 1))

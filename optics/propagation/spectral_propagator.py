@@ -286,11 +286,16 @@ class SpectralPropagator(Propagator):
         seconds += sum(t.planning_seconds(speed) for s in self._parts for t in s.transforms)
         if self._rebuilds_filter:
             return seconds
-        return seconds + _SETTINGS.touches_per_frequency * self._frequency_count * speed.touch
+        return seconds + _SETTINGS.touches_per_frequency * self._filter_size * speed.touch
 
     @property
     def _frequency_count(self) -> int:
         return math.prod(self.frequencies.shape)
+
+    @property
+    def _filter_size(self) -> int:
+        """The number of transfer functions that the propagator's filter W takes."""
+        return self._frequency_count
 
     def prepare(self) -> None:
         if not self._rebuilds_filter:
