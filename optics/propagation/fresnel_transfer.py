@@ -6,6 +6,7 @@ import torch
 
 from optics.plane import Plane
 from optics.propagation.angular_spectrum import ScaledAngularSpectrum
+from optics.propagation.spectral_propagator import times
 
 
 class FresnelTransfer(ScaledAngularSpectrum):
@@ -36,4 +37,4 @@ class FresnelTransfer(ScaledAngularSpectrum):
     ) -> torch.Tensor:
         w = self._filter(frequencies, spectrum.device)
         down, along = torch.split(w.conj() if back else w, list(frequencies.shape))
-        return spectrum * down[:, None] * along
+        return times(times(spectrum, down[:, None]), along)

@@ -353,7 +353,7 @@ class SpectralPropagator(Propagator):
     ) -> torch.Tensor:
         """Multiply a spectrum by the filter W, or by its conjugate for backward propagation."""
         w = self._filter(frequencies, spectrum.device)
-        return _times(spectrum, w.conj() if back else w)
+        return times(spectrum, w.conj() if back else w)
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         if len(self._parts) == 1:
@@ -381,7 +381,7 @@ class SpectralPropagator(Propagator):
         return stage.to_spectrum.adjoint(self._apply_filter(spectrum, stage.frequencies, back=True))
 
 
-def _times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+def times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
     """Multiply a propagated spectrum by a weight, in place where nothing records derivatives."""
     if spectrum.requires_grad or weight.requires_grad:
         return spectrum * weight
