@@ -40,6 +40,12 @@ _STEPS_PER_CIRCLE = 3
 """Steps of Python in which a hexagon's arcs on a circle are found: half a step for each edge, as
 in `optics.stop.quadrature.rule_seconds`."""
 
+_NEW_BYTES = (48 << 20, 96 << 20)
+"""Memory of benchmark jobs, more than allocators keep from call to call; chosen."""
+
+_JOBS_VERSION = 2
+"""Counts changes of the benchmark jobs: speeds that other jobs measured are measured again."""
+
 _BUSY = 0.5
 """Load per processor above which other processes slow the benchmark; chosen."""
 
@@ -81,7 +87,8 @@ def speed_file_path() -> Path:
 def _machine_fingerprint() -> dict[str, str]:
     """Identify the machine and its libraries in labapp's shared file of the machine speed.
 
-    A stored speed is invalid after any change of the machine or of a library's version.
+    A stored speed is invalid after any change of the machine, of a library's version, or of the
+    benchmark jobs.
     """
     return {
         "machine": platform.processor() or platform.machine(),
@@ -90,6 +97,7 @@ def _machine_fingerprint() -> dict[str, str]:
         "scipy": scipy.__version__,
         "torch": torch.__version__,
         "finufft": finufft.__version__,
+        "jobs": str(_JOBS_VERSION),
     }
 
 
@@ -193,7 +201,15 @@ def _kernel_jobs(rng: np.random.Generator) -> list[BenchmarkJob]:
                 partial(_find_arcs, radii),
             ),
         ]
+    for size in _NEW_BYTES:
+        name = f"{size >> 20} MB of new memory"
+        found.append(BenchmarkJob(name, partial(_price, "fresh", size), partial(_fill_new, size)))
     return found
+
+
+def _fill_new(size: int) -> torch.Tensor:
+    """Fill bytes of memory that aren't in use yet, as the first pass over a large result does."""
+    return torch.ones(size // 4, dtype=torch.float32)
 
 
 def _price(name: str, count: float, speed: MachineSpeed) -> float:

@@ -177,6 +177,13 @@ class MethodChoice(Generic[O]):
             return math.inf
         return self.candidates[0].cpu_seconds(self._budget.speed)
 
+    @property
+    def total_seconds(self) -> float:
+        """The predicted seconds of the first method, of planning and all calls; may be infinite."""
+        if not self.candidates:
+            return math.inf
+        return self.candidates[0].total_seconds(self._budget)
+
     def prepared_candidates(self) -> Iterator[O]:
         """Yield the candidate methods that keep their tolerance, the cheapest first.
 

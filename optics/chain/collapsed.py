@@ -21,9 +21,17 @@ from optics.chain.lens_grid import LensGridSearch
 from optics.chain.low_light import LowLightCorrection
 from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.plane import Plane
-from optics.psf_engines.engine import PSFEngine
+from optics.psf_engines.behind_panel import BehindPanelEngine
 from optics.psf_engines.panel_engine import PanelEngine
 from optics.psf_engines.request import PSFRequest
+from optics.psf_engines.window_error import (
+    UNKNOWN_LIGHT,
+    AddedLight,
+    allowed_own_error,
+    error_beside,
+    largest_ratio,
+    window_norm,
+)
 from optics.pupil import (
     MIN_RAY_MATRIX_B_SHARE,
     numeric_camera,
@@ -35,7 +43,7 @@ from optics.quarter_symmetry import mirror_quarter
 from optics.validation import as_number, rounded_up
 
 
-class CollapsedEngine(PSFEngine):
+class CollapsedEngine(BehindPanelEngine):
     """Computes the PSF by one Fourier integral from the panel, with the stop's shadow on it.
 
     See `collapse_to_thin_camera` for the model. It has two errors. First, it neglects the
@@ -138,8 +146,14 @@ class CollapsedEngine(PSFEngine):
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._panel_engine.points()
 
-    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        light = self._panel_engine.intensity(phase, amplitude) * self._open_area_ratio
+    def intensity(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None = None,
+    ) -> torch.Tensor:
+        beside = self._beside_inner_light(added)
+        light = self._panel_engine.intensity(phase, amplitude, beside) * self._open_area_ratio
         edge = self._search.edge_scatter
         dimness = LowLightCorrection(
             edge,
@@ -152,13 +166,38 @@ class CollapsedEngine(PSFEngine):
             self._edge_error / dimness.error_divisor(edge.collapse_passing_share)
             + self._cut_pixel_error / dimness.uniform_error_divisor
         )
-        lost += self._panel_engine.used_engine.error.value
-        self.error = ErrorEstimate(lost, "estimate for the light in the window")
+        used, norm = self._panel_engine.used_engine, window_norm(light.detach(), self._window)
+        inner = used.error.value + used.arithmetic
+        if beside is not None:
+            inner = largest_ratio(
+                inner * torch.hypot(norm, self._open_area_ratio * beside.norm.to(norm)), norm
+            )
+        self._own_error = lost + inner
+        error = error_beside(self.own_error, norm, added)
+        self.error = ErrorEstimate(
+            max(error - used.arithmetic, 0.0), "estimate for the light in the window"
+        )
         self._stand_in = None
-        if lost + self._panel_engine.used_engine.arithmetic <= self._request.tol:
+        if error <= self._request.tol:
             return light
+        allowed_own_error(self._request.tol, norm, added)
         self._stand_in = self._fallback_engine
-        return self._stand_in.intensity(phase, amplitude)
+        return self._stand_in.intensity(phase, amplitude, added)
+
+    @property
+    def _window(self) -> tuple[slice, slice]:
+        return self._request.window_slices
+
+    def _beside_inner_light(self, added: AddedLight | None) -> AddedLight | None:
+        """Return what is added to a chain's light in the units of the collapsed camera's.
+
+        Its error isn't the panel engine's, and isn't judged there. Beside light that isn't known
+        yet, the panel engine keeps its tolerance by itself, which costs it little.
+        """
+        if added is None or added is UNKNOWN_LIGHT:
+            return None
+        norm = added.norm / self._open_area_ratio
+        return AddedLight(norm, torch.zeros_like(norm))
 
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None

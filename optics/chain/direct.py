@@ -23,7 +23,13 @@ from optics.chain.split_phase import SplitPhase
 from optics.fourier import unit_phasor
 from optics.propagation.fresnel_integral import cell_kernel
 from optics.psf_engines.request import PSFRequest
-from optics.psf_engines.window_error import largest_ratio, window_norm
+from optics.psf_engines.window_error import (
+    AddedLight,
+    allowed_own_error,
+    error_beside,
+    largest_ratio,
+    window_norm,
+)
 from optics.stop.rows import Rows, count_rows, quadrature_rows, row_bands
 
 
@@ -241,16 +247,23 @@ class DirectEngine(ChainEngine):
         arriving = place * (n.radius / float(n.shadow_magnification)) - shift
         return arriving[:, None] - self._camera.panel.plane.coordinates(axis)
 
-    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+    def intensity(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None = None,
+    ) -> torch.Tensor:
         modulated = self.panel_field(phase, amplitude)
         if not modulated.numel():
             return self.empty_intensity(modulated)
         field = self._field_at_sensor(modulated.cpu()).to(modulated.device)
         light = (field.real**2 + field.imag**2) * self._intensity_factor
-        self._tell_error(modulated.detach().cpu(), field.detach().cpu())
+        self._tell_error(modulated.detach().cpu(), field.detach().cpu(), added)
         return light
 
-    def _tell_error(self, modulated: torch.Tensor, field: torch.Tensor) -> None:
+    def _tell_error(
+        self, modulated: torch.Tensor, field: torch.Tensor, added: AddedLight | None
+    ) -> None:
         """Tell the chain's error for the light in the window; raise ToleranceError if it's large.
 
         An error e of the field changes its intensity by 2 |field| e, and the L2 norm of the
@@ -260,10 +273,17 @@ class DirectEngine(ChainEngine):
         seen = window_norm(field.abs(), window)
         count = math.prod(part.stop - part.start for part in window)
         wrong = 2 * math.sqrt(count) * self._stop_light.error(modulated)
-        error = largest_ratio(wrong, seen)
-        self.error = ErrorEstimate(error, "estimate of rounding, for the light in the window")
-        if not error + self.arithmetic <= self._promised_tol:
-            raise unreachable_tolerance_error(self._promised_tol, error + self.arithmetic)
+        self._own_error = largest_ratio(wrong, seen) + self.arithmetic
+        light = self._intensity_factor * (field.real**2 + field.imag**2)
+        norm = window_norm(light, window)
+        error = error_beside(self._own_error, norm, added)
+        self.error = ErrorEstimate(
+            max(error - self.arithmetic, 0.0),
+            "estimate of rounding, for the light in the window",
+        )
+        if not error <= self._promised_tol:
+            allowed_own_error(self._promised_tol, norm, added)
+            raise unreachable_tolerance_error(self._promised_tol, error)
 
     def _field_at_sensor(self, modulated: torch.Tensor) -> torch.Tensor:
         """Compute the chain's field at the sensor, (..., rows, columns), in square stop radii."""

@@ -26,6 +26,7 @@ from optics.chain.stop_mask import BlockwiseStopMask
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.psf_engines.request import PSFRequest
+from optics.psf_engines.window_error import AddedLight
 from optics.pupil import defocus_curvature, pupil_phase
 from optics.stop.coverage import coverage
 
@@ -212,7 +213,12 @@ class GridEngine(ChainEngine):
         )
         return y, x
 
-    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+    def intensity(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None = None,
+    ) -> torch.Tensor:
         """Compute the light that the chain sends to every sample.
 
         Parameters
@@ -221,6 +227,8 @@ class GridEngine(ChainEngine):
             Radians, (..., rows, columns) of the panel.
         amplitude : torch.Tensor or None
             Of the same shape.
+        added : AddedLight, optional
+            Other light that is added afterwards. The error that is told is that of both together.
 
         Returns
         -------
@@ -239,7 +247,7 @@ class GridEngine(ChainEngine):
             field, spectrum = propagate_to_sensor(self._sensor_map, known), known.detach
         for axis, part in self.wavefront_slope_fields(modulated):
             field = field + self._field_at_sensor(self._slope_propagator(axis), part)
-        return self._intensity_from_field(field, phase, amplitude, spectrum)
+        return self._intensity_from_field(field, phase, amplitude, spectrum, added)
 
     def _slope_propagator(self, axis: int) -> PanelToLensPropagator:
         axes = [
@@ -258,7 +266,11 @@ class GridEngine(ChainEngine):
         )
 
     def intensity_from_spectrum(
-        self, spectrum: torch.Tensor, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+        self,
+        spectrum: torch.Tensor,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None = None,
     ) -> torch.Tensor:
         """Compute the chain's light on every sample, from a known spectrum of the panel.
 
@@ -270,6 +282,8 @@ class GridEngine(ChainEngine):
             Radians, as for `intensity`.
         amplitude : torch.Tensor or None
             As for `intensity`.
+        added : AddedLight, optional
+            As for `intensity`.
 
         Returns
         -------
@@ -277,7 +291,7 @@ class GridEngine(ChainEngine):
             The share of the light on every sample, (..., rows, columns).
         """
         field = propagate_to_sensor(self._sensor_map, spectrum)
-        return self._intensity_from_field(field, phase, amplitude, spectrum.detach)
+        return self._intensity_from_field(field, phase, amplitude, spectrum.detach, added)
 
     def _differentiable_field_at_sensor(
         self, propagator: PanelToLensPropagator, field: torch.Tensor
@@ -299,6 +313,7 @@ class GridEngine(ChainEngine):
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         spectrum: Callable[[], torch.Tensor],
+        added: AddedLight | None,
     ) -> torch.Tensor:
         """Compute the chain's PSF from the field at the sensor.
 
@@ -321,7 +336,7 @@ class GridEngine(ChainEngine):
             found = power / sent
             return float(found.min()), float(found.max())
 
-        return self._intensity_or_replan(light, phase, amplitude, measure_passing_brightness)
+        return self._intensity_or_replan(light, phase, amplitude, added, measure_passing_brightness)
 
     @cached_property
     def _passing_error_share(self) -> float:

@@ -31,6 +31,7 @@ from optics.fourier.nonuniform import (
 from optics.plane import Plane
 from optics.psf_engines.engine import wrap_phase
 from optics.psf_engines.request import PSFRequest
+from optics.psf_engines.window_error import AddedLight
 from optics.pupil import pupil_phase
 from optics.stop.quadrature import (
     PhaseSlopeBound,
@@ -224,7 +225,12 @@ class QuadratureEngine(ChainEngine):
         ):
             yield _StopNodeBlock(nodes, self)
 
-    def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
+    def intensity(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None = None,
+    ) -> torch.Tensor:
         modulated = self.panel_field(phase, amplitude)
         if not modulated.numel():
             return self.empty_intensity(modulated)
@@ -239,7 +245,7 @@ class QuadratureEngine(ChainEngine):
             light = light + self._spectrum_at_lens(part, axes)
         field = sum((block.field(light) for block in self._blocks()), torch.zeros(()))
         power = (field.real**2 + field.imag**2) * self.intensity_scale()
-        return self._intensity_or_replan(power, phase, amplitude)
+        return self._intensity_or_replan(power, phase, amplitude, added)
 
     def _spectrum_at_lens(self, field: torch.Tensor, axes: list[PropagatorAxis]) -> torch.Tensor:
         """Compute the spectrum, (..., y, x), of the field that arrives at the chain's lens."""

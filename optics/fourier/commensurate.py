@@ -8,6 +8,7 @@ from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft, fft_operations
 from optics.fourier.geometry import FourierGeometry, unit_phasor
 from optics.fourier.separable import AxisRule, SeparableTransform
+from optics.fourier.transform import RETAINED_BYTES
 
 
 def commensurate_length(geometry: FourierGeometry, axis: int) -> int:
@@ -42,16 +43,19 @@ class _CommensurateRule(AxisRule):
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         spectrum = fft(self._fold_periods(field), self.length, -2)
-        return spectrum.index_select(-2, self.index) * self.phase
+        return spectrum.index_select(-2, self.index).mul_(self.phase)
 
     def _fold_periods(self, field: torch.Tensor) -> torch.Tensor:
         """Add up the Fourier sum's input samples that lie a whole number of FFT periods apart."""
         if self.n <= self.length:
             return field
-        periods = -(-self.n // self.length)
-        missing = periods * self.length - self.n
-        padded = torch.nn.functional.pad(field, (0, 0, 0, missing))
-        return padded.reshape(*field.shape[:-2], periods, self.length, field.shape[-1]).sum(-3)
+        whole = self.n // self.length * self.length
+        shape = (*field.shape[:-2], -1, self.length, field.shape[-1])
+        # A sum of complex numbers takes twice as long, and padding the rest copies all of it.
+        parts = torch.view_as_real(field[..., :whole, :].reshape(shape))
+        total = torch.view_as_complex(parts.sum(-4))
+        total[..., : self.n - whole, :] += field[..., whole:, :]
+        return total
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
         shape = (*field.shape[:-2], self.length, field.shape[-1])
@@ -113,8 +117,18 @@ class CommensurateTransform(SeparableTransform):
         each = zip(self._lengths, self.lines(), strict=True)
         operations = sum(count * fft_operations(length) for length, count in each)
         (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape
-        touched = 2 * ny * (nx + mx)
+        made = self._samples_made()
+        touched = 2 * ny * (nx + mx) + sum(made)
         seconds = operations * speed.fft + touched * speed.touch
-        return (
-            speed.call + seconds * self.precision_slowdown(speed) + self.allocation_seconds(speed)
-        )
+        new = sum(max(self.dtype.itemsize * count - RETAINED_BYTES, 0) for count in made)
+        return speed.call + seconds * self.precision_slowdown(speed) + new * speed.fresh
+
+    def _samples_made(self) -> list[int]:
+        """Count the samples of each array that the commensurate Fourier transform makes."""
+        g, found = self.geometry, []
+        for axis, (count, length) in enumerate(zip(self.lines(), self._lengths, strict=True)):
+            n, m = g.pupil.shape[axis], g.image.shape[axis]
+            found += [count * length, count * m]
+            found += [count * n] if g.image.centre[axis] else []
+            found += [count * m] if g.pupil.centre[axis] else []
+        return found

@@ -23,6 +23,11 @@ FINEST_GRIDDING = 1e-13
 """The smallest relative error that gridding reaches in double precision."""
 
 
+_RULE_CALLS, _KERNELS_PER_TAP = 1.5, 2.0
+"""Time to make a rule along one axis, in calls and in Bessel functions for each grid point that a
+sample is spread to; measured."""
+
+
 def spread_width(error: float) -> int:
     """Return over how many grid points a gridded FFT spreads each sample for a relative error.
 
@@ -168,6 +173,11 @@ class GriddedTransform(SeparableTransform):
         (ny, nx), width = self.geometry.pupil.shape, spread_width(self.error)
         grids = (a * b for a, b in zip(self._grids(), self.lines(), strict=True))
         return self.dtype.itemsize * (2 * max(grids) + 2 * width * (ny + nx))
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the seconds of the kernels that the first gridded Fourier transform makes."""
+        taps = spread_width(self.error) * sum(self.geometry.pupil.shape)
+        return 2 * _RULE_CALLS * speed.call + _KERNELS_PER_TAP * taps * speed.bessel
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of one gridded Fourier transform at a machine's speed."""

@@ -79,7 +79,8 @@ class MatrixTransform(PlaneTransform):
         """Predict the processor seconds of a Fourier transform by matrices at a machine's speed."""
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
         products = 4 * self._products() * speed.multiply_add + touched * speed.touch
-        return speed.call + products * self.precision_slowdown(speed)
+        seconds = products * self.precision_slowdown(speed) + self.allocation_seconds(speed)
+        return speed.call + seconds
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of computing the matrices of the Fourier transform."""

@@ -50,8 +50,14 @@ class FreeSpaceSettings:
         tolerance on the target then holds if a thousandth of the light reaches the target.
     fine_rounding, fine_sampling : float
         Largest errors from rounding and from sampling that the first plan keeps, relative to all
-        light of the source, where that takes at most twice the time. It hardly takes more where it
-        needs no double precision, and a small error can be told of a dim target.
+        light of the source, where that takes little more time. It hardly takes more where it needs
+        no double precision, and a small error can be told of a dim target.
+    single_rounding, finest_sampling : float
+        Largest error from rounding that takes double precision, and the largest error from sampling
+        that the first plan then keeps. A second plan would take longer.
+    worth_fine, worth_dim : float
+        Times as long that planning and all calls may take for a fine first plan, and for a margin
+        for dim targets at all.
     tight_plan_tol_share : float
         Share of the tolerance that a second plan keeps, once the light on the target is known.
     advised_light_share : float
@@ -74,6 +80,10 @@ class FreeSpaceSettings:
     first_plan_tol_share: float = 0.03
     fine_rounding: float = 3e-6
     fine_sampling: float = 3e-8
+    single_rounding: float = 1.5e-6
+    finest_sampling: float = 3e-10
+    worth_fine: float = 1.7
+    worth_dim: float = 2.0
     tight_plan_tol_share: float = 0.7
     advised_light_share: float = 0.5
     dim_target_share: float = 0.01
@@ -205,18 +215,17 @@ class FreeSpace:
         """
         tol = self.span.tol
         dim = _SETTINGS.first_plan_tol_share * tol
-        fine = replace(
-            self.span,
-            tol=min(dim, _SETTINGS.fine_rounding),
-            finest_sampling=_SETTINGS.fine_sampling,
-        )
+        rounding = min(dim, _SETTINGS.fine_rounding)
+        needs_double = rounding < _SETTINGS.single_rounding
+        finest = _SETTINGS.finest_sampling if needs_double else _SETTINGS.fine_sampling
+        fine = replace(self.span, tol=rounding, finest_sampling=finest)
         plan = methods_for_span(fine, self._method)
-        for looser in (dim, tol):
+        for looser, times in ((dim, _SETTINGS.worth_fine), (tol, _SETTINGS.worth_dim)):
             if plan.seconds <= _SETTINGS.expensive_plan_calls * self.span.budget.speed.call:
                 break
             loose = methods_for_span(replace(self.span, tol=looser), self._method)
-            cheaper = 2 * loose.seconds < plan.seconds or not math.isfinite(plan.seconds)
-            plan = loose if cheaper else plan
+            cheaper = times * loose.total_seconds < plan.total_seconds
+            plan = loose if cheaper or not math.isfinite(plan.seconds) else plan
         try:
             return prepare_cheapest(plan, tol)
         except ToleranceError as error:
@@ -253,8 +262,9 @@ class FreeSpace:
         """Predict the processor time of all propagation plans made so far, in seconds."""
         speed = self.span.budget.speed
         plans = [p for p in (self._propagator, self._tight_propagator) if p is not None]
-        choice = _SETTINGS.choice_calls * speed.call
-        return sum(plan.planning_seconds(speed) + choice for plan in plans)
+        choice, check = _SETTINGS.choice_calls * speed.call, self._smooth_field_check
+        checking = check.planning_seconds(speed) if check else 0.0
+        return checking + sum(plan.planning_seconds(speed) + choice for plan in plans)
 
     def _errors_on_target(self, propagator: Propagator, share: float) -> tuple[float, float]:
         """Return a plan's errors from sampling and from rounding, relative to the target's light.

@@ -6,6 +6,7 @@ import torch
 
 from optics.plane import Plane
 from optics.propagation.angular_spectrum import ScaledAngularSpectrum
+from optics.propagation.spectral_propagator import times
 
 
 class FresnelTransfer(ScaledAngularSpectrum):
@@ -18,6 +19,10 @@ class FresnelTransfer(ScaledAngularSpectrum):
 
     name = "Fresnel transfer function"
     paraxial = True
+
+    @property
+    def _filter_size(self) -> int:
+        return sum(self.frequencies.shape)
 
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
         """Compute the Fresnel propagation's filter W along y and along x, joined in one vector."""
@@ -32,4 +37,4 @@ class FresnelTransfer(ScaledAngularSpectrum):
     ) -> torch.Tensor:
         w = self._filter(frequencies, spectrum.device)
         down, along = torch.split(w.conj() if back else w, list(frequencies.shape))
-        return spectrum * down[:, None] * along
+        return times(times(spectrum, down[:, None]), along)

@@ -46,7 +46,7 @@ class DirectQuadratureSettings:
     tile_pairs: int = 1 << 16
     tile_source_points: int = 1 << 11
     pair_bytes: int = 120
-    pair_touches: int = 170
+    pair_touches: int = 140
 
 
 _SETTINGS = DirectQuadratureSettings()

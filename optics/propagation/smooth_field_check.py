@@ -19,6 +19,10 @@ from optics.propagation.transfer_function import free_space_transfer_function
 _SINGLE_ROUNDING, _DOUBLE_ROUNDING = 1e-14, 1e-27
 """Shares of a propagated field's light outside its band that may be rounding errors of an FFT."""
 
+_TOUCHES_PER_DEVIATION = 300
+"""Time to compute how far Fresnel's transfer function is from the exact one at a frequency, in
+passes over a complex number; measured."""
+
 
 class SmoothFieldCheck:
     """Check at every propagation that a field is smooth, as its span declares.
@@ -73,6 +77,13 @@ class SmoothFieldCheck:
         double = speed.double if self._dtype == torch.complex128 else 1.0
         operations = rows * fft_operations(columns) + columns * fft_operations(rows)
         return (operations * speed.fft + 6 * rows * columns * speed.touch) * double
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the time of what the first check of a propagated field keeps, in seconds."""
+        if not self._span.paraxial:
+            return 0.0
+        columns = sum(run.stop - run.start for run in self._within_x)
+        return _TOUCHES_PER_DEVIATION * self._span.source.shape[0] * columns * speed.touch
 
     def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the spectrum of a field to propagate, and its light outside carrier ± band.

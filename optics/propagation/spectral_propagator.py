@@ -286,11 +286,16 @@ class SpectralPropagator(Propagator):
         seconds += sum(t.planning_seconds(speed) for s in self._parts for t in s.transforms)
         if self._rebuilds_filter:
             return seconds
-        return seconds + _SETTINGS.touches_per_frequency * self._frequency_count * speed.touch
+        return seconds + _SETTINGS.touches_per_frequency * self._filter_size * speed.touch
 
     @property
     def _frequency_count(self) -> int:
         return math.prod(self.frequencies.shape)
+
+    @property
+    def _filter_size(self) -> int:
+        """The number of transfer functions that the propagator's filter W takes."""
+        return self._frequency_count
 
     def prepare(self) -> None:
         if not self._rebuilds_filter:
@@ -348,7 +353,7 @@ class SpectralPropagator(Propagator):
     ) -> torch.Tensor:
         """Multiply a spectrum by the filter W, or by its conjugate for backward propagation."""
         w = self._filter(frequencies, spectrum.device)
-        return _times(spectrum, w.conj() if back else w)
+        return times(spectrum, w.conj() if back else w)
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         if len(self._parts) == 1:
@@ -376,7 +381,7 @@ class SpectralPropagator(Propagator):
         return stage.to_spectrum.adjoint(self._apply_filter(spectrum, stage.frequencies, back=True))
 
 
-def _times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
+def times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
     """Multiply a propagated spectrum by a weight, in place where nothing records derivatives."""
     if spectrum.requires_grad or weight.requires_grad:
         return spectrum * weight

@@ -18,6 +18,12 @@ from optics.propagation.spectral_propagator import (
 from optics.propagation.transfer_function import PlaneWaveRays, axial_frequency
 from optics.validation import as_number, needs_gradient
 
+_TOUCHES_PER_WAVE = 150
+"""Time to find a wave's frequencies on the target, in passes over a complex number; measured."""
+
+_BLOCK_WAVES = 1 << 16
+"""Plane waves whose frequencies are found at once, so that they stay in the processor's caches."""
+
 
 class TiltedAngularSpectrum(SpectralPropagator):
     """Propagate plane waves to a tilted target, where each has another spatial frequency.
@@ -68,6 +74,8 @@ class TiltedAngularSpectrum(SpectralPropagator):
         """
         y, x = self.frequencies.mesh()
         grazing = PlaneWaveRays(self._numeric_span.wavelength, self.paraxial).grazing_frequency
+        if math.hypot(float(y.abs().max()), float(x.abs().max())) < grazing:
+            return torch.arange(self._frequency_count)
         return torch.nonzero((torch.sqrt(y**2 + x**2) < grazing).flatten()).squeeze(-1)
 
     def _tilted_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -75,8 +83,16 @@ class TiltedAngularSpectrum(SpectralPropagator):
 
         The frequencies are reduced to the range that the target's samples resolve.
         """
-        a, b = self._numeric_span.tilt
         y, x = self._wave_frequencies()
+        parts = [
+            self._tilted_block(*block)
+            for block in zip(*(torch.split(f, _BLOCK_WAVES) for f in (y, x)), strict=True)
+        ]
+        down, along = zip(*parts, strict=True) if parts else ((y,), (x,))
+        return torch.cat(down), torch.cat(along)
+
+    def _tilted_block(self, y: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        a, b = self._numeric_span.tilt
         w = axial_frequency(y, x, self._numeric_span.wavelength, paraxial=self.paraxial)
         turned_y = y * math.cos(a) + x * (math.sin(a) * math.sin(b))
         turned_y = turned_y + w * (math.sin(a) * math.cos(b))
@@ -112,9 +128,8 @@ class TiltedAngularSpectrum(SpectralPropagator):
         )
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        points = self._frequency_count
-        nufft = nonuniform_seconds(points, self._image, self._nufft_error, speed)
-        return super().planning_seconds(speed) + nufft + 100 * points * speed.touch
+        waves = _TOUCHES_PER_WAVE * self._frequency_count * speed.touch
+        return super().planning_seconds(speed) + self._to_spectrum.planning_seconds(speed) + waves
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         points = self._frequency_count

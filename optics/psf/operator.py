@@ -43,10 +43,17 @@ from optics.psf.operator_inputs import (
 )
 from optics.psf.pattern_symmetry import expand_phase, symmetric_engine
 from optics.psf_engines.amplitude_scale import normalise_amplitude, scale_light
+from optics.psf_engines.behind_panel import BehindPanelEngine
 from optics.psf_engines.engine import PSFEngine
 from optics.psf_engines.panel_engine import PanelEngine
 from optics.psf_engines.request import PSFRequest
-from optics.psf_engines.window_error import AddedLight, largest_ratio, window_norm
+from optics.psf_engines.window_error import (
+    UNKNOWN_LIGHT,
+    AddedLight,
+    CoarseAddedLightError,
+    largest_ratio,
+    window_norm,
+)
 from optics.pupil import (
     Scalar,
     cutoff_frequencies,
@@ -281,6 +288,7 @@ class PSFOperator:
         self._fallback_engine: PSFEngine | None = None
         self._last_engine = self.engine
         self._finer_operator: PSFOperator | None = None
+        self._last_norm = torch.zeros(())
         self._tol, self._integration_error = tol, rest
         self._model_error_estimate = self._model_error(request)
 
@@ -468,9 +476,14 @@ class PSFOperator:
         """Compute the PSF of a phase in the shape that its engine takes, as `evaluate` does."""
         if not self.unmodulated or phase is None:
             return self._light_on_pixels(phase, amplitude, spectrum)
-        straight = self._unmodulated_light(amplitude, spectrum=unmodulated_spectrum)
+        straight = self._unmodulated_light(amplitude, spectrum=unmodulated_spectrum, any_error=True)
         added = straight.added_light(self.unmodulated)
-        light = self._light_on_pixels(phase, amplitude, spectrum, added)
+        try:
+            light = self._light_on_pixels(phase, amplitude, spectrum, added)
+        except CoarseAddedLightError:
+            straight = self._unmodulated_light(amplitude, spectrum=unmodulated_spectrum)
+            added = straight.added_light(self.unmodulated)
+            light = self._light_on_pixels(phase, amplitude, spectrum, added)
         other = straight.light.to(light.device)
         return (1 - self.unmodulated) * light + self.unmodulated * other
 
@@ -525,19 +538,33 @@ class PSFOperator:
         *,
         cache_result: bool = False,
         spectrum: torch.Tensor | None = None,
+        any_error: bool = False,
     ) -> _UnmodulatedLight:
-        """Compute the PSF of unmodulated light, or take it from the cache without a copy."""
+        """Compute the PSF of unmodulated light, or take it from the cache without a copy.
+
+        any_error: whether what a chain's first method gives is taken even if its error exceeds the
+        tolerance: beside a pattern's light, errors of dim light seldom matter.
+        """
         keeps = not self._request.differentiable and (amplitude is None or cache_result)
         for known in self._cached_unmodulated_psfs if keeps else []:
-            if known.amplitude is amplitude:
+            if known.amplitude is amplitude and (any_error or known.keeps_tol):
                 return known
-        light = self._light_on_pixels(None, amplitude, spectrum)
-        engine = self._last_engine
-        norm = engine.light_norm if isinstance(engine, PanelEngine) else None
+        is_chain = self.camera is not None and self._request.numeric.separation > 0
+        added = UNKNOWN_LIGHT if any_error and is_chain else None
+        light = self._light_on_pixels(None, amplitude, spectrum, added)
+        engine, norm = self._last_engine, self._last_norm if is_chain else None
         error = engine.error.value + engine.arithmetic
-        straight = _UnmodulatedLight(amplitude, light, norm, error)
+        if isinstance(engine, PanelEngine) and not is_chain:
+            norm = engine.light_norm
+        elif isinstance(engine, BehindPanelEngine):
+            error = engine.own_error
+        keeps_tol = added is None or error <= self._request.tol
+        straight = _UnmodulatedLight(amplitude, light, norm, error, keeps_tol)
         if keeps and not light.requires_grad:
-            self._cached_unmodulated_psfs = [*self._cached_unmodulated_psfs[-1:], straight]
+            others = [
+                one for one in self._cached_unmodulated_psfs if one.amplitude is not amplitude
+            ]
+            self._cached_unmodulated_psfs = [*others[-1:], straight]
         return straight
 
     def needs_unmodulated_psf(self, amplitude: torch.Tensor | None) -> bool:
@@ -558,9 +585,13 @@ class PSFOperator:
         if amplitude is not None:
             amplitude, peak = normalise_amplitude(amplitude, self.points[0].ndim)
         light = self._intensity_with_fallback(phase, amplitude, spectrum, added)
+        self._last_norm = window_norm(light.detach(), self._request.window_slices)
         if self._pixel_integration:
             samples, light = light, self._pixel_integration(light)
             self._integration_error = self._measure_integration_error(samples, light, added)
+            # Even light has this norm on the samples; any other light has a larger one there.
+            whole = window_norm(light.detach(), (slice(None), slice(None)))
+            self._last_norm = whole / math.sqrt(self._pixel_integration.samples_per_pixel)
             if self._integration_error > self._tol_left_for_integration:
                 light = self._finer_light_on_pixels(phase, amplitude, added)
         return scale_light(light, peak)
@@ -585,7 +616,7 @@ class PSFOperator:
         # Even light has this norm on the samples.
         factor = math.sqrt(self._pixel_integration.samples_per_pixel)
         seen = window_norm(light.detach(), whole_picture) / factor
-        if added is not None:
+        if added is not None and added is not UNKNOWN_LIGHT:
             seen = torch.hypot(seen, added.norm.to(seen))
         dimness = largest_ratio(whole, seen)
         return planned * max(1.0, 1.0 + _SETTINGS.beside_factor * (dimness - 1.0))
@@ -613,6 +644,7 @@ class PSFOperator:
         other = self._finer_operator
         light = other._light_on_pixels(phase, amplitude, None, added)
         self._last_engine, self._integration_error = other._last_engine, other._integration_error
+        self._last_norm = other._last_norm
         return light
 
     def _coarse_integration_error(self, finer: float) -> ToleranceError:
@@ -652,15 +684,16 @@ class PSFOperator:
         self._last_engine = engine = self.engine if is_plain else self._pattern_engine
         try:
             if spectrum is not None and isinstance(engine, GridEngine):
-                light = engine.intensity_from_spectrum(spectrum, phase, amplitude)
-            elif isinstance(engine, PanelEngine):
+                light = engine.intensity_from_spectrum(spectrum, phase, amplitude, added)
+            elif isinstance(engine, BehindPanelEngine):
                 light = engine.intensity(phase, amplitude, added)
             else:
                 light = engine.intensity(phase, amplitude)
         except ToleranceError:
             for other in self._fallback_engines():
                 try:
-                    light = other.intensity(phase, amplitude)
+                    assert isinstance(other, BehindPanelEngine)
+                    light = other.intensity(phase, amplitude, added)
                 except ToleranceError:
                     continue
                 self._fallback_engine, self._last_engine = other, other.used_engine
@@ -748,13 +781,14 @@ class _UnmodulatedLight:
     """Holds the PSF of light that gets no phase from the panel, for an amplitude.
 
     light: on the pixels. norm: its L2 norm over the window on the samples, where it is known.
-    error: relative L2 error.
+    error: relative L2 error. keeps_tol: whether that is within the tolerance, as far as it can be.
     """
 
     amplitude: torch.Tensor | None
     light: torch.Tensor
     norm: torch.Tensor | None
     error: float
+    keeps_tol: bool
 
     def added_light(self, share: float) -> AddedLight | None:
         """Tell of a share of this light in the units of the rest, which is a PSF of its own."""

@@ -33,8 +33,9 @@ from optics.fourier import (
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.fourier.transform import PlaneTransform
 from optics.psf_engines.amplitude_scale import normalise_amplitude, scale_light
+from optics.psf_engines.behind_panel import BehindPanelEngine
 from optics.psf_engines.curved_pixels import CurvedPixelTransform
-from optics.psf_engines.engine import PSFEngine, require_sample_shape, squared_modulus
+from optics.psf_engines.engine import require_sample_shape, squared_modulus
 from optics.psf_engines.interpolated_pixels import FINEST_INTERPOLATION, InterpolatedPixelTransform
 from optics.psf_engines.pixel_integral import PixelIntegralTransform
 from optics.psf_engines.pixel_wave import (
@@ -171,7 +172,7 @@ class PanelCostSettings:
 _COST = PanelCostSettings()
 
 
-class PanelEngine(PSFEngine):
+class PanelEngine(BehindPanelEngine):
     """Computes the PSF of a lens and a panel in its plane, whose pixels are uniform squares.
 
     The lens' wave adds to each pixel's modulation. Inside the pixels it is expanded in Legendre

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -29,6 +30,20 @@ class RowErrorSettings:
     margin: float = 2.0
 
 
+@dataclass(frozen=True)
+class AddedLightSettings:
+    """Tune how a PSF shares its tolerance with light that is added to it.
+
+    Attributes
+    ----------
+    error_share : float
+        Share of the tolerance that the error of that light may use. Chosen.
+    """
+
+    error_share: float = 0.5
+
+
+_ADDED_SETTINGS = AddedLightSettings()
 _SETTINGS = RowErrorSettings()
 
 
@@ -58,6 +73,46 @@ class AddedLight:
         if peak is None:
             return self
         return AddedLight(self.norm / peak**2, self.error / peak**2)
+
+
+class CoarseAddedLightError(Exception):
+    """Tells that the error of light added to a PSF leaves too little room for the PSF's own."""
+
+
+UNKNOWN_LIGHT = AddedLight(
+    torch.tensor(math.inf, dtype=torch.float64), torch.zeros((), dtype=torch.float64)
+)
+"""Light that is added to a PSF, which may be any: what error it leaves room for isn't known yet."""
+
+
+def error_beside(own: float, norm: torch.Tensor, added: AddedLight | None) -> float:
+    """Return the relative L2 error of a PSF together with light that is added; the largest found.
+
+    Light isn't negative, so the norm of a sum is at least the root of the squares' sum. Nor is the
+    sum's relative error larger than that of the worse part, as far as their norms add.
+    own: relative L2 error of the PSF. norm: its L2 norm in the window, (...).
+    """
+    if added is None:
+        return own
+    together = largest_ratio(
+        own * norm + added.error.to(norm), torch.hypot(norm, added.norm.to(norm))
+    )
+    return min(together, max(own, largest_ratio(added.error, added.norm)))
+
+
+def allowed_own_error(tol: float, norm: torch.Tensor, added: AddedLight | None) -> float:
+    """Return the relative L2 error that a PSF may have by itself, where `tol` holds for a sum.
+
+    Raises CoarseAddedLightError if most of that error is the added light's, beyond `tol` of it.
+    """
+    if added is None:
+        return tol
+    room = tol * torch.hypot(norm, added.norm.to(norm))
+    wrong, other = added.error.to(norm), added.norm.to(norm)
+    if bool(((wrong > _ADDED_SETTINGS.error_share * room) & (wrong > tol * other)).any()):
+        raise CoarseAddedLightError
+    allowed = torch.where(norm > 0, (room - wrong) / norm, math.inf)
+    return max(tol, float(allowed.min()))
 
 
 class EvenNoise:

@@ -87,3 +87,43 @@ def test_less_memory_than_is_needed_is_refused_with_what_is_needed():
     with pytest.raises(ToleranceError, match="MB at least") as refused:
         problem.operator(1e-3, budget=little)
     assert unreal(problem, refused.value, little, TERMS) == ""
+
+
+@pytest.mark.parametrize(
+    ("order", "modulated_only", "together"),
+    [(0.0, True, False), (1.0, False, False), (-1.0, True, True)],
+)
+def test_dim_parts_of_a_sum_take_no_stricter_engine(order, modulated_only, together):
+    """A grating beside light that it doesn't modulate: in the window of either, the other is dim.
+
+    Its error counts as a share of both. Where both are dim, a stricter engine stands in.
+    """
+    turns, columns = 0.2, np.arange(48)
+    panel = Panel((40, 48), 12e-6, unmodulated=0.05)
+    camera = Camera(panel, Lens(0.05, 90.0, 2.0), separation=0.03)
+    place = (0.0, order * turns / panel.pitch * 520e-9 * camera.ray_matrix_b)
+    grating = np.tile(2 * np.pi * turns * columns, (40, 1))
+    plane = Plane((16, 16), (8e-6, 8e-6), place)
+    for share, stands_in in ((0.0, modulated_only), (0.05, together)):
+        optics = replace(camera, panel=replace(panel, unmodulated=share))
+        problem = ChainProblem(optics, 2.0, 520e-9, plane, False, 1e-3, grating)
+        operator = problem.operator(1e-3, method="chain")
+        planned = operator.account.sampling
+        light = problem.light(operator)
+        assert (operator.account.sampling != planned) == stands_in
+        assert problem.build_reference(light).error(light) <= operator.account.error <= 1e-3
+
+
+def test_unmodulated_light_is_computed_again_where_its_error_counts():
+    """It is first taken as it comes; alone, and beside a pattern that is dimmer yet, it isn't."""
+    panel = Panel((40, 48), 12e-6, unmodulated=0.5)
+    camera = Camera(panel, Lens(0.05, 60.0, 2.0), separation=0.03)
+    plane, columns = Plane((16, 16), (8e-6, 8e-6), (0.0, 7.5e-4)), np.arange(48)
+    grating = np.tile(-2 * np.pi * 0.2 * columns, (40, 1))
+    problem = ChainProblem(camera, 2.0, 520e-9, plane, False, 1e-3, grating)
+    operator = problem.operator(1e-3, method="chain")
+    light = problem.light(operator)
+    assert problem.build_reference(light).error(light) <= operator.account.error <= 1e-3
+    alone = replace(problem, phase=np.zeros(panel.shape))
+    light = np.asarray(operator.unmodulated_psf())
+    assert alone.build_reference(light).error(light) <= 1e-3
