@@ -18,10 +18,14 @@ from optics.chain.panel_to_lens import PropagatorVariables
 from optics.psf_engines.engine import PSFEngine
 from optics.psf_engines.request import PSFRequest
 from optics.pupil import Scalar, numeric_camera, open_area
-from optics.validation import needs_gradient
+from optics.validation import needs_gradient, rounded_up
 
 _SEARCH_CALLS = 240.0
 """Time of the search for a band and a grid, in calls; fitted to 170 random chains."""
+
+_DIM_MARGIN = 1.3
+"""Factor on the tolerance that is advised for a dim window, because another engine's light may
+differ a little. Chosen."""
 
 
 def search_seconds(speed: MachineSpeed) -> float:
@@ -166,11 +170,13 @@ class ChainEngine(PSFEngine):
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
+        rounding: float = 0.0,
     ) -> torch.Tensor:
         """Return the chain's `light`, or a stricter engine's result if the window is too dark.
 
         light: the PSF as this engine computes it. measure_passing_brightness: a function that
         returns the panel's brightness (see LowLightCorrection), where the caller has a faster one.
+        rounding: error that is known for this light.
         """
         measure = measure_passing_brightness or (
             lambda: self._edge_scatter.passing_brightness(self.panel_field(phase, amplitude))
@@ -178,7 +184,7 @@ class ChainEngine(PSFEngine):
         ratio = LowLightCorrection(
             self._edge_scatter, self._request.window_slices, light, amplitude, measure
         ).error_divisor(self._passing_error_share)
-        error = (self._planned_error.value + self.arithmetic) / ratio - self.arithmetic
+        error = (self._planned_error.value + self.arithmetic) / ratio - self.arithmetic + rounding
         self.error = ErrorEstimate(error, "estimate for the light in the window")
         self._stand_in = None
         if self.error.value + self.arithmetic <= self._promised_tol:
@@ -206,7 +212,14 @@ class ChainEngine(PSFEngine):
             choice = MethodChoice(makers, request.budget, "a PSF")
             for engine in choice.prepared_candidates():
                 return engine
-        raise ToleranceError(
+        reason = (
             f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
             "stop's edge scatters there counts"
         )
+        # What this engine was planned for is kept in brighter windows, in proportion.
+        floor = _DIM_MARGIN * self._request.tol / tol * promised
+        if not floor < 1:
+            raise ToleranceError(reason)
+        refusal = ToleranceError(reason, f"ask for tol {rounded_up(floor)} or more")
+        refusal.floor = floor
+        raise refusal
