@@ -125,7 +125,7 @@ class DirectSum:
         y, x = (
             StopProbes(
                 self._pixels.fields(axis, probe_places(*span)),
-                self._pixels.half_turns(axis, probe_places(*span)),
+                self._pixels.path_turns(axis, probe_places(*span)),
                 independent[axis],
             )
             for axis, span in enumerate(self._spans)

@@ -78,10 +78,10 @@ class PixelFields:
             field[:, part] *= band.taper(offset / self._area)
         return field
 
-    def half_turns(self, axis: int, place: torch.Tensor) -> torch.Tensor:
-        """Return the phases of the ways from a chain's pixels to places, in half turns."""
+    def path_turns(self, axis: int, place: torch.Tensor) -> torch.Tensor:
+        """Return the phases of the ways from a chain's pixels to places, in turns."""
         arriving = place * self._grow - self._shifts[axis]
-        return (arriving[:, None] - self._lines[axis]) ** 2 / self._area
+        return (arriving[:, None] - self._lines[axis]) ** 2 / (2 * self._area)
 
     def reached(self, axis: int, place: torch.Tensor) -> slice:
         """Return the pixels of a chain's panel whose light gets to any of the places."""
