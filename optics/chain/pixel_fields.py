@@ -79,7 +79,7 @@ class PixelFields:
         return field
 
     def path_turns(self, axis: int, place: torch.Tensor) -> torch.Tensor:
-        """Return the phases of the ways from a chain's pixels to places, in turns."""
+        """Return the phases of paths from a chain's pixels to places, in turns."""
         arriving = place * self._grow - self._shifts[axis]
         return (arriving[:, None] - self._lines[axis]) ** 2 / (2 * self._area)
 

@@ -26,7 +26,8 @@ def probe_places(low: float, high: float) -> torch.Tensor:
 class StopProbes:
     """Holds fields of a panel's pixels at places in a chain's stop, along an axis.
 
-    fields: (places, pixels). turns: phases of the paths from the pixels, (places, pixels). independent: number of rows, or of nodes, whose errors are independent.
+    fields: (places, pixels). turns: phases of the paths from the pixels, (places, pixels).
+    independent: number of rows, or of nodes, whose errors are independent.
     """
 
     fields: torch.Tensor
@@ -42,7 +43,7 @@ class StopProbes:
     def noise(self) -> torch.Tensor:
         """The mean square of each pixel's errors in a chain's stop, in roundings."""
         light = self.fields.real**2 + self.fields.imag**2
-        # A phase has half as many roundings as the field has: few numbers make it.
+        # The share of the phase, pi per turn, is chosen, too.
         return (light * (1 + math.pi * self.turns) ** 2).mean(0) / self.independent
 
 
