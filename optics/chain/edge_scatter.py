@@ -49,6 +49,7 @@ class EdgeScatterSettings:
         Pieces into which the stop's edge is divided. Chosen.
     far_steps : int
         Steps in frequency on either side of an edge, at distances D above 1 / (4 radius). Chosen.
+        Where light is followed farther than usual, they are wider.
     near_steps : int
         Steps in frequency on either side, at smaller distances. Chosen.
     stop_samples : int
@@ -108,7 +109,8 @@ class RaySamples:
 class StopEdgeScatter:
     """Estimates the light that goes from the panel by way of the stop's edge into a window."""
 
-    def __init__(self, request: PSFRequest, camera: Camera) -> None:
+    def __init__(self, request: PSFRequest, camera: Camera, max_cycles: float = 0.0) -> None:
+        """max_cycles: cycles per pixel up to which light is followed, if more than usual."""
         self._q, self._camera = request.numeric, camera
         q = self._q
         self._shadow_magnification = q.shadow_magnification
@@ -116,9 +118,8 @@ class StopEdgeScatter:
         self._fresnel_area = q.wavelength * camera.separation / self._shadow_magnification
         self._edge_points, self._normal, self._length = _sample_stop_edge(camera, q.radius)
         low = 1 / (4 * q.radius)
-        edges = _normal_distance_steps(
-            low, _SETTINGS.max_cycles_per_pixel / camera.panel.active_side, len(self._length)
-        )
+        cycles = max(max_cycles, _SETTINGS.max_cycles_per_pixel)
+        edges = _normal_distance_steps(low, cycles / camera.panel.active_side, len(self._length))
         away, step = (edges[:, 1:] + edges[:, :-1]) / 2, np.diff(edges)
         area, rim = q.lens.stop.area * q.radius**2, self._length.sum()
         whole = math.pi * away * area**2 / rim
@@ -126,6 +127,17 @@ class StopEdgeScatter:
         self._normal_distances = np.concatenate([-away[:, ::-1], away], axis=1)
         density = np.concatenate([each[:, ::-1], each], axis=1)
         self._density = self._length[:, None] * density / len(self._window)
+
+    def without_limit(self) -> StopEdgeScatter:
+        """Return an estimate that follows all light between panel and stop, however oblique.
+
+        The chain's small tolerances take more than the usual cycles per pixel.
+        """
+        panel = self._camera.panel
+        farthest = math.hypot(*panel.shape) * panel.pitch / 2 + math.hypot(*self._shift)
+        farthest += self._q.radius / self.shadow_magnification
+        cycles = farthest / self._fresnel_area * panel.active_side
+        return StopEdgeScatter(self._q, self._camera, cycles)
 
     @cached_property
     def _window(self) -> Array:

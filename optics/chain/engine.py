@@ -24,10 +24,14 @@ from optics.psf_engines.window_error import (
     window_norm,
 )
 from optics.pupil import Scalar, numeric_camera, open_area
-from optics.validation import needs_gradient
+from optics.validation import needs_gradient, rounded_up
 
 _SEARCH_CALLS = 180.0
 """Time of the search for a band and a grid, in calls; fitted to 180 random chains."""
+
+_DIM_MARGIN = 1.3
+"""Factor on the tolerance that is advised for a dim window, because another engine's light may
+differ a little. Chosen."""
 
 
 def search_seconds(speed: MachineSpeed) -> float:
@@ -173,12 +177,14 @@ class ChainEngine(BehindPanelEngine):
         amplitude: torch.Tensor | None,
         added: AddedLight | None,
         measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
+        rounding: float = 0.0,
     ) -> torch.Tensor:
         """Return the chain's `light`, or a stricter engine's result if the window is too dark.
 
         light: the PSF as this engine computes it. added: other light that is added afterwards. The
         error that is told is that of both together. measure_passing_brightness: a function that
         returns the panel's brightness (see LowLightCorrection), where the caller has a faster one.
+        rounding: error that is known for this light.
         """
         measure = measure_passing_brightness or (
             lambda: self._edge_scatter.passing_brightness(self.panel_field(phase, amplitude))
@@ -186,7 +192,7 @@ class ChainEngine(BehindPanelEngine):
         ratio = LowLightCorrection(
             self._edge_scatter, self._request.window_slices, light, amplitude, measure
         ).error_divisor(self._passing_error_share)
-        self._own_error = (self._planned_error.value + self.arithmetic) / ratio
+        self._own_error = (self._planned_error.value + self.arithmetic) / ratio + rounding
         norm = window_norm(light.detach(), self._request.window_slices)
         error = error_beside(self._own_error, norm, added)
         self.error = ErrorEstimate(
@@ -218,7 +224,14 @@ class ChainEngine(BehindPanelEngine):
             choice = MethodChoice(makers, request.budget, "a PSF")
             for engine in choice.prepared_candidates():
                 return engine
-        raise ToleranceError(
+        reason = (
             f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
             "stop's edge scatters there counts"
         )
+        # What this engine was planned for is kept in brighter windows, in proportion.
+        floor = _DIM_MARGIN * self._request.tol / tol * promised
+        if not floor < 1:
+            raise ToleranceError(reason)
+        refusal = ToleranceError(reason, f"ask for tol {rounded_up(floor)} or more")
+        refusal.floor = floor
+        raise refusal

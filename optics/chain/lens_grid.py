@@ -117,6 +117,11 @@ class LensGridSearch:
         self.edge_scatter = edge
 
     @cached_property
+    def without_limit(self) -> LensGridSearch:
+        """The same search among all light between the chain's panel and stop, however oblique."""
+        return LensGridSearch(self.edge_scatter.without_limit())
+
+    @cached_property
     def _nonzero_scatter(self) -> tuple[Array, Array, NDArray[np.int64]]:
         """The light of all scattered rays of the chain that aren't dark.
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -30,44 +33,78 @@ class PartialIntegrals:
         # exp(i t x) has Chebyshev coefficients J_k(t), which fall below 1e-15 from here on.
         each = turns / self.pieces
         self.nodes = math.ceil(each + 11 * each ** (1 / 3)) + 14
-        self._low, self._width = low, (high - low) / self.pieces
+        self._low, self.width = low, (high - low) / self.pieces
 
     @property
     def node_count(self) -> int:
         return self.pieces * self.nodes
 
-    @property
+    @cached_property
     def weights(self) -> torch.Tensor:
         """The weights of the nodes of a whole piece of a chain's row, in stop radii."""
-        return torch.from_numpy(gauss_legendre(self.nodes)[1] * (self._width / 2))
+        return torch.from_numpy(gauss_legendre(self.nodes)[1] * (self.width / 2))
 
     def places(self, piece: int) -> torch.Tensor:
         """Return the nodes of a piece of a chain's row, in stop radii."""
         nodes = gauss_legendre(self.nodes)[0]
-        return torch.from_numpy(self._low + self._width * (piece + (nodes + 1) / 2))
+        return torch.from_numpy(self._low + self.width * (piece + (nodes + 1) / 2))
 
-    def prepare(self, end: Array) -> None:
+    def sort_ends(self, end: Array) -> SortedEnds:
         """Sort the ends of a chain's rows, in stop radii, into the pieces."""
-        place = (end - self._low) / self._width
+        place = (end - self._low) / self.width
         piece = np.clip(place.astype(np.int64), 0, self.pieces - 1)
-        self._inside = np.clip(2 * (place - piece) - 1, -1, 1)
-        self._order = np.argsort(piece, kind="stable")
-        self._starts = np.searchsorted(piece[self._order], np.arange(self.pieces + 1))
+        inside = np.clip(2 * (place - piece) - 1, -1, 1)
+        order = np.argsort(piece, kind="stable")
+        starts = np.searchsorted(piece[order], np.arange(self.pieces + 1))
+        return SortedEnds(self, inside, order, starts)
+
+    def partial_weights(self, inside: Array) -> torch.Tensor:
+        """Return each end's weights in its piece of a chain's row, (ends, nodes).
+
+        inside: the ends, from -1 to 1 over the piece.
+        """
+        values = np.empty((self.nodes + 1, inside.size))
+        values[0], values[1] = 1.0, inside
+        for k in range(1, self.nodes):
+            # Bonnet's recurrence
+            np.multiply(values[k], inside, out=values[k + 1])
+            values[k + 1] *= (2 * k + 1) / k
+            values[k + 1] -= values[k - 1]
+            values[k + 1] *= k / (k + 1)
+        degree = np.arange(1, self.nodes)[:, None]
+        integrals = np.empty((self.nodes, inside.size))
+        integrals[0] = inside + 1
+        np.subtract(values[2:], values[:-2], out=integrals[1:])
+        integrals[1:] /= 2 * degree + 1
+        return torch.from_numpy(integrals.T @ self._coefficients * (self.width / 2))
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        """Legendre coefficients of a chain's interpolating polynomial, from values at the nodes."""
         nodes, weights = gauss_legendre(self.nodes)
         degree = np.arange(self.nodes)[:, None] + 0.5
-        # Legendre coefficients of the interpolating polynomial, from the values at the nodes.
-        self._coefficients = (
-            degree * weights * np.polynomial.legendre.legvander(nodes, self.nodes - 1).T
-        )
+        polynomials = np.polynomial.legendre.legvander(nodes, self.nodes - 1).T
+        return np.asarray(degree * weights * polynomials)
 
-    def ends(self, piece: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return which of a chain's ends lie in a piece, and each one's weights, (ends, nodes)."""
-        ends = self._order[self._starts[piece] : self._starts[piece + 1]]
-        t = self._inside[ends]
-        values = np.polynomial.legendre.legvander(t, self.nodes)
-        integrals = np.empty((t.size, self.nodes))
-        integrals[:, 0] = t + 1
-        degree = np.arange(1, self.nodes)
-        integrals[:, 1:] = (values[:, 2:] - values[:, : self.nodes - 1]) / (2 * degree + 1)
-        weights = integrals @ self._coefficients * (self._width / 2)
-        return torch.from_numpy(ends), torch.from_numpy(weights)
+
+@dataclass(frozen=True)
+class SortedEnds:
+    """Holds the ends of a chain's rows, sorted into the pieces of PartialIntegrals.
+
+    inside: each end's place in its piece, -1 to 1. order: numbers of the ends, piece by piece.
+    starts: where each piece's ends begin in that order.
+    """
+
+    integrals: PartialIntegrals
+    inside: Array
+    order: NDArray[np.int64]
+    starts: NDArray[np.int64]
+
+    def in_piece(self, piece: int, most: int) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        """Yield which of a chain's ends lie in a piece, and each one's weights, (ends, nodes).
+
+        At most so many ends at a time.
+        """
+        for start in range(self.starts[piece], self.starts[piece + 1], most):
+            ends = self.order[start : min(start + most, self.starts[piece + 1])]
+            yield torch.from_numpy(ends), self.integrals.partial_weights(self.inside[ends])

@@ -19,8 +19,9 @@ from optics.accuracy import (
 )
 from optics.camera import Camera
 from optics.chain.engine import ChainEngine
-from optics.chain.panel_to_lens import PropagatorAxis, TaperedBand, fast_fft_length
+from optics.chain.panel_to_lens import PropagatorAxis, fast_fft_length
 from optics.chain.propagator_axes import fresnel_area, stop_extent
+from optics.chain.reach import TAPER_TOL_SHARE, tapered_band
 from optics.fourier.differentiation import Derivatives, ShapedMap, Term
 from optics.fourier.nonuniform import (
     FINEST_NUFFT,
@@ -55,9 +56,6 @@ class ChainQuadratureSettings:
         Share of the tolerance for the quadrature, in the field. Chosen.
     transform_tol_share : float
         Share of the tolerance for each non-uniform FFT, in the field. Chosen.
-    taper_tol_share : float
-        Share of the tolerance that the band's smooth ends may change within the area that the
-        light reaches. Chosen.
     coarsest_inner_tol : float
         Largest tolerance for which the quadrature, the transforms and the band's ends are planned.
         Chosen, so that the error that is told stays below 1e-4.
@@ -82,7 +80,6 @@ class ChainQuadratureSettings:
     band_tol_share: float = 0.5
     quadrature_tol_share: float = 0.05
     transform_tol_share: float = 0.02
-    taper_tol_share: float = 1e-2
     coarsest_inner_tol: float = 2e-4
     fixed_calls: float = 18.0
     passes_per_frequency: float = 95.0
@@ -100,12 +97,10 @@ class QuadratureEngine(ChainEngine):
     """Computes the PSF by Gauss-Legendre nodes that follow the stop's boundary.
 
     Non-uniform FFTs lead from the panel's spectrum to the nodes, and from the nodes to the sensor.
-    Light of the frequency f moves sideways by f times the Fresnel area A. Frequencies that reach
-    the stop from no point of the panel are left out by a band with smooth ends. Against the chirp
-    exp(-i pi A (f - f0)²), a Gaussian step of standard deviation s at the distance D from the
-    stationary frequency f0 leaves exp(-2 (pi A s D)² / (1 + (2 pi A s²)²)). The best s² is 1 / (2
-    pi A), which leaves exp(-pi A D² / 2). So only light that the tolerance allows is left out (see
-    StopEdgeScatter), and the error falls faster than any power.
+    Light of the frequency f moves sideways by f times the Fresnel area. Frequencies that reach the
+    stop from no point of the panel are left out by a band with smooth ends (see `tapered_band`). So
+    only light that the tolerance allows is left out (see StopEdgeScatter), and the error falls
+    faster than any power.
     """
 
     name = "chain, quadrature"
@@ -136,7 +131,7 @@ class QuadratureEngine(ChainEngine):
             settings.quadrature_tol_share * inner_tol
             + 2 * self._transform_tol / self._window_amplitude
         )
-        left = rough + allowed + 2 * settings.taper_tol_share * inner_tol + used
+        left = rough + allowed + 2 * TAPER_TOL_SHARE * inner_tol + used
         self.error = ErrorEstimate(left, "estimate, for an evenly lit panel")
         self._slope_bound = self._build_slope_bound(n)
         self._quadrature_tol = settings.quadrature_tol_share * inner_tol
@@ -289,15 +284,11 @@ def _plan_axis(
     ends = float(line[0]) - panel.pitch / 2, float(line[-1]) + panel.pitch / 2
     shift = float(n.chief_ray_slopes[axis]) * n.separation
     stop = [place * n.radius / spread - shift for place in stop_extent(camera, axis)]
-    steps = math.sqrt(2 * math.log(1 / (_SETTINGS.taper_tol_share * tol)))
-    room = steps / math.sqrt(math.pi * bend)
-    sigma = 1 / math.sqrt(2 * math.pi * bend)
     # Beyond these frequencies, no light goes from the panel to the stop.
     first, last = (stop[0] - ends[1]) / bend, (stop[1] - ends[0]) / bend
     is_complete = low <= first and last <= high
-    low, high = max(low, first) - room, min(high, last) + room
-    band = TaperedBand(low, high, sigma, steps)
-    margin = steps / (2 * math.pi * sigma)
+    band = tapered_band(max(low, first), min(high, last), bend, tol)
+    margin = band.taper_sigmas / (2 * math.pi * band.taper_sigma)
     reach = ends[0] + bend * band.outer_limits[0], ends[1] + bend * band.outer_limits[1]
     least = max(reach[1] - stop[0], stop[1] - reach[0], ends[1] - ends[0]) + margin
     length = fast_fft_length(least / panel.pitch)

@@ -76,6 +76,22 @@ class Rows:
     end: Array
     sign: Array
 
+    def split(self, most: int) -> Iterator[Rows]:
+        """Yield the rows of the stop in parts of no more than `most`, in order."""
+        by_row = np.argsort(self.row, kind="stable")
+        starts = range(0, len(self.y), most)
+        for start, ends in zip(
+            starts, np.split(by_row, np.searchsorted(self.row[by_row], starts[1:])), strict=True
+        ):
+            part = slice(start, start + most)
+            yield Rows(
+                self.y[part],
+                self.weight[part],
+                self.row[ends] - start,
+                self.end[ends],
+                self.sign[ends],
+            )
+
 
 def row_bands(stop: Stop) -> list[RowBand]:
     """Divide a stop into bands of rows, in each of which the same curves cut the rows."""

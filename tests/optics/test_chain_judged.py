@@ -83,7 +83,7 @@ def test_a_panel_at_the_lens_is_judged_as_before():
 
 def test_less_memory_than_is_needed_is_refused_with_what_is_needed():
     problem = replace(next(small(14)), tol=1e-3)
-    little = Budget(1 << 21)
+    little = Budget(1 << 18)
     with pytest.raises(ToleranceError, match="MB at least") as refused:
         problem.operator(1e-3, budget=little)
     assert unreal(problem, refused.value, little, TERMS) == ""
