@@ -420,6 +420,7 @@ class PatternProbe:
             edges[:-1],
             edges[1:],
             np.min([mean for mean, _ in mixed], axis=0),
+            np.max([mean for mean, _ in mixed], axis=0),
             np.sqrt(np.min([least for _, least in mixed], axis=0)),
             np.sqrt(most),
             np.maximum.accumulate(np.sqrt(lost)),

@@ -21,7 +21,8 @@ class TransferBounds:
     """Bounds of the transfer function H of a pattern, in bins of the frequency on the sensor.
 
     low, high: edges of each bin, cycles per metre; nothing is known above the last. least,
-    mean_square: least |H| and mean of |H|² over the directions, for the light of the pattern. most:
+    mean_square: least |H| and mean of |H|² over the directions, for the light of the pattern from
+    where it is blurred most. largest_mean_square: the same from where it is blurred least. most:
     largest |H| of any light that may reach the sensor. max_loss: largest |1 - H| of any such light
     at all frequencies up to a bin.
     """
@@ -29,6 +30,7 @@ class TransferBounds:
     low: Array
     high: Array
     mean_square: Array
+    largest_mean_square: Array
     least: Array
     most: Array
     max_loss: Array
@@ -57,10 +59,11 @@ class TransferBounds:
     def mean_square_near(self, frequency: Array) -> Array:
         """Estimate the mean of the probed pattern's ``|H|²`` over the directions, at frequencies.
 
-        Beyond the last bin, the last value is used.
+        It is that of the distance whose light is blurred least: what stands there also hides light
+        of others by its sharp edges. Beyond the last bin, the last value is used.
         """
         index = np.searchsorted(self.high, frequency)
-        return self.mean_square[np.minimum(index, len(self.high) - 1)]
+        return self.largest_mean_square[np.minimum(index, len(self.high) - 1)]
 
     def mean_square_between(self, low: Array, high: Array) -> Array:
         return _least(self, self.mean_square, low, high)

@@ -126,6 +126,19 @@ def test_a_shadow_that_moves_is_that_of_a_panel_cut_there():
     assert 0 < np.abs(between - still).max() < 0.5
 
 
+def test_detail_is_that_of_the_distance_that_is_blurred_least():
+    """What stands in focus hides what is behind it by sharp edges, however little light it has."""
+    camera = Camera(PANEL, Lens(0.05, 40.0, 1.0), Sensor(shape=(20, 24), pitch=20e-6))
+    content = PanelContent.of(np.zeros((1, *PANEL.shape), np.uint8), math.inf)
+    k = np.linspace(500, 20000, 7)
+    sharp, blurred, both = (
+        PatternProbe(camera, content, 550e-9, distances).transfer_bounds.mean_square_near(k)
+        for distances in ((1.0,), (0.2,), (0.2, 1.0))
+    )
+    assert (sharp > 3 * blurred).any()
+    np.testing.assert_allclose(both, np.maximum(sharp, blurred), rtol=1e-6)
+
+
 def test_a_point_on_the_axis_needs_no_places():
     """The stop's shadow moves only over the field that sends light."""
     camera = Camera(
