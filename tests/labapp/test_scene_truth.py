@@ -177,7 +177,9 @@ def test_the_truth_is_in_the_record_and_a_resumed_run_ends_in_the_same_arrays(sm
     plan = read_file(small.plan, PlanFile)
     with open_bench(small.bench_files) as bench:
         run_plan(bench, plan, tmp_path / "described.h5")
-    add(small, TRUTH)
+    # What each key does to a picture is tested elsewhere; these are planned and rendered longest.
+    dear = ("ghosts", "focus_drift", "axial_colour", "lateral_colour")
+    add(small, "\n".join(one for one in TRUTH.splitlines() if not one.startswith(dear)))
     progress, path = Progress(), tmp_path / "run.h5"
     with open_bench(small.bench_files) as bench:
         run_plan(bench, plan, tmp_path / "whole.h5")
