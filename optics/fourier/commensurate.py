@@ -50,7 +50,7 @@ class _CommensurateRule(AxisRule):
         if self.n <= self.length:
             return field
         whole = self.n // self.length * self.length
-        shape = (*field.shape[:-2], -1, self.length, field.shape[-1])
+        shape = (*field.shape[:-2], self.n // self.length, self.length, field.shape[-1])
         # A sum of complex numbers takes twice as long, and padding the rest copies all of it.
         parts = torch.view_as_real(field[..., :whole, :].reshape(shape))
         total = torch.view_as_complex(parts.sum(-4))

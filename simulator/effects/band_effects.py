@@ -74,7 +74,7 @@ class BandwidthBoundSettings:
     likely_margin: float = 2.0
     likely_thinning: int = 4
     likely_converged_change: float = 1e-4
-    dim_pixel_margin: float = 12.0
+    dim_pixel_margin: float = 24.0
 
 
 _SETTINGS = BandwidthBoundSettings()
@@ -109,7 +109,7 @@ class Bandwidth(BlurEffect):
             return Bound()
         how = "estimated: quadrature of H(k λ) by the far field"
         change = occlusion_factor(s) * _node_count_errors(s)[level]
-        return self.likely_light_error(s, change, how)
+        return self.likely_light_error(s, change, how, self.error_bound(s, level).sigma)
 
     def explain(self, s: Situation) -> str:
         width = s.band.fwhm * 1e9

@@ -154,6 +154,17 @@ def test_estimates_hold_where_a_grating_moves_the_picture(labapp, tmp_path):
     assert code == 0
 
 
+@pytest.mark.sweep
+def test_bounds_hold_in_pixels_that_get_little_of_a_star(labapp):
+    """Few wavelengths change a dim pixel's noise most, far from the star's image."""
+    options = ("--decide-by", "bound", "--set", "filter bandwidth=3", "--audit", "--pairs", "0")
+    code, printed, _ = labapp("explain", "star", *options, "--json")
+    audits = json.loads(printed)["audit"]
+    assert ["filter bandwidth"] in [one["effects"] for one in audits]
+    assert not [one for one in audits if one["broken"]]
+    assert code == 0
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
