@@ -314,7 +314,7 @@ class DirectSum:
                 light = torch.view_as_complex(torch.view_as_real(light) * partial[:, :, None])
                 so_far = slice(0, pixels.stop)
                 whole = arriving[..., so_far] @ before[so_far]
-                whole = whole.unflatten(-1, (lens.shape[1], sensor.shape[1]))
+                whole = whole.reshape(*whole.shape[:-1], lens.shape[1], sensor.shape[1])
                 found.index_add_(-2, row, light @ sensor + (whole * left[:, :, None]).sum(-2))
             if pixels.stop > pixels.start:
                 both = (lens[:, :, None] * sensor[:, None, :]).flatten(1)
