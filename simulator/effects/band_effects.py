@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from optics.slm.phase_range import max_phase
 from simulator.effects.blur_effects import (
     BlurEffect,
+    light_share_bound,
     occlusion_factor,
-    psf_error_bound,
 )
 from simulator.effects.electron_bounds import (
     light_norm_bound,
@@ -337,7 +337,7 @@ class Leak(BlurEffect):
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         share = leak_share(s)
         # All of the leak's light is rendered, but its PSF may differ.
-        moved = psf_error_bound(s, 2 * share, "proved: Young; light beside the band moves")
+        moved = light_share_bound(s, 2 * share, "proved: Young; light beside the band moves")
         if level:
             return moved
         how = "proved: Young; electrons beside the band"

@@ -52,6 +52,14 @@ def psf_error_bound(s: Situation, change: float, how: str, density: float = math
     return sensor_error_bound(s, occlusion_factor(s) * blur_sensitivity(s) * most, how)
 
 
+def light_share_bound(s: Situation, share: float, how: str, density: float = math.inf) -> Bound:
+    """Bound the error of an effect that changes PSFs by a share of their own light.
+
+    That may be more than the light of ideal pixels; see psf_error_bound().
+    """
+    return psf_error_bound(s, share * max_panel_power(s), how, density)
+
+
 def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
     """Bound the error of an effect that changes transfer functions by a gain.
 

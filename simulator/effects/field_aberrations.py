@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from simulator.effects.blur_effects import BlurEffect, psf_error_bound
+from simulator.effects.blur_effects import BlurEffect, light_share_bound
 from simulator.effects.field_waves import (
     displacement,
     interpolation_error,
@@ -60,7 +60,7 @@ class FieldAberrations(BlurEffect):
         # No point of Δh is brighter than the largest part of the change, were all of it in phase.
         shorter = s.wavelength / s.band.support[0]
         density = change / 2 * shorter**2 * full_aperture_density(s)
-        return psf_error_bound(s, change, how, density)
+        return light_share_bound(s, change, how, density)
 
     def explain(self, s: Situation) -> str:
         waves, away = phase_span(s) / 2 / math.pi, displacement(s) / s.camera.sensor.pitch

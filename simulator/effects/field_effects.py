@@ -13,8 +13,8 @@ from optics.validation import as_number
 from simulator.effects.blur_effects import (
     BlurEffect,
     OnOffBlurEffect,
+    light_share_bound,
     occlusion_factor,
-    psf_error_bound,
 )
 from simulator.effects.electron_bounds import (
     light_norm_bound,
@@ -54,7 +54,7 @@ class FieldPosition(BlurEffect):
         if level:
             share = self.chebyshev_error_shares[level]
             how = f"audited ×{share:g} of that: Chebyshev nodes in the field"
-        return psf_error_bound(s, change, how)
+        return light_share_bound(s, change, how)
 
     def likely_error(self, s: Situation, level: int) -> Bound:
         if level >= self.finest_level(s):

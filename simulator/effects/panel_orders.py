@@ -12,7 +12,7 @@ from optics.plane import Plane
 from simulator.convolution import convolve_valid
 from simulator.effects.blur_effects import (
     BlurEffect,
-    psf_error_bound,
+    light_share_bound,
     transfer_error_bound,
 )
 from simulator.effects.electron_bounds import max_light_seconds
@@ -63,7 +63,7 @@ class PanelOrders(BlurEffect):
             LEVELS.orders[-1]
         )
         how = f"audited ×{self.audit_margin:g}: Young; light that one pixel's square sends there"
-        missing = psf_error_bound(s, self.audit_margin * max(lost, 0.0), how)
+        missing = light_share_bound(s, self.audit_margin * max(lost, 0.0), how)
         if not coarse:
             return missing
         how = "audited: what cells of pixels take of the detail in all orders"
