@@ -28,7 +28,6 @@ from optics.psf_engines.window_error import (
     UNKNOWN_LIGHT,
     AddedLight,
     allowed_own_error,
-    error_beside,
     largest_ratio,
     window_norm,
 )
@@ -166,27 +165,21 @@ class CollapsedEngine(BehindPanelEngine):
             self._edge_error / dimness.error_divisor(edge.collapse_passing_share)
             + self._cut_pixel_error / dimness.uniform_error_divisor
         )
-        used, norm = self._panel_engine.used_engine, window_norm(light.detach(), self._window)
+        used = self._panel_engine.used_engine
+        norm = window_norm(light.detach(), self._request.window_slices)
         inner = used.error.value + used.arithmetic
         if beside is not None:
             inner = largest_ratio(
                 inner * torch.hypot(norm, self._open_area_ratio * beside.norm.to(norm)), norm
             )
-        self._own_error = lost + inner
-        error = error_beside(self.own_error, norm, added)
-        self.error = ErrorEstimate(
-            max(error - used.arithmetic, 0.0), "estimate for the light in the window"
-        )
+        how = "estimate for the light in the window"
+        error = self.tell_error(lost + inner, norm, added, used.arithmetic, how)
         self._stand_in = None
         if error <= self._request.tol:
             return light
         allowed_own_error(self._request.tol, norm, added)
         self._stand_in = self._fallback_engine
         return self._stand_in.intensity(phase, amplitude, added)
-
-    @property
-    def _window(self) -> tuple[slice, slice]:
-        return self._request.window_slices
 
     def _beside_inner_light(self, added: AddedLight | None) -> AddedLight | None:
         """Return what is added to a chain's light in the units of the collapsed camera's.

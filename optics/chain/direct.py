@@ -23,7 +23,6 @@ from optics.psf_engines.request import PSFRequest
 from optics.psf_engines.window_error import (
     AddedLight,
     allowed_own_error,
-    error_beside,
     largest_ratio,
     window_norm,
 )
@@ -152,18 +151,18 @@ class DirectEngine(ChainEngine):
         field = self._sum.field(modulated.cpu()).to(modulated.device)
         light = (field.real**2 + field.imag**2) * float(self.intensity_scale())
         rounding = self._rounding_error(modulated.detach().cpu(), field.detach().cpu())
-        self._tell_error(rounding, light.detach(), added)
+        self._refuse_large_rounding(rounding, light.detach(), added)
         if self._left_out:
             return self._intensity_or_replan(light, phase, amplitude, added, rounding=rounding)
         return light
 
-    def _tell_error(self, rounding: float, light: torch.Tensor, added: AddedLight | None) -> None:
+    def _refuse_large_rounding(
+        self, rounding: float, light: torch.Tensor, added: AddedLight | None
+    ) -> None:
         """Tell the chain's error by rounding for the light in the window; refuse if it's large."""
-        self._own_error = rounding + self.arithmetic
         norm = window_norm(light, self._request.window_slices)
-        error = error_beside(self._own_error, norm, added)
         how = "estimate of rounding, for the light in the window"
-        self.error = ErrorEstimate(max(error - self.arithmetic, 0.0), how)
+        error = self.tell_error(rounding + self.arithmetic, norm, added, self.arithmetic, how)
         if not error <= self._promised_tol:
             allowed_own_error(self._promised_tol, norm, added)
             raise unreachable_tolerance_error(self._promised_tol, error)

@@ -10,19 +10,14 @@ from functools import partial
 
 import torch
 
-from optics.accuracy import ErrorEstimate, MachineSpeed, MethodChoice, ToleranceError
+from optics.accuracy import MachineSpeed, MethodChoice, ToleranceError
 from optics.camera import Camera
 from optics.chain.lens_grid import LensGridSearch
 from optics.chain.low_light import LowLightCorrection
 from optics.chain.panel_to_lens import PropagatorVariables
 from optics.psf_engines.behind_panel import BehindPanelEngine
 from optics.psf_engines.request import PSFRequest
-from optics.psf_engines.window_error import (
-    AddedLight,
-    allowed_own_error,
-    error_beside,
-    window_norm,
-)
+from optics.psf_engines.window_error import AddedLight, allowed_own_error, window_norm
 from optics.pupil import Scalar, numeric_camera, open_area
 from optics.validation import needs_gradient, rounded_up
 
@@ -192,12 +187,10 @@ class ChainEngine(BehindPanelEngine):
         ratio = LowLightCorrection(
             self._edge_scatter, self._request.window_slices, light, amplitude, measure
         ).error_divisor(self._passing_error_share)
-        self._own_error = (self._planned_error.value + self.arithmetic) / ratio + rounding
+        own = (self._planned_error.value + self.arithmetic) / ratio + rounding
         norm = window_norm(light.detach(), self._request.window_slices)
-        error = error_beside(self._own_error, norm, added)
-        self.error = ErrorEstimate(
-            max(error - self.arithmetic, 0.0), "estimate for the light in the window"
-        )
+        how = "estimate for the light in the window"
+        error = self.tell_error(own, norm, added, self.arithmetic, how)
         self._stand_in = None
         if error <= self._promised_tol:
             return light

@@ -549,15 +549,14 @@ class PSFOperator:
         for known in self._cached_unmodulated_psfs if keeps else []:
             if known.amplitude is amplitude and (any_error or known.keeps_tol):
                 return known
-        is_chain = self.camera is not None and self._request.numeric.separation > 0
-        added = UNKNOWN_LIGHT if any_error and is_chain else None
+        added = UNKNOWN_LIGHT if any_error and self._is_chain else None
         light = self._light_on_pixels(None, amplitude, spectrum, added)
-        engine, norm = self._last_engine, self._last_norm if is_chain else None
+        engine, norm = self._last_engine, self._last_norm if self._is_chain else None
         error = engine.error.value + engine.arithmetic
-        if isinstance(engine, PanelEngine) and not is_chain:
-            norm = engine.light_norm
-        elif isinstance(engine, BehindPanelEngine):
+        if isinstance(engine, BehindPanelEngine):
             error = engine.own_error
+        if isinstance(engine, PanelEngine) and not self._is_chain:
+            norm = engine.light_norm
         keeps_tol = added is None or error <= self._request.tol
         straight = _UnmodulatedLight(amplitude, light, norm, error, keeps_tol)
         if keeps and not light.requires_grad:
@@ -585,16 +584,22 @@ class PSFOperator:
         if amplitude is not None:
             amplitude, peak = normalise_amplitude(amplitude, self.points[0].ndim)
         light = self._intensity_with_fallback(phase, amplitude, spectrum, added)
-        self._last_norm = window_norm(light.detach(), self._request.window_slices)
         if self._pixel_integration:
             samples, light = light, self._pixel_integration(light)
-            self._integration_error = self._measure_integration_error(samples, light, added)
             # Even light has this norm on the samples; any other light has a larger one there.
             whole = window_norm(light.detach(), (slice(None), slice(None)))
             self._last_norm = whole / math.sqrt(self._pixel_integration.samples_per_pixel)
+            self._integration_error = self._measure_integration_error(samples, added)
             if self._integration_error > self._tol_left_for_integration:
                 light = self._finer_light_on_pixels(phase, amplitude, added)
+        elif self._is_chain:
+            self._last_norm = window_norm(light.detach(), self._request.window_slices)
         return scale_light(light, peak)
+
+    @property
+    def _is_chain(self) -> bool:
+        """Whether the PSF's panel stands apart from its lens."""
+        return self.camera is not None and self._request.numeric.separation > 0
 
     @property
     def _tol_left_for_integration(self) -> float:
@@ -602,20 +607,15 @@ class PSFOperator:
         engine = self._last_engine
         return self._tol - engine.error.value - engine.arithmetic
 
-    def _measure_integration_error(
-        self, samples: torch.Tensor, light: torch.Tensor, added: AddedLight | None
-    ) -> float:
+    def _measure_integration_error(self, samples: torch.Tensor, added: AddedLight | None) -> float:
         """Return the relative L2 error that the integration over pixels adds to a PSF.
 
         It is a share of the light on all samples, of which those beside the pixels may be far
-        brighter than the others. samples: of the light. light: on the pixels.
+        brighter than the others. samples: of the last call's light.
         """
         assert self._pixel_integration is not None
-        planned, whole_picture = self._pixel_integration.error, (slice(None), slice(None))
-        whole = window_norm(samples.detach(), whole_picture)
-        # Even light has this norm on the samples.
-        factor = math.sqrt(self._pixel_integration.samples_per_pixel)
-        seen = window_norm(light.detach(), whole_picture) / factor
+        planned, seen = self._pixel_integration.error, self._last_norm
+        whole = window_norm(samples.detach(), (slice(None), slice(None)))
         if added is not None and added is not UNKNOWN_LIGHT:
             seen = torch.hypot(seen, added.norm.to(seen))
         dimness = largest_ratio(whole, seen)

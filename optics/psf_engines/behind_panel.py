@@ -6,8 +6,9 @@ from abc import abstractmethod
 
 import torch
 
+from optics.accuracy import ErrorEstimate
 from optics.psf_engines.engine import PSFEngine
-from optics.psf_engines.window_error import AddedLight
+from optics.psf_engines.window_error import AddedLight, error_beside
 
 
 class BehindPanelEngine(PSFEngine):
@@ -23,6 +24,19 @@ class BehindPanelEngine(PSFEngine):
     def own_error(self) -> float:
         """The relative L2 error of the last call's PSF without other light that is added."""
         return self.error.value + self.arithmetic if self._own_error is None else self._own_error
+
+    def tell_error(
+        self, own: float, norm: torch.Tensor, added: AddedLight | None, rounding: float, how: str
+    ) -> float:
+        """Tell the error of a PSF together with light that is added, and return it.
+
+        own: relative L2 error of the PSF by itself, `rounding` of which is arithmetic. norm: the
+        PSF's L2 norm in the window, (...).
+        """
+        self._own_error = own
+        error = error_beside(own, norm, added)
+        self.error = ErrorEstimate(max(error - rounding, 0.0), how)
+        return error
 
     @abstractmethod
     def intensity(

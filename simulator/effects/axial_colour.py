@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simulator.effects.colour_changes import Which, mean_change_bound
-from simulator.effects.focus_shift import FAR_FIELD_MARGIN, FocusShift
+from simulator.effects.focus_shift import FocusShift, far_field_change
 from simulator.effects.pupil_rim import rim_displacement
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.focus import focus_range
@@ -15,10 +15,6 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 
 _BOTH: tuple[Which, Which] = ("band", "leak")
-
-_SPREAD = 1.1
-"""Factor of the frequencies near which a change is looked for, from audits: a PSF's wavelength
-isn't the band's."""
 
 
 class AxialColour(FocusShift):
@@ -86,7 +82,4 @@ def _changes_beyond(s: Situation, k: Array, which: Which) -> list[tuple[float, A
     probe, ends = s.pattern_probe, s.band.support if which == "band" else s.band.leak_range
     apart = max(s.wavelength / ends[0], ends[1] / s.wavelength, 1.0)
     foci = probe.foci if which == "band" else (*probe.foci, *probe.leaked_foci)
-    return [
-        (focus, FAR_FIELD_MARGIN * apart**2 * probe.focus_change(number, k, _SPREAD * apart))
-        for number, focus in enumerate(foci)
-    ]
+    return [(focus, far_field_change(s, number, k, apart)) for number, focus in enumerate(foci)]

@@ -45,19 +45,19 @@ def psf_error_bound(s: Situation, change: float, how: str, density: float = math
     loses what the other has instead. density: largest difference of the PSFs, in shares per square
     metre of the sensor: ‖Δh‖₂² is at most the density times ‖Δh‖₁ times a pixel's area.
     """
-    change = min(change / max_panel_power(s), 2.0)
-    on_pixel = min(density * s.camera.sensor.pitch**2, 1.0)
-    of_points = math.sqrt(on_pixel * change) * total_electrons(s)
-    most = min(change * sharp_norm_bound(s), of_points, 2 * light_norm_bound(s))
-    return sensor_error_bound(s, occlusion_factor(s) * blur_sensitivity(s) * most, how)
+    return light_share_bound(s, change / max_panel_power(s), how, density)
 
 
 def light_share_bound(s: Situation, share: float, how: str, density: float = math.inf) -> Bound:
     """Bound the error of an effect that changes PSFs by a share of their own light.
 
-    That may be more than the light of ideal pixels; see psf_error_bound().
+    That may be more than the light of ideal pixels. share, density: as in psf_error_bound().
     """
-    return psf_error_bound(s, share * max_panel_power(s), how, density)
+    share = min(share, 2.0)
+    on_pixel = min(density * s.camera.sensor.pitch**2, 1.0)
+    of_points = math.sqrt(on_pixel * share) * total_electrons(s)
+    most = min(share * sharp_norm_bound(s), of_points, 2 * light_norm_bound(s))
+    return sensor_error_bound(s, occlusion_factor(s) * blur_sensitivity(s) * most, how)
 
 
 def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.focus_shift import FAR_FIELD_MARGIN, FocusShift
+from simulator.effects.focus_shift import FocusShift, far_field_change
 from simulator.effects.pupil_rim import rim_displacement
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.situation import Situation
@@ -52,8 +52,8 @@ def _change_rate(s: Situation) -> float:
         found = np.minimum(2 * np.pi * k * moved, 2.0)
         if known:
             number = probe.foci.index(s.focus_drift)
-            change = probe.focus_change(number, k.ravel(), 1.1 * apart).reshape(k.shape)
-            found = np.minimum(found, FAR_FIELD_MARGIN * apart**2 * change)
+            change = far_field_change(s, number, k.ravel(), apart).reshape(k.shape)
+            found = np.minimum(found, change)
         return np.asarray(found)
 
     return s.picture_probe.change_bound([gain] * len(s.picture_probe.distances))

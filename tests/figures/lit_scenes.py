@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from figures import Figure
 from figures.problems import log_uniform
 from figures.random_benches import random_bench
-from figures.random_pictures import Case, TooLong, deviation, everything, lit
+from figures.random_pictures import (
+    Case,
+    TooLong,
+    affordable_case,
+    deviation,
+    everything,
+    lit,
+)
 from figures.random_targets import Chance
 from labapp.common.console import print_message
 from optics.camera import Camera
@@ -159,10 +166,8 @@ def _drawn(number: int) -> Situation | None:
 def _affordable_orders(number: int) -> bool | None:
     """Whether a scene is rendered with the panel's orders; None if it is left out."""
     s = _drawn(number)
-    if s is None:
-        return None
-    fits = (one for one in (True, False) if Case(number, s, one).finest_work <= _MOST_WORK)
-    return next(fits, None)
+    case = None if s is None else affordable_case(number, s, _MOST_WORK)
+    return None if case is None else case.orders
 
 
 @single_threaded

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -100,23 +100,21 @@ class Case:
         )
 
 
-def cases(
-    seed: int,
-    most_work: float = 2e10,
-    draw: Callable[[np.random.Generator], Situation | None] | None = None,
-) -> Iterator[Case]:
-    """Without end; those that would take more than so many operations at their finest are tried
-    without the panel's orders, or left out. draw: gives situations, or None where there is none;
-    random_situation() by default."""
+def cases(seed: int, most_work: float = 2e10) -> Iterator[Case]:
+    """Without end; those that would take more than so many operations are left out."""
     for number in range(1 << 31):
-        s = (draw or random_situation)(np.random.default_rng([seed, number]))
-        if s is None or not pupil_amplitude(s.camera).any():
+        s = random_situation(np.random.default_rng([seed, number]))
+        if not pupil_amplitude(s.camera).any():
             continue
-        whole = Case(number, s)
-        for case in (whole, replace(whole, orders=False)):
-            if case.finest_work <= most_work:
-                yield case
-                break
+        if (case := affordable_case(number, s, most_work)) is not None:
+            yield case
+
+
+def affordable_case(number: int, s: Situation, most_work: float) -> Case | None:
+    """Without the panel's orders if it would take more than so many operations at its finest with
+    them; None if it would without them, too."""
+    tried = (Case(number, s, orders) for orders in (True, False))
+    return next((one for one in tried if one.finest_work <= most_work), None)
 
 
 def random_situation(rng: np.random.Generator) -> Situation:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -103,6 +104,13 @@ def situation(
         numerics=numerics,
         **more,
     )
+
+
+def before_lens(mount: Mount, y: Any, x: Any) -> tuple[Any, Any]:
+    """Where a point of the panel lies before the lens: mirrored, turned, then shifted."""
+    y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
+    c, s = math.cos(mount.rotation), math.sin(mount.rotation)
+    return x * s + y * c + mount.shift[0], x * c - y * s + mount.shift[1]
 
 
 def pattern(rng: np.random.Generator, panel: Panel) -> np.ndarray:

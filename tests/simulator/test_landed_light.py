@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from figures.random_pictures import Case, deviation, everything
+from optical_situations import before_lens
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.light import Band
@@ -24,13 +25,6 @@ from simulator.situation import Situation
 
 PANEL = Panel((24, 32), 40e-6, 0.9, unmodulated=0.0)
 CAMERA = Camera(PANEL, Lens(0.05, 40.0, 1.0), Sensor(shape=(24, 32), pitch=10e-6, full_well=1e6))
-
-
-def before_lens(mount, y, x):
-    """Where a point of the panel lies before the lens: mirrored, turned, then shifted."""
-    y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
-    c, s = math.cos(mount.rotation), math.sin(mount.rotation)
-    return x * s + y * c + mount.shift[0], x * c - y * s + mount.shift[1]
 
 
 def steered(period, direction=0.0, mount=None, band=None):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from judges import relative
+from optical_situations import before_lens
 from small_bench.world import CAMERA, NEUTRAL, WIDE_OPEN, light_of, world
 
 from optics.calibration.gratings import blazed_grating_phase
@@ -31,13 +32,6 @@ MOUNTS = [
     Mount(math.pi / 2, flip_y=True, shift=SHIFT),
 ]
 ONLY_LIGHT = {"unmodulated light": False}
-
-
-def before_lens(mount: Mount, y, x):
-    """Where a point of the panel lies before the lens: mirrored, turned, then shifted."""
-    y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
-    c, s = math.cos(mount.rotation), math.sin(mount.rotation)
-    return x * s + y * c + mount.shift[0], x * c - y * s + mount.shift[1]
 
 
 def landing(camera, distance: float, height: float) -> float:
