@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from importlib.metadata import EntryPoint, entry_points
+from functools import cache
+from importlib.metadata import EntryPoints, entry_points
 from typing import Any
 
 GROUP = "labapp.usb_backends"
@@ -29,8 +30,9 @@ def require_backend_name(backend: object) -> None:
     if callable(backend) or backend == "":
         return
     named = isinstance(backend, str) and _NAME.fullmatch(backend) is not None
-    if not (named and _find(str(backend).partition("@")[0])):
-        known = ", ".join(sorted(entry_points(group=GROUP).names)) or "none"
+    installed = _installed_backends()
+    if not (named and str(backend).partition("@")[0] in installed.names):
+        known = ", ".join(sorted(installed.names)) or "none"
         raise ValueError(
             f'backend is {backend!r}; leave it empty for libusb, or give "NAME" or "NAME@ADDRESS" '
             f"of an installed backend: {known}"
@@ -53,18 +55,19 @@ def load_backend(backend: Backend) -> Any:
         if not isinstance(backend, str):
             return backend()
         name, _, address = backend.partition("@")
-        entry = _find(name)
-        if entry is None:
+        installed = _installed_backends()
+        if name not in installed.names:
             raise LookupError("it isn't installed")
-        make = entry.load()
+        make = installed[name].load()
         return make(address) if address else make()
     except Exception as error:
         raise BackendMissing(f"the backend {backend} doesn't start ({error})", _CORRECT) from error
 
 
-def _find(name: str) -> EntryPoint | None:
-    """Return the entry point of an installed backend for USB links; None if there is none."""
-    return next(iter(entry_points(group=GROUP, name=name)), None)
+@cache
+def _installed_backends() -> EntryPoints:
+    """Return the entry points of backends for USB links, for which all packages are looked at."""
+    return entry_points(group=GROUP)
 
 
 def _libusb() -> Any:

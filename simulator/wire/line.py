@@ -70,8 +70,10 @@ class SimulatedLine:
         """
         with self._lock:
             self._advance(t)
+            if _first_time(self._coming) > t:
+                return b""
             arrived = bytearray()
-            while self._coming and self._coming[0][0] <= t:
+            while _first_time(self._coming) <= t:
                 arrived.append(heapq.heappop(self._coming)[2])
             return bytes(arrived)
 
@@ -110,8 +112,8 @@ class SimulatedLine:
         A port that was opened before the last time is no longer valid.
         """
         with self._lock:
-            pulls = self._faults.get("disconnect", ())
-            return self._cleared_unplugs + sum(fault.at <= t for fault in pulls)
+            pulls = self._faults.get("disconnect")
+            return self._cleared_unplugs + (sum(one.at <= t for one in pulls) if pulls else 0)
 
     def next_unplug_time(self, t: float) -> float:
         """Return when the simulated cable is unplugged next, infinite if it isn't."""
@@ -122,9 +124,9 @@ class SimulatedLine:
     def _advance(self, t: float) -> None:
         """Carry out all events on the simulated wire until time t, in their order."""
         self._now = max(self._now, t)
-        while True:
+        while self._going or self._leaving:
             going, leaving = _first_time(self._going), _first_time(self._leaving)
-            if min(going, leaving) > t:
+            if going > t and leaving > t:
                 break
             if going <= leaving:
                 at, _, byte = heapq.heappop(self._going)

@@ -9,7 +9,7 @@ import pytest
 
 from runner.costs import Costs
 from runner.durations import Durations
-from runner.processes import memory
+from runner.processes import HighestMemory
 
 _ROWS = 10
 
@@ -19,13 +19,13 @@ class Reporter:
 
     def __init__(self, config: pytest.Config) -> None:
         self._config, self._costs = config, Costs()
-        self._peak, self._over = 0, threading.Event()
+        self._memory, self._over = HighestMemory(os.getpid()), threading.Event()
         self._watch = threading.Thread(target=self._watch_memory, daemon=True)
         self._watch.start()
 
     def _watch_memory(self) -> None:
         while not self._over.wait(2.0):
-            self._peak = max(self._peak, memory(os.getpid()))
+            self._memory.look()
 
     @pytest.hookimpl(trylast=True)
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -48,7 +48,7 @@ class Reporter:
             terminalreporter.section("costs")
             for line in self._costs.table(_ROWS):
                 terminalreporter.write_line(line)
-            peak = self._peak / 2**30
+            peak = self._memory.seen / 2**30
             terminalreporter.write_line(f"{peak:.1f} GB of memory at most, all processes together")
 
 

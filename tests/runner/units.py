@@ -1,4 +1,4 @@
-"""Which tests stay together in one worker: those of a file, of a fixture, or of the screens.
+"""Which tests stay together in one worker: those of a file, of a fixture, of screens or of ports.
 
 The workers collect, so they know it; they write it down for the scheduler.
 """
@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
-_IN_TURN = {"aravis", "xorg", "xvfb"}
-"""Markers of tests that want a screen or a port for themselves."""
+_IN_TURN = {"aravis": "ports", "xorg": "screens", "xvfb": "screens"}
+"""Markers of tests that want a port or a screen for themselves. A camera's port is always the same
+one, where an X server finds a free display: tests with both go with the ports."""
 
 
 @dataclass
@@ -43,8 +44,9 @@ def units_of(items: Sequence[pytest.Item]) -> list[Unit]:
 def _what_they_share(items: Sequence[pytest.Item]) -> str:
     """What the tests of a file share with each other or with those of other files, or ""."""
     fixtures = dict(fixture for item in items for fixture in _fixtures(item))
-    if "display" in fixtures or any(_IN_TURN & set(item.keywords) for item in items):
-        return "screens and ports"
+    in_turn = {what for item in items for name, what in _IN_TURN.items() if name in item.keywords}
+    if in_turn or "display" in fixtures:
+        return min(in_turn, default="screens")
     for name, scope in sorted(fixtures.items()):
         if scope == "session":
             return name
