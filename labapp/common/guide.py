@@ -19,8 +19,8 @@ _ORDER = (
     "first-session", "python", "new-bench", "aligning", "calibration", "plans-and-runs", "records",
     "patterns", "retrieval", "image-formation", "pictures", "restoration", "multispectral",
     "depth-of-field", "accuracy", "studies", "real-devices", "virtual-bench", "effects",
-    "equations", "glossary", "figures", "architecture", "walks", "extend", "decisions",
-    "changelog", "citing",
+    "equations", "glossary", "figures", "architecture", "walks", "work", "extend",
+    "decisions", "changelog", "citing",
 )  # fmt: skip
 """Order of the pages, from first steps to internals. A page is placed by the beginning of its
 name; all other pages come last."""

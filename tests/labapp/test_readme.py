@@ -26,7 +26,9 @@ from labapp.studies import STUDIES
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "labapp/docs").glob("*.md"))]
 # The steps of how-to-add pages speak of what they add: test_how_to_pages.py carries them out.
-TEXTS = {path.name: path.read_text() for path in PAGES if not path.stem.startswith("extend-")}
+# Commands for those who change the code are looked at in test_work_page.py.
+OTHERS = ("extend-", "work-")
+TEXTS = {path.name: path.read_text() for path in PAGES if not path.stem.startswith(OTHERS)}
 GUIDE = {path.stem: path.read_text() for path in PAGES[1:]}
 
 

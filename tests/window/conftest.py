@@ -62,6 +62,11 @@ def pytest_runtest_teardown() -> Generator[None, object, object]:
         return (yield)
 
 
+def pytest_enter_pdb() -> None:
+    """A person at a breakpoint isn't late."""
+    _watchdog.set_no_limit()
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]

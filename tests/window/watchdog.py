@@ -52,8 +52,12 @@ class Watchdog:
         self._timer.timeout.connect(self._tick)
         self._timer.start()
 
-    def stop(self) -> None:
+    def set_no_limit(self) -> None:
+        """Give what is going on all the time that it takes."""
         self._late = None
+
+    def stop(self) -> None:
+        self.set_no_limit()
         if self._timer is not None:
             self._timer.stop()
 
