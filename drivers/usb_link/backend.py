@@ -58,7 +58,8 @@ def load_backend(backend: Backend) -> Any:
         installed = _installed_backends()
         if name not in installed.names:
             raise LookupError("it isn't installed")
-        make = installed[name].load()
+        entry = installed[name]
+        make = entry.load()
         return make(address) if address else make()
     except Exception as error:
         raise BackendMissing(f"the backend {backend} doesn't start ({error})", _CORRECT) from error
