@@ -20,6 +20,7 @@ import pytest
 import watchdog
 from person import Person
 from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtGui import QScreen
 from PySide6.QtWidgets import QApplication, QFileDialog
 from shared_window import SharedWindow
 from waits import wait_until
@@ -36,6 +37,9 @@ from simulator.screens import NoXServer, xvfb
 from simulator.screens.authority import authority_file
 
 _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4"
+
+_REDRAWS = 15.0
+"""Of a screen, by second."""
 
 _began = pytest.StashKey[float]()
 _failed = pytest.StashKey[bool]()
@@ -112,6 +116,14 @@ def on_a_slow_machine(slow_machine: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setenv("XDG_CACHE_HOME", str(slow_machine))
 
 
+@pytest.fixture(scope="session", autouse=True)
+def forked_engines() -> Iterator[None]:
+    """Engines needn't load their libraries; test_window_opens.py has one that does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(child_process, "subprocess", forked)
+        yield
+
+
 @pytest.fixture(scope="session")
 def display() -> Iterator[None]:
     """An X server of our own, so that nothing opens on a person's screen."""
@@ -149,6 +161,14 @@ def qapp(qapp: QApplication) -> Iterator[QApplication]:
     _watchdog.stop()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def slow_screen() -> Iterator[None]:
+    """Live pictures come as often as a screen is redrawn: here, no more often than a test looks."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(QScreen, "refreshRate", lambda _: _REDRAWS)
+        yield
+
+
 @pytest.fixture(scope="session")
 def dark_theme(qapp: QApplication) -> None:
     theme.apply_theme(qapp)
@@ -179,13 +199,8 @@ def new_bench(
     shared_window: SharedWindow,
     tmp_path: Path,
     qtbot: Any,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[Callable[..., Bench]]:
-    """A window of one's own, whose engine begins to start; of the files that are given.
-
-    That engine is forked: the shared window's has loaded its libraries as a true one does.
-    """
-    monkeypatch.setattr(child_process, "subprocess", forked)
+    """A window of one's own, whose engine begins to start; of the files that are given."""
     shared_window.rest()
     opened: list[Bench] = []
 
