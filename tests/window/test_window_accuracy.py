@@ -203,6 +203,7 @@ def test_a_real_camera_keeps_out_of_it():
 
 def test_the_slider_reaches_predictions_and_live_pictures(bench, person):
     window, view = bench.window, bench.window.accuracy
+    window.pattern.schedule_preview()  # The window's first may have come before the test began.
     person.waits(lambda: bench.last(PatternPreview) is not None)
     window.tabs.setCurrentWidget(view)
     try:
