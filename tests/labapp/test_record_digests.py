@@ -70,7 +70,7 @@ def unnoticed_flips(path, data: bytes, count: int, seed: int, aside: tuple[str, 
     return missed
 
 
-@pytest.mark.parametrize("count", [50, pytest.param(3000, marks=MANY)])
+@pytest.mark.parametrize("count", [50, pytest.param(1000, marks=MANY)])
 def test_every_flipped_bit_of_a_complete_record_is_found(tmp_path, complete, count):
     assert unnoticed_flips(tmp_path / "run.h5", complete[0], count, 1, ()) == []
 
@@ -78,7 +78,7 @@ def test_every_flipped_bit_of_a_complete_record_is_found(tmp_path, complete, cou
 UNPROTECTED_WHILE_OPEN = tuple(f"entry/{name}" for name in ("state", "message", "writer"))
 
 
-@pytest.mark.parametrize("count", [30, pytest.param(3000, marks=MANY)])
+@pytest.mark.parametrize("count", [30, pytest.param(1000, marks=MANY)])
 def test_every_flipped_bit_of_an_interrupted_record_is_found(tmp_path, interrupted, count):
     """But for those that `verify` says aren't protected yet, images that were never taken, and the
     last frame's mark, which a killed writer may not have set: `verify` says so."""
