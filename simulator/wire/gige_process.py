@@ -25,6 +25,10 @@ from drivers.hosted.message_socket import MessageSocket
 HEADER_BYTES = 4096
 """Bytes of shared memory before the pictures; the first eight count the changes of the scene."""
 
+_TRIGGER_INTERVAL, _IDLE_INTERVAL = 2e-3, 10e-3
+"""Seconds between looks for a trigger, and for a stream that waits for triggers. Chosen: of no
+account beside what a frame takes on its way."""
+
 _FILL = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
 )
@@ -174,13 +178,14 @@ class GigEMachine:
         Triggers are served one after the other.
         """
         while True:
-            time.sleep(0.001)
             running = self._register(GigERegister.RUNNING)
             if not running or not self._register(GigERegister.TRIGGER_MODE):
                 self._pulses = 0
                 self._write(GigERegister.TRIGGER, 0)
                 self._write(GigERegister.FAKE_TRIGGER, 0)
+                time.sleep(_IDLE_INTERVAL)
                 continue
+            time.sleep(_TRIGGER_INTERVAL)
             if self._register(GigERegister.TRIGGER_SOURCE) == 1:
                 come = self._register(GigERegister.TRIGGER) == 1
             else:
