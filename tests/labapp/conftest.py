@@ -79,6 +79,25 @@ def figures_laid_out_once():
         yield
 
 
+@pytest.fixture
+def drawn() -> None:
+    """Asked for by tests that need the drawings, where others do without."""
+
+
+@pytest.fixture
+def white_sheets(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made, and written as white sheets of their size: most of a command's time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    def leave_white(self: FigureCanvasAgg, *args: Any, **options: Any) -> None:
+        self.figure.set_visible(False)
+        write(self, *args, **options)
+
+    write = FigureCanvasAgg.print_png
+    if "drawn" not in request.fixturenames:
+        monkeypatch.setattr(FigureCanvasAgg, "print_png", leave_white)
+
+
 _plans = Cache(256)
 
 

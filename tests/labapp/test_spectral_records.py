@@ -38,6 +38,8 @@ from labapp.spectral.restoration import RestoredCube, restore_snapshot
 from optics.multispectral import restore_spectra
 from optics.progress import Progress
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 BANDS = tuple(one / 1e9 for one in BANDS_NM)
 ALL = ",".join(f"{one:g}" for one in BANDS_NM)
 
@@ -75,6 +77,7 @@ def predicted_psfs(record: Path) -> np.ndarray:
     return np.stack([one / one.sum() for one in found])
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_command_restores_the_patches_of_the_scene(labapp, record, tmp_path, monkeypatch):
     monkeypatch.setattr("labapp.spectral.restoration.restore_spectra", restore_spectra)
     out = tmp_path / "cube.h5"
@@ -100,6 +103,7 @@ def test_the_command_restores_the_patches_of_the_scene(labapp, record, tmp_path,
     assert cv2.imread(said["picture"]).shape[1] > 500
 
 
+@pytest.mark.usefixtures("drawn")
 def test_some_bands_are_written_as_envi_and_told_to_a_person(labapp, record, tmp_path):
     out = tmp_path / "leaf.hdr"
     code, printed, errors = labapp(

@@ -14,6 +14,8 @@ from typer.testing import CliRunner
 
 from labapp.cli import app
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 SIDE, TIMES = 96, (1e-3, 8e-3, 64e-3)
 
 
@@ -90,6 +92,7 @@ def test_a_merged_bracket_is_restored_with_its_map_which_gains_about_what_is_tol
     assert "one noise was told" in unused["reason"]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_table_says_what_the_map_gains(labapp, merged, tmp_path):
     code, printed, errors = labapp(
         "reconstruct", tmp_path / "merged.h5", "--psf", tmp_path / "psf.npy"
@@ -131,6 +134,7 @@ def test_noise_that_the_map_doesnt_have_is_added_and_told(labapp, merged, tmp_pa
     assert "far more noise than the map has" in use["reason"]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_middle_without_a_measured_pixel_doesnt_end_the_restoration(labapp, tmp_path):
     side = 300
     rng = np.random.default_rng(1)
