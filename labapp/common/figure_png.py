@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from matplotlib.artist import Artist
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter
@@ -19,7 +20,9 @@ def figure_to_png(figure: Figure) -> bytes:
     """Encode a figure as the bytes of a PNG file, for all packages of labapp."""
     show_plain_text(figure)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=figure.dpi, metadata={"Description": DRAWING})
+    # Figure.savefig would draw a figure twice that Matplotlib lays out.
+    canvas = FigureCanvasAgg(figure)
+    canvas.print_png(buffer, metadata={"Description": DRAWING})  # type: ignore[no-untyped-call]
     return buffer.getvalue()
 
 

@@ -127,7 +127,13 @@ def fit_star_spot(
         spot = share * _gaussian_spot(places, parameters)
         return ((spot - seen) * trust).ravel()
 
-    best = min(_fits(misfit, near, peak / float(share.max())), key=lambda one: float(one.cost))
+    def slopes(parameters: Picture) -> Picture:
+        return np.stack(
+            [(share * slope * trust).ravel() for slope in _spot_slopes(places, parameters)], axis=1
+        )
+
+    found = _fits(misfit, slopes, near, peak / float(share.max()))
+    best = min(found, key=lambda one: float(one.cost))
     y, x, log_sigma, log_light = map(float, best.x)
     return StarSpot(y, x, math.exp(log_sigma), math.exp(log_light), _place_deviation(best))
 
@@ -143,18 +149,47 @@ def _gaussian_spot(
 
     It is a Gaussian, integrated over each pixel.
     """
-    y, x, log_sigma, log_light = parameters
-    width = math.sqrt(2) * math.exp(log_sigma)
-    lines = []
-    for place, middle in zip(places, (y, x), strict=True):
-        edges = np.append(place - 0.5, place[-1] + 0.5)
-        lines.append(np.diff(erf((edges - middle) / width)) / 2)
-    spot: Picture = math.exp(log_light) * np.outer(*lines)
+    lines = [np.diff(erf(edges)) / 2 for edges in _pixel_edges(places, parameters)]
+    spot: Picture = math.exp(parameters[3]) * np.outer(*lines)
     return spot
 
 
+def _pixel_edges(
+    places: tuple[NDArray[np.int_], NDArray[np.int_]], parameters: Sequence[float] | Picture
+) -> list[Picture]:
+    """Return the edges of a window's rows and columns, from a star's middle in its widths."""
+    width = math.sqrt(2) * math.exp(parameters[2])
+    return [
+        (np.append(place - 0.5, place[-1] + 0.5) - middle) / width
+        for place, middle in zip(places, parameters[:2], strict=True)
+    ]
+
+
+def _spot_slopes(
+    places: tuple[NDArray[np.int_], NDArray[np.int_]], parameters: Sequence[float] | Picture
+) -> tuple[Picture, Picture, Picture, Picture]:
+    """Return how a star's light on each pixel changes with each parameter of `_gaussian_spot`."""
+    width = math.sqrt(2) * math.exp(parameters[2])
+    lines, moved, widened = [], [], []
+    for edges in _pixel_edges(places, parameters):
+        bell = np.exp(-(edges**2)) / math.sqrt(math.pi)
+        lines.append(np.diff(erf(edges)) / 2)
+        moved.append(-np.diff(bell) / width)
+        widened.append(-np.diff(edges * bell))
+    (down, along), light = lines, math.exp(parameters[3])
+    return (
+        light * np.outer(moved[0], along),
+        light * np.outer(down, moved[1]),
+        light * (np.outer(widened[0], along) + np.outer(down, widened[1])),
+        light * np.outer(down, along),
+    )
+
+
 def _fits(
-    misfit: Callable[[Picture], Picture], near: tuple[int, int], light: float
+    misfit: Callable[[Picture], Picture],
+    slopes: Callable[[Picture], Picture],
+    near: tuple[int, int],
+    light: float,
 ) -> list[OptimizeResult]:
     """Fit a star's spot from several starts around a pixel, because a misfit has several minima."""
     low, high = (math.log(one) for one in _SIGMAS)
@@ -167,7 +202,7 @@ def _fits(
         for down in _START_OFFSETS
         for along in _START_OFFSETS
     ]
-    return [least_squares(misfit, start, bounds=bounds) for start in starts]
+    return [least_squares(misfit, start, slopes, bounds=bounds) for start in starts]
 
 
 def _place_deviation(fit: OptimizeResult) -> float:

@@ -525,4 +525,7 @@ def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
         found = missing & (share > 1e-12)
         answer[found] = value[found] / share[found]
         missing &= ~found
+        if not bool(found.any()):
+            # Some 25 pixels deep in a gap, too little arrives: what is filled counts as valid.
+            value, share = torch.where(missing, 0.0, answer), (~missing).to(image)
     return answer[0, 0]

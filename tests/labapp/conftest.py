@@ -13,6 +13,7 @@ from typing import Any
 
 import forked
 import pytest
+from figures import fork_server
 from small_bench.files import SmallFiles, write_small, write_tiny
 
 from drivers.hosted import child_process
@@ -37,20 +38,64 @@ def kept_speed(tmp_path_factory):
 
 @pytest.fixture(scope="module", autouse=True)
 def children_with_their_libraries_loaded():
-    """Processes that check records and hold devices are forked, which spares each its imports.
+    """Processes that check records, hold devices and fork others are forked themselves.
 
-    `subprocess` would start them the same way: tests/forked sees that nothing else differs.
+    That spares each its imports. `subprocess` would start them the same way: tests/forked sees
+    that nothing else differs.
     """
 
-    def start(command: list[str], **options: Any) -> subprocess.Popen[bytes]:
+    def start(command: list[str], **options: Any) -> subprocess.Popen[Any]:
         """Another Python is started as ever."""
-        kind = forked if command[:2] == [sys.executable, "-c"] else subprocess
-        return kind.Popen(command, **options)
+        is_ours = command[0] == sys.executable and command[1] in ("-c", "-m")
+        return (forked if is_ours else subprocess).Popen(command, **options)
 
     processes = SimpleNamespace(**{**vars(subprocess), "Popen": start})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(child_process, "subprocess", processes)
+        for module in (child_process, fork_server):
+            patch.setattr(module, "subprocess", processes)
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def figures_laid_out_once():
+    """Figures of a module with as many axes are laid out once, which takes half of a drawing.
+
+    The others are drawn with their axes where Matplotlib puts them.
+    """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    known = set()
+
+    def execute(self: ConstrainedLayoutEngine, figure: Any) -> Any:
+        axes = len(figure.axes)
+        if axes not in known:
+            known.add(axes)
+            return lay_out(self, figure)
+        return None
+
+    lay_out = ConstrainedLayoutEngine.execute
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", execute)
+        yield
+
+
+@pytest.fixture
+def drawn() -> None:
+    """Asked for by tests that need the drawings, where others do without."""
+
+
+@pytest.fixture
+def white_sheets(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made, and written as white sheets of their size: most of a command's time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    def leave_white(self: FigureCanvasAgg, *args: Any, **options: Any) -> None:
+        self.figure.set_visible(False)
+        write(self, *args, **options)
+
+    write = FigureCanvasAgg.print_png
+    if "drawn" not in request.fixturenames:
+        monkeypatch.setattr(FigureCanvasAgg, "print_png", leave_white)
 
 
 _plans = Cache(256)

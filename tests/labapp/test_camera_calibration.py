@@ -42,6 +42,8 @@ from optics.hdr import DEFECTIVE
 from optics.progress import Progress
 from optics.sensor import fixed_pattern
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 SIZE = Size((48, 64), 40.0, 40.0, (96, 112), 14.0)
 SPOTS = """prnu_percent = 1.0
 dsnu_electrons = 1.5

@@ -27,6 +27,8 @@ from labapp.window.engine.reconstruction import reconstruct_record
 from optics.progress import Progress
 from optics.sensor import fixed_pattern
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 BENCH = """
 version = 1
 name = "Colour bench"
@@ -166,7 +168,8 @@ def test_colours_are_restored_together_and_gain(labapp, white_record, tmp_path, 
     assert ratio / ratio.mean() == pytest.approx(1, abs=0.12)
 
 
-def test_window_report_and_command_agree(labapp, white_record, tmp_path):
+@pytest.mark.usefixtures("drawn")
+def test_window_report_and_command_agree(labapp, white_record, tmp_path, monkeypatch):
     analysis = analyse_record(white_record)
     assert list(analysis.restored_pictures) == ["total-variation", "plug-and-play"]
     assert analysis.images["coded"].shape == (64, 96, 3)
@@ -177,6 +180,8 @@ def test_window_report_and_command_agree(labapp, white_record, tmp_path):
     window.save(shown)
     restored = analysis.restored_pictures["total-variation"].light
     assert np.array_equal(np.load(shown), np.moveaxis(restored, 0, -1))
+    # The command would analyse the record once more.
+    monkeypatch.setattr("labapp.pictures.report.analyse_record", lambda *_, **options: analysis)
     code, _, errors = labapp("report", white_record, "--out", tmp_path, "--force")
     assert code == 0, errors
 

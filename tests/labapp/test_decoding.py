@@ -35,6 +35,8 @@ from optics.edof.protocol import EdofProtocol
 from optics.edof.protocol_psfs import DepthPSFs, compute_depth_psfs
 from optics.edof.pupil_pattern import PupilPattern
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 DEPTHS = 2
 
 
@@ -130,6 +132,7 @@ def test_without_a_network_the_picture_is_that_of_a_wiener_filter(labapp, traine
     assert np.abs(found - expected).max() < 1e-3 * np.ptp(expected)
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_command_says_what_the_decoder_is(labapp, refining, tmp_path):
     np.save(tmp_path / "capture.npy", picture())
     np.save(tmp_path / "truth.npy", picture())
@@ -195,6 +198,7 @@ def test_different_colours_are_refused_or_averaged(labapp, refining, tmp_path):
     assert np.allclose(found, expected, atol=1e-5)
 
 
+@pytest.mark.usefixtures("drawn")
 def test_clipped_and_dead_pixels_are_filled_and_counted(labapp, refining, tmp_path):
     whole = picture()
     broken = whole.copy()

@@ -26,6 +26,8 @@ from optics.progress import Cancelled, Progress
 from optics.psf import PSFOperator
 from optics.slm import grey_to_phase, max_phase, phase_to_grey
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 DEPTHS = ("--near-dioptre", "0.9", "--far-dioptre", "0.3")
 
 
@@ -71,6 +73,7 @@ def problem_of(small, **changes) -> EdofProblem:
     return EdofProblem(request_of(small, **changes), read_bench(small.bench).build_camera())
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_design_is_written_told_and_better_than_its_start(labapp, options, tmp_path):
     code, out, _ = labapp("design", "edof", *options)
     assert code == 0

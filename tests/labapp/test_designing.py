@@ -24,6 +24,8 @@ from optics.psf import PSFOperator
 from optics.slm import grey_to_phase, phase_to_grey
 from optics.targets import ring
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 PANEL = Panel(shape=(108, 192), pitch=80e-6, fill_factor=0.9)
 WAVE = 550e-9
 
@@ -43,6 +45,7 @@ def lens() -> np.ndarray:
     return phase_to_grey(PANEL, patterns.fresnel_lens(PANEL, 20.0, WAVE), WAVE).numpy()
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_pattern_is_a_grey_picture_for_any_slm_software(labapp, bench, tmp_path):
     code, out, _ = labapp(
         "pattern", "lens", "focal_length_m=20", "--out", tmp_path / "a.png", *bench
@@ -139,6 +142,7 @@ def test_phases_of_thousands_of_radians_are_kept_to_a_fraction_of_a_level(labapp
     assert np.abs((phase - truth + wave / 2) % wave - wave / 2).max() < 2e-6
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_video_is_numbered_pictures_or_one_design_file(labapp, bench, tmp_path):
     asked = ("retrieve", "spiral", "radius_um=50", "--frames", "3", "--iterations", "5", *bench)
     code, out, _ = labapp(*asked, "--out", tmp_path / "v.png")

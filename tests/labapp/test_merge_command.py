@@ -17,6 +17,8 @@ from optics.accuracy import MachineSpeed
 from optics.camera import Sensor
 from optics.hdr import Bracket, merge_seconds
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 TIMES = (1e-3, 4e-3, 16e-3)
 NOISE = ["--gain", "2.6", "--read-noise", "2.4", "--black", "64", "--full-scale", "4095"]
 
@@ -49,6 +51,7 @@ def merged(arguments):
     return json.loads(done.stdout)
 
 
+@pytest.mark.usefixtures("drawn")
 def test_files_become_light_with_variance_state_and_a_report(files, scene, tmp_path):
     out = tmp_path / "merged.h5"
     said = merged([*files, "--exposures", "0.001,0.004,0.016", *NOISE, "--out", out])
@@ -176,6 +179,7 @@ def test_unknown_noise_and_other_sizes_are_refused(files, tmp_path):
         merged([*files, *times, *NOISE, "--out", tmp_path / "0.h5"])
 
 
+@pytest.mark.usefixtures("drawn")
 def test_8_bit_pictures_are_merged_by_the_response_curve_that_they_show(tmp_path):
     """A gamma of 2.2 and a constant: neither sRGB's nor linear."""
     rng = np.random.default_rng(4)
@@ -231,6 +235,7 @@ def test_a_budget_chooses_the_method_and_its_accuracy_is_said(files, tmp_path, m
         (lambda frames: frames[::-1], "1 and 3 look exchanged"),
     ],
 )
+@pytest.mark.usefixtures("drawn")
 def test_what_is_wrong_with_a_whole_bracket_is_said(scene, tmp_path, change, words):
     paths = [tmp_path / f"{number}.tiff" for number in range(3)]
     frames = change([frame(scene, time, number) for number, time in enumerate(TIMES)])
@@ -276,6 +281,7 @@ def test_negative_light_of_noise_is_kept_and_numbers_that_cut_it_are_named(tmp_p
 
 
 @pytest.mark.parametrize("number", [0, 4095])
+@pytest.mark.usefixtures("drawn")
 def test_a_single_frame_without_any_light_or_dark_is_merged_and_named(tmp_path, number):
     tifffile.imwrite(tmp_path / "one.tiff", np.full((20, 30), number, np.uint16))
     said = merged(

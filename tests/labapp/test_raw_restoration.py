@@ -16,6 +16,8 @@ from labapp.files.raw import read_raw
 from labapp.pictures.analysis.raw_colours import raw_filters
 from labapp.pictures.merging.mosaic_colours import merged_colours
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 SIDE, REACH = 96, 4
 WHITE_LEVEL, LEVELS = 4000, np.array([[100, 140], [180, 220]])
 
@@ -111,6 +113,7 @@ def sharp():
     return inner(scene())
 
 
+@pytest.mark.usefixtures("drawn")
 def test_colours_and_detail_come_back(labapp, photo, sharp):
     told = reconstruct(labapp, photo)
     found = restored(told)
@@ -150,6 +153,7 @@ def test_grey_takes_the_scene_for_one_band(labapp, tmp_path, sharp):
     assert psnr(found, truth) > psnr(blurred(grey, disk())[0], truth) + 4
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_sensor_without_filters_gives_a_grey_picture(labapp, tmp_path):
     light = scene().mean(0)
     numbers = np.rint(64 + 3000 * fftconvolve(light, disk(), "valid")).astype(np.uint16)
@@ -174,6 +178,7 @@ def test_each_colour_can_have_a_psf_of_its_own(labapp, tmp_path, sharp):
     assert psnr(restored(told), sharp) > psnr(light, sharp) + 4
 
 
+@pytest.mark.usefixtures("drawn")
 def test_clipped_pixels_are_counted_and_left_out(labapp, photo, sharp):
     (photo.parent / "bright.dng").write_bytes(exposed(2.2 * blurred(scene(), disk())))
     raw = read_raw(photo.parent / "bright.dng")

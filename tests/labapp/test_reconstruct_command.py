@@ -20,6 +20,8 @@ from labapp.files.picture.photograph import read_photograph
 from labapp.files.plan_file import PlanFile
 from labapp.runs.acquisition.runner import run_plan
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 SIDE = 120
 
 
@@ -80,6 +82,7 @@ def said(labapp, folder, *options, name="frame.npy", psf="psf.npy"):
     ("method", "gain"),
     [("auto", 4), ("tv", 4), ("hyper-laplacian", 3.5), ("wiener", 2), ("richardson-lucy", 2)],
 )
+@pytest.mark.usefixtures("drawn")
 def test_every_method_brings_a_blurred_picture_nearer_to_the_truth(
     labapp, grey, tmp_path, method, gain
 ):
@@ -147,6 +150,7 @@ def test_a_right_psf_isnt_refined(labapp, grey, tmp_path):
     assert told["causes"] == []
 
 
+@pytest.mark.usefixtures("drawn")
 def test_an_8_bit_colour_photograph_is_restored_as_light_band_by_band(labapp, tmp_path):
     light = linear(data.astronaut()[20 : 20 + SIDE, 160 : 160 + SIDE] / 255.0)
     pairs = [valid(light[..., band], disk(4)) for band in range(3)]
@@ -354,6 +358,7 @@ def test_a_psf_that_is_off_its_middle_pixel_is_told_and_moves_the_picture(labapp
 
 
 @pytest.mark.parametrize("unit", [2.0**-60, 1e-18, 1e18])
+@pytest.mark.usefixtures("drawn")
 def test_the_unit_of_the_light_doesnt_matter(labapp, grey, tmp_path, unit):
     """Noise, dark, full well and truth are told in the same unit."""
     frame, told = np.load(tmp_path / "frame.npy"), []
@@ -425,6 +430,7 @@ def run(whole, tmp_path) -> Path:
     return Path(shutil.copy(whole, tmp_path / "run.h5"))
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_record_brings_its_own_photograph_and_star(labapp, run, tmp_path):
     code, printed, errors = labapp("reconstruct", run, "--json")
     assert code == 0, errors

@@ -34,6 +34,8 @@ from optics.retrieval import design_plane
 from optics.retrieval.goal import RetrievalGoal
 from optics.slm import PanelMap, phase_to_grey
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 WAVE = 550e-9
 PANEL = Panel(shape=(108, 192), pitch=80e-6, fill_factor=0.9)
 CAMERA = Camera(PANEL, sensor=Sensor(shape=(64, 96)))
@@ -87,6 +89,7 @@ def error_of(grey: np.ndarray, phase_of: np.ndarray, target: np.ndarray) -> floa
     return np.linalg.norm(seen - best * wanted) / np.linalg.norm(best * wanted)
 
 
+@pytest.mark.usefixtures("drawn")
 def test_pictures_make_a_design_better_on_a_bench_that_nobody_has_described(
     labapp, small, design, tmp_path
 ):

@@ -40,6 +40,8 @@ from optics.light import Spectrum
 from optics.multispectral import self_calibration
 from optics.progress import Progress
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 METER = """[devices.spectroradiometer]
 driver = "simulated-spectroradiometer"
 """
@@ -214,6 +216,7 @@ def level(labapp, record: Path, out: Path, *options) -> dict:
     return json.loads(printed)
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_calibration_stands_in_for_star_and_white(labapp, record, folder, tmp_path):
     """The star's own PSFs have its noise, which the calibrated model hasn't."""
     own = level(labapp, record, tmp_path)

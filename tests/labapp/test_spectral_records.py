@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -34,10 +35,22 @@ from labapp.spectral.lights import find_light
 from labapp.spectral.problem import SpectralProblem
 from labapp.spectral.request import SpectralRequest
 from labapp.spectral.restoration import RestoredCube, restore_snapshot
+from optics.multispectral import restore_spectra
 from optics.progress import Progress
+
+pytestmark = pytest.mark.usefixtures("white_sheets")
 
 BANDS = tuple(one / 1e9 for one in BANDS_NM)
 ALL = ",".join(f"{one:g}" for one in BANDS_NM)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_iterations():
+    """Restorations are compared with each other here, but for the command's."""
+    with pytest.MonkeyPatch.context() as patch:
+        few = partial(restore_spectra, iterations=30)
+        patch.setattr("labapp.spectral.restoration.restore_spectra", few)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +77,9 @@ def predicted_psfs(record: Path) -> np.ndarray:
     return np.stack([one / one.sum() for one in found])
 
 
-def test_the_command_restores_the_patches_of_the_scene(labapp, record, tmp_path):
+@pytest.mark.usefixtures("drawn")
+def test_the_command_restores_the_patches_of_the_scene(labapp, record, tmp_path, monkeypatch):
+    monkeypatch.setattr("labapp.spectral.restoration.restore_spectra", restore_spectra)
     out = tmp_path / "cube.h5"
     code, printed, errors = labapp("reconstruct", record, "--bands", "all", "--out", out, "--json")
     assert code == 0, errors
@@ -88,6 +103,7 @@ def test_the_command_restores_the_patches_of_the_scene(labapp, record, tmp_path)
     assert cv2.imread(said["picture"]).shape[1] > 500
 
 
+@pytest.mark.usefixtures("drawn")
 def test_some_bands_are_written_as_envi_and_told_to_a_person(labapp, record, tmp_path):
     out = tmp_path / "leaf.hdr"
     code, printed, errors = labapp(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +13,20 @@ from labapp.files.bench_file import read_bench
 from labapp.files.reading import bundled_path
 from labapp.files.spectrum_file import read_spectra
 from labapp.runs.record.reader import Record
+from labapp.spectral import restoration
 from labapp.spectral.computed_snapshot import (
     bundled_mosaic,
     chart_cube,
     compute_snapshot,
     filter_shares,
 )
-from labapp.studies import multispectral_noise, psf_designs
+from labapp.studies import design_judgement, multispectral_noise, psf_designs
 from labapp.studies.catalogue.multispectral_noise import MultispectralNoiseSettings
 from labapp.studies.catalogue.psf_designs import PSFDesignSettings
 from labapp.studies.coded_snapshots import psf_window, read_problem
 from labapp.studies.command import StudyRequest, carry_out_study
 from labapp.studies.design_judgement import draw_designs
+from optics.multispectral import restore_spectra
 from optics.progress import Progress
 
 BANDS_NM = (450.0, 550.0, 650.0)
@@ -77,6 +80,14 @@ def done(small_files, tmp_path_factory) -> tuple[Path, dict]:
     return folder, json.loads((folder / "study.json").read_text())
 
 
+@pytest.fixture
+def few_iterations(monkeypatch):
+    """Pictures are compared with each other, and with a prediction that leaves 8 dB."""
+    few = partial(restore_spectra, iterations=30)
+    for module in (restoration, multispectral_noise, psf_designs, design_judgement):
+        monkeypatch.setattr(module, "restore_spectra", few)
+
+
 def values(said: dict, words: str) -> list[float]:
     return [row["value"] for row in said["rows"] if words in row["what"]]
 
@@ -125,6 +136,7 @@ def test_noise_is_added_in_shares_of_white(done):
     assert multispectral_noise.add_noise(problem, 0.0, 3) is problem
 
 
+@pytest.mark.usefixtures("few_iterations")
 def test_more_noise_is_a_worse_picture(done):
     settings = MultispectralNoiseSettings(
         bands_nm=BANDS_NM, noise=(0.0, 0.1), seeds=2, side_px=64, ring_px=8.0
@@ -140,6 +152,7 @@ def test_more_noise_is_a_worse_picture(done):
     assert published == ["22.3 dB (Table 4.2)"] * 2 + ["14.8 dB (Table 4.2)"] * 2
 
 
+@pytest.mark.usefixtures("few_iterations")
 def test_designs_are_measured_drawn_and_restored(done):
     settings = PSFDesignSettings(
         bands_nm=BANDS_NM, radius_um=60.0, shapes=("ring",), side_px=64, twelve=False

@@ -7,7 +7,7 @@ import pytest
 
 from labapp.pictures.analysis.brackets import Bracket
 from labapp.spectral.band_psfs import star_places
-from labapp.spectral.star_spot import StarSpot, fit_star_spot
+from labapp.spectral.star_spot import StarSpot, _gaussian_spot, _spot_slopes, fit_star_spot
 
 SHAPE = (40, 44)
 
@@ -96,3 +96,11 @@ def test_a_bracket_is_what_brightest_pixels_are_looked_for_in():
         gains.append(filters)
     row, column = _brightest_pixel(pictures, gains)
     assert max(abs(row - 20), abs(column - 22)) <= 1
+
+
+def test_a_spot_changes_with_its_parameters_as_its_slopes_say():
+    places, found = (np.arange(5, 22), np.arange(30, 47)), np.array([12.3, 38.8, 0.3, 2.1])
+    for number, slope in enumerate(_spot_slopes(places, found)):
+        step = 1e-5 * np.eye(4)[number]
+        ends = [_gaussian_spot(places, found + sign * step) for sign in (1, -1)]
+        assert slope == pytest.approx((ends[0] - ends[1]) / 2e-5, abs=1e-8)

@@ -18,6 +18,8 @@ from labapp.edof.trained_pattern import read_trained_pattern
 from labapp.files.design_file import read_design
 from labapp.training.edof.joint_task import JointTask
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 
 @pytest.fixture(scope="module")
 def straight(tmp_path_factory):

@@ -20,6 +20,8 @@ from labapp.training.manifest import read_manifest
 from labapp.training.scenes import SceneSettings
 from optics.edof.learned import DecoderNetwork
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 
 def train(folder, *arguments):
     """Run the command line, with two steps unless others are asked for."""

@@ -27,6 +27,8 @@ from labapp.training.edof.joint_task import JointTask
 from labapp.training.processes import Processes
 from optics.progress import Cancelled
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {
     **os.environ,

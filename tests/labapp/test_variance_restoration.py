@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import h5py
 import numpy as np
 import pytest
 import tifffile
 from scipy.signal import convolve2d
+from typer.testing import CliRunner
+
+from labapp.cli import app
+
+pytestmark = pytest.mark.usefixtures("white_sheets")
 
 SIDE, TIMES = 96, (1e-3, 8e-3, 64e-3)
 
@@ -28,24 +34,31 @@ def half_lit(shade=100.0):
     return 5e6 * patches * np.where(np.arange(whole) < whole // 2, 1 / shade, 1.0)
 
 
-@pytest.fixture
-def merged(labapp, tmp_path):
-    """A merged bracket of a blurred scene, its PSF beside it, and the scene, which is returned."""
-    scene = half_lit()
-    seen, rng, files = convolve2d(scene, disk(), mode="valid"), np.random.default_rng(0), []
+@pytest.fixture(scope="module")
+def bracket(tmp_path_factory):
+    """A folder with a bracket of a blurred scene, merged."""
+    folder = tmp_path_factory.mktemp("bracket")
+    seen, rng, files = convolve2d(half_lit(), disk(), mode="valid"), np.random.default_rng(0), []
     for number, time in enumerate(TIMES):
         counted = rng.poisson(seen * time) + rng.normal(0, 2.4, seen.shape)
-        files.append(tmp_path / f"{number}.tiff")
+        files.append(str(folder / f"{number}.tiff"))
         levels = np.clip(np.round(counted / 2.6 + 64), 0, 4095).astype(np.uint16)
         tifffile.imwrite(files[-1], levels)
-    np.save(tmp_path / "psf.npy", disk())
-    code, _, errors = labapp(
+    done = CliRunner().invoke(app, [
         "merge", *files, "--exposures", ",".join(map(str, TIMES)), "--gain", "2.6",
         "--read-noise", "2.4", "--black", "64", "--full-scale", "4095",
-        "--out", tmp_path / "merged.h5",
-    )  # fmt: skip
-    assert code == 0, errors
-    return scene[3:-3, 3:-3]
+        "--out", str(folder / "merged.h5"),
+    ])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture
+def merged(bracket, tmp_path):
+    """A merged bracket of a blurred scene, its PSF beside it, and the scene, which is returned."""
+    shutil.copy(bracket / "merged.h5", tmp_path)
+    np.save(tmp_path / "psf.npy", disk())
+    return half_lit()[3:-3, 3:-3]
 
 
 def restored(labapp, folder, *options):
@@ -79,6 +92,7 @@ def test_a_merged_bracket_is_restored_with_its_map_which_gains_about_what_is_tol
     assert "one noise was told" in unused["reason"]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_table_says_what_the_map_gains(labapp, merged, tmp_path):
     code, printed, errors = labapp(
         "reconstruct", tmp_path / "merged.h5", "--psf", tmp_path / "psf.npy"
@@ -120,6 +134,7 @@ def test_noise_that_the_map_doesnt_have_is_added_and_told(labapp, merged, tmp_pa
     assert "far more noise than the map has" in use["reason"]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_a_middle_without_a_measured_pixel_doesnt_end_the_restoration(labapp, tmp_path):
     side = 300
     rng = np.random.default_rng(1)

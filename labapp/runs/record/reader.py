@@ -98,6 +98,7 @@ class Record:
         except (OSError, RuntimeError) as error:
             raise UserError(f"{path}: {_explain_open_failure(path, error)}") from error
         self._found: dict[str, h5py.Dataset] = {}
+        self._known: dict[tuple[str, str], Any] = {}
         self._chosen = readout
         self._links: dict[int, NDArray[Any]] = {}
         try:
@@ -147,7 +148,8 @@ class Record:
 
     @property
     def plan(self) -> PlanFile:
-        return validate(self._json("plan"), PlanFile, f"{self.path}: plan")
+        plan: PlanFile = self._validated("plan", PlanFile)
+        return plan
 
     @property
     def bench(self) -> BenchFile:
@@ -161,7 +163,8 @@ class Record:
         """The bench file with which the recorded run began."""
         from labapp.files.bench_file import BenchFile
 
-        return validate(self._json("bench"), BenchFile, f"{self.path}: bench")
+        bench: BenchFile = self._validated("bench", BenchFile)
+        return bench
 
     @property
     def scene(self) -> SceneFile | None:
@@ -583,6 +586,14 @@ class Record:
     def _json(self, name: str) -> Any:
         with self._damage_as_user_error(f"entry/{name}"):
             return json.loads(self.text(name))
+
+    def _validated(self, name: str, model: type[Any]) -> Any:
+        """Return a file that the run's record keeps as text, validated once as long as it's the
+        same text: what a sensor's spectra are checked for takes longer than a frame is read."""
+        known = name, self.text(name)
+        if known not in self._known:
+            self._known[known] = validate(self._json(name), model, f"{self.path}: {name}")
+        return self._known[known]
 
     @contextmanager
     def _damage_as_user_error(self, name: str) -> Iterator[None]:
