@@ -111,9 +111,7 @@ def objective(seen, bands, weight, x):
 def test_no_small_step_leads_below_the_solution(name, positive):
     bands, weight = COUPLINGS[name], 0.03
     seen = problem((9, 8), bands.bands, weights=(numbers(9, 8, seed=4) > 0.2).double())
-    found = total_variation(
-        seen, weight, bands=bands, iterations=400, tol=1e-10, positive=positive
-    )
+    found = total_variation(seen, weight, bands=bands, iterations=400, tol=1e-10, positive=positive)
     x = found.period_image.clamp(min=0) if positive else found.period_image
     least = objective(seen, bands, weight, x)
     for seed in range(20):
