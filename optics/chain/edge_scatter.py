@@ -193,7 +193,8 @@ class StopEdgeScatter:
         """
         turns = np.abs(frequency) * self._camera.panel.active_side
         lobes = 0.5 / (math.pi * np.maximum(turns, 1.0)) ** 2
-        return np.asarray(np.prod(np.where(turns < 1, np.sinc(turns) ** 2, lobes), axis=-1))
+        along = np.where(turns < 1, np.sinc(turns) ** 2, lobes)
+        return np.asarray(along[..., 0] * along[..., 1])
 
     def _panel_illumination(self, start: Array) -> Array:
         """Return the relative irradiance on the chain's panel and beside it.

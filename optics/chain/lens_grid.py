@@ -99,7 +99,7 @@ def _edge_transmission(turns: Array) -> Array:
 
     turns: shift in frequency, in cycles per sample of the lens grid, (..., 2).
     """
-    return np.asarray(np.sinc(turns).prod(axis=-1))
+    return np.asarray(np.sinc(turns[..., 0]) * np.sinc(turns[..., 1]))
 
 
 def _missing_scatter(turned: Array, passed: Array) -> float:
@@ -171,12 +171,14 @@ class LensGridSearch:
             np.maximum(np.abs(low), np.abs(high)) / edge.shadow_magnification
             + edge.max_window_frequency
         )
+        lit = np.flatnonzero(turned)
+        shift, turned = edge.edge_frequency_shift.reshape(-1, 2)[lit], turned[lit]
         for finer in _GRID_REFINEMENTS:
             rate = finer * base
-            passed = _edge_transmission(edge.edge_frequency_shift / rate)
-            lost = outside + _missing_scatter(turned, passed)
+            lost = outside + _missing_scatter(turned, _edge_transmission(shift / rate))
             if edge.relative_error(lost) > tol:
                 continue
+            passed = _edge_transmission(edge.edge_frequency_shift / rate)
             error = edge.relative_error(lost + _aliased_light(edge, low, high, rate, passed))
             if error <= tol:
                 return LensGrid(_pair(low), _pair(high), _pair(rate), error)

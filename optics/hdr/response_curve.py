@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -79,7 +80,7 @@ class ResponseCurve:
     number_noise: float
     light_noise: float
 
-    @property
+    @cached_property
     def ends(self) -> tuple[int, int]:
         """Return the lowest and highest number of which the response curve tells the light.
 
@@ -94,9 +95,17 @@ class ResponseCurve:
 
         logs: logarithms of exposures.
         """
+        slope, rise = self._slopes
+        number = np.interp(logs, self.logs, np.arange(_LEVELS, dtype=np.float64))
+        # Linear between the same two levels: the search for them is the dear part.
+        below = np.minimum(number.astype(np.intp), _LEVELS - 2)
+        return number, slope[below] + (number - below) * rise[below]
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
+        """Return the change of numbers with the exposure's logarithm, and its own to the next."""
         slope = np.gradient(np.arange(_LEVELS), self.logs)
-        levels = np.arange(_LEVELS, dtype=np.float64)
-        return np.interp(logs, self.logs, levels), np.interp(logs, self.logs, slope)
+        return slope, np.diff(slope)
 
 
 def fit_response(

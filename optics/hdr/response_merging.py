@@ -27,8 +27,8 @@ _STEPS = 6
 _LARGEST_STEP = 1.0
 """Largest step of the logarithm of light, against overshooting where the curve is flat. Chosen."""
 
-_TILE = 1 << 18
-"""Pixels that are merged together. Chosen."""
+_TILE = 1 << 16
+"""Pixels that are merged together. Chosen: what is made of them stays near the processor."""
 
 _DARK = 3.0
 """Standard deviations below which light counts as dark."""
@@ -220,14 +220,11 @@ def _without_one(
     best, every = left.argmin(axis=0), np.arange(used.shape[1])
     nothing = ~np.isfinite(left.min(axis=0))
     kept = without[best, :, every].T
+    light, known = logs[best, every], information[best, every]
     # If nothing would be left, all stays.
-    whole, whole_information = _light(numbers, used, times, curve)
     kept[:, nothing] = used[:, nothing]
-    return (
-        kept,
-        np.where(nothing, whole, logs[best, every]),
-        np.where(nothing, whole_information, information[best, every]),
-    )
+    light[nothing], known[nothing] = _light(numbers[:, nothing], used[:, nothing], times, curve)
+    return kept, light, known
 
 
 def _contradictions(

@@ -35,27 +35,30 @@ class CountProbabilities:
         self.counts = np.arange(self.first, electron_range(most)[1] + 1, dtype=np.float64)
         self._log_factorials = gammaln(self.counts + 1)
 
-    def __call__(self, mean: float) -> tuple[slice, Numbers]:
-        """Return which counts a pixel may hold, as a slice of `counts`, and their probabilities."""
-        first, last = electron_range(mean)
+    def __call__(self, means: Numbers) -> tuple[slice, Numbers]:
+        """Return which counts pixels may hold, as a slice of `counts`, and their probabilities.
+
+        means: rising. The probabilities are (means, counts), for few means that are close together.
+        """
+        first, last = electron_range(float(means[0]))[0], electron_range(float(means[-1]))[1]
         part = slice(first - self.first, last + 1 - self.first)
-        counts = self.counts[part]
-        if mean == 0:
-            shares = (counts == 0).astype(np.float64)
-        elif self._shot == "Gaussian":
+        counts, lit = self.counts[part], means[:, None] > 0
+        mean = np.where(lit, means[:, None], 1.0)
+        if self._shot == "Gaussian":
             shares = _rounded_normal(mean, counts)
         else:
-            shares = np.exp(counts * math.log(mean) - mean - self._log_factorials[part])
-        return part, shares / shares.sum()
+            shares = np.exp(counts * np.log(mean) - mean - self._log_factorials[part])
+        shares = np.where(lit, shares, counts == 0)
+        return part, shares / shares.sum(axis=1, keepdims=True)
 
 
-def _rounded_normal(mean: float, counts: Numbers) -> Numbers:
-    """Compute a sensor pixel's photoelectron probabilities from a rounded normal distribution.
+def _rounded_normal(mean: Numbers, counts: Numbers) -> Numbers:
+    """Compute sensor pixels' photoelectron probabilities from rounded normal distributions.
 
-    Negative numbers count as 0.
+    Negative numbers count as 0. mean: (means, 1).
     """
-    spread = mean / math.sqrt(mean + 1 / 12)
+    spread = mean / np.sqrt(mean + 1 / 12)
     below = ndtr((np.append(counts, counts[-1] + 1) - 0.5 - mean) / spread)
     if counts[0] == 0:
-        below[0] = 0.0
-    return np.diff(below)
+        below[:, 0] = 0.0
+    return np.diff(below, axis=1)

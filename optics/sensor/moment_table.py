@@ -24,6 +24,9 @@ _MAX_TABULATED_ELECTRONS = 2.0**17
 """Electrons beyond which rounding is far finer than shot noise, so that no table is needed unless
 pixels clip."""
 
+_NODES_TOGETHER = 16
+"""Neighbouring nodes of a table that are computed together: two standard deviations. Chosen."""
+
 BATCH_PIXELS = 1 << 17
 """Pixels that are computed together; they stay in a processor's cache."""
 
@@ -147,9 +150,11 @@ class MomentTable:
         if stages.clipping:
             counts = np.minimum(counts, sensor.full_well)
         read = readout_moments(counts[:, None] + offsets, sensor, stages)
-        rows = [_average_over_counts(probabilities, float(mean), *read) for mean in electrons]
-        self.mean = _refine_by_splines(np.array([row[0] for row in rows]))
-        self.variance = _refine_by_splines(np.array([row[1] for row in rows])).clamp(min=0.0)
+        parts = np.split(electrons, np.arange(_NODES_TOGETHER, count, _NODES_TOGETHER))
+        rows = [_average_over_counts(probabilities, means, *read) for means in parts]
+        self.mean = _refine_by_splines(np.concatenate([row[0] for row in rows]))
+        variance = np.concatenate([row[1] for row in rows])
+        self.variance = _refine_by_splines(variance).clamp(min=0.0)
 
     def __call__(
         self, electrons: torch.Tensor, steps: torch.Tensor | None
@@ -220,9 +225,15 @@ def _refine_by_splines(values: Numbers) -> torch.Tensor:
 
 
 def _average_over_counts(
-    probabilities: CountProbabilities, mean: float, read: Numbers, variance: Numbers
+    probabilities: CountProbabilities, means: Numbers, read: Numbers, variance: Numbers
 ) -> tuple[Numbers, Numbers]:
-    """Average a sensor pixel's mean and variance over shot noise, by the law of total variance."""
-    part, shares = probabilities(mean)
-    whole = shares @ read[part]
-    return whole, shares @ variance[part] + shares @ (read[part] - whole) ** 2
+    """Average sensor pixels' mean and variance over shot noise, by the law of total variance.
+
+    means: of electrons, close together. The results are (means, offsets).
+    """
+    part, shares = probabilities(means)
+    # Squares are of numbers near 0, so that their difference has as many digits.
+    middle = shares[len(means) // 2] @ read[part]
+    away = read[part] - middle
+    moved = shares @ away
+    return middle + moved, shares @ (variance[part] + away**2) - moved**2

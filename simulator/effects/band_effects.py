@@ -159,7 +159,7 @@ def _node_count_error_rates(s: Situation, step: int) -> tuple[float, ...]:
         wrong, change = found.weight_errors(count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
-            apart = max(error_power(transfer, rows, power) for transfer in transfers)
+            apart = transfers.error_power(rows, power)
             if turns is not None:
                 # Whatever part of the light lands may turn by the whole span against the rest.
                 apart = max(apart, _largest_turned_error(turns, rows, power))
@@ -200,7 +200,7 @@ def _find_likely_rates(
         wrong, total = found.weight_errors(count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
-            total += max(error_power(one, rows, power) for one in transfers)
+            total += transfers.error_power(rows, power)
         total += _brightness_error(s, which, count) ** 2
         rates.append(_SETTINGS.likely_margin * math.sqrt(total))
         if rates[-1] <= enough:
@@ -232,18 +232,8 @@ def sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[in
     ]
 
 
-def error_power(transfer: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Return the filter bandwidth effect's error with few wavelengths, squared and summed.
-
-    transfer: (frequencies, nodes). wrong: errors of the nodes' weights, (weights, nodes). power:
-    the picture's, (frequencies,). The sum is over frequencies; the result is the largest sum for
-    any of the weights.
-    """
-    return float((np.abs(transfer @ wrong.T) ** 2 * power[:, None]).sum(0).max())
-
-
 def _largest_turned_error(turns: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Return error_power() of light that all turns by the worst of some turns over the band."""
+    """Return the error's power of light that all turns by the worst of some turns over the band."""
     return float((np.abs(turns @ wrong.T) ** 2).max() * power.sum())
 
 
@@ -261,23 +251,46 @@ def _transfers_over_band(
     return s.pattern_probe.transfers_at(ky[:, None] * grown, kx[:, None] * grown, (far[0], far[1]))
 
 
+@dataclass(frozen=True)
+class TurnedTransfers:
+    """Transfer functions that parts of the pattern may have, for the band effects.
+
+    transfers: each (frequencies, nodes). turns: (turns, nodes), by any of which each may turn.
+    """
+
+    transfers: list[NDArray[np.complex128]]
+    turns: NDArray[np.complex128]
+
+    def error_power(self, wrong: Array, power: Array) -> float:
+        """Return the filter bandwidth effect's error with few wavelengths, squared and summed.
+
+        wrong: errors of the nodes' weights, (weights, nodes). power: the picture's, (frequencies,).
+        The sum is over frequencies; the result is the largest sum for any of the transfer functions
+        and weights.
+        """
+        # It's the few weights that turn, not each transfer function.
+        turned = (self.turns[:, None] * wrong).reshape(-1, wrong.shape[1]).T
+        return max(float((power @ np.abs(one @ turned) ** 2).max()) for one in self.transfers)
+
+
 def turned_transfers(
     s: Situation, nodes: Array, some: SampledFrequencies, part: float
-) -> list[NDArray[np.complex128]]:
+) -> TurnedTransfers:
     """Return the transfer functions that parts of the pattern may have, for the band effects.
 
     The pattern's phase and the lens' aberrations go with 1/λ, so that a part turns over the band
     against the rest. part: of the phase's span, by which it may differ to either side.
     """
     grown = nodes / s.wavelength
-    span = sum(_phase_spans(s))
-    turns = [np.exp(1j * k * span * (1 / grown - 1)) for k in (0.0, part, -part)]
-    found = [one * turn for one in _transfers_over_band(s, nodes, some) for turn in turns]
-    away = np.hypot(some.ky, some.kx)
-    for turned in colour_turns(s, nodes, away):
-        steps = (0.0, part, -part, 2 * part)
-        found = [one * np.exp(1j * k * turned) for one in found for k in steps]
-    return found
+    span, steps = sum(_phase_spans(s)), np.array([0.0, part, -part])
+    turns = np.exp(1j * steps[:, None] * (span * (1 / grown - 1)))
+    found, away = _transfers_over_band(s, nodes, some), np.hypot(some.ky, some.kx)
+    for radians in colour_turns(s, nodes, away):
+        turn = np.exp(1j * part * radians)
+        found = [other for one in found for other in (one, one * turn, one * turn.conj())] + [
+            one * turn**2 for one in found
+        ]
+    return TurnedTransfers(found, turns)
 
 
 def _phase_turns(s: Situation) -> NDArray[np.complex128]:

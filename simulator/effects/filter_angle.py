@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optics.fourier import rfft_column_weights
 from simulator.effects.band_effects import (
-    error_power,
+    TurnedTransfers,
     off_axis_factor,
     sampled_powers,
     turned_transfers,
@@ -125,7 +125,7 @@ def _find_error_rates(s: Situation) -> tuple[float, ...]:
     masses = spectral_measure(s, "band").electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[:, None]
     most = light_norm_bound(s) / max(max_light_seconds(s), 1e-300)
-    lights = _norms_by_spectrum(s)
+    lights, turned = _norms_by_spectrum(s), _TurnedPicture.of(s)
 
     def norm_of(share: Array) -> float:
         """Of light of which each part has a share, in electrons/s. share: (parts,)."""
@@ -139,7 +139,7 @@ def _find_error_rates(s: Situation) -> tuple[float, ...]:
         wrong = (np.tensordot(share.T, measure, 1) - true) / masses
         missing = norm_of(np.abs(wrong.sum(-1)).max((0, 1)))
         any_way = norm_of(np.abs(wrong).sum(-1).max((0, 1)))
-        rates.append(min(missing + _psf_change(s, x, wrong, measure[0] / masses), any_way))
+        rates.append(min(missing + turned.change(x, wrong, measure[0] / masses), any_way))
         if rates[-1] <= _SETTINGS.converged_change * most:
             break
     return tuple(np.maximum.accumulate(rates[::-1])[::-1].tolist())
@@ -159,23 +159,43 @@ def _norms_by_spectrum(s: Situation) -> list[tuple[list[int], float]]:
     ]
 
 
-def _psf_change(s: Situation, x: Array, wrong: Array, axis: Array) -> float:
-    """Bound what a wrong band changes by its PSFs alone, for the filter angle effect, electrons/s.
+@dataclass(frozen=True)
+class _TurnedPicture:
+    """The sharp picture, and the transfer functions of the pattern's parts, for the filter angle.
 
-    x: wavelengths. wrong: electrons by (angles, channels, parts, wavelengths), of which those that
-    are missing are given back in the spectrum of the axis, (channels, parts, wavelengths).
+    powers: of the lights of each spectrum, at some frequencies; none of uniform light, which has no
+    other frequency than 0. nodes: the transfer functions' wavelengths.
     """
-    some = s.picture_probe.sampled_frequencies
-    if not len(some.ky):
-        return 0.0  # Uniform light has no other frequency than 0.
-    some = some.every(_SETTINGS.thinning).with_aliases(s.picture_probe.plane)
-    lit = np.maximum(axis.sum(-1, keepdims=True), 1e-300)
-    shape = wrong - wrong.sum(-1, keepdims=True) * axis / lit
-    worst = np.argsort(np.abs(shape).sum((1, 2, 3)))[-_SETTINGS.worst_angles :]
-    nodes = spectral_measure(s, "band").nodes
-    shape = shape[worst] @ interpolation_weights(nodes.tolist(), x).T
-    transfers, change = turned_transfers(s, nodes, some, 0.5), 0.0
-    for parts, power in sampled_powers(s, some):
-        rows = np.unique(shape[:, :, parts].reshape(-1, len(nodes)), axis=0)
-        change += math.sqrt(max(error_power(one, rows, power) for one in transfers))
-    return _SETTINGS.margin * off_axis_factor(s) * change
+
+    powers: list[tuple[list[int], Array]]
+    nodes: Array
+    transfers: TurnedTransfers | None
+    factor: float
+
+    @classmethod
+    def of(cls, s: Situation) -> _TurnedPicture:
+        """Return the picture of a situation."""
+        nodes, some = spectral_measure(s, "band").nodes, s.picture_probe.sampled_frequencies
+        if not len(some.ky):
+            return cls([], nodes, None, 0.0)
+        some = some.every(_SETTINGS.thinning).with_aliases(s.picture_probe.plane)
+        transfers = turned_transfers(s, nodes, some, 0.5)
+        factor = _SETTINGS.margin * off_axis_factor(s)
+        return cls(sampled_powers(s, some), nodes, transfers, factor)
+
+    def change(self, x: Array, wrong: Array, axis: Array) -> float:
+        """Bound what a wrong band changes by its PSFs alone, in electrons/s.
+
+        x: wavelengths. wrong: electrons by (angles, channels, parts, wavelengths), of which those
+        that are missing are given back in the spectrum of the axis, (channels, parts, wavelengths).
+        """
+        if self.transfers is None:
+            return 0.0
+        lit = np.maximum(axis.sum(-1, keepdims=True), 1e-300)
+        shape = wrong - wrong.sum(-1, keepdims=True) * axis / lit
+        worst = np.argsort(np.abs(shape).sum((1, 2, 3)))[-_SETTINGS.worst_angles :]
+        shape, change = shape[worst] @ interpolation_weights(self.nodes.tolist(), x).T, 0.0
+        for parts, power in self.powers:
+            rows = np.unique(shape[:, :, parts].reshape(-1, len(self.nodes)), axis=0)
+            change += math.sqrt(self.transfers.error_power(rows, power))
+        return self.factor * change

@@ -30,10 +30,10 @@ def aberrated_star(star: Star, camera: Camera, wavelength: float, shape, pitch: 
     scale = camera.magnification(star.distance)
     total = np.zeros(shape)
     spot = wavelength * float(camera.lens.image_distance / camera.lens.stop_diameter)
-    radius = star.diameter / 2 * scale
+    radius, open_ = star.diameter / 2 * scale, _open_shares(camera)
     for py, px, share in _points(radius, 2 + math.ceil(_FINER * radius / spot)):
         place = star.offset[0] * scale + py, star.offset[1] * scale + px
-        total += share * _psf(camera, wavelength, place, y - place[0], x - place[1])
+        total += share * _psf(camera, open_, wavelength, place, y - place[0], x - place[1])
     return total * pitch**2
 
 
@@ -49,21 +49,32 @@ def _points(radius: float, rings: int) -> list[tuple[float, float, float]]:
     return found
 
 
-def _psf(camera: Camera, wavelength: float, place, y: Array, x: Array) -> Array:
-    """Power per area at points (y, x) from the paraxial image of unit power."""
-    lens, panel = camera.lens, camera.panel
-    radius, z = float(lens.stop_diameter) / 2, float(lens.image_distance)
+def _places(camera: Camera) -> tuple[Array, float]:
+    """Metres across the pupil, and the width of a sample."""
+    radius = float(camera.lens.stop_diameter) / 2
     side = 2 * radius / _PUPIL
-    q = (np.arange(_PUPIL) + 0.5) * side - radius
-    v, u = q[:, None] / radius, q / radius
+    return (np.arange(_PUPIL) + 0.5) * side - radius, side
+
+
+def _open_shares(camera: Camera) -> Array:
+    """Of each sample in the pupil, what the stop and the panel leave of it."""
+    (q, side), radius = _places(camera), float(camera.lens.stop_diameter) / 2
     inner = (np.arange(8) + 0.5) / 8 - 0.5
     fv, fu = ((q[:, None] + inner * side).ravel() / radius for _ in range(2))
     open_ = (fv[:, None] ** 2 + fu**2 <= 1).reshape(_PUPIL, 8, _PUPIL, 8).mean((1, 3))
     # The panel's rows and columns lie around its middle pixel, which is at n // 2.
-    for axis, n in enumerate(panel.shape):
-        low, high = ((edge - n // 2 - 0.5) * panel.pitch for edge in (0, n))
+    for axis, n in enumerate(camera.panel.shape):
+        low, high = ((edge - n // 2 - 0.5) * camera.panel.pitch for edge in (0, n))
         inside = np.clip(np.minimum(q + side / 2, high) - np.maximum(q - side / 2, low), 0, side)
         open_ = open_ * (inside[:, None] if axis == 0 else inside) / side
+    return np.asarray(open_)
+
+
+def _psf(camera: Camera, open_: Array, wavelength: float, place, y: Array, x: Array) -> Array:
+    """Power per area at points (y, x) from the paraxial image of unit power."""
+    lens, panel, (q, side) = camera.lens, camera.panel, _places(camera)
+    radius, z = float(lens.stop_diameter) / 2, float(lens.image_distance)
+    v, u = q[:, None] / radius, q / radius
     power = (open_**2).sum() * side**2
     wave = open_ * np.exp(2j * np.pi / wavelength * _path(lens.field_aberrations, place, v, u))
     ways = [np.exp(-2j * np.pi / wavelength / z * np.outer(at, q)) for at in (y, x)]

@@ -45,8 +45,8 @@ def direct_chain(
     *,
     field: tuple[float, float] = (0.0, 0.0),
     sphere: bool = False,
-    across_pixel: int = 8,
-    rings: int = 60,
+    across_pixel: int = 6,
+    rings: int = 45,
 ) -> Array:
     """Share of the light per square metre at sensor places y and x from the image point.
 

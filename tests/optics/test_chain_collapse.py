@@ -99,7 +99,7 @@ def test_it_keeps_its_tolerance_where_the_stop_is_wide(distance, field, rng):
     modulation = np.exp(1j * rng.uniform(0, 2 * np.pi, (12, 16)))
     plane = Plane((9, 10), (8e-6, 8e-6))
     y, x = positions(9, 8e-6), positions(10, 8e-6)
-    nodes = {"across_pixel": 10, "rings": 120}
+    nodes = {"across_pixel": 10, "rings": 70}
     truth = direct_chain(camera, modulation, distance, WAVELENGTH, y, x, field=field, **nodes)
     operator = PSFOperator(
         camera,
@@ -137,7 +137,7 @@ def test_a_window_in_the_dark_gets_the_whole_chain(rng):
     operator = PSFOperator(camera, 0.8, WAVELENGTH, plane, **settings)
     value = operator(phase)
     y, x = positions(9, 8e-6), positions(10, 8e-6, 2.5e-4)
-    nodes = {"across_pixel": 10, "rings": 120}
+    nodes = {"across_pixel": 10, "rings": 70}
     truth = direct_chain(camera, np.ones((12, 16)), 0.8, WAVELENGTH, y, x, **nodes) * 64e-12
     assert relative(value, truth) <= 0.3
     assert operator.account.method == "chain"
@@ -152,7 +152,7 @@ def test_an_account_names_and_prices_the_engine_that_stood_in(rng):
     planned = operator.account
     value, spent = operator(phase), operator.account
     y, x = positions(5, 8e-6), positions(6, 8e-6, 1.5e-4)
-    nodes = {"across_pixel": 10, "rings": 200}
+    nodes = {"across_pixel": 10, "rings": 80}
     truth = direct_chain(camera, np.ones((12, 16)), 0.8, WAVELENGTH, y, x, **nodes) * 64e-12
     assert (planned.method, spent.method) == ("chain", "chain, direct")
     # The truth's own slices of the open area are good for eleven digits.

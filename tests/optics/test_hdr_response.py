@@ -142,11 +142,13 @@ def test_what_tells_no_curve_is_refused():
 @pytest.mark.skipif(not MEMORIAL.exists(), reason="no photographs beside the checkout")
 def test_memorial_church_is_nearer_to_its_authors_radiance_than_opencvs_merges():
     """Standard deviation of log2 of the ratio to memorial.hdr, made of all 16 exposures by Debevec;
-    pixels with numbers from 5 to 250 in two of the eight frames, and not in the blue borders."""
+    pixels with numbers from 5 to 250 in two of the eight frames, and not in the blue borders. Of
+    two rows and three columns, one: pixels are merged one by one, and are more than are merged at
+    once."""
     paths = [MEMORIAL / f"memorial{61 + number:04d}.png" for number in range(8)]
-    frames = np.array([cv2.imread(str(path)) for path in paths])
+    frames = np.array([cv2.imread(str(path))[::2, ::3] for path in paths])
     times = np.array([32, 16, 8, 4, 2, 1, 0.5, 0.25], np.float32)
-    published = cv2.imread(str(MEMORIAL / "memorial.hdr"), cv2.IMREAD_UNCHANGED)
+    published = cv2.imread(str(MEMORIAL / "memorial.hdr"), cv2.IMREAD_UNCHANGED)[::2, ::3]
     border = ((frames[..., 0] == 255) & (frames[..., 1:] == 0).all(axis=-1)).any(axis=0)
     seen = (((frames >= 5) & (frames <= 250)).sum(axis=0) >= 2).all(axis=-1)
     seen &= ~border & (published > 0).all(axis=-1)

@@ -10,7 +10,7 @@ from judges import relative
 from judges.fields import slit
 from scipy.integrate import quad
 
-QUICK = 0.1
+QUICK = 0.06
 """Predicted seconds of a method that a test waits for; the figure waits longer."""
 
 SCALAR = {"angular spectrum", "band-limited angular spectrum", "scaled angular spectrum"}

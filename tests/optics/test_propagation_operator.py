@@ -301,7 +301,7 @@ def advised(error) -> float:
 @pytest.mark.parametrize("z", some([1e-3, -5e-3]))
 def test_advice_before_a_field_is_known_can_be_followed(method, paraxial, z):
     """Where half of the light reaches the target."""
-    target, truth = Plane((28, 27), (5e-6, 5e-6)), gauss if paraxial else exact_gauss
+    target, truth = Plane((14, 13), (10e-6, 10e-6)), gauss if paraxial else exact_gauss
     field = gauss(BEAM, 20e-6, 0.0, BLUE)
     ask = partial(
         FreeSpace, BEAM, target, z, BLUE, paraxial=paraxial, method=method, band=(0.95e5,) * 2
@@ -495,12 +495,16 @@ def test_a_method_that_can_t_serve_says_why():
 
 
 @pytest.mark.parametrize(
-    "method", ["scaled angular spectrum", "band-limited angular spectrum", None]
+    ("method", "paraxial"),
+    [
+        ("scaled angular spectrum", False),
+        ("band-limited angular spectrum", False),
+        ("Fresnel transfer function", True),
+        (None, False),
+        (None, True),
+    ],
 )
-@pytest.mark.parametrize("paraxial", [False, True])
 def test_derivatives_in_field_and_lengths(method, paraxial):
-    if paraxial and method is not None:
-        method = "Fresnel transfer function"
     source = Plane((3, 2), (8e-6, 8e-6))
     generator = torch.Generator().manual_seed(1)
     field = torch.randn(3, 2, dtype=torch.complex128, generator=generator)

@@ -65,7 +65,7 @@ CUTTING = {
 }
 
 
-def counted(stop: Stop, grid: Plane, points: int = 10_000) -> np.ndarray:
+def counted(stop: Stop, grid: Plane, points: int = 4_000) -> np.ndarray:
     """Share of the points in each cell that are in the opening and in no obscuration.
 
     Spread by the golden ratio: rows of points along a side would be all in or all out.

@@ -44,7 +44,7 @@ FULL = Recipe(
 FINEST = Finest(band=16, leak=24, times=12, finer=3)
 VIDEO = PanelContent.of(np.stack([GREY, GREY[::-1], 200 - GREY]).astype(np.uint8), 1 / 300)
 EVEN = Band(550e-9, 10e-9, "open")
-QUICK = Finest(band=5, times=8, finer=3)
+QUICK = Finest(band=4, times=6, finer=3)
 """Enough for a band that ends at once."""
 
 LAMP = Waveform("sine", 100.0, 0.3, 0.4)

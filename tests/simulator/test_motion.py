@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 import torch
 from judges import positions, relative
-from small_bench.world import CAMERA, NEUTRAL, lens_pattern, light_of, ring_pattern, world
+from small_bench.world import (
+    CAMERA,
+    NEUTRAL,
+    fresh_light,
+    lens_pattern,
+    light_of,
+    ring_pattern,
+    world,
+)
 from sweeps import some
 
 import optics.slm.modulator
@@ -172,9 +180,9 @@ def test_a_cut_period_is_seen_as_far_as_it_lasts():
 
 def test_a_still_stands_however_slow_the_crystal_is():
     w = world(slow(0.1))
-    assert np.array_equal(light_of(w, STILLS[1]), light_of(world(), STILLS[1]))
+    assert np.array_equal(light_of(w, STILLS[1]), fresh_light(STILLS[1]))
     equal = video_of(w, [STILLS[1]] * 3, 0.7 * FRAME)
-    assert np.array_equal(equal, light_of(world(), STILLS[1], exposure=0.7 * FRAME))
+    assert np.array_equal(equal, fresh_light(STILLS[1], exposure=0.7 * FRAME))
 
 
 def test_a_crystal_that_is_at_once_is_not_followed(monkeypatch):

@@ -15,6 +15,7 @@ from small_bench.world import (
     GREY_CARD,
     NEUTRAL,
     WIDE_OPEN,
+    fresh_light,
     lens_pattern,
     light_of,
     ring_pattern,
@@ -114,7 +115,7 @@ def test_every_setting_changes_the_light(change, least):
 
 
 def test_the_description_of_the_camera_changes_the_light():
-    light = light_of(world())
+    light = fresh_light()
     for lens in (replace(CAMERA.lens, f_number=80.0), replace(CAMERA.lens, focus_distance=1.5)):
         assert relative(light_of(world(replace(CAMERA, lens=lens), tol=0.1)), light) > 0.02
     darker = replace(CAMERA, transmission=0.3)
@@ -156,14 +157,14 @@ def test_the_bandwidth_of_the_filter_changes_the_light():
 
 
 def test_no_light_comes_from_nothing():
-    light = light_of(world(), target="dark")
+    light = fresh_light(target="dark")
     assert light.shape == CAMERA.sensor.shape
     assert not light.any()
 
 
 def test_light_is_never_negative():
     for target in ("star", "card"):
-        assert light_of(world(), ring_pattern(100e-6), target=target).min() >= 0
+        assert fresh_light(ring_pattern(100e-6), target=target).min() >= 0
 
 
 @pytest.mark.parametrize(
@@ -321,7 +322,7 @@ def test_an_exposure_that_is_none_is_refused(exposure):
 
 def test_a_wavelength_that_the_panel_does_not_know_is_refused():
     with pytest.raises(ValueError, match=r"wavelength 900 nm is outside the panel's table"):
-        light_of(world(), wavelength=900e-9)
+        fresh_light(wavelength=900e-9)
 
 
 @pytest.mark.parametrize("distance", [pytest.param(0.8, marks=pytest.mark.sweep), 1.2, 50.0])
@@ -386,21 +387,26 @@ def video_of(w, frames, exposure, moment=0.0, target="star"):
     return w.electron_rates(exposure)[0].numpy().astype(np.float64)
 
 
+def one_coloured():
+    """Nothing of a video's time depends on the band, and a wavelength is soon rendered."""
+    return world(forced={"filter bandwidth": "1"})
+
+
 @cache
-def lights_of_stills(target="star"):
+def lights_of_stills():
     """Each from a world of its own."""
-    return [light_of(world(), grey, target=target) for grey in STILLS]
+    return [light_of(one_coloured(), grey) for grey in STILLS]
 
 
 def mean_of(weights):
-    """The weighted mean of the lights of stills."""
+    """The weighted mean of the lights of stills in one colour."""
     return np.tensordot(np.asarray(weights) / np.sum(weights), lights_of_stills(), 1)
 
 
 @pytest.mark.parametrize("exposure", [1e-4, 0.7 * FRAME, 3 * FRAME, 10.0])
 def test_a_video_of_equal_frames_is_a_still(exposure):
     w, grey = world(), ring_pattern(80e-6)
-    still = light_of(world(), grey, exposure=exposure)
+    still = fresh_light(grey, exposure=exposure)
     assert np.array_equal(video_of(w, [grey] * 3, exposure, moment=0.01), still)
 
 
@@ -408,7 +414,7 @@ def test_a_video_of_equal_frames_is_a_still(exposure):
 @pytest.mark.parametrize("periods", [1, pytest.param(2, marks=pytest.mark.sweep), 7])
 def test_a_video_over_whole_periods_is_the_mean_of_its_frames(periods, target):
     seen = video_of(world(), STILLS, periods * 3 * FRAME, moment=0.4 * FRAME, target=target)
-    lights = lights_of_stills(target)
+    lights = [fresh_light(grey, target=target) for grey in STILLS]
     # A video's plan may be finer than a still's, by what the tolerance leaves out.
     assert relative(seen, np.mean(lights, axis=0)) <= 1e-3
     if target == "star":
@@ -416,7 +422,7 @@ def test_a_video_over_whole_periods_is_the_mean_of_its_frames(periods, target):
 
 
 def test_a_frame_that_comes_twice_counts_twice():
-    seen = video_of(world(), [STILLS[0], STILLS[1], STILLS[0]], 3 * FRAME)
+    seen = video_of(one_coloured(), [STILLS[0], STILLS[1], STILLS[0]], 3 * FRAME)
     assert relative(seen, mean_of([2, 1, 0])) <= 1e-3
 
 
@@ -434,7 +440,7 @@ def test_a_frame_that_comes_twice_counts_twice():
 )
 def test_a_cut_period_weighs_frames_by_the_time_that_they_are_seen(start, length, weights):
     """In units of a frame: what is on the panel from `start` on, counted by hand."""
-    seen = video_of(world(), STILLS, length * FRAME, moment=start * FRAME)
+    seen = video_of(one_coloured(), STILLS, length * FRAME, moment=start * FRAME)
     assert relative(seen, mean_of(weights)) <= 1e-3
 
 
@@ -569,11 +575,11 @@ def test_light_belongs_to_the_settings_with_which_it_was_begun():
         w.grey = ring_pattern(100e-6)
 
     seen = w.electron_rates(0.01, meddle)[0].numpy()
-    assert np.array_equal(seen, light_of(world()))
+    assert np.array_equal(seen, fresh_light())
     # And what it leaves behind is neither.
     w.bandwidth = 7e-9
-    assert np.array_equal(light_of(w, wavelength=600e-9), light_of(world(), wavelength=600e-9))
-    assert np.array_equal(light_of(w), light_of(world()))
+    assert np.array_equal(light_of(w, wavelength=600e-9), fresh_light(wavelength=600e-9))
+    assert np.array_equal(light_of(w), fresh_light())
 
 
 def test_a_check_may_end_a_computation_and_nothing_is_left():
@@ -591,7 +597,7 @@ def test_a_check_may_end_a_computation_and_nothing_is_left():
     w.wavelength, w.target = WAVELENGTH, "star"
     with pytest.raises(Enough):
         w.electron_rates(0.01, check)
-    assert np.array_equal(light_of(w), light_of(world()))
+    assert np.array_equal(light_of(w), fresh_light())
 
 
 # Chance.
