@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.clock import RealClock
 from drivers.interfaces import Frame, Setting
 from labapp.bench.camera_match import require_described_camera
 from labapp.bench.selftest.camera_checks import DescribedCamera, camera_checks
@@ -13,6 +12,7 @@ from labapp.bench.selftest.checks import run_checks
 from labapp.common.errors import UserError
 from optics.camera import Sensor
 from optics.progress import Progress
+from simulator.clock import VirtualClock
 
 SENSOR = Sensor(shape=(40, 60))
 
@@ -77,7 +77,7 @@ def test_mosaics_must_be_described():
 def seen(camera, **described):
     sensor = Sensor(shape=(40, 60), bits=16, gain=0.18, full_well=1e6, **described)
     told = DescribedCamera(sensor, tells_clip_level=sensor.clip_level is not None)
-    found = run_checks(camera_checks(camera, RealClock(), told), Progress())
+    found = run_checks(camera_checks(camera, VirtualClock(), told), Progress())
     wanted = ("as described", "black level", "clip level", "linearity", "latency")
     return {one.check: one for one in found if one.check in wanted}, told.lines
 
