@@ -379,7 +379,7 @@ def test_a_limit_of_the_process_is_told_before_a_file_is_read(tmp_path):
     script = (
         "import resource; from pathlib import Path; from labapp.files.array_file import read_npy\n"
         "size = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()\n"
-        "resource.setrlimit(resource.RLIMIT_AS, (size + 150_000_000, -1))\n"
+        "resource.setrlimit(resource.RLIMIT_AS, (size + 150_400_000, -1))\n"
         f"read_npy(Path({str(tmp_path / 'large.npy')!r}))\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)

@@ -32,8 +32,12 @@ def cited_numbers(text: str) -> set[str]:
 
 
 def docstrings(path: Path) -> list[str]:
+    """Docstrings of a module, or none where it cites nothing: most modules needn't be parsed."""
+    source = path.read_text()
+    if not CITATION.search(source):
+        return []
     kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    nodes = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds))
+    nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, kinds))
     return [text for node in nodes if (text := ast.get_docstring(node))]
 
 

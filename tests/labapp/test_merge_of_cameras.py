@@ -15,6 +15,8 @@ from labapp.pictures.merging.bracket_files import SensorNumbers, read_bracket_fi
 from labapp.pictures.merging.exposure_facts import contradictions, times_of_files
 from labapp.pictures.merging.exposure_words import parse_exposures
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 TIMES = (0.01, 0.03, 0.09, 0.27)
 
 

@@ -23,6 +23,8 @@ from optics.deconvolution import restoration_choice
 from optics.deconvolution.method_names import METHOD_CHOICES, RESTORATIONS, RestorationEntry
 from optics.progress import Progress
 
+pytestmark = pytest.mark.usefixtures("white_sheets")
+
 REPORTED = [name for name, one in RESTORATIONS.items() if one.reported]
 
 

@@ -144,8 +144,15 @@ def test_a_file_is_on_the_disk_before_its_name_and_then_its_name(
     assert disk.events == ["sync", "name", "sync"]
 
 
+REFUSED = 3
+"""Of so many writes to the disk, one is refused; all of them in a sweep."""
+
+
+@pytest.mark.parametrize(
+    "part", [0, *(pytest.param(k, marks=pytest.mark.sweep) for k in range(1, REFUSED))]
+)
 def test_a_refused_write_of_any_part_of_the_draft_leaves_no_record(
-    contents: RecordContents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    contents: RecordContents, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int
 ) -> None:
     path, count, refused = tmp_path / "run.h5", [0], [0]
     write = os.pwrite
@@ -161,7 +168,7 @@ def test_a_refused_write_of_any_part_of_the_draft_leaves_no_record(
     path.unlink()
     writes = count[0]
     assert writes > 20
-    for number in range(1, writes + 1):
+    for number in range(1 + part, writes + 1, REFUSED):
         count[0], refused[0] = 0, number
         with pytest.raises(UserError, match="No space left"):
             create_record(path, contents)
