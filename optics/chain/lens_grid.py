@@ -178,8 +178,8 @@ class LensGridSearch:
         def lost_light(finer: float) -> float:
             return outside + _missing_scatter(turned, _edge_transmission(shift / (finer * base)))
 
-        # Light in the band is shifted by less than `base`, but for aberrations, so that a finer grid
-        # loses less. Each that is taken is checked below.
+        # Light in the band is shifted by less than `base`, but for aberrations, so that finer grids
+        # lose less. Each that is taken is checked below.
         first = bisect_left(
             _GRID_REFINEMENTS, True, key=lambda finer: edge.relative_error(lost_light(finer)) <= tol
         )
