@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -173,11 +174,17 @@ class LensGridSearch:
         )
         lit = np.flatnonzero(turned)
         shift, turned = edge.edge_frequency_shift.reshape(-1, 2)[lit], turned[lit]
-        for finer in _GRID_REFINEMENTS:
-            rate = finer * base
-            lost = outside + _missing_scatter(turned, _edge_transmission(shift / rate))
-            if edge.relative_error(lost) > tol:
-                continue
+
+        def lost_light(finer: float) -> float:
+            return outside + _missing_scatter(turned, _edge_transmission(shift / (finer * base)))
+
+        # Light in the band is shifted by less than `base`, but for aberrations, so that finer grids
+        # lose less. Each that is taken is checked below.
+        first = bisect_left(
+            _GRID_REFINEMENTS, True, key=lambda finer: edge.relative_error(lost_light(finer)) <= tol
+        )
+        for finer in _GRID_REFINEMENTS[first:]:
+            rate, lost = finer * base, lost_light(finer)
             passed = _edge_transmission(edge.edge_frequency_shift / rate)
             error = edge.relative_error(lost + _aliased_light(edge, low, high, rate, passed))
             if error <= tol:

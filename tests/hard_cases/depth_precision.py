@@ -75,7 +75,7 @@ def mixed_precision_of_a_search(tol: float) -> None:
     for kind in KINDS.values():
         for criterion in ("blind", "known"):
             plain, mixed = in_and_out_of_autocast(
-                lambda k=kind, c=criterion: search(transfer_of(k), 3, criterion=c)
+                lambda k=kind, c=criterion: search(transfer_of(k), 2, criterion=c)
             )
             assert torch.equal(plain.phase, mixed.phase)
             assert plain.rating == mixed.rating

@@ -149,9 +149,9 @@ def far_apart(tol: float) -> None:
 def any_scale(tol: float) -> None:
     """The same pattern."""
     target = ring((30, 40), 9)
-    plain = every_way(target)
+    plain = every_way(target, iterations=2)
     for scale in (1e-30, 1e30, 1e-300, 1e300):
-        for name, phases in every_way(scale * target).items():
+        for name, phases in every_way(scale * target, iterations=2).items():
             assert np.abs(np.exp(1j * phases) - np.exp(1j * plain[name])).mean() < 1e-2
 
 

@@ -18,9 +18,14 @@ Array = NDArray[np.float64]
 def gauss(count: int) -> tuple[Array, Array]:
     """At least so many Gauss-Legendre nodes from -1 to 1, in panels, and their weights."""
     panels = math.ceil(count / 96)
-    nodes, weights = np.polynomial.legendre.leggauss(math.ceil(count / panels))
+    nodes, weights = _legendre(math.ceil(count / panels))
     middles = (2 * np.arange(panels) + 1) / panels - 1
     return (middles[:, None] + nodes / panels).ravel(), np.tile(weights / panels, panels)
+
+
+@cache
+def _legendre(count: int) -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(count)
 
 
 def richardson(function: Callable[[float], Any], at: float, step: float) -> Any:

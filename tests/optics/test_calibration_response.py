@@ -73,7 +73,7 @@ def test_a_distorted_response_is_found_and_its_waves_are_counted(rng, law, reach
 
 
 def test_four_regions_are_swept_at_once_on_an_unknown_turned_sensor(rng):
-    """Through a numpy bench with its own light: 40 frames for four regions, noise, hot pixels."""
+    """Through a numpy bench with its own light: 30 frames for four regions, noise, hot pixels."""
     reach = 6.7 * np.pi
     phases = np.stack(
         [curve(reach * (1.1 - 0.05 * k), 1.15 - 0.1 * k, 0.01 * (k - 1)) for k in range(4)]
@@ -84,7 +84,7 @@ def test_four_regions_are_swept_at_once_on_an_unknown_turned_sensor(rng):
     upper = stripe_pattern(bench.panel, (2, 2), vectors, 0, 1) == 1
     parts = region_slices(bench.panel, (2, 2))
     registration = mapped(bench.centre, bench.matrix)
-    low, high = swept(40, reach)
+    low, high = swept(30, reach)
     shown = [
         stripe_pattern(bench.panel, (2, 2), vectors, *pair) for pair in zip(low, high, strict=True)
     ]

@@ -272,12 +272,15 @@ def test_a_tolerance_below_rounding_is_refused():
         DirectQuadrature(replace(span, tol=1.1e-12))
 
 
+legendre = cache(np.polynomial.legendre.leggauss)
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.1, 3.0, 40.0])
 @pytest.mark.parametrize("bend", [0.0, 0.02, 0.6, 5.0, 30.0])
 @pytest.mark.parametrize("depth", [0.5, 4.0, math.inf])
 def test_gauss_nodes_are_enough(turn, bend, depth):
     def integral(nodes):
-        x, w = np.polynomial.legendre.leggauss(nodes)
+        x, w = legendre(nodes)
         wave = np.exp(1j * (turn * x + bend * x**2))
         return (w * wave / (1 + (x / depth) ** 2)).sum() / 2
 

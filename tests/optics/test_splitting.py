@@ -166,7 +166,7 @@ def test_single_precision_agrees_with_double(shape):
 def test_each_kind_of_unknown_has_the_right_derivative():
     """Along random directions, against differences of the solution: each alone in grey, and all at
     once through filters."""
-    image, weight, trust = numbers(8, 9, seed=2), 0.02, 0.5 + numbers(8, 9, seed=3)
+    image, trust = numbers(8, 9, seed=2), 0.5 + numbers(8, 9, seed=3)
     response = numbers(3, 3, seed=2) + torch.eye(3).double()
 
     def restored(image, psfs, weight, trust):
@@ -174,12 +174,12 @@ def test_each_kind_of_unknown_has_the_right_derivative():
         if len(psfs) == 1:
             seen, iterations = build_observation(image, psfs[0], 0.02, weights=trust), 550
         else:
-            iterations, seen = 1000, build_mosaic_observation(
+            iterations, seen = 300, build_mosaic_observation(
                 image, BAYER, psfs, response=response, noise=0.02, weights=trust
             )  # fmt: skip
         return total_variation(seen, weight, iterations=iterations, positive=True).image
 
-    for psfs in (spreads(1, 3, 3), spreads(3, 3, 3)):
+    for psfs, weight in ((spreads(1, 3, 3), 0.02), (spreads(3, 3, 3), 0.05)):
         given = [image, psfs, torch.tensor(weight).double(), trust]
         recorded = [one.clone().requires_grad_() for one in given]
         seen = restored(*recorded)
@@ -207,10 +207,10 @@ def test_more_bands_than_channels_have_the_right_derivative():
             weights=trust,
         )  # fmt: skip
         bands = COUPLINGS["more bands than channels"]
-        found = total_variation(seen, weight, bands=bands, iterations=900, positive=True)
+        found = total_variation(seen, weight, bands=bands, iterations=450, positive=True)
         return (found.image * pull).sum()
 
-    given = [torch.tensor(0.02).double(), 0.5 + numbers(6, 6, seed=3)]
+    given = [torch.tensor(0.03).double(), 0.5 + numbers(6, 6, seed=3)]
     ways = [torch.tensor(3e-5).double(), (numbers(6, 6, seed=10) - 0.3) * 1e-4]
     gradients = torch.autograd.grad(pulled(*(one.requires_grad_() for one in given)), given)
     with torch.no_grad():

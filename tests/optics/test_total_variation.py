@@ -65,7 +65,7 @@ def objective(x, psf, frame, trust, weight, whole):
     return (trust * (at - frame) ** 2).sum() / 2 + weight * np.hypot(down, along).sum()
 
 
-def slowly(psf, frame, trust, weight, whole, steps=6000):
+def slowly(psf, frame, trust, weight, whole, steps=3000):
     """Chambolle and Pock's primal-dual algorithm, double precision, for the same problem."""
     operator = np.fft.fft2(
         np.roll(
@@ -109,7 +109,7 @@ def test_splitting_ends_where_a_slow_solver_does(shape):
     trust = rng.choice([0.0, 0.3, 1.0], frame.shape, p=[0.1, 0.2, 0.7]).astype(np.float32)
     problem = seen(frame, psf, 0.01, weights=trust)
     weight = 2e-3
-    ours = total_variation(problem, weight, iterations=1500)
+    ours = total_variation(problem, weight, iterations=800)
     truth = slowly(psf, frame, trust, weight, problem.period_shape)
     top, left = (n // 2 - m // 2 for n, m in zip(problem.period_shape, frame.shape, strict=True))
     inner = truth[top : top + frame.shape[0], left : left + frame.shape[1]]

@@ -22,7 +22,7 @@ _SHAPE = (576, 768)
 _SCENE = """
 version = 1
 title = "Photograph"
-tol = 0.003
+tol = 0.02
 [targets.photograph]
 kind = "photograph"
 file = "picture.png"

@@ -512,7 +512,7 @@ def test_a_frame_follows_from_its_number_whatever_was_taken_before():
     """Other frames, other settings, or nothing at all; what is kept in between changes nothing."""
 
     def taken(frames):
-        w = world()
+        w = world(tol=0.1)
         with SimulatedCamera(Surroundings(w.clock, w)) as camera:
             for number, target, exposure in frames:
                 w.begin_frame(7, 1, number)
