@@ -190,7 +190,7 @@ class _Filler:
                 return True
             if state is State.COMPLETE:
                 return False
-            time.sleep(0.002)
+            time.sleep(0.01)
         self.trouble = f"it is {state} instead of PAUSED"
         return False
 
