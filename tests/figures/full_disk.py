@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
-import shutil
 import subprocess
 import sys
 import threading
@@ -14,13 +14,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import mkdtemp
 
+import forked
 import numpy as np
 from small_bench.setups import random_plan, small_setup
 
 from drivers.interfaces import Frame
 from figures import Figure
 from figures.durability import differing_arrays, run_small
-from figures.where import ENVIRONMENT, ROOT
+from figures.where import PACKAGES
 from labapp.bench.opening import open_bench
 from labapp.runs.acquisition import frame_storage
 from labapp.runs.acquisition.attendance import Attendance
@@ -49,19 +50,9 @@ def full_disk_figure(folder: Path) -> list[Figure]:
 
 def fill_often(folder: Path, moments: int, seed: int = 0) -> tuple[list[str] | None, int]:
     """What went wrong at so many moments, and how often runs paused; None if it can't be tried."""
-    unshare = shutil.which("unshare")
-    if unshare is None:
-        return None, 0
-    # Mounts of a name space of its own vanish with the process.
-    private = ["-m"] if os.geteuid() == 0 else ["-Urm"]
-    command = [unshare, *private, sys.executable, "-m", "figures.full_disk"]
-    answer = subprocess.run(
-        [*command, str(folder), str(moments), str(seed)],
-        cwd=ROOT,
-        env=ENVIRONMENT,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, "-m", "figures.full_disk", str(folder), str(moments), str(seed)]
+    environment = os.environ | {"PYTHONPATH": PACKAGES}
+    answer = forked.run(command, env=environment, stdout=forked.PIPE, text=True)
     if answer.returncode == _NO_MOUNT or not answer.stdout:
         return None, 0
     first, *troubles = answer.stdout.splitlines()
@@ -72,8 +63,27 @@ def fill_often(folder: Path, moments: int, seed: int = 0) -> tuple[list[str] | N
 
 _NO_MOUNT = 3
 
+_NEW_MOUNTS, _NEW_USER = 0x00020000, 0x10000000
+"""Of unshare(2); from linux/sched.h."""
+
+
+def _have_own_mounts() -> bool:
+    """Give this process a name space of mounts, which vanish with it; False if it may not."""
+    user, group = os.geteuid(), os.getegid()
+    if ctypes.CDLL(None).unshare(_NEW_MOUNTS | (_NEW_USER if user else 0)):
+        return False
+    if user:
+        for name, text in (
+            ("setgroups", "deny"), ("uid_map", f"0 {user} 1"), ("gid_map", f"0 {group} 1"),
+        ):  # fmt: skip
+            Path("/proc/self", name).write_text(text)
+    # What is mounted in it would be seen outside where mounts are shared.
+    return not subprocess.run(["mount", "--make-rprivate", "/"], capture_output=True).returncode
+
 
 def _main(folder: Path, moments: int, seed: int) -> int:
+    if not _have_own_mounts():
+        return _NO_MOUNT
     disk = Path(mkdtemp(dir=folder))
     mounted = subprocess.run(
         ["mount", "-t", "tmpfs", "-o", f"size={_DISK}", "tmpfs", str(disk)], capture_output=True
@@ -180,7 +190,7 @@ class _Filler:
                 return True
             if state is State.COMPLETE:
                 return False
-            time.sleep(0.002)
+            time.sleep(0.01)
         self.trouble = f"it is {state} instead of PAUSED"
         return False
 

@@ -84,7 +84,7 @@ def cancel_seconds(folder: Path, setup: BenchSetup, number: int) -> float:
         time.sleep(0.2 + 0.05 * number)
         moments["asked"] = time.perf_counter()
         progress.cancel()
-        while not (_state(path).has_ended and moments.get("safe")):
+        while not (moments.get("safe") and _state(path).has_ended):
             time.sleep(0.001)
         moments["ended"] = time.perf_counter()
 

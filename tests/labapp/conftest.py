@@ -58,18 +58,18 @@ def children_with_their_libraries_loaded():
 
 @pytest.fixture(scope="module", autouse=True)
 def figures_laid_out_once():
-    """Figures of a module with as many axes are laid out once, which takes half of a drawing.
+    """Figures of a module that are alike are laid out once, which takes half of a drawing.
 
     The others are drawn with their axes where Matplotlib puts them.
     """
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    known = set()
+    known: set[tuple[int, float]] = set()
 
     def execute(self: ConstrainedLayoutEngine, figure: Any) -> Any:
-        axes = len(figure.axes)
-        if axes not in known:
-            known.add(axes)
+        kind = len(figure.axes), figure.get_figwidth()
+        if kind not in known:
+            known.add(kind)
             return lay_out(self, figure)
         return None
 

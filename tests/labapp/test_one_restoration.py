@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from small_bench.files import write_small
 
 from labapp.bench.opening import open_bench
 from labapp.files.plan_file import PlanFile
@@ -28,9 +29,10 @@ pytestmark = pytest.mark.usefixtures("white_sheets")
 REPORTED = [name for name, one in RESTORATIONS.items() if one.reported]
 
 
-@pytest.fixture
-def record(small, tmp_path):
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
     """Star and photograph, neutral and through a lens on the panel."""
+    small = write_small(tmp_path_factory.mktemp("small") / "files")
     block = {"patterns": ["neutral", "lens"], "wavelengths_nm": [550], "exposures_ms": [1, 8]}
     changes = {
         "acquire": [
@@ -41,7 +43,7 @@ def record(small, tmp_path):
     }
     plan = PlanFile.model_validate(read_file(small.plan, PlanFile).model_dump() | changes)
     with open_bench(small.bench_files) as bench:
-        return run_plan(bench, plan, tmp_path / "run.h5").path
+        return run_plan(bench, plan, small.folder / "run.h5").path
 
 
 def test_report_command_and_window_restore_a_record_alike_bit_for_bit(labapp, record, tmp_path):

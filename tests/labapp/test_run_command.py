@@ -46,7 +46,8 @@ def wait_until(true) -> None:
     late = time.monotonic() + 60
     while not true():
         assert time.monotonic() < late
-        time.sleep(0.01)
+        # To open a record takes the processor ten milliseconds.
+        time.sleep(0.05)
 
 
 def state_of(path: Path) -> State | None:

@@ -356,7 +356,7 @@ def test_pausing_rests_after_the_frame_and_goes_on_where_it_was(plan, bench, tmp
 
     def look_and_go_on():
         while state_of(path) is not State.PAUSED:
-            time.sleep(0.01)
+            time.sleep(0.05)
         rested.append(list(taken))
         bench.filter.set_wavelength(700e-9)
         progress.resume()
@@ -536,7 +536,7 @@ def test_a_full_disk_pauses_the_run_until_there_is_space(
 
     def free():
         while state_of(path) is not State.PAUSED:
-            time.sleep(0.005)
+            time.sleep(0.05)
         with Record(path) as record:
             messages.append((record.message, record.missing_frames()))
         full.clear()
