@@ -26,7 +26,7 @@ LENGTHS = {
     "f_number": 80.0,
     "focus_distance": 2.0,
     "aberration": 3e-8,
-    "separation": 0.02,
+    "separation": 0.05,
     "field": 1e-5,
     "centre": 1e-5,
 }

@@ -128,7 +128,7 @@ def test_nor_does_a_crystal_on_its_way(seed):
     assert not broken(s, crystal, bare, cache)
 
 
-@pytest.mark.parametrize("seed", seeds(12, sweeps=range(6, 12)))
+@pytest.mark.parametrize("seed", seeds(12, sweeps=range(4, 12)))
 def test_bounds_fall_with_the_level_and_are_nothing_at_the_finest(seed):
     s = random_situation(seed, video=seed % 2 == 0)
     for effect in EFFECTS:
@@ -186,7 +186,7 @@ def test_a_dark_scene_causes_nothing():
     assert not [one.name for one in EFFECTS if one.is_present(s)]
 
 
-@pytest.mark.parametrize("seed", seeds(16, sweeps=range(4, 16)))
+@pytest.mark.parametrize("seed", seeds(16, sweeps=range(2, 16)))
 def test_the_floor_lies_below_the_picture_with_everything(seed):
     s = random_situation(200 + seed)
     sensor = s.camera.sensor

@@ -146,6 +146,11 @@ def test_spans_of_time_are_where_an_interval_falls(n, length, rng):
 # In the world.
 
 
+def slow_world(tau: float, **forced):
+    """Of one colour: nothing of a crystal's way is told by the band."""
+    return world(slow(tau), forced={"filter bandwidth": "1"} | forced)
+
+
 def video_of(w, frames, exposure, moment=0.0):
     w.wavelength, w.target = WAVELENGTH, "star"
     w.begin_frame(1, 2, 3, start_time=moment)
@@ -157,20 +162,20 @@ def test_the_order_of_frames_counts_where_the_crystal_is_slow():
     frames = [*STILLS, ring_pattern(120e-6)]
     other = [frames[0], frames[2], frames[1], frames[3]]
     for tau, differ in ((0.0, False), (5e-3, True)):
-        lights = [video_of(world(slow(tau)), f, 4 * FRAME) for f in (frames, other)]
+        lights = [video_of(slow_world(tau), f, 4 * FRAME) for f in (frames, other)]
         assert (relative(*lights) > 1e-3) == differ
 
 
 def test_whole_periods_are_alike_whenever_they_begin():
-    w = world(slow(5e-3))
+    w = slow_world(5e-3)
     first = video_of(w, STILLS, 6 * FRAME)
     assert np.array_equal(video_of(w, STILLS, 3 * FRAME, moment=0.4 * FRAME), first)
-    assert np.array_equal(video_of(world(slow(5e-3)), STILLS, 3 * FRAME), first)
+    assert np.array_equal(video_of(slow_world(5e-3), STILLS, 3 * FRAME), first)
 
 
 def test_a_cut_period_is_seen_as_far_as_it_lasts():
     """Long exposures see whole periods and a part: weighed by what each of them lasts."""
-    w = world(slow(5e-3), forced={"liquid-crystal response": True})
+    w = slow_world(5e-3, **{"liquid-crystal response": True})
     whole = video_of(w, STILLS, 3 * FRAME)
     part = video_of(w, STILLS, 0.7 * FRAME, moment=1.5 * FRAME)
     both = video_of(w, STILLS, 3.7 * FRAME, moment=1.5 * FRAME)
@@ -209,13 +214,13 @@ def test_a_moving_video_may_be_given_up_between_its_moments():
         if len(calls) == 5:
             raise Enough
 
-    w = world(slow(5e-3))
+    w = slow_world(5e-3)
     w.wavelength, w.target = WAVELENGTH, "star"
     w.play(np.stack(STILLS), FRAME)
     with pytest.raises(Enough):
         w.electron_rates(3 * FRAME, check)
     assert np.array_equal(
-        w.electron_rates(3 * FRAME)[0].numpy(), video_of(world(slow(5e-3)), STILLS, 3 * FRAME)
+        w.electron_rates(3 * FRAME)[0].numpy(), video_of(slow_world(5e-3), STILLS, 3 * FRAME)
     )
 
 
