@@ -9,6 +9,7 @@ the sum of their bounds, because each bound holds for any levels of the other ef
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -110,27 +111,10 @@ class Ladder:
         self._situation, self._decided_by = situation, decided_by
         self._works = {one.name: CachedWork(one, situation) for one in self.effects}
         self.finest_levels = finest | self.forced_levels
-        self._taken: list[LadderStep] = []
-        self._descent = self._walk_down()
 
-    @property
+    @functools.cached_property
     def steps(self) -> tuple[LadderStep, ...]:
-        return tuple(self._in_turn())
-
-    def _in_turn(self) -> Iterator[LadderStep]:
-        """Yield the plan's steps from the top of the ladder; those farther down aren't found yet.
-
-        A plan takes as many as its tolerance allows, and the last ones are mostly too many.
-        """
-        number = 0
-        while True:
-            if number == len(self._taken):
-                following = next(self._descent, None)
-                if following is None:
-                    return
-                self._taken.append(following)
-            yield self._taken[number]
-            number += 1
+        return tuple(self._walk_down())
 
     def work(self, levels: Mapping[str, int]) -> float:
         """Return the operations of rendering a picture at a plan's effect levels."""
@@ -139,10 +123,10 @@ class Ladder:
     def levels(self, tol: float) -> dict[str, int]:
         """Return the coarsest planned effect levels on the ladder that keep a tolerance.
 
-        The bounds of all steps down to these levels are summed.
+        The bounds of all steps down to these levels are summed. Steps farther down aren't found.
         """
         levels, spent = dict(self.finest_levels), Bound()
-        for step in self._in_turn():
+        for step in self._walk_down():
             spent = spent.plus(step.bound)
             if self._floor.relative_error(spent) > tol:
                 break

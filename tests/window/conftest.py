@@ -116,7 +116,7 @@ def on_a_slow_machine(slow_machine: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setenv("XDG_CACHE_HOME", str(slow_machine))
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def forked_engines() -> Iterator[None]:
     """Engines needn't load their libraries; test_window_opens.py has one that does."""
     with pytest.MonkeyPatch.context() as patch:
@@ -161,7 +161,7 @@ def qapp(qapp: QApplication) -> Iterator[QApplication]:
     _watchdog.stop()
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def slow_screen() -> Iterator[None]:
     """Live pictures come as often as a screen is redrawn: here, no more often than a test looks."""
     with pytest.MonkeyPatch.context() as patch:
