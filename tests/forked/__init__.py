@@ -34,6 +34,7 @@ LOADED = (
     "labapp.studies.command",
     "labapp.bench.virtual_bench.serving",
     "labapp.window.engine.engine_loop",
+    "read_files",
 )
 """What processes would spend their first seconds with. Nothing of it starts threads."""
 
