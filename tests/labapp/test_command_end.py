@@ -16,7 +16,7 @@ from simulator.devices import SimulatedSLM
 
 
 @pytest.mark.parametrize(
-    ("moments", "latest"), [(8, 1.5), pytest.param(60, 5.0, marks=pytest.mark.sweep)]
+    ("moments", "latest"), [(6, 1.5), pytest.param(60, 5.0, marks=pytest.mark.sweep)]
 )
 def test_ctrl_c_ends_every_command_at_any_moment(tmp_path, moments, latest):
     """Another seed than the figure's: these are other moments."""

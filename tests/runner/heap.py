@@ -1,4 +1,7 @@
-"""What tests have freed goes back to the system, before the next test needs as much again."""
+"""What tests have freed goes back to the system, before the next test needs as much again.
+
+What stays to the end, libraries and the tests themselves, isn't looked through for garbage each time.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,11 @@ class Heap:
 
     def __init__(self) -> None:
         self._needed = 0
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_finish(self) -> None:
+        gc.collect()
+        gc.freeze()
 
     @pytest.hookimpl(trylast=True)
     def pytest_runtest_logfinish(self) -> None:
