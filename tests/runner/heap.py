@@ -1,6 +1,6 @@
 """What tests have freed goes back to the system, before the next test needs as much again.
 
-What stays to the end, libraries and the tests themselves, isn't looked through for garbage each time.
+What stays to the end, libraries and the tests themselves, isn't looked through for garbage.
 """
 
 from __future__ import annotations
