@@ -35,7 +35,7 @@ def path(tmp_path):
     return tmp_path / "run.h5"
 
 
-@pytest.mark.parametrize("schedules", [5, pytest.param(200, marks=pytest.mark.sweep)])
+@pytest.mark.parametrize("schedules", [5, pytest.param(60, marks=pytest.mark.sweep)])
 def test_two_processes_that_want_one_file_lose_no_frame(tmp_path, schedules):
     """Another seed than the figure's."""
     found = contest(tmp_path, schedules, seed=1)
