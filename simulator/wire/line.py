@@ -70,8 +70,6 @@ class SimulatedLine:
         """
         with self._lock:
             self._advance(t)
-            if _first_time(self._coming) > t:
-                return b""
             arrived = bytearray()
             while _first_time(self._coming) <= t:
                 arrived.append(heapq.heappop(self._coming)[2])

@@ -80,6 +80,15 @@ def figures_laid_out_once():
 
 
 @pytest.fixture
+def few_field_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Free space is compared at few samples of the exact field: each is a sum over all nodes."""
+    from labapp.accuracy.propagate import FreeSpaceComparisonSettings
+
+    few = FreeSpaceComparisonSettings(max_samples=16, max_products=4e6)
+    monkeypatch.setattr("labapp.accuracy.propagate._SETTINGS", few)
+
+
+@pytest.fixture
 def drawn() -> None:
     """Asked for by tests that need the drawings, where others do without."""
 

@@ -20,7 +20,6 @@ from labapp.accuracy.overview.measuring import measure_all, write_outcome
 from labapp.accuracy.overview.operations import OPERATIONS, Operation
 from labapp.accuracy.overview.outcome import Outcome
 from labapp.accuracy.overview.page import page_html
-from labapp.accuracy.propagate import FreeSpaceComparisonSettings
 from labapp.accuracy.reading import (
     EACH_CALL,
     FIRST_ANSWER,
@@ -54,12 +53,9 @@ SMALL = OverviewSettings(
 
 
 @pytest.fixture
-def quick(monkeypatch):
+def quick(monkeypatch, few_field_samples):
     monkeypatch.setattr("labapp.accuracy.work_precision._TIMING", CallTimingSettings(1, 1e-4))
     once = RetimingSettings(short_s=0.0)
-    # Each sample of the exact field takes a sum over all nodes.
-    few = FreeSpaceComparisonSettings(max_samples=16, max_products=4e6)
-    monkeypatch.setattr("labapp.accuracy.propagate._SETTINGS", few)
     monkeypatch.setattr("labapp.accuracy.deconvolve._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.retrieval._TIMING", once)
     monkeypatch.setattr("labapp.accuracy.hdr._TIMING", once)

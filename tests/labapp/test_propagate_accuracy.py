@@ -14,12 +14,7 @@ import pytest
 from labapp_peers import free_space as propagate_peers
 from labapp_peers.free_space import candidates as peer_candidates
 
-from labapp.accuracy.propagate import (
-    FieldReference,
-    FreeSpaceComparisonSettings,
-    candidates,
-    field_case_from_options,
-)
+from labapp.accuracy.propagate import FieldReference, candidates, field_case_from_options
 from labapp.accuracy.work_precision import CallTimingSettings, Row, measure
 from labapp.common.errors import UserError
 from optics.accuracy import Budget
@@ -27,14 +22,9 @@ from optics.plane import Plane
 from optics.progress import Progress
 from optics.propagation.free_space_operator import METHODS
 
+pytestmark = pytest.mark.usefixtures("few_field_samples")
+
 NAMES = ("hcipy", "deeplens", "torchoptics")
-
-
-@pytest.fixture(autouse=True)
-def few_samples(monkeypatch):
-    """Each sample of the exact field takes a sum over all nodes."""
-    few = FreeSpaceComparisonSettings(max_samples=16, max_products=4e6)
-    monkeypatch.setattr("labapp.accuracy.propagate._SETTINGS", few)
 
 
 def small_case(*, light: str = "smooth", paraxial: bool = False, **changes):

@@ -22,7 +22,7 @@ from labapp.files.file_lookup import require_file
 from labapp.files.guarded_reading import open_regular, unreadable
 from labapp.files.plain_hdf5 import explain_system_error, open_hdf5
 from labapp.files.plan_file import PlanFile
-from labapp.files.reading import validate
+from labapp.files.reading import M, validate
 from labapp.runs.capabilities import BenchCapabilities
 from labapp.runs.readouts import AS_OPENED, Readout
 from labapp.runs.record import digests, layout, writer_process
@@ -148,8 +148,7 @@ class Record:
 
     @property
     def plan(self) -> PlanFile:
-        plan: PlanFile = self._validated("plan", PlanFile)
-        return plan
+        return self._validated("plan", PlanFile)
 
     @property
     def bench(self) -> BenchFile:
@@ -163,8 +162,7 @@ class Record:
         """The bench file with which the recorded run began."""
         from labapp.files.bench_file import BenchFile
 
-        bench: BenchFile = self._validated("bench", BenchFile)
-        return bench
+        return self._validated("bench", BenchFile)
 
     @property
     def scene(self) -> SceneFile | None:
@@ -587,13 +585,14 @@ class Record:
         with self._damage_as_user_error(f"entry/{name}"):
             return json.loads(self.text(name))
 
-    def _validated(self, name: str, model: type[Any]) -> Any:
+    def _validated(self, name: str, model: type[M]) -> M:
         """Return a file that the run's record keeps as text, validated once as long as it's the
         same text: what a sensor's spectra are checked for takes longer than a frame is read."""
         known = name, self.text(name)
         if known not in self._known:
             self._known[known] = validate(self._json(name), model, f"{self.path}: {name}")
-        return self._known[known]
+        file: M = self._known[known]
+        return file
 
     @contextmanager
     def _damage_as_user_error(self, name: str) -> Iterator[None]:
