@@ -10,8 +10,10 @@ from __future__ import annotations
 import faulthandler
 import os
 import threading
+import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import IO
 
 import pytest
@@ -27,6 +29,16 @@ _COLLECTION = 600.0
 _LAST_WORD = 5.0
 """Seconds after which a process is ended that can't even say that it hangs."""
 
+_BEAT = 0.5
+"""Seconds between two looks at the clock. A thread for each test costs more than most tests do."""
+
+
+@dataclass(frozen=True)
+class _Limit:
+    name: str
+    seconds: float
+    end: float
+
 
 class Limits:
     """A plugin for where tests run. grace: seconds after a test's timeout. words: where to."""
@@ -34,9 +46,19 @@ class Limits:
     def __init__(self, config: pytest.Config, words: IO[str]) -> None:
         self._config, self._words = config, words
         self._grace = float(config.getini("grace"))
+        self._limit: _Limit | None = None
+        self._longest = self._default() and self._default() + self._grace
+        self._over = threading.Event()
+        self._watch = threading.Thread(target=self._watch_the_clock, daemon=True)
 
     def pytest_sessionstart(self) -> None:
         faulthandler.enable(self._words)
+        self._watch.start()
+
+    def pytest_sessionfinish(self) -> None:
+        self._over.set()
+        self._watch.join()
+        faulthandler.cancel_dump_traceback_later()
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
@@ -61,29 +83,33 @@ class Limits:
 
     @contextmanager
     def _within(self, seconds: float, name: str) -> Iterator[None]:
-        if not seconds or self._config.getoption("usepdb"):
-            yield
-            return
-        seconds += self._grace
-        self._timer = threading.Timer(seconds, self._end, [name, seconds])
-        self._timer.daemon = True
-        self._timer.start()
-        faulthandler.dump_traceback_later(seconds + _LAST_WORD, exit=True, file=self._words)
+        if seconds and not self._config.getoption("usepdb"):
+            seconds += self._grace
+            self._longest = max(self._longest, seconds)
+            self._limit = _Limit(name, seconds, time.monotonic() + seconds)
         try:
             yield
         finally:
-            self._cancel()
-
-    def _cancel(self) -> None:
-        self._timer.cancel()
-        faulthandler.cancel_dump_traceback_later()
+            self._limit = None
 
     def pytest_enter_pdb(self) -> None:
         """Give a person all the time at a breakpoint."""
-        self._cancel()
+        self._limit = None
 
-    def _end(self, name: str, seconds: float) -> None:
-        print(f"{name} has not ended after {seconds:g} s.", file=self._words)
+    def _watch_the_clock(self) -> None:
+        """End the process when a test is late, or when a library keeps even this from running."""
+        while True:
+            if self._longest:
+                late = self._longest + _LAST_WORD
+                faulthandler.dump_traceback_later(late, exit=True, file=self._words)
+            if self._over.wait(_BEAT):
+                return
+            limit = self._limit
+            if limit and time.monotonic() > limit.end:
+                self._end(limit)
+
+    def _end(self, limit: _Limit) -> None:
+        print(f"{limit.name} has not ended after {limit.seconds:g} s.", file=self._words)
         capture = self._config.pluginmanager.getplugin("capturemanager")
         printed = "".join(capture.read_global_capture()) if capture else ""
         print(printed, file=self._words, flush=True)

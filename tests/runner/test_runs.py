@@ -44,6 +44,17 @@ def test_after(number, shared):
     pass
 """
 
+HOLDING = """
+import ctypes, signal
+
+def test_that_holds_the_interpreter():
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
+    ctypes.PyDLL(None).sleep(1000)
+
+def test_after():
+    pass
+"""
+
 OTHERS = """
 import pytest
 
@@ -179,6 +190,14 @@ def test_what_hangs_has_a_name_without_workers(project):
     assert "test_hanging.py::test_that_hangs has not ended after 2 s" in said
     assert "this was printed" in said
     assert working_in(project.folder) == []
+
+
+@pytest.mark.sweep  # it takes ten seconds of waiting
+def test_what_keeps_all_of_python_from_running_has_a_name(project):
+    project.add({"test_holding": HOLDING})
+    said = project.run("-n", "1")
+    assert "FAILED test_holding.py::test_that_holds_the_interpreter: Timeout (0:00:07)!" in said
+    assert "1 failed, 1 passed" in said
 
 
 def test_what_is_late_fails_and_the_process_lives(project):
