@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -88,11 +88,15 @@ def make_config(changes: Mapping[str, Mapping[str, Any]] | None = None) -> EdofT
 
 
 @cache
-def bench_folder() -> Path:
-    """A folder with the small bench, for all trainings of a process."""
-    folder = Path(mkdtemp(prefix="tiny-edof-"))
-    write_small(folder / "bench")
+def _bench_folder() -> TemporaryDirectory[str]:
+    folder = TemporaryDirectory(prefix="tiny-edof-")
+    write_small(Path(folder.name) / "bench")
     return folder
+
+
+def bench_folder() -> Path:
+    """A folder with the small bench, for all trainings of a process; it goes with the process."""
+    return Path(_bench_folder().name)
 
 
 def make_problem(config: EdofTrainingConfig) -> EdofProblem:
