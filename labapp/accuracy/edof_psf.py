@@ -23,10 +23,10 @@ from labapp.accuracy.work_precision import CALLS, CUT, Deadline, RetimingSetting
 from labapp.common.errors import UserError
 from optics.accuracy import Budget
 from optics.camera import Camera
-from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.progress import Progress
 from optics.psf import PSFOperator
-from optics.psf.pattern_symmetry import expand_phase
+from optics.psf.chain_collapsed import collapse_to_thin_camera
+from optics.psf.symmetry import expand_phase
 from optics.quarter_symmetry import crop_quarter, mirror_quarter, quarter_shape
 
 Array = NDArray[np.float64]

@@ -15,7 +15,6 @@ from labapp.edof.design_request import PIXEL_PARAMETRISATIONS, STARTS, EdofReque
 from labapp.files.design_file import read_design
 from labapp.files.picture.colour_picture import read_screen_colours
 from optics.camera import Camera, Panel
-from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.edof.depth_bound import rms_transfer_limit
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.full_transfer import FullTransfer
@@ -34,6 +33,7 @@ from optics.patterns import (
     lattice_focal_lens,
     multi_focus_rings,
 )
+from optics.psf.chain_collapsed import collapse_to_thin_camera
 from optics.slm import grey_to_phase, max_phase
 
 _PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}

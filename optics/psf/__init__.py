@@ -2,20 +2,18 @@
 
 A PSFOperator selects the cheapest engine that keeps its tolerance: `axial` for round lenses,
 `scattered_nodes` for any smooth wave in any stop, `sampled` for large tolerances, and
-`optics.psf_engines.panel_engine` behind a modulator. If the modulator stands apart from the lens,
+`optics.psf.panel_engine` behind a modulator. If the modulator stands apart from the lens,
 the engines are those of optics.chain.
 """
 
-from optics.chain import CHAIN_METHODS
 from optics.psf.behind_modulator import modulated_psf
-from optics.psf.engine_choice import METHODS
-from optics.psf.nyquist import nyquist_samples_per_pixel
+from optics.psf.chain_choice import CHAIN_METHODS
+from optics.psf.choice import METHODS
+from optics.psf.many import PolychromaticPSF, PSFStack, psf
 from optics.psf.operator import PSFOperator
-from optics.psf.pattern_symmetry import SYMMETRIES, expand_phase, symmetric_shape
-from optics.psf.polychromatic import PolychromaticPSF
-from optics.psf.single_psf import psf
-from optics.psf.stack import PSFStack
-from optics.psf_engines.panel_engine import PANEL_METHODS
+from optics.psf.panel_engine import PANEL_METHODS
+from optics.psf.request import nyquist_samples_per_pixel
+from optics.psf.symmetry import SYMMETRIES, expand_phase, symmetric_shape
 
 __all__ = [
     "CHAIN_METHODS",

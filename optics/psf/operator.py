@@ -23,15 +23,27 @@ from optics.accuracy import (
     unreachable_tolerance_error,
 )
 from optics.camera import Camera, Lens
-from optics.chain import GridEngine, LightBudget, compute_light_budget
 from optics.plane import Plane
 from optics.psf.axial import AxialEngine
-from optics.psf.engine_choice import (
+from optics.psf.behind_panel import BehindPanelEngine
+from optics.psf.chain_grid import GridEngine
+from optics.psf.choice import (
     fallback_engines,
     prepare_cheapest_engine,
     require_method,
     tolerance_error_with_advice,
 )
+from optics.psf.dim_windows import (
+    UNKNOWN_LIGHT,
+    AddedLight,
+    CoarseAddedLightError,
+    largest_ratio,
+    normalise_amplitude,
+    scale_light,
+    window_norm,
+)
+from optics.psf.engine import PSFEngine
+from optics.psf.light_budget import LightBudget, compute_light_budget
 from optics.psf.operator_inputs import (
     build_spherical_wave,
     numeric_optics,
@@ -41,19 +53,9 @@ from optics.psf.operator_inputs import (
     resolve_unmodulated_share,
     validate_field_position,
 )
-from optics.psf.pattern_symmetry import expand_phase, symmetric_engine
-from optics.psf_engines.amplitude_scale import normalise_amplitude, scale_light
-from optics.psf_engines.behind_panel import BehindPanelEngine
-from optics.psf_engines.engine import PSFEngine
-from optics.psf_engines.panel_engine import PanelEngine
-from optics.psf_engines.request import PSFRequest
-from optics.psf_engines.window_error import (
-    UNKNOWN_LIGHT,
-    AddedLight,
-    CoarseAddedLightError,
-    largest_ratio,
-    window_norm,
-)
+from optics.psf.panel_engine import PanelEngine
+from optics.psf.request import PSFRequest
+from optics.psf.symmetry import expand_phase, symmetric_engine
 from optics.pupil import (
     Scalar,
     cutoff_frequencies,
@@ -151,7 +153,7 @@ class PSFOperator:
         Share of unmodulated light, 0 to 1; the panel's own by default.
     symmetry : str, optional
         How patterns are given: "none" (the default), "quarter" or "separable" (see
-        `optics.psf.pattern_symmetry.symmetric_shape`). Where the light is symmetric as well, the
+        `optics.psf.symmetry.symmetric_shape`). Where the light is symmetric as well, the
         Fourier transforms are shorter; elsewhere, patterns are expanded to the panel.
     tol : float, optional
         Largest relative L2 error from sampling and arithmetic; 1e-3 by default.

@@ -6,8 +6,8 @@ import math
 
 from optics.camera import Camera, Lens
 from optics.plane import Plane
-from optics.psf.pattern_symmetry import symmetric_shape
-from optics.psf_engines.spherical_wave import SphericalWaveCorrection
+from optics.psf.request import SphericalWaveCorrection
+from optics.psf.symmetry import symmetric_shape
 from optics.pupil import Scalar, numeric_camera
 from optics.validation import as_number, require_number, require_size, to_plain_numbers
 

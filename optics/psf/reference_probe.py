@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.accuracy import ErrorEstimate, MachineSpeed
-from optics.psf_engines.request import PSFRequest
+from optics.psf.request import PSFRequest
 from optics.pupil import pupil_phase
 from optics.stop.quadrature import (
     PhaseSlopeBound,

@@ -16,9 +16,9 @@ from optics.accuracy import (
 )
 from optics.fourier import FourierGeometry, plan_transform
 from optics.plane import Plane
+from optics.psf.engine import CachedPupilWave, PSFEngine, wrap_phase
 from optics.psf.reference_probe import ReferenceProbe
-from optics.psf_engines.engine import CachedPupilWave, PSFEngine, wrap_phase
-from optics.psf_engines.request import PSFRequest
+from optics.psf.request import PSFRequest
 from optics.pupil import pupil_phase
 from optics.stop.coverage import coverage
 

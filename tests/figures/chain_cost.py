@@ -17,7 +17,7 @@ from figures.chains import ChainProblem
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens, Panel
-from optics.psf.stack import PSFStack
+from optics.psf.many import PSFStack
 from optics.threads import single_threaded
 
 Array = NDArray[np.float64]

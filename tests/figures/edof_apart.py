@@ -14,7 +14,6 @@ from figures import TOLD, Figure, edof_protocol
 from figures.edof_judge import PSFJudge
 from figures.edof_protocol import CAMERA, _wiener
 from optics.camera import Camera
-from optics.chain.thin_camera import collapse_to_thin_camera
 from optics.edof.evaluation import prepare_scenes
 from optics.edof.pattern_search import design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
@@ -23,6 +22,7 @@ from optics.edof.protocol_psfs import compute_depth_psfs
 from optics.edof.pupil_pattern import PupilPattern
 from optics.edof.quarter_transfer import QuarterTransfer
 from optics.edof.transfer_design import TransferDesign
+from optics.psf.chain_collapsed import collapse_to_thin_camera
 from optics.quarter_symmetry import crop_quarter
 
 _WAVELENGTH = 520e-9

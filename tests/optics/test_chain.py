@@ -12,11 +12,11 @@ from scipy.special import fresnel
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
-from optics.chain import CHAIN_METHODS
-from optics.chain.panel_to_lens import PanelToLensPropagator, PropagatorAxis, TaperedBand
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator, modulated_psf
-from optics.psf.stack import PSFStack
+from optics.psf.chain_choice import CHAIN_METHODS
+from optics.psf.many import PSFStack
+from optics.psf.to_lens import PanelToLensPropagator, PropagatorAxis, TaperedBand
 from optics.slm.modulator import Modulator
 
 WAVELENGTH = 550e-9

@@ -11,9 +11,9 @@ from sweeps import some
 
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens, Panel
-from optics.chain.edge_scatter import StopEdgeScatter, _normal_distance_steps, window_frequencies
 from optics.plane import Plane
-from optics.psf_engines.request import PSFRequest
+from optics.psf.edge_scatter import StopEdgeScatter, _normal_distance_steps, window_frequencies
+from optics.psf.request import PSFRequest
 from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 550e-9

@@ -10,16 +10,16 @@ import pytest
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
-from optics.chain.edge_scatter import StopEdgeScatter
-from optics.chain.lens_grid import (
+from optics.plane import Plane
+from optics.psf.axes import BandTaper
+from optics.psf.edge_scatter import StopEdgeScatter
+from optics.psf.lens_grid import (
     LensGridSearch,
     _cumulative_light_outwards,
     _cutoff_for_lost_light,
     choose_lens_grid,
 )
-from optics.chain.propagator_axes import BandTaper
-from optics.plane import Plane
-from optics.psf_engines.request import PSFRequest
+from optics.psf.request import PSFRequest
 
 TOL = 3e-3
 CAMERA = Camera(Panel((60, 80), 8e-6), Lens(0.05, 0.05 / 0.4e-3, 2.0), separation=5e-3)

@@ -11,7 +11,7 @@ from optics.fourier.banded_matrix import BandedMatrix
 from optics.fourier.fitted_interpolation import FittedInterpolation
 from optics.fourier.spectrum_grid import FullSpectrum, MirroredSpectrum
 from optics.plane import Plane
-from optics.psf_engines.interpolated_pixels import InterpolatedPixelTransform
+from optics.psf.interpolated_pixels import InterpolatedPixelTransform
 from optics.quarter_symmetry import mirror_quarter, quarter_shape
 
 

@@ -9,8 +9,8 @@ import torch
 from judges import covered
 from sweeps import some
 
-from optics.chain.stop_mask import BlockwiseStopMask
 from optics.plane import Plane
+from optics.psf.stop_mask import BlockwiseStopMask
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 RADIUS = 1e-3

@@ -19,8 +19,8 @@ from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator, psf
-from optics.psf.rim_integral import rim_field
-from optics.psf_engines.request import PSFRequest
+from optics.psf.axial import rim_field
+from optics.psf.request import PSFRequest
 from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 WAVELENGTH = 520e-9
@@ -123,7 +123,7 @@ def test_far_out_of_focus_the_rim_is_taken():
 
 
 def test_nodes_that_fit_no_memory_are_made_block_by_block(monkeypatch):
-    monkeypatch.setattr("optics.psf.scattered_nodes._LEAST_BLOCK", 1000)
+    monkeypatch.setattr("optics.psf.lens_nodes._LEAST_BLOCK", 1000)
     lens, pixels = Lens(0.05, 4.0, math.inf, STOPS["hexagonal"]), Plane((8, 8), (5e-6, 5e-6))
     settings = {"integrate": False, "tol": 1e-4, "method": "scattered"}
     small = Budget(memory=3_000_000)

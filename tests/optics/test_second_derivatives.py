@@ -7,11 +7,11 @@ import torch
 from sweeps import some
 
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.chain import CHAIN_METHODS
 from optics.edof.full_transfer import FullTransfer
 from optics.edof.transfer_design import TransferDesign
 from optics.plane import Plane
 from optics.psf import PSFOperator
+from optics.psf.chain_choice import CHAIN_METHODS
 
 WAVELENGTH = 550e-9
 PIXELS = Plane((5, 6), (12e-6, 12e-6))

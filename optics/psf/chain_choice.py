@@ -1,0 +1,76 @@
+"""List the engines that compute a PSF through the chain from panel to sensor."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+from optics.accuracy import select_methods
+from optics.camera import Camera
+from optics.psf.chain_collapsed import CollapsedEngine
+from optics.psf.chain_direct import DirectEngine
+from optics.psf.chain_engine import ChainEngine
+from optics.psf.chain_grid import GridEngine
+from optics.psf.chain_nodes import QuadratureEngine
+from optics.psf.edge_scatter import StopEdgeScatter
+from optics.psf.engine import PSFEngine
+from optics.psf.lens_grid import LensGridSearch
+from optics.psf.panel_engine import PANEL_METHODS
+from optics.psf.request import PSFRequest
+from optics.pupil import numeric_camera, require_open_pupil
+
+CHAIN_METHODS = (
+    CollapsedEngine.name,
+    GridEngine.name,
+    QuadratureEngine.name,
+    DirectEngine.name,
+)
+"""Names of the chain's engines. A Fourier transform's name selects the collapsed camera."""
+
+
+def chain_engines(
+    request: PSFRequest, camera: Camera, method: str | None, *, mirrored: bool = False
+) -> dict[str, Callable[[], PSFEngine]]:
+    """List the engines for the PSF of a chain, whose panel stands apart from its lens.
+
+    Parameters
+    ----------
+    request : PSFRequest
+        The point, the pixels and the tolerance.
+    camera : Camera
+        The camera; its panel stands apart from its lens.
+    method : str or None
+        One of CHAIN_METHODS, or the name of a transform, which selects CollapsedEngine with it.
+        None for all engines.
+    mirrored : bool, optional
+        Whether a quarter of a mirrored pattern is given, which only CollapsedEngine takes. False by
+        default.
+
+    Returns
+    -------
+    dict of str to callable
+        For each engine's name, a function without arguments that makes it.
+
+    Raises
+    ------
+    ValueError
+        For a stop that leaves the panel dark, or a method that isn't known.
+    """
+    require_open_pupil(numeric_camera(camera))
+    # All engines share one estimate of the light that the stop's edge scatters.
+    edge = StopEdgeScatter(request, numeric_camera(camera))
+    search = functools.cache(lambda: LensGridSearch(edge))
+    transform = method if method in PANEL_METHODS else None
+    # One of these may stand in for another that a dark window needs to be stricter.
+    kinds: list[type[ChainEngine]] = [GridEngine, QuadratureEngine, DirectEngine]
+    kinds = [kind for kind in kinds if method in (None, kind.name)]
+    makers: dict[str, Callable[[], PSFEngine]] = {
+        GridEngine.name: lambda: GridEngine(request, camera, search(), kinds=kinds),
+        QuadratureEngine.name: lambda: QuadratureEngine(request, camera, search(), kinds=kinds),
+        DirectEngine.name: lambda: DirectEngine(request, camera, search(), kinds=kinds),
+        CollapsedEngine.name: lambda: CollapsedEngine(
+            request, camera, search(), transform, mirrored=mirrored
+        ),
+    }
+    wanted = select_methods(makers, CollapsedEngine.name if transform else method)
+    return {name: makers[name] for name in wanted}

@@ -1,0 +1,230 @@
+"""The base class of all engines that compute a PSF through the chain from panel to sensor."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import torch
+
+from optics.accuracy import MachineSpeed, MethodChoice, ToleranceError
+from optics.camera import Camera
+from optics.psf.behind_panel import BehindPanelEngine
+from optics.psf.dim_windows import AddedLight, allowed_own_error, window_norm
+from optics.psf.lens_grid import LensGridSearch
+from optics.psf.light_budget import LowLightCorrection
+from optics.psf.request import PSFRequest
+from optics.psf.to_lens import PropagatorVariables
+from optics.pupil import Scalar, numeric_camera, open_area
+from optics.validation import needs_gradient, rounded_up
+
+_SEARCH_CALLS = 180.0
+"""Time of the search for a band and a grid, in calls; fitted to 180 random chains."""
+
+_DIM_MARGIN = 1.3
+"""Factor on the tolerance that is advised for a dim window, because another engine's light may
+differ a little. Chosen."""
+
+
+def search_seconds(speed: MachineSpeed) -> float:
+    """Predict the time of the search for the light that a chain's method may neglect, seconds."""
+    return _SEARCH_CALLS * speed.call
+
+
+class ChainEngine(BehindPanelEngine):
+    """Computes the PSF of a panel apart from its lens: thesis Eq. 5.1 to 5.7, in Fresnel's model.
+
+    With the point's parabolic wave factored out (Sziklas and Siegman 1975,
+    10.1364/AO.14.001874), the spread M = 1 + z1/d and the point's image at x_i on the sensor,
+    the field at x in the lens' plane is
+
+        exp(i pi (x - x_o)² / (lambda (d + z1))) W(x / M - z1 x_i / z2) / M,
+
+    where W is the panel's modulation after z1 / M of free space and x_o = -x_i (d + z1) / z2
+    the object. This follows from completing the square in s: (s - x_o)²/d + (x - s)²/z1 equals
+    (M / z1) (s - c)² + (x - x_o)² / (d + z1), with c = x / M - z1 x_i / z2. M is 1 for an object at
+    infinity. After the lens, the phase is that of defocus and aberrations (`pupil_phase`). A
+    Fraunhofer integral about the image point leads to the sensor; the tilt of the wave from x_o
+    moves the image to that point.
+    """
+
+    def __init__(
+        self,
+        request: PSFRequest,
+        camera: Camera,
+        search: LensGridSearch,
+        promised_tol: float | None = None,
+        kinds: Sequence[type[ChainEngine]] = (),
+    ) -> None:
+        self._request, self._camera = request, numeric_camera(camera)
+        self._kinds = tuple(kinds) or (type(self),)
+        self._promised_tol = promised_tol or request.tol
+        self._search, self._edge_scatter = search, search.edge_scatter
+        self._stricter_engine: ChainEngine | None = None
+        self._plan(request.numeric)
+        self._planned_error = self.error
+
+    @abstractmethod
+    def _plan(self, n: PSFRequest) -> None:
+        """Choose the chain's sampling that keeps the tolerance of the PSF request `n`.
+
+        n: the request in plain numbers, without derivatives.
+        """
+
+    def points(self) -> tuple[torch.Tensor, torch.Tensor]:
+        return self._camera.panel.plane.mesh()
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        return search_seconds(speed)
+
+    def panel_field(
+        self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+    ) -> torch.Tensor:
+        """Return the field behind the chain's panel, without the point's parabolic wave."""
+        factor = self.modulation_factor(phase, amplitude, self._camera.panel.shape, self._dtype)
+        if factor is None:
+            factor = torch.ones(self._camera.panel.shape, dtype=self._dtype)
+        sphere = self._request.sphere
+        if sphere is None:
+            return factor
+        return factor * sphere.wave_factor(*self.points()).to(factor)
+
+    def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
+        """Return the chain's PSFs, (..., rows, columns), of an empty batch of patterns.
+
+        FFTs don't accept an empty batch.
+        """
+        light = modulated.real.sum(dim=(-2, -1))
+        return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
+
+    def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
+        """Return the chain's panel field times the wave's extra slope in each pixel, per axis.
+
+        The extra slope is the slope of the exact spherical wave less that of its parabola, in
+        cycles per metre. The list is empty if the request has no spherical wave.
+        """
+        sphere = self._request.sphere
+        if sphere is None:
+            return []
+        slopes = sphere.phase_gradient(*self.points(), self._camera.panel.active_side)
+        return [(axis, field * slope.to(field)) for axis, slope in enumerate(slopes)]
+
+    def _sphere_error(self) -> float:
+        """Estimate the chain's error if the spherical wave's phase counts as linear in a pixel.
+
+        The phase is that of the spherical wave less its parabola. At the pixel's edge, the error is
+        half of the square of half the phase change across the pixel. Its mean over the pixel is a
+        third of that.
+        """
+        sphere, panel = self._request.numeric.sphere, self._camera.panel
+        if sphere is None:
+            return 0.0
+        turn = sphere.largest_phase_slope(math.hypot(*panel.shape) * panel.pitch / 2) * panel.pitch
+        return turn**2 / 12
+
+    def _propagator_variables(self) -> PropagatorVariables | None:
+        """Return the parameters of the chain's propagator as tensors that carry derivatives.
+
+        Returns None if no derivative is wanted.
+        """
+        q = self._request
+        lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.chief_ray_slopes)
+        if not any(map(needs_gradient, lengths)):
+            return None
+        n = q.numeric
+        bend = q.wavelength * q.separation / q.shadow_magnification
+        stretch = (q.radius / n.radius) * (n.shadow_magnification / q.shadow_magnification)
+        shift = tuple(
+            stretch * (was * n.separation) - now * q.separation
+            for was, now in zip(n.chief_ray_slopes, q.chief_ray_slopes, strict=True)
+        )
+        one = torch.ones((), dtype=torch.float64)
+        return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
+
+    def _open_pixel_area(self) -> Scalar:
+        """Return the chain's open pixel area in m², as if panel and stop stood in one plane."""
+        camera = replace(self._camera, lens=self._request.lens)
+        return open_area(camera) * camera.panel.fill_factor
+
+    def intensity_scale(self) -> Scalar:
+        """Return the factor from ``|sum over the chain's lens samples|²`` to PSF values.
+
+        Lengths in the sum are in stop radii.
+        """
+        q = self._request
+        area = q.samples.pitch[0] * q.samples.pitch[1]
+        return (
+            area * q.radius**4 / (q.scale**2 * q.shadow_magnification**2 * self._open_pixel_area())
+        )
+
+    @property
+    def _passing_error_share(self) -> float:
+        """The share of the chain's squared error that comes from light in the passing band."""
+        return 0.0
+
+    def _intensity_or_replan(
+        self,
+        light: torch.Tensor,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None,
+        measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
+        rounding: float = 0.0,
+    ) -> torch.Tensor:
+        """Return the chain's `light`, or a stricter engine's result if the window is too dark.
+
+        light: the PSF as this engine computes it. added: other light that is added afterwards. The
+        error that is told is that of both together. measure_passing_brightness: a function that
+        returns the panel's brightness (see LowLightCorrection), where the caller has a faster one.
+        rounding: error that is known for this light.
+        """
+        measure = measure_passing_brightness or (
+            lambda: self._edge_scatter.passing_brightness(self.panel_field(phase, amplitude))
+        )
+        ratio = LowLightCorrection(
+            self._edge_scatter, self._request.window_slices, light, amplitude, measure
+        ).error_divisor(self._passing_error_share)
+        own = (self._planned_error.value + self.arithmetic) / ratio + rounding
+        norm = window_norm(light.detach(), self._request.window_slices)
+        how = "estimate for the light in the window"
+        error = self.tell_error(own, norm, added, self.arithmetic, how)
+        self._stand_in = None
+        if error <= self._promised_tol:
+            return light
+        tol = 0.7 * ratio * allowed_own_error(self._promised_tol, norm, added)
+        if self._stricter_engine is None or self._stricter_engine.planned_error > tol:
+            self._stricter_engine = self._plan_stricter_engine(tol)
+        self._stand_in = self._stricter_engine
+        return self._stand_in.intensity(phase, amplitude, added)
+
+    @property
+    def planned_error(self) -> float:
+        """The relative L2 error of the chain's PSF that was planned, for an evenly lit panel."""
+        return self._planned_error.value
+
+    def _plan_stricter_engine(self, tol: float) -> ChainEngine:
+        """Plan the cheapest of the chain's engines for a smaller tol, which a dark window needs."""
+        promised = self._promised_tol
+        if tol < 0.9 * self._request.tol:
+            request = replace(self._request, tol=tol)
+            makers = [
+                partial(kind, request, self._camera, self._search, promised, self._kinds)
+                for kind in self._kinds
+            ]
+            choice = MethodChoice(makers, request.budget, "a PSF")
+            for engine in choice.prepared_candidates():
+                return engine
+        reason = (
+            f"tol {promised:g} can't be kept: the window gets so little of the light that what the "
+            "stop's edge scatters there counts"
+        )
+        # What this engine was planned for is kept in brighter windows, in proportion.
+        floor = _DIM_MARGIN * self._request.tol / tol * promised
+        if not floor < 1:
+            raise ToleranceError(reason)
+        refusal = ToleranceError(reason, f"ask for tol {rounded_up(floor)} or more")
+        refusal.floor = floor
+        raise refusal

@@ -1,0 +1,356 @@
+"""Compute the PSF through the chain from panel to sensor by quadrature over the stop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from optics.accuracy import (
+    FLOAT64_ARITHMETIC,
+    ErrorEstimate,
+    MachineSpeed,
+    ToleranceError,
+    unreachable_tolerance_error,
+)
+from optics.camera import Camera
+from optics.fourier.differentiation import Derivatives, ShapedMap, Term
+from optics.fourier.nonuniform import (
+    FINEST_NUFFT,
+    NonuniformTransform,
+    nonuniform_bytes,
+    nonuniform_seconds,
+)
+from optics.plane import Plane
+from optics.psf.axes import fresnel_area, stop_extent
+from optics.psf.chain_engine import ChainEngine
+from optics.psf.dim_windows import AddedLight
+from optics.psf.engine import wrap_phase
+from optics.psf.lens_grid import TAPER_TOL_SHARE, tapered_band
+from optics.psf.request import PSFRequest
+from optics.psf.to_lens import PropagatorAxis, fast_fft_length
+from optics.pupil import pupil_phase
+from optics.stop.quadrature import (
+    PhaseSlopeBound,
+    QuadratureNodes,
+    count_nodes,
+    rule_seconds,
+    stop_rule,
+    stop_rule_blocks,
+)
+
+
+@dataclass(frozen=True)
+class ChainQuadratureSettings:
+    """Tune how a QuadratureEngine divides its tolerance and memory.
+
+    Attributes
+    ----------
+    band_tol_share : float
+        Share of the tolerance for light outside the band of frequencies. Chosen.
+    quadrature_tol_share : float
+        Share of the tolerance for the quadrature, in the field. Chosen.
+    transform_tol_share : float
+        Share of the tolerance for each non-uniform FFT, in the field. Chosen.
+    coarsest_inner_tol : float
+        Largest tolerance for which the quadrature, the transforms and the band's ends are planned.
+        Chosen, so that the error that is told stays below 1e-4.
+    fixed_calls : float
+        Time of a PSF that doesn't depend on any size, in calls. Fitted to 60 random chains, like
+        the next four.
+    passes_per_frequency : float
+        Time for each frequency of the panel's spectrum, in passes.
+    planning_calls : float
+        Time of planning that doesn't depend on any size, in calls.
+    points_per_planned_node : float
+        Time to sort a node for the transforms and to compute the lens' wave there, over that of
+        MachineSpeed.point.
+    planning_rules : float
+        Time to find the nodes, over what `rule_seconds` predicts for those of a lens alone.
+    bytes_per_node : int
+        Memory for each node, bytes.
+    max_nodes : int
+        Most nodes that are computed; they take some minutes.
+    """
+
+    band_tol_share: float = 0.5
+    quadrature_tol_share: float = 0.05
+    transform_tol_share: float = 0.02
+    coarsest_inner_tol: float = 2e-4
+    fixed_calls: float = 18.0
+    passes_per_frequency: float = 95.0
+    planning_calls: float = 20.0
+    points_per_planned_node: float = 10.0
+    planning_rules: float = 2.0
+    bytes_per_node: int = 400
+    max_nodes: int = 200_000_000
+
+
+_SETTINGS = ChainQuadratureSettings()
+
+
+class QuadratureEngine(ChainEngine):
+    """Computes the PSF by Gauss-Legendre nodes that follow the stop's boundary.
+
+    Non-uniform FFTs lead from the panel's spectrum to the nodes, and from the nodes to the sensor.
+    Light of the frequency f moves sideways by f times the Fresnel area. Frequencies that reach the
+    stop from no point of the panel are left out by a band with smooth ends (see `tapered_band`). So
+    only light that the tolerance allows is left out (see StopEdgeScatter), and the error falls
+    faster than any power.
+    """
+
+    name = "chain, quadrature"
+    precision = "float64"
+    _dtype = torch.complex128
+
+    def _plan(self, n: PSFRequest) -> None:
+        self.arithmetic = 10 * FLOAT64_ARITHMETIC
+        rough = self._sphere_error()
+        settings = _SETTINGS
+        allowed = settings.band_tol_share * n.tol - rough
+        if not allowed > 0:
+            least = 1.1 * (rough + 0.2 * n.tol) / settings.band_tol_share
+            raise unreachable_tolerance_error(n.tol, least)
+        low, high = self._search.find_band(allowed, np.zeros(2))
+        # Steps whose errors fall faster than any power are planned for more than is asked: they
+        # cost little, and their errors are far below what is told.
+        inner_tol = min(n.tol, settings.coarsest_inner_tol)
+        planned = [_plan_axis(n, self._camera, k, low[k], high[k], inner_tol) for k in (0, 1)]
+        self._axes = [axis for axis, _ in planned]
+        if all(is_complete for _, is_complete in planned):
+            allowed = 0.0
+        self._window_amplitude = min(1.0, self._edge_scatter.window_share) ** 0.5
+        self._transform_tol = max(
+            settings.transform_tol_share * inner_tol * self._window_amplitude, FINEST_NUFFT
+        )
+        used = 2 * (
+            settings.quadrature_tol_share * inner_tol
+            + 2 * self._transform_tol / self._window_amplitude
+        )
+        left = rough + allowed + 2 * TAPER_TOL_SHARE * inner_tol + used
+        self.error = ErrorEstimate(left, "estimate, for an evenly lit panel")
+        self._slope_bound = self._build_slope_bound(n)
+        self._quadrature_tol = settings.quadrature_tol_share * inner_tol
+        self._node_count = count_nodes(n.lens.stop, self._slope_bound, self._quadrature_tol)
+        self.sampling = f"{self._node_count} nodes in the stop"
+        self._full_block: _StopNodeBlock | None = None
+        self._nodes_in_memory = self._node_count * settings.bytes_per_node <= n.budget.memory / 2
+        if self._node_count > settings.max_nodes or (
+            self._request.differentiable and not self._nodes_in_memory
+        ):
+            raise ToleranceError(
+                f"tol {n.tol:g} can't be kept: the light at the lens turns so fast that it takes "
+                f"{self._node_count:.1e} nodes in the stop"
+            )
+
+    def _build_slope_bound(self, n: PSFRequest) -> PhaseSlopeBound:
+        """Bound the phase slope in the stop for all light that reaches the chain's lens."""
+        turn = math.hypot(*(max(map(abs, axis.band.outer_limits)) for axis in self._axes))
+        tilt = 2 * math.pi * n.radius * turn / float(n.shadow_magnification)
+        at_lens = replace(n, distance=n.object_to_lens_distance, separation=0.0, phase_slope=tilt)
+        return at_lens.phase_slope_bound
+
+    @property
+    def _frequency_plane(self) -> Plane:
+        """The panel frequencies that the chain follows, as a plane in cycles per metre."""
+        counts = [axis.frequency_count for axis in self._axes]
+        steps = [1 / axis.period for axis in self._axes]
+        middles = [
+            (axis.first_frequency_number + count // 2) * step
+            for axis, count, step in zip(self._axes, counts, steps, strict=True)
+        ]
+        return Plane((counts[0], counts[1]), (steps[0], steps[1]), (middles[0], middles[1]))
+
+    @property
+    def bytes(self) -> int:
+        nodes = (
+            min(self._node_count, self._max_block_nodes)
+            if not self._nodes_in_memory
+            else self._node_count
+        )
+        plane, samples = self._frequency_plane, self._request.samples
+        each = nonuniform_bytes(0, plane) + nonuniform_bytes(0, samples)
+        return each + 32 * plane.shape[0] * plane.shape[1] + _SETTINGS.bytes_per_node * nodes
+
+    @property
+    def _max_block_nodes(self) -> int:
+        return max(1 << 18, self._request.budget.memory // 4 // _SETTINGS.bytes_per_node)
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        there = nonuniform_seconds(
+            self._node_count, self._frequency_plane, self._transform_tol, speed
+        )
+        on = nonuniform_seconds(self._node_count, self._request.samples, self._transform_tol, speed)
+        rows, columns = self._frequency_plane.shape
+        spectrum = _SETTINGS.passes_per_frequency * rows * columns * speed.touch * speed.double
+        nodes = (there + on) * (1.0 if self._nodes_in_memory else 3.0)
+        return _SETTINGS.fixed_calls * speed.call + spectrum + nodes
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        settings = _SETTINGS
+        seconds = super().planning_seconds(speed) + settings.planning_calls * speed.call
+        if not self._nodes_in_memory:
+            return seconds
+        seconds += settings.points_per_planned_node * self._node_count * speed.point
+        stop, slope = self._request.numeric.lens.stop, self._slope_bound
+        return seconds + settings.planning_rules * rule_seconds(
+            stop, slope, self._quadrature_tol, speed
+        )
+
+    def prepare(self) -> None:
+        n = self._request.numeric
+        if not self.error.value + self.arithmetic <= n.tol:
+            raise unreachable_tolerance_error(n.tol, self.error.value + self.arithmetic)
+        if self._nodes_in_memory:
+            rule = stop_rule(n.lens.stop, self._slope_bound, self._quadrature_tol)
+            self._full_block = _StopNodeBlock(rule, self)
+            self.sampling = f"{rule.count} nodes in the stop"
+
+    def _blocks(self) -> Iterator[_StopNodeBlock]:
+        if self._full_block is not None:
+            yield self._full_block
+            return
+        stop = self._request.numeric.lens.stop
+        for nodes in stop_rule_blocks(
+            stop, self._slope_bound, self._quadrature_tol, self._max_block_nodes
+        ):
+            yield _StopNodeBlock(nodes, self)
+
+    def intensity(
+        self,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None = None,
+    ) -> torch.Tensor:
+        modulated = self.panel_field(phase, amplitude)
+        if not modulated.numel():
+            return self.empty_intensity(modulated)
+        if self._full_block is None and modulated.requires_grad and torch.is_grad_enabled():
+            raise ValueError(
+                f"a stop of {self._node_count} nodes gives no derivatives; allow more memory, or "
+                'take method="chain"'
+            )
+        light = self._spectrum_at_lens(modulated, self._axes)
+        for axis, part in self.wavefront_slope_fields(modulated):
+            axes = [replace(one, has_pixel_slope=k == axis) for k, one in enumerate(self._axes)]
+            light = light + self._spectrum_at_lens(part, axes)
+        field = sum((block.field(light) for block in self._blocks()), torch.zeros(()))
+        power = (field.real**2 + field.imag**2) * self.intensity_scale()
+        return self._intensity_or_replan(power, phase, amplitude, added)
+
+    def _spectrum_at_lens(self, field: torch.Tensor, axes: list[PropagatorAxis]) -> torch.Tensor:
+        """Compute the spectrum, (..., y, x), of the field that arrives at the chain's lens."""
+        y, x = axes
+        for axis, dim in ((y, -2), (x, -1)):
+            field = torch.fft.fft(field, axis.fft_length, dim)
+            number = (
+                torch.arange(axis.frequency_count) + axis.first_frequency_number
+            ) % axis.fft_length
+            field = field.index_select(dim, number.to(field.device))
+        moved = self._propagator_variables()
+        weights = [axis.transfer(self._dtype).to(field.device) for axis in axes]
+        if moved is not None:
+            # This factor has the value 1 and carries the derivative in the Fresnel area.
+            weights = [
+                w * torch.polar(torch.ones_like(a), a)
+                for w, a in (
+                    (
+                        w,
+                        -math.pi
+                        * axis.band_frequencies**2
+                        * (moved.fresnel_area - moved.fresnel_area.detach()),
+                    )
+                    for w, axis in zip(weights, axes, strict=True)
+                )
+            ]
+        return field * weights[0][:, None] * weights[1]
+
+
+def _plan_axis(
+    n: PSFRequest, camera: Camera, axis: int, low: float, high: float, tol: float
+) -> tuple[PropagatorAxis, bool]:
+    """Plan a chain's frequency axis: the frequencies from `low` to `high` that reach the stop.
+
+    tol: relative error that the band's smooth ends may cause. Also returns whether the axis holds
+    all frequencies that go from any point of the panel to any point of the stop.
+    """
+    panel, spread = camera.panel, float(n.shadow_magnification)
+    bend = fresnel_area(n)
+    line = panel.plane.coordinates(axis)
+    ends = float(line[0]) - panel.pitch / 2, float(line[-1]) + panel.pitch / 2
+    shift = float(n.chief_ray_slopes[axis]) * n.separation
+    stop = [place * n.radius / spread - shift for place in stop_extent(camera, axis)]
+    # Beyond these frequencies, no light goes from the panel to the stop.
+    first, last = (stop[0] - ends[1]) / bend, (stop[1] - ends[0]) / bend
+    is_complete = low <= first and last <= high
+    band = tapered_band(max(low, first), min(high, last), bend, tol)
+    margin = band.taper_sigmas / (2 * math.pi * band.taper_sigma)
+    reach = ends[0] + bend * band.outer_limits[0], ends[1] + bend * band.outer_limits[1]
+    least = max(reach[1] - stop[0], stop[1] - reach[0], ends[1] - ends[0]) + margin
+    length = fast_fft_length(least / panel.pitch)
+    planned = PropagatorAxis(
+        panel.shape[axis], panel.pitch, panel.active_side, length, 1, length, bend, 0.0, band
+    )
+    return planned, is_complete
+
+
+class _StopNodeBlock:
+    """Holds a block of nodes in the stop, and the transforms to the nodes and to the sensor."""
+
+    def __init__(self, nodes: QuadratureNodes, engine: QuadratureEngine) -> None:
+        self._nodes, self._engine = nodes, engine
+        q = engine._request
+        n = q.numeric
+        grow = n.radius / float(n.shadow_magnification)
+        shifts = [float(sine) * n.separation for sine in n.chief_ray_slopes]
+        self._places = (nodes.y * grow, nodes.x * grow)
+        y, x = (p - s for p, s in zip(self._places, shifts, strict=True))
+        self._to_lens = NonuniformTransform(
+            y, x, engine._frequency_plane, 1.0, engine._transform_tol
+        )
+        self._to_sensor = NonuniformTransform(
+            nodes.y * n.radius, nodes.x * n.radius, n.samples, n.scale, engine._transform_tol
+        )
+
+    def field(self, light: torch.Tensor) -> torch.Tensor:
+        """Compute the chain's field at the sensor from these nodes, in square stop radii."""
+        q = self._engine._request
+        moved, onward = self._engine._propagator_variables(), q.transform_variables
+        if moved is None:
+            arriving = self._to_lens.adjoint(light)
+        else:
+            numbers = (moved.stretch, *moved.shift)
+            arriving = _shaped_adjoint(self._to_lens)(light, numbers)
+        wave = self._lens_wave() if q.differentiable else self._kept_lens_wave
+        return self._to_sensor(arriving * wave.to(arriving.device), onward.stretch, onward.shift)
+
+    @cached_property
+    def _kept_lens_wave(self) -> torch.Tensor:
+        return self._lens_wave()
+
+    def _lens_wave(self) -> torch.Tensor:
+        """Return the chain's lens wave at the nodes, times their weights."""
+        q, nodes = self._engine._request, self._nodes
+        phase = pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, nodes.y, nodes.x)
+        phase = wrap_phase(phase)
+        return torch.polar(torch.ones_like(phase), phase) * nodes.weight
+
+
+def _shaped_adjoint(transform: NonuniformTransform) -> ShapedMap:
+    """Return the sum of a chain's light at the stop nodes as a map that their places shape.
+
+    It sums light exp(2 pi i f (stretch y + shift)) over all frequencies f, at the nodes y.
+    """
+
+    def derive(same: ShapedMap) -> Derivatives:
+        at_y, at_x = transform.positions()
+        fy, fx = (2j * math.pi * transform.image.coordinates(axis) for axis in (0, 1))
+        turn_y, turn_x = fy[:, None], fx[None, :]
+        stretch: list[Term] = [(at_y, same, turn_y), (at_x, same, turn_x)]
+        return [stretch, [(1.0, same, turn_y)], [(1.0, same, turn_x)]]
+
+    return ShapedMap(transform._adjoint, transform._forward, derive)

@@ -1,0 +1,345 @@
+"""Choose the band of the panel's frequencies and the grid at the lens that keep a tolerance.
+
+How far light goes sideways before it meets the stop limits both.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.accuracy import unreachable_tolerance_error
+from optics.camera import Camera
+from optics.psf.axes import BandTaper, LensGrid
+from optics.psf.edge_scatter import StopEdgeScatter, is_in_band
+from optics.psf.request import PSFRequest
+from optics.psf.to_lens import TaperedBand
+
+Array = NDArray[np.float64]
+
+
+_GRID_REFINEMENTS = (
+    *np.arange(1.25, 2, 0.125),
+    *np.arange(2, 4, 0.25),
+    4,
+    5,
+    6,
+    8,
+    12,
+    16,
+    24,
+    32,
+    48,
+    64,
+)
+"""Candidate sampling rates of the lens grid, over the band's half width. The search takes the
+lowest rate that keeps the tolerance."""
+
+_SPLITS = np.linspace(0.05, 0.95, 13)
+"""Candidate shares of the lost light that the limits of a band along y may cause; those along x
+cause the rest."""
+
+
+@dataclass(frozen=True)
+class LensGridSettings:
+    """Tune the search for the grid at the lens.
+
+    Attributes
+    ----------
+    band_tol_shares : tuple of float
+        Candidate shares of the tolerance for the frequencies outside the band. The search takes the
+        share that gives the smallest grid.
+    log_frequency_step : float
+        Step of the logarithm of the frequency in which light is summed. Sorting the light itself
+        takes five times as long.
+    """
+
+    band_tol_shares: tuple[float, ...] = (0.3, 0.5, 0.7)
+    log_frequency_step: float = 0.005
+
+
+_SETTINGS = LensGridSettings()
+
+
+def choose_lens_grid(
+    request: PSFRequest, camera: Camera, search: LensGridSearch, tol: float
+) -> LensGrid:
+    """Choose the chain's cheapest lens grid and frequency band with a relative error of `tol`.
+
+    The error has two parts. The first comes from panel frequencies outside the band, whose light
+    the stop's edge scatters into the window (see StopEdgeScatter). The second comes from the
+    sampled edge of the stop: a cell of the grid that the edge cuts passes light in proportion to
+    its open area. The edge then scatters too little, by the sinc of its shift in frequency over the
+    sampling rate, and aliasing along either or both axes of the grid adds light to the window.
+
+    Raises ToleranceError if no grid keeps the tolerance.
+    """
+    taper_width = np.array([BandTaper.for_axis(request, camera, axis).width for axis in (0, 1)])
+    chosen: LensGrid | None = None
+    for share in _SETTINGS.band_tol_shares:
+        found = search.find_coarsest_grid(share * tol, tol, taper_width)
+        if found is not None and (chosen is None or _grid_size(found) < _grid_size(chosen)):
+            chosen = found
+    if chosen is None:
+        raise unreachable_tolerance_error(tol, 2 * tol)
+    return chosen
+
+
+def _grid_size(grid: LensGrid) -> float:
+    """Return the samples per square metre of the chain's lens grid."""
+    return grid.sampling_rate[0] * grid.sampling_rate[1]
+
+
+def _pair(values: Array) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def _edge_transmission(turns: Array) -> Array:
+    """Return the share of the scattered field that the chain's sampled stop edge keeps.
+
+    turns: shift in frequency, in cycles per sample of the lens grid, (..., 2).
+    """
+    return np.asarray(np.sinc(turns[..., 0]) * np.sinc(turns[..., 1]))
+
+
+def _missing_scatter(turned: Array, passed: Array) -> float:
+    """Return the scattered light that the chain loses by sampling the stop's edge on a grid.
+
+    turned: light that each shift in frequency should get. passed: share of the field that it gets.
+    """
+    return float(turned @ (1 - passed.ravel()) ** 2)
+
+
+class LensGridSearch:
+    """Searches the band and the lens grid that neglect little of the light from a stop's edge."""
+
+    def __init__(self, edge: StopEdgeScatter) -> None:
+        self.edge_scatter = edge
+
+    @cached_property
+    def without_limit(self) -> LensGridSearch:
+        """The same search among all light between the chain's panel and stop, however oblique."""
+        return LensGridSearch(self.edge_scatter.without_limit())
+
+    @cached_property
+    def _nonzero_scatter(self) -> tuple[Array, Array, NDArray[np.int64]]:
+        """The light of all scattered rays of the chain that aren't dark.
+
+        The arrays hold each ray's light, its frequency at the panel, and the index of the shift in
+        frequency that the stop's edge gives it.
+        """
+        rays = self.edge_scatter.scattered_rays
+        seen = rays.light > 0
+        edge, _, distance = np.nonzero(seen)
+        turn = edge * self.edge_scatter.edge_frequency_shift.shape[2] + distance
+        return rays.light[seen], rays.frequency[seen], turn
+
+    @cached_property
+    def _light_outside_band(self) -> list[tuple[Array, Array]]:
+        light, frequency, _ = self._nonzero_scatter
+        return _cumulative_light_by_side(
+            frequency,
+            light,
+            self.edge_scatter.passing_band,
+            self.edge_scatter.fresnel_zone_frequency,
+        )
+
+    @cached_property
+    def _unbounded_light_outside_band(self) -> list[tuple[Array, Array]]:
+        rays = self.edge_scatter.scattered_rays
+        frequency, light = rays.frequency.reshape(-1, 2), rays.unbounded_light.ravel()
+        return _cumulative_light_by_side(
+            frequency,
+            light,
+            self.edge_scatter.passing_band,
+            self.edge_scatter.fresnel_zone_frequency,
+        )
+
+    def find_coarsest_grid(
+        self, allowed_error: float, tol: float, taper_width: Array
+    ) -> LensGrid | None:
+        """Find the chain's coarsest lens grid that keeps `tol` with the narrowest frequency band.
+
+        allowed_error: error that the frequencies outside the band may cause. taper_width: width of
+        the band's smooth ends on either side, cycles per metre (y, x). Returns None if no grid
+        keeps the tolerance.
+        """
+        edge = self.edge_scatter
+        low, high, outside = self._narrowest_band(allowed_error, taper_width)
+        turned = self._light_by_edge_shift(low, high)
+        base = (
+            np.maximum(np.abs(low), np.abs(high)) / edge.shadow_magnification
+            + edge.max_window_frequency
+        )
+        lit = np.flatnonzero(turned)
+        shift, turned = edge.edge_frequency_shift.reshape(-1, 2)[lit], turned[lit]
+
+        def lost_light(finer: float) -> float:
+            return outside + _missing_scatter(turned, _edge_transmission(shift / (finer * base)))
+
+        # Light in the band is shifted by less than `base`, but for aberrations, so that finer grids
+        # lose less. Each that is taken is checked below.
+        first = bisect_left(
+            _GRID_REFINEMENTS, True, key=lambda finer: edge.relative_error(lost_light(finer)) <= tol
+        )
+        for finer in _GRID_REFINEMENTS[first:]:
+            rate, lost = finer * base, lost_light(finer)
+            passed = _edge_transmission(edge.edge_frequency_shift / rate)
+            error = edge.relative_error(lost + _aliased_light(edge, low, high, rate, passed))
+            if error <= tol:
+                return LensGrid(_pair(low), _pair(high), _pair(rate), error)
+        return None
+
+    def _light_by_edge_shift(self, low: Array, high: Array) -> Array:
+        """Sum the chain's light in a band for each frequency shift that the stop's edge gives."""
+        light, frequency, turn = self._nonzero_scatter
+        inside = is_in_band(frequency, low, high)
+        count = self.edge_scatter.edge_frequency_shift[..., 0].size
+        return np.asarray(np.bincount(turn[inside], light[inside], count), dtype=np.float64)
+
+    def passing_error_share(self, grid: LensGrid) -> float:
+        """Return the share of the chain's squared grid error that comes from the passing band."""
+        edge, rate = self.edge_scatter, np.array(grid.sampling_rate)
+        low, high = edge.passing_band
+        passed = _edge_transmission(edge.edge_frequency_shift / rate)
+        lost = _missing_scatter(self._light_by_edge_shift(low, high), passed)
+        lost += _aliased_light(edge, low, high, rate, passed)
+        return min(1.0, (edge.relative_error(lost) / grid.error) ** 2) if grid.error else 0.0
+
+    def _narrowest_band(self, allowed: float, taper_width: Array) -> tuple[Array, Array, float]:
+        """Find the chain's narrowest frequency band, (low, high), and the light outside it.
+
+        Rays neglect that light spreads over a Fresnel zone, so the band is widened by a zone. It
+        isn't made wider than the band of an infinitely large panel, which needs no such margin.
+        """
+        low, high = self.find_band(allowed, taper_width)
+        light, frequency, _ = self._nonzero_scatter
+        outside = float(light[~is_in_band(frequency, low, high)].sum())
+        least, most = self.find_band(allowed, taper_width, unbounded_panel=True)
+        wide = (
+            low - self.edge_scatter.fresnel_zone_frequency,
+            high + self.edge_scatter.fresnel_zone_frequency,
+        )
+        low = np.maximum(wide[0], np.minimum(low, least))
+        high = np.minimum(wide[1], np.maximum(high, most))
+        if (low > wide[0]).any() or (high < wide[1]).any():
+            rays = self.edge_scatter.scattered_rays
+            outside = float(rays.unbounded_light[~is_in_band(rays.frequency, low, high)].sum())
+        return low, high, outside
+
+    def find_band(
+        self, error: float, taper_width: Array, *, unbounded_panel: bool = False
+    ) -> tuple[Array, Array]:
+        """Find the chain's smallest band whose neglected light causes at most a relative error.
+
+        The result is (low, high), each (y, x), in cycles per metre. unbounded_panel: whether light
+        counts as if the panel were infinitely large.
+        """
+        ordered = (
+            self._unbounded_light_outside_band if unbounded_panel else self._light_outside_band
+        )
+        lost = self.edge_scatter.allowed_light_loss(error)
+        least_low, least_high = self.edge_scatter.passing_band
+        best: tuple[Array, Array] | None = None
+        for split in _SPLITS:
+            parts = (split, split, 1 - split, 1 - split)
+            sides = [
+                _cutoff_for_lost_light(*one, lost * share / 2)
+                for one, share in zip(ordered, parts, strict=True)
+            ]
+            low = np.minimum([-sides[0], -sides[2]], least_low - taper_width)
+            high = np.maximum([sides[1], sides[3]], least_high + taper_width)
+            if best is None or np.prod(high - low) < np.prod(best[1] - best[0]):
+                best = low, high
+        assert best is not None
+        return best
+
+
+def _cumulative_light_by_side(
+    frequency: Array, light: Array, ends: tuple[Array, Array], zone: float
+) -> list[tuple[Array, Array]]:
+    """Sum the panel's light outside a chain's band, on each side along each axis.
+
+    ends: low and high limits (y, x) of the band.
+    """
+    low, high = ends
+    found = []
+    for axis in (0, 1):
+        for sign, end in ((-1, -low[axis]), (1, high[axis])):
+            found.append(
+                _cumulative_light_outwards(sign * frequency[:, axis], light, float(end), zone)
+            )
+    return found
+
+
+def _cumulative_light_outwards(
+    frequency: Array, light: Array, end: float, zone: float
+) -> tuple[Array, Array]:
+    """Return frequencies beyond the end of a chain's band, and the light beyond each.
+
+    The farthest frequency comes first.
+
+    The frequencies are in steps of half a percent of the distance from the end plus a Fresnel zone.
+    Sorting the light itself takes five times as long.
+    """
+    step = _SETTINGS.log_frequency_step
+    away = np.log1p(np.maximum(frequency - end, 0.0) / zone)
+    steps = math.ceil(float(away.max(initial=0.0)) / step)
+    number = np.minimum((away / step).astype(np.int64), steps)
+    outwards = np.cumsum(np.bincount(number, light, steps + 1)[::-1])
+    reached = end + zone * np.expm1(step * np.arange(steps + 1, 0, -1))
+    return reached, outwards.astype(np.float64)
+
+
+def _cutoff_for_lost_light(frequency: Array, light: Array, lost: float) -> float:
+    """Return the frequency beyond which the chain scatters no more than the light `lost`."""
+    place = int(np.searchsorted(light, lost))
+    return float(frequency[place]) if place < frequency.size else -math.inf
+
+
+def _aliased_light(
+    edge: StopEdgeScatter, low: Array, high: Array, rate: Array, passed: Array
+) -> float:
+    """Sum the light that aliasing on the chain's lens grid adds to the window in 8 directions."""
+    ways = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
+    return sum(edge.aliased_light(np.array(way) * rate, low, high, passed) for way in ways)
+
+
+TAPER_TOL_SHARE = 1e-2
+"""Share of the tolerance that smooth ends of a band may change within the area that the light
+reaches. Chosen."""
+
+
+def tapered_band(low: float, high: float, fresnel_area: float, tol: float) -> TaperedBand:
+    """Return a band of a chain's panel frequencies whose smooth ends leave low to high unchanged.
+
+    Light of the frequency f moves sideways by f times the Fresnel area A. Against the chirp
+    exp(-i pi A (f - f0)²), a Gaussian step of standard deviation s at the distance D from the
+    stationary frequency f0 leaves exp(-2 (pi A s D)² / (1 + (2 pi A s²)²)). The best s² is 1 / (2
+    pi A), which leaves exp(-pi A D² / 2). The same holds for a step in the light's way sideways.
+    """
+    steps = math.sqrt(2 * math.log(1 / (TAPER_TOL_SHARE * tol)))
+    room = steps / math.sqrt(math.pi * fresnel_area)
+    return TaperedBand(low - room, high + room, 1 / math.sqrt(2 * math.pi * fresnel_area), steps)
+
+
+def limited_reach(
+    search: LensGridSearch, fresnel_area: float, error: float, tol: float
+) -> tuple[TaperedBand, TaperedBand]:
+    """Return the bands (y, x) of a chain's light without which the PSF has at most an error.
+
+    A pixel sends light of the frequency f to places in the stop that lie f times the Fresnel area
+    beside it, so the bands say how far each pixel's light must be followed sideways. What is left
+    out reaches the window only by way of the stop's edge (see StopEdgeScatter).
+
+    error: relative L2 error of the PSF of an evenly lit panel. tol: what the bands' smooth ends may
+    not matter to.
+    """
+    low, high = search.without_limit.find_band(error, np.zeros(2))
+    bands = [tapered_band(low[k], high[k], fresnel_area, tol) for k in (0, 1)]
+    return bands[0], bands[1]

@@ -1,0 +1,374 @@
+"""Compute the Fourier integral over panel pixels, inside which a lens' wave is curved."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from optics.accuracy import MachineSpeed
+from optics.camera import Panel
+from optics.fourier import FourierGeometry, MatrixTransform, unit_phasor
+from optics.fourier.transform import PASSES_PER_PHASOR, PlaneTransform
+from optics.gauss_legendre import gauss_legendre
+from optics.plane import Plane, RectilinearGrid
+from optics.psf.engine import phase_factor
+from optics.psf.request import PSFRequest
+from optics.pupil import Scalar, defocus_curvature, pupil_phase
+from optics.stop.quadrature import gauss_node_count
+from optics.validation import records_gradient
+
+
+class PixelIntegralTransform(PlaneTransform):
+    """Base class of Fourier integrals over the area of panel pixels, with the lens' wave in them.
+
+    The field that is given is the pattern alone, constant in each pixel.
+
+    Attributes
+    ----------
+    rounding_growth : float
+        Factor by which the transform's rounding errors exceed those of a plain sum.
+    """
+
+    rounding_growth: float = 1.0
+
+    @abstractmethod
+    def mean_squared_kernel(self, axis: int) -> torch.Tensor:
+        """Return how much of a pattern's light a sample of the PSF gets on average, float64.
+
+        It is the mean over the panel's pixels along an axis, (samples,), of the squared modulus of
+        a pixel's integral.
+        """
+
+
+Array = NDArray[np.float64]
+
+_BLOCK_POINTS = 1 << 18
+"""Points of the wave that are computed at a time."""
+
+
+@dataclass(frozen=True)
+class WaveTerm:
+    """Holds one term of the wave in a PSF's panel pixels: P_k(y) P_l(x) times a factor per pixel.
+
+    degrees: (k, l). column: the factor, complex, (rows, columns), or (rows, 1) if `row` holds the
+    rest. row: (columns,), by which `column` is multiplied, or None.
+    """
+
+    degrees: tuple[int, int]
+    column: torch.Tensor
+    row: torch.Tensor | None = None
+
+    def times(self, field: torch.Tensor) -> torch.Tensor:
+        """Multiply a field on the panel by the PSF's wave term, (..., rows, columns)."""
+        column = self.column.to(field.device)
+        if self.row is None:
+            return field * column
+        row = self.row.to(field.device)
+        if records_gradient(field, column, row) or field.ndim != 2:
+            return field * column * row
+        product = torch.empty_like(field)
+        # Blocks of rows fit in the cache.
+        step = max(1, _BLOCK_POINTS // (4 * field.shape[1]))
+        for start in range(0, field.shape[0], step):
+            part = slice(start, start + step)
+            torch.mul(
+                field[part], column[part] if column.shape[0] > 1 else column, out=product[part]
+            )
+            product[part] *= row
+        return product
+
+    def project(self, kernel: torch.Tensor, field: torch.Tensor) -> torch.Tensor:
+        """Multiply a matrix (n, rows) by the product of a PSF's wave term and a field."""
+        if self.row is None:
+            return kernel @ self.times(field)
+        column = self.column[:, 0].to(field.device)
+        return ((kernel * column) @ field) * self.row.to(field.device)
+
+
+@dataclass(frozen=True)
+class PixelGrid:
+    """Divides the active square of every panel pixel into equal squares, for a PSF's integral.
+
+    divisions: squares along a side of a pixel; 1 for the pixels themselves.
+    """
+
+    panel: Panel
+    divisions: int = 1
+
+    @property
+    def side(self) -> float:
+        """The side of a square of the PSF's pixel grid, metres."""
+        return self.panel.active_side / self.divisions
+
+    @property
+    def points(self) -> Plane | RectilinearGrid:
+        """The centres of all squares of the PSF's pixel grid."""
+        if self.divisions == 1:
+            return self.panel.plane
+        index = torch.arange(self.divisions, dtype=torch.float64)
+        inside = (index - (self.divisions - 1) / 2) * self.side
+        y, x = ((self.panel.plane.coordinates(axis)[:, None] + inside).ravel() for axis in (0, 1))
+        return RectilinearGrid(y, x)
+
+    def repeat(self, values: torch.Tensor) -> torch.Tensor:
+        """Repeat each panel pixel's value for all squares of the PSF's grid in the pixel."""
+        if self.divisions == 1:
+            return values
+        return values.repeat_interleave(self.divisions, -2).repeat_interleave(self.divisions, -1)
+
+
+class PixelWaveExpansion:
+    """Expands the wave of a point and its lens inside each panel pixel in Legendre polynomials.
+
+    In a pixel with its centre at p and an active square of `side` metres,
+
+        wave(p + side t / 2) = sum over (k, l) of b_kl(p) P_k(t_y) P_l(t_x),   -1 <= t <= 1.
+
+    The Fourier integral over the pixels then is a sum of transforms of b_kl times the pattern, each
+    under an envelope of its own (`pixel_envelope`). If the phase changes by s radians across a
+    pixel, terms of degree n = k + l are of the size of (s / 2)^n / n!, so that few terms suffice
+    for any window. The wave of a thin lens without aberrations is a product of a function of y and
+    one of x, and so are its terms.
+    """
+
+    def __init__(
+        self, request: PSFRequest, grid: PixelGrid, degrees: int, dtype: torch.dtype
+    ) -> None:
+        self._request, self._grid, self._dtype = request, grid, dtype
+        self._degrees = degrees
+        self.separable = request.lens.has_quadratic_phase and request.sphere is None
+
+    def terms(self, node_count: int) -> tuple[list[WaveTerm], list[WaveTerm]]:
+        """Return the terms below the PSF engine's number of degrees, and those of that degree.
+
+        The latter are the first that are left out. node_count: Gauss-Legendre nodes along a side of
+        a pixel; 1 stands for the wave at the pixels' centres and its slopes there.
+        """
+        kept = [(n - k, k) for n in range(self._degrees) for k in range(n + 1)]
+        omitted = [(self._degrees - k, k) for k in range(self._degrees + 1)]
+        if self.separable:
+            axes = [self.axis_coefficients(axis) for axis in (0, 1)]
+            made = [
+                WaveTerm(pair, axes[0][pair[0]][:, None], axes[1][pair[1]])
+                for pair in [*kept, *omitted]
+            ]
+        elif node_count == 1:
+            made = self._terms_from_slopes()
+        else:
+            made = self._terms_from_nodes([*kept, *omitted], node_count)
+        return made[: len(kept)], made[len(kept) :]
+
+    def axis_coefficients(self, axis: int) -> list[torch.Tensor]:
+        """Return b_k along one axis for the PSF of a wave that is a product over both axes.
+
+        The list is over k up to the number of degrees, each (pixels,).
+        """
+        q = self._request
+        nodes, weights = gauss_legendre(full_precision_nodes(self._half_turn(axis), self._degrees))
+        place = self._grid.points.coordinates(axis)[:, None] + torch.from_numpy(
+            nodes * self._grid.side / 2
+        )
+        zero = torch.zeros((), dtype=torch.float64)
+        y, x = (place, zero) if axis == 0 else (zero, place)
+        phase = pupil_phase(q.lens, q.distance, q.wavelength, y / q.radius, x / q.radius)
+        wave = phase_factor(phase, torch.complex128)
+        legendre = _scaled_legendre(nodes, weights, self._degrees)
+        return list((wave @ legendre.to(wave).mT).to(self._dtype).mT)
+
+    def _half_turn(self, axis: int) -> float:
+        """Return half of the largest change of the PSF's quadratic phase in a pixel, radians."""
+        n, half = self._request.numeric, self._grid.side / 2
+        farthest = float(self._grid.points.coordinates(axis).abs().max())
+        curvature: float = abs(defocus_curvature(n.lens, n.distance, n.wavelength))
+        return curvature * (2 * farthest * half + half**2)
+
+    def _terms_from_slopes(self) -> list[WaveTerm]:
+        """Return the PSF's wave at the pixels' centres, and its terms of first degree there."""
+        y, x = self._grid.points.mesh()
+        wave, phase = self._wave(y, x)
+        half = self._grid.side / (2 * self._grid.panel.pitch)
+        made = [WaveTerm((0, 0), wave)]
+        for axis, degrees in ((0, (1, 0)), (1, (0, 1))):
+            slope = torch.gradient(phase, dim=axis)[0] if phase.shape[axis] > 1 else 0 * phase
+            made.append(WaveTerm(degrees, (1j * half * slope).to(self._dtype) * wave))
+        return made
+
+    def _terms_from_nodes(self, degrees: list[tuple[int, int]], node_count: int) -> list[WaveTerm]:
+        """Return the PSF's wave terms from nodes inside the pixels, for any wave."""
+        nodes, weights = gauss_legendre(max(node_count, self._degrees + 1))
+        legendre = _scaled_legendre(nodes, weights, self._degrees).to(self._dtype)
+        inside = torch.tensor(nodes * self._grid.side / 2)
+        y, x = self._grid.points.mesh()
+        # Blocks of rows fit in the cache.
+        rows = max(1, _BLOCK_POINTS // (x.numel() * inside.numel() ** 2))
+        blocks = [
+            self._block_coefficients(part, x, inside, legendre) for part in torch.split(y, rows)
+        ]
+        found = torch.cat(blocks, dim=2)
+        return [WaveTerm(pair, found[pair]) for pair in degrees]
+
+    def _block_coefficients(
+        self, y: torch.Tensor, x: torch.Tensor, inside: torch.Tensor, legendre: torch.Tensor
+    ) -> torch.Tensor:
+        """Return b_kl of a PSF for some rows of pixels, (degrees + 1, degrees + 1, rows, columns).
+
+        y, x: the pixels' centres, a column and a row. inside: nodes relative to a centre, metres.
+        legendre: what _scaled_legendre() returns.
+        """
+        count = inside.numel()
+        wave, _ = self._wave((y + inside).reshape(-1, 1), (x.mT + inside).reshape(1, -1))
+        split = wave.reshape(y.numel(), count, x.numel(), count)
+        return torch.einsum("ki,lj,yixj->klyx", legendre, legendre, split)
+
+    def _wave(self, y: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the PSF's complex wave at panel positions (y, x) in metres, and its phase."""
+        q = self._request
+        phase = pupil_phase(q.lens, q.distance, q.wavelength, y / q.radius, x / q.radius)
+        wave = phase_factor(phase, self._dtype)
+        if q.sphere is not None:
+            further = q.sphere.wave_factor(y, x)
+            wave = wave * further.to(self._dtype)
+            phase = phase + q.sphere.phase(y, x)
+        return wave, phase
+
+
+def pixel_envelopes(places: torch.Tensor, degrees: int, side: float, scale: Scalar) -> torch.Tensor:
+    """Return what the Legendre terms inside a panel pixel contribute to the PSF's field.
+
+    Entry k is the mean over -1 <= t <= 1 of P_k(t) exp(-i pi u side t / scale), which is the
+    spherical Bessel function j_k times (-i)^k, a sinc for degree 0. The result is (degrees + 1,
+    places), complex128.
+
+    places: u, positions on the sensor along one axis, metres. degrees: the largest k. side: of a
+    panel pixel, metres. scale: wavelength times distance, m².
+    """
+    turn = math.pi * places * side / scale
+    largest = float(turn.detach().abs().max()) if turn.numel() else 0.0
+    nodes, weights = gauss_legendre(full_precision_nodes(largest, degrees))
+    angle = turn * torch.tensor(nodes)[:, None]
+    weighted = torch.tensor(weights / 2 * _legendre_polynomials(nodes, degrees))
+    return torch.complex(weighted @ torch.cos(angle), -(weighted @ torch.sin(angle)))
+
+
+def largest_coefficient(half_turn: float, degree: int) -> float:
+    """Bound |b_k| for the PSF of a wave whose phase is linear in a panel pixel.
+
+    half_turn: half of the phase's change across the pixel, radians; it gives (2k + 1) |j_k|, which
+    is at most min(2k + 1, half_turn^k / (2k - 1)!!).
+    """
+    factorial = math.prod(range(1, 2 * degree, 2))
+    return min(2.0 * degree + 1, half_turn**degree / factorial)
+
+
+class EnvelopeShares:
+    """Tells how much terms of a PSF's wave may matter in the window, by their degrees.
+
+    samples: of the window. degrees: the largest degree. side, scale: as for pixel_envelopes().
+    """
+
+    def __init__(self, samples: Plane, degrees: int, side: float, scale: float) -> None:
+        self.degrees, self._ratios = degrees, []
+        for axis in (0, 1):
+            power = pixel_envelopes(samples.coordinates(axis), degrees, side, scale).abs() ** 2
+            size = (power[0] ** 2).sum()
+            ratio = torch.where(size > 0, (power[0] * power).sum(1) / size, math.inf)
+            self._ratios.append(ratio.sqrt().tolist())
+
+    def share(self, degrees: tuple[int, int]) -> float:
+        """Return the L2 norm of |J_0 J_k| times |J_0 J_l| over the samples, over that of J_0² J_0².
+
+        J_k is the envelope of degree k along y and J_l that along x. It is the ratio of a term's
+        part in a PSF's intensity to the intensity, if light is spread as the envelope J_0² is.
+        """
+        return self._ratios[0][degrees[0]] * self._ratios[1][degrees[1]]
+
+
+def full_precision_nodes(half_turn: float, degree: int = 0) -> int:
+    """Return how many Gauss-Legendre nodes integrate a PSF's wave in a panel pixel to rounding.
+
+    half_turn: half of the phase's change across the pixel, radians. degree: of a polynomial that
+    the wave is multiplied by.
+    """
+    return gauss_node_count(2.0, half_turn, 1e-16) + math.ceil(degree / 2)
+
+
+def _scaled_legendre(nodes: Array, weights: Array, degrees: int) -> torch.Tensor:
+    """Return the rule for the coefficients b_k of a PSF's wave in a pixel, (degrees + 1, nodes).
+
+    Row k holds (2 k + 1) / 2 times the Gauss-Legendre weights times P_k at the nodes.
+    """
+    factor = (2 * np.arange(degrees + 1) + 1) / 2
+    return torch.tensor(factor[:, None] * weights * _legendre_polynomials(nodes, degrees))
+
+
+def _legendre_polynomials(t: Array, degrees: int) -> Array:
+    """Return the Legendre polynomials P_0 to P_degrees of a PSF's pixels, (degrees + 1, places)."""
+    return np.asarray(np.polynomial.legendre.legvander(t, degrees).T, dtype=np.float64)
+
+
+class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
+    """Computes the Fourier integral over square panel pixels under a quadratic phase.
+
+    For pixels of constant phase, the integral is the sum over their centres times one envelope.
+    Defocus bends the wave differently inside each pixel. The curvature is the same along both axes
+    and the pixel is a square, so the integral still factors into rows and columns. Each factor is a
+    matrix:
+
+        K(u, x) = mean over |d| < side / 2 of exp(i curvature (x + d)² - 2 pi i u (x + d) / scale)
+
+    curvature: radians per square metre. side: of a pixel's active square, metres.
+    """
+
+    name = "matrix DFT with curved pixels"
+
+    def __init__(
+        self, geometry: FourierGeometry, dtype: torch.dtype, curvature: float, side: float
+    ) -> None:
+        super().__init__(geometry, dtype)
+        self._curvature, self._side = curvature, side
+
+    def node_count(self, axis: int) -> int:
+        """Return the number of quadrature nodes that the PSF engine takes in a curved panel pixel.
+
+        It suffices for the pixel and the sample with the largest change of phase.
+        """
+        x, u = (p.coordinates(axis).abs().max() for p in (self.geometry.pupil, self.geometry.image))
+        half = self._side / 2
+        bend = abs(self._curvature) * (2 * float(x) * half + half**2)
+        tilt = 2 * math.pi * float(u) * half / self.geometry.scale
+        return full_precision_nodes(bend + tilt)
+
+    def _kernel(self, axis: int) -> torch.Tensor:
+        g = self.geometry
+        u, x = g.image.coordinates(axis), g.pupil.coordinates(axis)
+        points, weights = gauss_legendre(self.node_count(axis))
+        d = torch.from_numpy(points * self._side / 2)
+        weight = torch.from_numpy(weights / 2)
+        turns = self._curvature / (2 * math.pi) * (x[:, None] + d) ** 2
+        bent = unit_phasor(turns, torch.complex128) * weight
+        tilted = unit_phasor(-torch.outer(u, d) / g.scale, torch.complex128)
+        centres = unit_phasor(-torch.outer(u, x) / g.scale, torch.complex128)
+        return (centres * (tilted @ bent.mT)).to(self.dtype)
+
+    def mean_squared_kernel(self, axis: int) -> torch.Tensor:
+        """Return the mean of |K|² over a PSF's panel pixels along an axis, float64, by sample.
+
+        It is how much of a pattern's light a sample gets on average.
+        """
+        kernel = self._kernels(torch.device("cpu"))[axis].to(torch.complex128)
+        return (kernel.real**2 + kernel.imag**2).mean(1)
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor seconds of computing the matrices for a PSF's curved pixels."""
+        seconds = 0.0
+        for axis in (0, 1):
+            n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]
+            nodes = self.node_count(axis)
+            phasors = (m * n + nodes * (m + n)) * PASSES_PER_PHASOR * speed.touch
+            seconds += phasors + 4 * m * n * nodes * speed.multiply_add * speed.double
+        return seconds
