@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 import torch
 
 from optics.camera import Camera
+from optics.camera.pupil import pupil_phase, require_valid_source
+from optics.camera.stop_areas import coverage
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.propagation.fresnel_matrix import FresnelMatrices
 from optics.propagation.span import FreeSpaceSpan
-from optics.pupil import pupil_phase, require_valid_source
-from optics.stop.coverage import coverage
 from optics.validation import accepts_numpy, require_finite, require_share
 
 

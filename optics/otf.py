@@ -20,10 +20,10 @@ from torch.utils.checkpoint import checkpoint
 
 from optics.accuracy import FLOAT64_ARITHMETIC, ToleranceError
 from optics.camera import Lens
+from optics.camera.pupil import defocus_curvature, require_valid_source
 from optics.formation import spectrum_of_samples
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane
-from optics.pupil import defocus_curvature, require_valid_source
 from optics.validation import accepts_numpy, as_floating_point, require_finite, rounded_up
 
 PupilPhase = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]

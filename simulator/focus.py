@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from optics.camera import Camera, Lens
+from optics.camera.pupil import vergence_error
 from optics.colour_curve import wavelengths_between
 from optics.light.bands import Band
-from optics.pupil import vergence_error
 from optics.validation import as_number
 
 _SAME_FOCUS, _NO_SHIFT = 0.05, 1e-4

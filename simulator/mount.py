@@ -23,10 +23,10 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera, Lens
+from optics.camera.pupil import object_to_lens_distance
+from optics.camera.stop import Circle, Point, Polygon, Shape
 from optics.fourier import NonuniformTransform, fft
 from optics.plane import Plane, centred_crop, origin_to_centre, origin_to_corner
-from optics.pupil import object_to_lens_distance
-from optics.stop.aperture import Circle, Point, Polygon, Shape
 from optics.validation import as_number
 from simulator.shifted_aberrations import shift_aberrations
 

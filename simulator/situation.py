@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from optics.camera import Camera, Panel
+from optics.camera.pupil import object_to_lens_distance
 from optics.light.bands import Band
 from optics.polarisation import PathEffect
 from optics.psf import nyquist_samples_per_pixel
-from optics.pupil import object_to_lens_distance
 from optics.sensor.shutter import frame_duration
 from simulator.filter_angles import largest_squared_sine
 from simulator.focus import drifted_focus, focus_shifts, leaked_focus_shifts

@@ -8,10 +8,10 @@ from dataclasses import replace
 from labapp.accuracy.work_precision import AUTOMATIC, CALLS, LONGEST_CALL, Row, mark_front
 from optics.accuracy import Account, Budget, MachineSpeed
 from optics.camera import Camera
+from optics.camera.pupil import panel_to_focus_distance
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import CHAIN_METHODS, PANEL_METHODS, PSFOperator
-from optics.stop_shadow import panel_to_focus_distance
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 9))
 """Tolerances that are predicted, one for each decade from fast to exact."""

@@ -19,12 +19,12 @@ from labapp.accuracy.work_precision import (
 )
 from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Budget
+from optics.camera.pupil import pupil_phase
+from optics.camera.stop_areas import coverage
 from optics.fourier import FourierGeometry, plan_transform, valid_transforms
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
-from optics.pupil import pupil_phase
-from optics.stop.coverage import coverage
 
 _TOLERANCES = tuple(10.0**-k for k in range(1, 11))
 _GRIDS = (64, 128, 256, 512, 1024, 2048)

@@ -15,7 +15,7 @@ from labapp.calibration.calibration_frames import CalibrationFrames
 from labapp.calibration.fitting import CalibrationFits, RegionFit
 from labapp.files.calibration_file import CalibrationFile
 from labapp.runs.record.reader import Record
-from optics.pupil import pupil_amplitude
+from optics.camera.pupil import pupil_amplitude
 from optics.slm import grey_to_phase
 
 

@@ -21,7 +21,7 @@ from optics.calibration.gratings import (
     stripe_pattern,
 )
 from optics.camera import Camera
-from optics.pupil import open_pupil_radius
+from optics.camera.pupil import open_pupil_radius
 from optics.slm import max_phase, phase_to_grey
 
 Patterns = dict[str, NDArray[np.uint8]]

@@ -21,13 +21,13 @@ import torch
 
 from optics.accuracy import MachineSpeed
 from optics.camera import Lens
+from optics.camera.stop import Stop, regular_polygon
+from optics.camera.stop_areas import open_arcs
 from optics.fourier import FourierGeometry, NonuniformTransform, valid_transforms
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
 from optics.sensor import PixelIntegration
-from optics.stop.aperture import Stop, regular_polygon
-from optics.stop.arcs import open_arcs
 from optics.threads import single_threaded
 
 _REPEATS = 5
@@ -38,7 +38,7 @@ _SLOWNESS = np.linspace(1.2, 3.0, 19)
 
 _STEPS_PER_CIRCLE = 3
 """Steps of Python in which a hexagon's arcs on a circle are found: half a step for each edge, as
-in `optics.stop.quadrature.rule_seconds`."""
+in `optics.camera.stop_nodes.rule_seconds`."""
 
 _NEW_BYTES = (48 << 20, 96 << 20)
 """Memory of benchmark jobs, more than allocators keep from call to call; chosen."""

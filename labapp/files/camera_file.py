@@ -20,9 +20,9 @@ from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.sensor_file import SensorTable, with_sensor
 from optics.camera import Camera, Lens, Sensor
+from optics.camera.stop import Circle, Stop, regular_polygon
 from optics.ghost import require_ghosts
 from optics.slm import Panel
-from optics.stop.aperture import Circle, Stop, regular_polygon
 
 
 class LensTable(FileModel):

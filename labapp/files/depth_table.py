@@ -136,7 +136,7 @@ class LatticeFocalPattern(FormulaPattern):
 
 def focus_vergence(camera: Camera) -> float:
     """Return the vergence of a camera's plane in focus at its panel, in dioptres; 0 is infinity."""
-    from optics.stop_shadow import panel_to_focus_distance
+    from optics.camera.pupil import panel_to_focus_distance
 
     return 1 / panel_to_focus_distance(camera)
 

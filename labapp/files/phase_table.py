@@ -154,7 +154,7 @@ class LogarithmicPattern(FormulaPattern):
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
         from optics import patterns
-        from optics.stop_shadow import panel_to_focus_distance
+        from optics.camera.pupil import panel_to_focus_distance
 
         radius = _metres(self.radius_mm) or illuminated_radius(camera)
         distances = (self.near_m, self.far_m, panel_to_focus_distance(camera))
@@ -322,7 +322,7 @@ def illuminated_radius(camera: Camera) -> float:
 
     The default is the radius of the disc on the panel whose light passes the stop.
     """
-    from optics.stop_shadow import with_stop_shadow_on_panel
+    from optics.camera.pupil import with_stop_shadow_on_panel
 
     corner = math.hypot(*camera.panel.shape) * camera.panel.pitch / 2
     return min(with_stop_shadow_on_panel(camera).lens.stop_diameter / 2, corner)

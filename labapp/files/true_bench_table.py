@@ -19,7 +19,7 @@ from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel
 from labapp.files.sensor_file import specks_in_metres
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.pupil import open_area
+from optics.camera.pupil import open_area
 from optics.slm import PhaseResponse
 from optics.zernike import require_zernike_indices
 from simulator.mount import Mount

@@ -15,8 +15,8 @@ from labapp.common.typed_numbers import parse_number, parse_whole, split_list
 
 if TYPE_CHECKING:
     from optics.camera import Camera, Lens
+    from optics.camera.stop import Shape, Stop
     from optics.plane import Plane
-    from optics.stop.aperture import Shape, Stop
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class LensCase:
 
 def _unusual_features(lens: Lens) -> list[str]:
     """Name the unusual features of a predicted PSF's lens, such as blades or aberrations."""
-    from optics.stop.aperture import Circle
+    from optics.camera.stop import Circle
 
     words: list[str] = []
     if lens.kind != "thin":
@@ -136,7 +136,7 @@ def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
         raise UserError(f"--rectangle {rectangular}: give two positive sides, as in 0.5x0.7.")
     if not 0 <= obscuration < 1:
         raise UserError(f"--obscuration {obscuration:g}: it must lie from 0 to below 1.")
-    from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
+    from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
 
     opening: Shape = Circle()
     if blades:

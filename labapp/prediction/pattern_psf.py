@@ -8,12 +8,12 @@ from collections.abc import Iterator
 import torch
 
 from optics.camera import Camera
+from optics.camera.pupil import panel_to_focus_distance
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.psf import PSFOperator
 from optics.psf.behind_modulator import modulated_psf
 from optics.slm import Modulator
-from optics.stop_shadow import panel_to_focus_distance
 
 USUAL_TOLERANCE = 1e-3
 """Relative L2 error of a predicted PSF for which no other one is asked."""

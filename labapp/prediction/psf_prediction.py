@@ -23,10 +23,10 @@ from labapp.files.writing import encode_image, write_atomically
 from labapp.prediction.lens_options import LensCase
 from optics.accuracy import Account, Budget, MachineSpeed, account_as_dict
 from optics.camera import Camera
+from optics.camera.pupil import share_through_stop
 from optics.psf import PSFOperator
 from optics.psf.behind_modulator import modulated_psf
 from optics.slm import Modulator, Panel
-from optics.stop_shadow import share_through_stop
 from optics.threads import single_threaded
 
 

@@ -12,7 +12,7 @@ from labapp.common.errors import UserError
 from labapp.common.typed_numbers import parse_list
 from labapp.files.quantities import Positive
 from labapp.files.reading import FileModel, format_validation_error
-from optics.stop_shadow import panel_to_focus_distance
+from optics.camera.pupil import panel_to_focus_distance
 
 
 class RefinementRequest(FileModel):

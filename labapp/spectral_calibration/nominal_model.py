@@ -15,8 +15,8 @@ from labapp.runs.record.reader import Record
 from labapp.spectral.snapshot_prior import positive_response, zeroth_orders
 from labapp.spectral_calibration.request import SpectraRequest
 from optics.camera import Camera
+from optics.camera.pupil import panel_to_focus_distance
 from optics.multispectral import SnapshotModel
-from optics.stop_shadow import panel_to_focus_distance
 
 _POINT = 1e-9
 """Diameter in metres of a star whose size isn't known: a point."""

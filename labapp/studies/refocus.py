@@ -26,8 +26,8 @@ from labapp.studies.focusing import (
 )
 from labapp.studies.stars import acquisition_block, build_study_plan
 from optics.camera import Camera
+from optics.camera.pupil import panel_to_focus_distance
 from optics.progress import Progress
-from optics.stop_shadow import panel_to_focus_distance
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:

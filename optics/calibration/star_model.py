@@ -11,10 +11,10 @@ import torch
 
 from optics.calibration.registration import Registration
 from optics.camera import Camera
+from optics.camera.pupil import open_pupil_radius, pupil_amplitude
 from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples_per_pixel
 from optics.psf.chain_collapsed import collapse_to_thin_camera
-from optics.pupil import open_pupil_radius, pupil_amplitude
 from optics.slm import Panel
 from optics.validation import require_wavelength
 

@@ -49,12 +49,12 @@ import math
 import torch
 
 from optics.camera import Camera
+from optics.camera.pupil import pupil_amplitude, require_valid_source
 from optics.edof.dioptres import DEPTH_RANGE, require_depth_range
 from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.picture_spectrum import averaging_transfer
 from optics.edof.pupil_overlap import ConvexPupil, Rule, convex_pupil, overlap_integrals
 from optics.edof.spectral_criterion import error_level, noise_variance
-from optics.pupil import pupil_amplitude, require_valid_source
 from optics.validation import accepts_numpy, as_number, require_count
 
 

@@ -14,8 +14,8 @@ from typing import Literal
 import torch
 
 from optics.camera import Camera
+from optics.camera.stop import Circle
 from optics.gauss_legendre import gauss_legendre
-from optics.stop.aperture import Circle
 from optics.validation import as_number, require_count
 
 Rule = Literal["gauss-legendre", "midpoint"]

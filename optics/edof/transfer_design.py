@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 
 from optics.camera import Camera
-from optics.pupil import pupil_amplitude, require_valid_source
+from optics.camera.pupil import pupil_amplitude, require_valid_source
 from optics.validation import as_number, require_count, require_positive
 
 WINDOW_REACH = 450

@@ -18,11 +18,11 @@ from optics.accuracy import (
     require_planning_time,
     unreachable_tolerance_error,
 )
+from optics.camera.pupil import defocus_curvature, pupil_phase
+from optics.camera.stop_nodes import line_rule, line_rule_node_count
 from optics.psf.engine import CachedPupilWave, PSFEngine, double_precision_error
 from optics.psf.reference_probe import ERROR_MARGIN, draw_samples
 from optics.psf.request import PSFRequest
-from optics.pupil import defocus_curvature, pupil_phase
-from optics.stop.quadrature import line_rule, line_rule_node_count
 
 _CHUNK = 1 << 23
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 import torch
 
 from optics.camera import Camera
+from optics.camera.pupil import pupil_amplitude
 from optics.psf.operator import PSFOperator
-from optics.pupil import pupil_amplitude
 from optics.slm.modulator import Modulator
 from optics.validation import as_number, to_plain_numbers
 

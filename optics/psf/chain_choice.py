@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from optics.accuracy import select_methods
 from optics.camera import Camera
+from optics.camera.pupil import numeric_camera, require_open_pupil
 from optics.psf.chain_collapsed import CollapsedEngine
 from optics.psf.chain_direct import DirectEngine
 from optics.psf.chain_engine import ChainEngine
@@ -17,7 +18,6 @@ from optics.psf.engine import PSFEngine
 from optics.psf.lens_grid import LensGridSearch
 from optics.psf.panel_engine import PANEL_METHODS
 from optics.psf.request import PSFRequest
-from optics.pupil import numeric_camera, require_open_pupil
 
 CHAIN_METHODS = (
     CollapsedEngine.name,

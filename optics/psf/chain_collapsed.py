@@ -20,6 +20,15 @@ from optics.accuracy import (
     unreachable_tolerance_error,
 )
 from optics.camera import Camera, Lens
+from optics.camera.pupil import (
+    MIN_RAY_MATRIX_B_SHARE,
+    Scalar,
+    numeric_camera,
+    open_area,
+    pupil_amplitude,
+    vergence_error,
+)
+from optics.camera.stop import Circle, Point, Polygon, Shape, Stop
 from optics.plane import Plane
 from optics.psf.behind_panel import BehindPanelEngine
 from optics.psf.chain_engine import search_seconds
@@ -36,16 +45,7 @@ from optics.psf.lens_grid import LensGridSearch
 from optics.psf.light_budget import LowLightCorrection
 from optics.psf.panel_engine import PanelEngine
 from optics.psf.request import PSFRequest
-from optics.pupil import (
-    MIN_RAY_MATRIX_B_SHARE,
-    Scalar,
-    numeric_camera,
-    open_area,
-    pupil_amplitude,
-    vergence_error,
-)
 from optics.quarter_symmetry import mirror_quarter
-from optics.stop.aperture import Circle, Point, Polygon, Shape, Stop
 from optics.validation import as_number, rounded_up
 
 

@@ -19,6 +19,7 @@ from optics.accuracy import (
     unreachable_tolerance_error,
 )
 from optics.camera import Camera
+from optics.camera.stop_rows import Rows, count_rows, quadrature_rows, row_bands
 from optics.fourier import unit_phasor
 from optics.psf.axes import fresnel_area
 from optics.psf.chain_engine import ChainEngine, search_seconds
@@ -29,7 +30,6 @@ from optics.psf.request import PSFRequest
 from optics.psf.split_phase import SplitPhase
 from optics.psf.stop_mask import StopLight, StopProbes, probe_places
 from optics.psf.to_lens import TaperedBand
-from optics.stop.rows import Rows, count_rows, quadrature_rows, row_bands
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ from optics.accuracy import (
     MachineSpeed,
     unreachable_tolerance_error,
 )
+from optics.camera.pupil import defocus_curvature, pupil_phase
+from optics.camera.stop_areas import coverage
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.psf.axes import lens_plane, plan_propagator_axes
@@ -26,8 +28,6 @@ from optics.psf.request import PSFRequest
 from optics.psf.stop_mask import BlockwiseStopMask
 from optics.psf.to_lens import PanelToLensPropagator, PropagatorAxis, propagate_to_lens
 from optics.psf.to_sensor import LensWave, PanelToSensorMap, panel_spectrum, propagate_to_sensor
-from optics.pupil import defocus_curvature, pupil_phase
-from optics.stop.coverage import coverage
 
 
 @dataclass(frozen=True)

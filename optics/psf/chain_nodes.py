@@ -18,6 +18,15 @@ from optics.accuracy import (
     unreachable_tolerance_error,
 )
 from optics.camera import Camera
+from optics.camera.pupil import pupil_phase
+from optics.camera.stop_nodes import (
+    PhaseSlopeBound,
+    QuadratureNodes,
+    count_nodes,
+    rule_seconds,
+    stop_rule,
+    stop_rule_blocks,
+)
 from optics.fourier.differentiation import Derivatives, ShapedMap, Term
 from optics.fourier.nonuniform import (
     FINEST_NUFFT,
@@ -33,15 +42,6 @@ from optics.psf.engine import wrap_phase
 from optics.psf.lens_grid import TAPER_TOL_SHARE, tapered_band
 from optics.psf.request import PSFRequest
 from optics.psf.to_lens import PropagatorAxis, fast_fft_length
-from optics.pupil import pupil_phase
-from optics.stop.quadrature import (
-    PhaseSlopeBound,
-    QuadratureNodes,
-    count_nodes,
-    rule_seconds,
-    stop_rule,
-    stop_rule_blocks,
-)
 
 
 @dataclass(frozen=True)

@@ -31,10 +31,10 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera
+from optics.camera.pupil import open_area, pupil_phase
 from optics.fourier import unit_phasor
 from optics.psf.axes import stop_extent
 from optics.psf.request import PSFRequest
-from optics.pupil import open_area, pupil_phase
 
 Array = NDArray[np.float64]
 

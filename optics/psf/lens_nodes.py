@@ -8,6 +8,14 @@ from dataclasses import dataclass
 import torch
 
 from optics.accuracy import MachineSpeed, ToleranceError, unreachable_tolerance_error
+from optics.camera.pupil import pupil_phase
+from optics.camera.stop_nodes import (
+    QuadratureNodes,
+    count_nodes,
+    rule_seconds,
+    stop_rule,
+    stop_rule_blocks,
+)
 from optics.fourier.nonuniform import (
     FINEST_COARSE_NUFFT,
     FINEST_NUFFT,
@@ -18,14 +26,6 @@ from optics.fourier.nonuniform import (
 from optics.psf.engine import CachedPupilWave, PSFEngine, double_precision_error
 from optics.psf.reference_probe import PASSES_PER_ABERRATION, ReferenceProbe
 from optics.psf.request import PSFRequest
-from optics.pupil import pupil_phase
-from optics.stop.quadrature import (
-    QuadratureNodes,
-    count_nodes,
-    rule_seconds,
-    stop_rule,
-    stop_rule_blocks,
-)
 
 _LEAST_BLOCK = 1 << 20
 

@@ -14,12 +14,12 @@ import torch
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera
+from optics.camera.pupil import numeric_camera, open_area, pupil_amplitude
 from optics.psf.axes import LensGrid, fresnel_area, lens_plane, plan_propagator_axes, stop_extent
 from optics.psf.edge_scatter import StopEdgeScatter
 from optics.psf.request import PSFRequest
 from optics.psf.stop_mask import BlockwiseStopMask
 from optics.psf.to_lens import PanelToLensPropagator
-from optics.pupil import numeric_camera, open_area, pupil_amplitude
 
 
 @dataclass(frozen=True)

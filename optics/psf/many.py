@@ -19,13 +19,13 @@ from torch.utils.checkpoint import checkpoint
 from optics.accuracy import Account, Budget, Result
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens
+from optics.camera.pupil import Scalar
 from optics.plane import Plane
 from optics.psf.chain_grid import GridEngine
 from optics.psf.dim_windows import normalise_amplitude
 from optics.psf.operator import PSFOperator
 from optics.psf.symmetry import expand_phase, symmetric_shape
 from optics.psf.to_sensor import panel_spectrum
-from optics.pupil import Scalar
 from optics.threads import in_full_precision
 from optics.validation import accepts_numpy
 

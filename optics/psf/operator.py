@@ -23,6 +23,13 @@ from optics.accuracy import (
     unreachable_tolerance_error,
 )
 from optics.camera import Camera, Lens
+from optics.camera.pupil import (
+    Scalar,
+    cutoff_frequencies,
+    model_error,
+    open_pupil_radius,
+    require_valid_source,
+)
 from optics.plane import Plane
 from optics.psf.axial import AxialEngine
 from optics.psf.behind_panel import BehindPanelEngine
@@ -56,13 +63,6 @@ from optics.psf.operator_inputs import (
 from optics.psf.panel_engine import PanelEngine
 from optics.psf.request import PSFRequest
 from optics.psf.symmetry import expand_phase, symmetric_engine
-from optics.pupil import (
-    Scalar,
-    cutoff_frequencies,
-    model_error,
-    open_pupil_radius,
-    require_valid_source,
-)
 from optics.sensor import PixelIntegration
 from optics.threads import in_full_precision
 from optics.validation import (

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from optics.camera import Camera, Lens
+from optics.camera.pupil import Scalar, numeric_camera
 from optics.plane import Plane
 from optics.psf.request import SphericalWaveCorrection
 from optics.psf.symmetry import symmetric_shape
-from optics.pupil import Scalar, numeric_camera
 from optics.validation import as_number, require_number, require_size, to_plain_numbers
 
 

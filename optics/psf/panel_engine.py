@@ -21,6 +21,13 @@ from optics.accuracy import (
     unreachable_tolerance_error,
 )
 from optics.camera import Camera
+from optics.camera.pupil import (
+    defocus_curvature,
+    panel_half_diagonal,
+    phase_step_per_pixel,
+    pupil_amplitude,
+    require_open_pupil,
+)
 from optics.fourier import (
     ChirpTransform,
     CommensurateTransform,
@@ -55,13 +62,6 @@ from optics.psf.pixel_waves import (
     pixel_envelopes,
 )
 from optics.psf.request import PSFRequest
-from optics.pupil import (
-    defocus_curvature,
-    panel_half_diagonal,
-    phase_step_per_pixel,
-    pupil_amplitude,
-    require_open_pupil,
-)
 from optics.quarter_symmetry import quarter_shape
 from optics.validation import as_number, needs_gradient, to_plain_numbers
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
 from optics.camera import Panel
+from optics.camera.pupil import Scalar, defocus_curvature, pupil_phase
+from optics.camera.stop_nodes import gauss_node_count
 from optics.fourier import FourierGeometry, MatrixTransform, unit_phasor
 from optics.fourier.transform import PASSES_PER_PHASOR, PlaneTransform
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane, RectilinearGrid
 from optics.psf.engine import phase_factor
 from optics.psf.request import PSFRequest
-from optics.pupil import Scalar, defocus_curvature, pupil_phase
-from optics.stop.quadrature import gauss_node_count
 from optics.validation import records_gradient
 
 

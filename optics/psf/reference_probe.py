@@ -12,15 +12,15 @@ import torch
 from numpy.typing import NDArray
 
 from optics.accuracy import ErrorEstimate, MachineSpeed
-from optics.psf.request import PSFRequest
-from optics.pupil import pupil_phase
-from optics.stop.quadrature import (
+from optics.camera.pupil import pupil_phase
+from optics.camera.stop_nodes import (
     PhaseSlopeBound,
     QuadratureNodes,
     count_nodes,
     rule_seconds,
     stop_rule_blocks,
 )
+from optics.psf.request import PSFRequest
 
 Array = NDArray[np.float64]
 

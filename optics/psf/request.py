@@ -14,9 +14,9 @@ import torch
 
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens
+from optics.camera.pupil import Scalar, cutoff_frequency, phase_slope_bound, require_valid_source
+from optics.camera.stop_nodes import PhaseSlopeBound
 from optics.plane import Plane
-from optics.pupil import Scalar, cutoff_frequency, phase_slope_bound, require_valid_source
-from optics.stop.quadrature import PhaseSlopeBound
 from optics.validation import (
     as_number,
     needs_gradient,

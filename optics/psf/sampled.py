@@ -14,13 +14,13 @@ from optics.accuracy import (
     require_memory,
     unreachable_tolerance_error,
 )
+from optics.camera.pupil import pupil_phase
+from optics.camera.stop_areas import coverage
 from optics.fourier import FourierGeometry, plan_transform
 from optics.plane import Plane
 from optics.psf.engine import CachedPupilWave, PSFEngine, wrap_phase
 from optics.psf.reference_probe import ReferenceProbe
 from optics.psf.request import PSFRequest
-from optics.pupil import pupil_phase
-from optics.stop.coverage import coverage
 
 
 @dataclass(frozen=True)

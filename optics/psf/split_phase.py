@@ -8,8 +8,8 @@ from functools import cached_property
 import torch
 
 from optics.accuracy import ToleranceError
+from optics.camera.pupil import defocus_curvature, defocus_path, vergence_error
 from optics.psf.request import PSFRequest
-from optics.pupil import defocus_curvature, defocus_path, vergence_error
 from optics.zernike import zernike
 
 _NODES = (24, 48, 96, 192, 384)

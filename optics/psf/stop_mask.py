@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.camera.stop import Stop
+from optics.camera.stop_areas import Coverage, coverage
 from optics.plane import Plane
-from optics.stop.aperture import Stop
-from optics.stop.coverage import Coverage, coverage
 
 _CELL_ROWS, _CELL_COLUMNS = 16, 64
 """Samples in a coarse cell, which is open, closed or cut by the edge as a whole. Sixteen rows of a

@@ -9,13 +9,13 @@ import torch
 
 from optics.accuracy import FLOAT32_ARITHMETIC, ErrorEstimate, MachineSpeed
 from optics.camera import Camera
+from optics.camera.pupil import defocus_curvature, pupil_amplitude
 from optics.fourier import FourierGeometry
 from optics.psf.chain_choice import chain_engines
 from optics.psf.engine import PSFEngine, phase_factor, require_sample_shape
 from optics.psf.panel_engine import PanelEngine
 from optics.psf.pixel_waves import CurvedPixelTransform
 from optics.psf.request import PSFRequest
-from optics.pupil import defocus_curvature, pupil_amplitude
 from optics.quarter_symmetry import mirror_quarter, quarter_shape
 
 

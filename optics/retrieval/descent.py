@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import torch
 
+from optics.camera.pupil import pupil_amplitude, with_stop_shadow_on_panel
 from optics.progress import Progress
-from optics.pupil import pupil_amplitude
 from optics.retrieval.goal import RetrievalGoal
 from optics.slm.modulator import Modulator
-from optics.stop_shadow import with_stop_shadow_on_panel
 
 _RATE = 0.03
 """Learning rate of Adam at the start, radians; it falls to a tenth of that. Chosen."""

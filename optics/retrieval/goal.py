@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import torch
 
 from optics.camera import Camera
+from optics.camera.pupil import pupil_amplitude, with_stop_shadow_on_panel
 from optics.plane import Plane
-from optics.pupil import pupil_amplitude
 from optics.retrieval.far_field import FarField
 from optics.retrieval.grid import design_plane, far_field_length
-from optics.stop_shadow import with_stop_shadow_on_panel
 from optics.validation import require_wavelength
 
 

@@ -7,8 +7,8 @@ import math
 import scipy.fft
 
 from optics.camera import Camera
+from optics.camera.pupil import panel_to_focus_distance
 from optics.plane import Plane
-from optics.stop_shadow import panel_to_focus_distance
 from optics.validation import require_positive, require_wavelength, rounded_down
 
 OVERSAMPLING = 2

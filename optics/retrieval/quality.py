@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import torch
 
+from optics.camera.pupil import open_area, with_stop_shadow_on_panel
 from optics.metrics import efficiency, scaled_nrmse, speckle_contrast
-from optics.pupil import open_area
 from optics.retrieval.goal import RetrievalGoal
-from optics.stop_shadow import with_stop_shadow_on_panel
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.camera import Camera
-from optics.pupil import object_to_lens_distance
+from optics.camera.pupil import object_to_lens_distance
 from optics.validation import as_number
 from simulator.effects.electron_bounds import max_light_seconds, sensor_error_bound
 from simulator.effects.likely_errors import LightEffect

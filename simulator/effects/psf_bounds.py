@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.pupil import open_area
-from optics.stop_shadow import share_through_stop
+from optics.camera.pupil import open_area, share_through_stop
 from optics.validation import as_number
 from simulator.effects.field_waves import psf_change, wave_distance
 from simulator.effects.result_cache import cached_per_situation

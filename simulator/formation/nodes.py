@@ -227,7 +227,7 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
 def electrons_per_radiance(camera: Camera, distance: float) -> float:
     """Return the factor from spectral electrons to a rendered pixel's electrons per second, m² sr.
 
-    The factor is the camera equation of optics.throughput.electron_rate without the light.
+    The factor is the camera equation of optics.camera.system_mtf.electron_rate without the light.
     """
     return irradiance_per_radiance(camera, distance) * camera.sensor.pitch**2
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import torch
 
 from optics.camera import Camera
+from optics.camera.pupil import defocus_path, object_to_lens_distance, pupil_amplitude
+from optics.camera.stop_areas import coverage
 from optics.plane import Plane
-from optics.pupil import defocus_path, object_to_lens_distance, pupil_amplitude
-from optics.stop.coverage import coverage
 from optics.validation import as_number
 from optics.zernike import zernike
 

@@ -7,8 +7,8 @@ import torch
 from numpy.typing import NDArray
 
 from optics.camera import Camera, Lens
+from optics.camera.pupil import share_through_stop
 from optics.plane import Plane
-from optics.stop_shadow import share_through_stop
 from simulator.mount import Mount
 
 _PLACES = 33

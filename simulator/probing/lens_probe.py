@@ -11,7 +11,7 @@ import torch
 
 from optics.caching import ByteCache
 from optics.camera import Camera
-from optics.pupil import object_to_lens_distance, pupil_amplitude
+from optics.camera.pupil import object_to_lens_distance, pupil_amplitude
 from optics.validation import as_number
 from optics.zernike import zernike
 from simulator.probing.far_field import FarField

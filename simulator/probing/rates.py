@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy import constants
 
 from optics.camera import Camera, Sensor
+from optics.camera.pupil import open_area
 from optics.light.bands import Band
 from optics.light.spectrum import Spectrum
-from optics.pupil import open_area
 
 
 def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
@@ -31,9 +31,10 @@ def electron_rates(
 
     There is one rate for each colour channel.
 
-    The rate is that near the axis, by the camera equation of optics.throughput.electron_rate(),
-    integrated over wavelengths. spectrum: radiance, W / (sr m² m). distance: metres to the panel.
-    leak: whether light that the filter passes outside its band is included.
+    The rate is that near the axis, by the camera equation of
+    optics.camera.system_mtf.electron_rate(), integrated over wavelengths. spectrum: radiance,
+    W / (sr m² m). distance: metres to the panel. leak: whether light that the filter passes outside
+    its band is included.
     """
     nodes = _nodes(spectrum, band, camera.sensor, leak)
     passed = band.total_transmission(nodes) if leak else band.transmission(nodes)

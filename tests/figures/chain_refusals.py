@@ -18,10 +18,10 @@ from figures.problems import log_uniform
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.camera.pupil import pupil_amplitude
+from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.pupil import pupil_amplitude
-from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 from optics.threads import single_threaded
 
 _SEED, _CHAINS, _ADVICE = 20260711, 80, 40

@@ -26,8 +26,8 @@ from labapp.accuracy.references.chain_problem import ChainProblem
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.camera.pupil import pupil_amplitude
 from optics.plane import Plane
-from optics.pupil import pupil_amplitude
 from optics.threads import single_threaded
 
 Array = NDArray[np.float64]

@@ -14,10 +14,10 @@ from scipy.special import j0, j1
 from figures import Figure
 from figures.free_space import positions
 from optics.camera import Camera, Lens, Panel
+from optics.camera.stop import Stop, rectangle
 from optics.otf import lens_transfer_function
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.stop.aperture import Stop, rectangle
 
 Array = NDArray[np.float64]
 

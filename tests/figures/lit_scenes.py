@@ -31,6 +31,7 @@ from figures.random_pictures import (
 from figures.random_targets import Chance
 from labapp.common.console import print_message
 from optics.camera import Camera
+from optics.camera.pupil import pupil_amplitude
 from optics.light import Band
 from optics.patterns import (
     axicon,
@@ -39,7 +40,6 @@ from optics.patterns import (
     cubic_phase_mask,
     fresnel_lens,
 )
-from optics.pupil import pupil_amplitude
 from optics.slm import phase_to_grey
 from optics.threads import single_threaded
 from simulator.panel_content import PanelContent

@@ -25,8 +25,8 @@ from labapp.common.speed import machine_speed
 from optics.accuracy import Budget
 from optics.caching import ByteCache
 from optics.camera import Camera, Panel
+from optics.camera.pupil import pupil_amplitude
 from optics.plane import Plane
-from optics.pupil import pupil_amplitude
 from optics.threads import single_threaded
 
 SEED = 20261129

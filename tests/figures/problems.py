@@ -18,9 +18,9 @@ from labapp.accuracy.references.psf_problem import PSFProblem, PSFReference, win
 from labapp.common.speed import machine_speed
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.camera.pupil import pupil_amplitude
+from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
 from optics.plane import Plane
-from optics.pupil import pupil_amplitude
-from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 from optics.threads import single_threaded
 
 Array = NDArray[np.float64]

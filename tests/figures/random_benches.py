@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from figures.problems import log_uniform, random_aberrations, random_stop
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera.stop import Stop
 from optics.light import Band, Spectrum
 from optics.patterns import axicon, binary_grating, blazed_grating, fresnel_lens
 from optics.polarisation import PathEffect
 from optics.sensor import Mosaic
 from optics.slm import PanelMap, PhaseResponse, phase_to_grey
-from optics.stop.aperture import Stop
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
 

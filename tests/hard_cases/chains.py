@@ -29,9 +29,9 @@ from hard_cases.table import (
 )
 from optics.accuracy import Budget
 from optics.camera import Camera
+from optics.camera.stop import Circle, Stop, regular_polygon
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.stop.aperture import Circle, Stop, regular_polygon
 
 POINTS = Plane((3, 4), (20e-6, 30e-6), (1e-5, -2e-5))
 PIXELS = Plane((3, 4), (20e-6, 20e-6))

@@ -29,10 +29,10 @@ from hard_cases.panels import CAMERA, camera, random, stop_of, window
 from hard_cases.table import DOUBLE, SINGLE, Agrees, Case, Holds, Slope, require_close
 from hard_cases.transforms import ways
 from optics.camera import Camera, Lens
+from optics.camera.stop import Circle, rectangle
 from optics.fourier import FourierGeometry
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF
-from optics.stop.aperture import Circle, rectangle
 
 FEW = Plane((4, 5), (3e-6, 3e-6), (1e-6, 2e-6))
 DISTANCE = defocused(LENS, 1.0)

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from hard_cases.table import SINGLE, Case, Holds, Refused, Seen
 from optics.accuracy import Budget
 from optics.camera import Lens
+from optics.camera.stop import Circle, Polygon, Stop, rectangle, regular_polygon
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.stop.aperture import Circle, Polygon, Stop, rectangle, regular_polygon
 
 LENS = Lens(0.1, 5.6, 2.0)
 FINE = Plane((8, 9), (2e-6, 2e-6))

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from hard_cases.table import DOUBLE, SINGLE, Agrees, Case, Holds, Refused, Seen, require_close
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera.stop import Circle, Stop, regular_polygon
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator
-from optics.stop.aperture import Circle, Stop, regular_polygon
 
 CAMERA = Camera(
     Panel((12, 15), 40e-6, 0.81, unmodulated=0.0), Lens(0.125, 5.0, 2.0), Sensor((20, 21), 20e-6)

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from hard_cases.lenses import SPIDER
 from hard_cases.table import ONCE, Agrees, Case, Holds, Refused
 from optics.camera import Lens
+from optics.camera.pupil import defocus_path
+from optics.camera.stop import Circle, Polygon, Shape, Stop, rectangle, regular_polygon
+from optics.camera.stop_areas import coverage
+from optics.camera.stop_nodes import PhaseSlopeBound, stop_rule
 from optics.plane import Plane
-from optics.pupil import defocus_path
-from optics.stop.aperture import Circle, Polygon, Shape, Stop, rectangle, regular_polygon
-from optics.stop.coverage import coverage
-from optics.stop.quadrature import PhaseSlopeBound, stop_rule
 from optics.zernike import zernike
 
 BY_LINES = "Gauss-Legendre along the lines that the stop leaves open"

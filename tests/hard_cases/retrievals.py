@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from hard_cases.table import ONCE, Case, Holds, Refused, require_close, require_finite
 from optics.camera import Camera, Lens, Panel
+from optics.camera.stop import Stop, rectangle
 from optics.retrieval import METHODS, RetrievalResult, design_plane, retrieve, window_for_reach
 from optics.retrieval.branches import shortest_phase_paths
 from optics.retrieval.descent import GradientDescent
@@ -30,7 +31,6 @@ from optics.retrieval.grid import far_field_length
 from optics.retrieval.slow_crystal import displayed_psf
 from optics.retrieval.superpixel import Superpixels
 from optics.slm import PanelMap
-from optics.stop.aperture import Stop, rectangle
 
 Array = NDArray[Any]
 

@@ -33,8 +33,8 @@ from hard_cases.chains import PIXELS as CHAIN_PIXELS
 from hard_cases.chains import apart, at
 from hard_cases.lenses import HEXAGON, LENS, SQUARE, behind, defocused
 from hard_cases.panels import CAMERA, camera, random, stop_of
+from optics.camera.stop import Circle, Stop, rectangle
 from optics.plane import Plane
-from optics.stop.aperture import Circle, Stop, rectangle
 
 PIXELS = Plane((4, 5), (3e-6, 4e-6), (1e-6, 2e-6))
 

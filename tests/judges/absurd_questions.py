@@ -46,7 +46,7 @@ class Finding:
 
 def _lens(v: Values) -> Any:
     from optics.camera import Lens
-    from optics.stop.aperture import Circle, Stop, regular_polygon
+    from optics.camera.stop import Circle, Stop, regular_polygon
 
     blades, ring = v.get("blades"), v.get("obscuration")
     opening = Circle() if blades is None else regular_polygon(blades)

@@ -18,8 +18,8 @@ from judges.basics import positions
 from judges.panel import pixel_coverage
 from judges.sums import Array, gauss
 from optics.camera import Camera
+from optics.camera.stop import Circle, Shape, Stop
 from optics.plane import Plane
-from optics.stop.aperture import Circle, Shape, Stop
 
 _ROW_BREAKS = 1e-9
 

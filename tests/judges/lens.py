@@ -10,7 +10,7 @@ from judges.stops import scan_lines
 from judges.sums import Array, gauss, node_count, phasor, times
 from judges.view import View
 from judges.wave import steepest, waves
-from optics.stop.aperture import Polygon
+from optics.camera.stop import Polygon
 
 
 def by_lines(view: View) -> Array:

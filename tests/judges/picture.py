@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy import constants
 
 from optics.camera import Camera, Panel
+from optics.camera.pupil import open_area, pupil_amplitude
 from optics.gauss_legendre import gauss_legendre
 from optics.light import Spectrum
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.pupil import open_area, pupil_amplitude
 from optics.slm import Modulator
 from optics.slm.dynamics import first_start_phase, relaxed_phase
 from optics.slm.jitter import scattered_share

@@ -10,8 +10,8 @@ from itertools import combinations, pairwise, product
 import numpy as np
 
 from judges.sums import Array, gauss, node_count
+from optics.camera.stop import Circle, Polygon, Stop
 from optics.plane import Plane
-from optics.stop.aperture import Circle, Polygon, Stop
 
 Shape = Circle | Polygon
 Interval = tuple[float, float]

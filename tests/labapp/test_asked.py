@@ -18,8 +18,8 @@ from labapp.prediction.lens_options import (
     read_window,
 )
 from optics.camera import Lens
+from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
 from optics.plane import Plane
-from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 
 def test_stops_are_read_as_they_are_said():

@@ -14,7 +14,7 @@ from labapp.files.calibration_file import CalibrationFile, ZerothOrderTable, cal
 from labapp.files.camera_file import CameraFile, LensTable
 from labapp.files.reading import bundled_path
 from optics.camera import Ghost
-from optics.stop.aperture import Circle, Stop, regular_polygon
+from optics.camera.stop import Circle, Stop, regular_polygon
 
 BENCH = bundled_path("bench.toml").read_text()
 CAMERA = BENCH[: BENCH.index("[devices.slm]")]

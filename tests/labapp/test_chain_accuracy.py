@@ -19,8 +19,8 @@ from labapp.accuracy.work_precision import CallTimingSettings, Row
 from labapp.common.errors import UserError
 from labapp.prediction.lens_options import LensCase
 from optics.camera import Camera, Lens, Panel
+from optics.camera.stop import Circle, Stop, rectangle
 from optics.plane import Plane
-from optics.stop.aperture import Circle, Stop, rectangle
 
 SMALL = ["--panel", "12x14x8", "--separation-mm", "20", "--f-number", "100", "--size", "12"]
 

@@ -28,8 +28,8 @@ from labapp.accuracy.references.psf_problem import PSFProblem
 from labapp.accuracy.references.round_lens import round_lens_psf
 from labapp.accuracy.references.samples import draw_samples
 from optics.camera import Camera, Lens, Panel
+from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
 from optics.plane import Plane
-from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 WAVELENGTH = 550e-9
 HEXAGON = Stop(regular_polygon(6, turn=0.3), (Circle(0.2, (0.1, -0.2)),))

@@ -8,11 +8,11 @@ from judges.absurd_questions import ANSWERED, REFUSED, ask
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.camera.stop import Stop, regular_polygon
 from optics.plane import Plane
 from optics.propagation import FreeSpace
 from optics.psf import PSFOperator
 from optics.quantity_ranges import ask_about_unit
-from optics.stop.aperture import Stop, regular_polygon
 
 PIXELS = Plane((8, 8), (2e-6, 2e-6))
 GREEN = 550e-9

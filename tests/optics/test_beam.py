@@ -11,10 +11,10 @@ from scipy.special import fresnel
 
 from optics.beam import beam_irradiance
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera.pupil import open_area
 from optics.plane import Plane
 from optics.progress import Cancelled, Progress
 from optics.psf import PSFOperator
-from optics.pupil import open_area
 
 WAVELENGTH = 520e-9
 PANEL = Panel((60, 80), 16e-6, 1.0, unmodulated=0.0)

@@ -4,7 +4,7 @@ import torch
 
 from optics.caching import byte_limited_cache
 from optics.camera import Camera, Lens, Panel
-from optics.pupil import pupil_amplitude
+from optics.camera.pupil import pupil_amplitude
 
 
 def test_a_result_is_kept_until_the_bytes_run_out():

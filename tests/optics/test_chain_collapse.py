@@ -12,10 +12,10 @@ from sweeps import some
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.camera.pupil import open_area, pupil_amplitude
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.psf.chain_collapsed import collapse_to_thin_camera
-from optics.pupil import open_area, pupil_amplitude
 
 WAVELENGTH = 550e-9
 

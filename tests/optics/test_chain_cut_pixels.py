@@ -10,11 +10,11 @@ from judges.chain_sums import direct_chain
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.camera.stop import Circle, Stop, rectangle
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.psf.chain_collapsed import cut_pixel_error_share
 from optics.psf.request import PSFRequest
-from optics.stop.aperture import Circle, Stop, rectangle
 
 WAVELENGTH = 550e-9
 SIDE = 40e-6

@@ -14,10 +14,10 @@ from judges.chain_sums import direct_chain
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel
+from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
+from optics.camera.stop_rows import quadrature_rows, row_bands
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
-from optics.stop.rows import quadrature_rows, row_bands
 
 WAVELENGTH = 550e-9
 SHAPE, PIXELS = (12, 16), Plane((5, 4), (8e-6, 8e-6))

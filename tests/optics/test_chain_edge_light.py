@@ -11,10 +11,10 @@ from sweeps import some
 
 from optics.accuracy import Budget
 from optics.camera import Camera, Lens, Panel
+from optics.camera.stop import Circle, Stop
 from optics.plane import Plane
 from optics.psf.edge_scatter import StopEdgeScatter, _normal_distance_steps, window_frequencies
 from optics.psf.request import PSFRequest
-from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 550e-9
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera.stop import Circle, Polygon, Stop, rectangle
 from optics.edof.depth_bound import known_depth_bound, rms_transfer_limit
 from optics.edof.dioptres import midpoint_dioptres
 from optics.edof.frequency_grid import FrequencyGrid
@@ -16,7 +17,6 @@ from optics.edof.pattern_rating import rate_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
 from optics.edof.pupil_overlap import convex_pupil, overlap_integrals
 from optics.edof.transfer_design import TransferDesign
-from optics.stop.aperture import Circle, Polygon, Stop, rectangle
 
 WAVELENGTH = 520e-9
 STUDY = Camera(Panel(), Lens(0.1, 5.6, math.inf), Sensor(pitch=3.45e-6))

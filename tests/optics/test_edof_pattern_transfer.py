@@ -8,13 +8,13 @@ import pytest
 import torch
 
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera.stop import Circle, Stop
 from optics.edof.field_maps import ChirpMap, CosineMatrixMap, CosineTransformMap, FoldedMap
 from optics.edof.full_transfer import FullTransfer
 from optics.edof.quarter_transfer import QuarterTransfer
 from optics.edof.spectral_criterion import blind_error
 from optics.edof.transfer_design import TransferDesign
 from optics.psf import PSFOperator
-from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 520e-9
 # Light of this panel repeats after 251.2 pixels; its OTF ends at an eighth of the sampling rate.

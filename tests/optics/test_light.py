@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.throughput import electron_rate
+from optics.camera.system_mtf import electron_rate
 
 
 def bright_camera(f_number: float) -> Camera:

@@ -9,9 +9,9 @@ import torch
 from judges import covered
 from sweeps import some
 
+from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
 from optics.plane import Plane
 from optics.psf.stop_mask import BlockwiseStopMask
-from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 RADIUS = 1e-3
 STOPS = {

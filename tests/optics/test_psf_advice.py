@@ -10,9 +10,9 @@ import pytest
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Lens
+from optics.camera.stop import Stop, regular_polygon
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.stop.aperture import Stop, regular_polygon
 
 WAVELENGTH = 520e-9
 

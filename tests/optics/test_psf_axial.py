@@ -14,9 +14,9 @@ from sweeps import some
 
 from optics.accuracy import ToleranceError
 from optics.camera import Lens
+from optics.camera.stop import Circle, Stop
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 520e-9
 TOLERANCES = [1e-1, 1e-3, 1e-6, 1e-9]

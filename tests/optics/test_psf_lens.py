@@ -17,11 +17,11 @@ from sweeps import some
 
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera.stop import Circle, Stop, rectangle, regular_polygon
 from optics.plane import Plane
 from optics.psf import PolychromaticPSF, PSFOperator, psf
 from optics.psf.axial import rim_field
 from optics.psf.request import PSFRequest
-from optics.stop.aperture import Circle, Stop, rectangle, regular_polygon
 
 WAVELENGTH = 520e-9
 LENS = Lens(focal_length=0.05, f_number=8.0, focus_distance=math.inf)

@@ -16,9 +16,9 @@ from sweeps import some
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera.stop import Circle, Stop
 from optics.plane import Plane
 from optics.psf import PSFOperator, psf
-from optics.stop.aperture import Circle, Stop
 
 WAVELENGTH = 550e-9
 

@@ -6,7 +6,12 @@ import pytest
 from judges import positions
 
 from optics.camera import Camera, Lens, Panel
-from optics.pupil import phase_step_per_pixel, pupil_amplitude, pupil_phase_on_panel, vergence_error
+from optics.camera.pupil import (
+    phase_step_per_pixel,
+    pupil_amplitude,
+    pupil_phase_on_panel,
+    vergence_error,
+)
 
 
 def camera_with_stop(shape, pitch, diameter) -> Camera:

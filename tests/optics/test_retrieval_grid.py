@@ -18,12 +18,12 @@ from judges.retrieval import (
 )
 
 from optics.camera import Camera, Lens
+from optics.camera.stop import Circle, Stop
 from optics.plane import Plane
 from optics.retrieval import design_plane, window_for_reach
 from optics.retrieval.goal import RetrievalGoal
 from optics.retrieval.grid import far_field_length
 from optics.slm import PanelMap
-from optics.stop.aperture import Circle, Stop
 
 CAMERA = camera((60, 64), stop=55.0)
 PLANE = design_plane(CAMERA, WAVELENGTH, (45, 50))

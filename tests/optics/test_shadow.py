@@ -10,15 +10,17 @@ import pytest
 from scipy import constants
 
 from optics.camera import Camera, Lens, Panel
-from optics.pupil import open_area, open_pupil_radius, pupil_amplitude
-from optics.retrieval.grid import design_plane, far_field_length
-from optics.stop.aperture import Circle, Stop, regular_polygon
-from optics.stop_shadow import (
+from optics.camera.pupil import (
+    open_area,
+    open_pupil_radius,
     panel_to_focus_distance,
+    pupil_amplitude,
     share_through_stop,
     with_stop_shadow_on_panel,
 )
-from optics.throughput import electron_rate
+from optics.camera.stop import Circle, Stop, regular_polygon
+from optics.camera.system_mtf import electron_rate
+from optics.retrieval.grid import design_plane, far_field_length
 
 Z1 = 0.05
 CAMERA = Camera(Panel((108, 192), 80e-6), Lens(0.1, 10.0, 2.0), separation=Z1)

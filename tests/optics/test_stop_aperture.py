@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from optics.stop.aperture import (
-    Arc,
-    Circle,
-    Polygon,
-    Segment,
-    Stop,
-    rectangle,
-    regular_polygon,
-)
+from optics.camera.stop import Arc, Circle, Polygon, Segment, Stop, rectangle, regular_polygon
 
 ROOT3 = math.sqrt(3)
 L = ((-0.5, -0.5), (-0.5, 0.5), (0.0, 0.5), (0.0, 0.0), (0.5, 0.0), (0.5, -0.5))

@@ -9,9 +9,9 @@ import pytest
 import torch
 from judges import binned, positions
 
+from optics.camera.stop import Circle, Polygon, Stop, rectangle, regular_polygon
+from optics.camera.stop_areas import Coverage, coverage
 from optics.plane import Plane
-from optics.stop.aperture import Circle, Polygon, Stop, rectangle, regular_polygon
-from optics.stop.coverage import Coverage, coverage
 
 RADIUS = 2.1e-3
 L = Polygon(((-0.5, -0.5), (-0.5, 0.5), (0.0, 0.5), (0.0, 0.0), (0.5, 0.0), (0.5, -0.5)))

@@ -12,8 +12,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from sweeps import some
 
-from optics.stop.aperture import Circle, Polygon, Stop, rectangle, regular_polygon
-from optics.stop.quadrature import (
+from optics.camera.stop import Circle, Polygon, Stop, rectangle, regular_polygon
+from optics.camera.stop_nodes import (
     PhaseSlopeBound,
     QuadratureNodes,
     count_nodes,

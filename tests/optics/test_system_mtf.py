@@ -8,8 +8,8 @@ import pytest
 from sweeps import some
 
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.stop.aperture import Circle, Stop
-from optics.system_mtf import neutral_panel_otf, system_mtf
+from optics.camera.stop import Circle, Stop
+from optics.camera.system_mtf import neutral_panel_otf, system_mtf
 
 GREEN = 550e-9
 BIG = Panel(shape=(2000, 2000), pitch=20e-6)

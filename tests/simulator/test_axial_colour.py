@@ -11,8 +11,8 @@ from optical_situations import CAMERA, STAR, finest, rendered, situation
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens
+from optics.camera.pupil import pupil_phase
 from optics.light import Band
-from optics.pupil import pupil_phase
 from simulator.effects.axial_colour import AxialColour
 from simulator.effects.band_effects import Bandwidth
 from simulator.effects.picture_norms import minimum_norms

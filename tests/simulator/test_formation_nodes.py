@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from optical_situations import CAMERA, PANEL, STAR, colour_curve, pattern, situation
 
+from optics.camera.system_mtf import electron_rate
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.sensor import Mosaic
-from optics.throughput import electron_rate
 from simulator.formation.exposure_cells import exposure_cells
 from simulator.formation.nodes import (
     depth_nodes,

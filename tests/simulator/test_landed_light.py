@@ -10,10 +10,10 @@ from figures.random_pictures import Case, deviation, everything
 from optical_situations import before_lens
 
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.camera.stop import Polygon, Stop
 from optics.light import Band
 from optics.patterns import blazed_grating
 from optics.slm import phase_to_grey
-from optics.stop.aperture import Polygon, Stop
 from simulator.effects.landed_light import landed_light
 from simulator.imaging import Imaging
 from simulator.mount import Mount

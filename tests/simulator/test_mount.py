@@ -12,12 +12,12 @@ from sweeps import some
 
 import simulator.mount
 from optics.camera import Lens
+from optics.camera.pupil import pupil_phase
+from optics.camera.stop import Circle, Polygon, Stop, regular_polygon
 from optics.patterns import steering_grating
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.pupil import pupil_phase
 from optics.slm import phase_to_grey
-from optics.stop.aperture import Circle, Polygon, Stop, regular_polygon
 from optics.zernike import zernike
 from simulator.mount import Mount
 from simulator.scene import Dark, PhotographPrint, Scene, Star

@@ -13,11 +13,11 @@ from small_bench.world import CAMERA, NEUTRAL, WIDE_OPEN, light_of, world
 from optics.calibration.gratings import blazed_grating_phase
 from optics.calibration.registration import register
 from optics.calibration.spots import find_spot
+from optics.camera.pupil import pupil_phase
+from optics.camera.stop import Circle, Stop, regular_polygon
 from optics.plane import Plane
 from optics.psf import PSFOperator
-from optics.pupil import pupil_phase
 from optics.slm import phase_to_grey
-from optics.stop.aperture import Circle, Stop, regular_polygon
 from optics.zernike import zernike
 from simulator.formation.rays import RayOperator
 from simulator.mount import Mount

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from optics.camera import Camera, Lens, Sensor
+from optics.camera.system_mtf import electron_rate
 from optics.light import Band, Spectrum, halogen
 from optics.plane import Plane
 from optics.sensor import Mosaic
-from optics.throughput import electron_rate
 from simulator.probing.picture_probe import MARGIN, PictureProbe
 from simulator.probing.radial import RadialProfile
 from simulator.probing.rates import electron_rates

@@ -14,8 +14,8 @@ from labapp.accuracy.references.lens_integral import (
     sample_positions,
     vertical_line_crossings,
 )
+from optics.camera.stop import Stop
 from optics.plane import Plane
-from optics.stop.aperture import Stop
 
 Array = NDArray[np.float64]
 

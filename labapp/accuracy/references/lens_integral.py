@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.special import roots_legendre
 
 from optics.camera import Lens
+from optics.camera.stop import Circle, Polygon, Shape, Stop
 from optics.plane import Plane
 from optics.progress import Progress
-from optics.stop.aperture import Circle, Polygon, Shape, Stop
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]

@@ -18,7 +18,7 @@ from scipy.special import fresnel
 
 from labapp.accuracy.references.lens_integral import NODE_MARGIN, sample_positions
 from optics.camera import Camera, Lens
-from optics.stop.aperture import Circle, Shape
+from optics.camera.stop import Circle, Shape
 
 Array = NDArray[np.float64]
 Field = NDArray[np.complex128]

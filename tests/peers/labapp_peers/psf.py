@@ -31,7 +31,7 @@ from labapp_peers.library import (
     torchoptics_precision,
 )
 from optics.camera import Camera, Panel
-from optics.pupil import defocus_curvature, pupil_amplitude
+from optics.camera.pupil import defocus_curvature, pupil_amplitude
 
 _Real = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.stop.aperture import NEGLIGIBLE, Circle, Point, Shape, Stop
-from optics.stop.arcs import outline_intersections
-from optics.stop.quadrature import line_rule, line_rule_node_count
+from optics.camera.stop import NEGLIGIBLE, Circle, Point, Shape, Stop
+from optics.camera.stop_areas import outline_intersections
+from optics.camera.stop_nodes import line_rule, line_rule_node_count
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array], Array]

@@ -19,9 +19,9 @@ import torch
 from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed, require_planning_time
+from optics.camera.stop import Array, Polygon, Shape, Stop
+from optics.camera.stop_areas import Interval, break_radii, open_arcs
 from optics.gauss_legendre import gauss_legendre
-from optics.stop.aperture import Array, Polygon, Shape, Stop
-from optics.stop.arcs import Interval, break_radii, open_arcs
 
 _CHUNK_NODES = 1 << 20
 """Nodes that are computed at a time."""

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from optics.camera.stop import Circle, Stop
 from optics.colour_curve import colour_curve_at, require_colour_curve
 from optics.distortion import RadialDistortion
 from optics.field_aberrations import FieldAberrations
@@ -17,7 +18,6 @@ from optics.ghost import require_ghosts
 from optics.quantity_ranges import RANGES, ask_about_unit
 from optics.sensor.sensor import Sensor as Sensor
 from optics.slm.panel import Panel as Panel
-from optics.stop.aperture import Circle, Stop
 from optics.validation import as_number, require_positive, require_share, require_size
 from optics.zernike import require_zernike_indices
 

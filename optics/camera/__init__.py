@@ -1,0 +1,10 @@
+"""Describe a camera: panel, lens with its stop, and sensor.
+
+`camera` holds the description; `stop` the shapes of stops; `stop_areas`, `stop_rows` and
+`stop_nodes` what of them is open, and quadrature over it; `pupil` the wave in the stop; and
+`system_mtf` the sharpness and light that the optics predicts.
+"""
+
+from optics.camera.camera import Camera, Ghost, Lens, Panel, Sensor
+
+__all__ = ["Camera", "Ghost", "Lens", "Panel", "Sensor"]
