@@ -19,8 +19,8 @@ from labapp.files.reading import validate
 from labapp.files.sensor_file import require_monochrome_sensor
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
-from optics.calibration.spots import frame_variance
 from optics.camera import Camera
+from optics.measuring.spots import frame_variance
 
 Array = NDArray[np.float64]
 

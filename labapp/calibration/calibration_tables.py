@@ -17,9 +17,9 @@ from labapp.files.calibration_file import (
     ZerothOrderTable,
 )
 from labapp.runs.record.reader import Record
-from optics.calibration.registration import Registration
-from optics.calibration.wavefront import WavefrontFit
-from optics.calibration.zeroth_order import ZerothOrder
+from optics.measuring.registration import Registration
+from optics.measuring.wavefront import WavefrontFit
+from optics.measuring.zeroth_order import ZerothOrder
 
 
 def build_calibration_file(fits: CalibrationFits) -> CalibrationFile:

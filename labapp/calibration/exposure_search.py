@@ -13,8 +13,8 @@ from labapp.calibration.request import CalibrationExposures, CalibrationRequest
 from labapp.calibration.trial_exposures import limit_exposures
 from labapp.common.errors import UserError
 from labapp.files.quantities import exposure_in_ms
-from optics.calibration.spots import frame_variance, without_hot_pixels
 from optics.camera import Camera, Sensor
+from optics.measuring.spots import frame_variance, without_hot_pixels
 
 
 @dataclass(frozen=True)

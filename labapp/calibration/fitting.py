@@ -16,17 +16,15 @@ from labapp.calibration.calibration_frames import CalibrationFrames
 from labapp.calibration.request import CalibrationDesign
 from labapp.common.errors import UserError
 from labapp.runs.record.reader import Record
-from optics.calibration.first_orders import measure_first_orders
-from optics.calibration.gratings import region_slices, stripe_pattern
-from optics.calibration.registration import Registration, register
-from optics.calibration.response_fit import ResponseFit, fit_response
-from optics.calibration.spots import find_spot
-from optics.calibration.star_model import StarModel
-from optics.calibration.stripe_law import StripeLaw
-from optics.calibration.sweep import Sweep
-from optics.calibration.wavefront import StarPictures, WavefrontFit, fit_wavefront
-from optics.calibration.zeroth_order import ZerothOrder, measure_zeroth_order, zeroth_order_share
 from optics.camera import Camera
+from optics.measuring.gratings import region_slices, stripe_pattern
+from optics.measuring.phase_curve import StripeLaw, Sweep
+from optics.measuring.registration import Registration, measure_first_orders, register
+from optics.measuring.response_fit import ResponseFit, fit_response
+from optics.measuring.spots import find_spot
+from optics.measuring.star_model import StarModel
+from optics.measuring.wavefront import StarPictures, WavefrontFit, fit_wavefront
+from optics.measuring.zeroth_order import ZerothOrder, measure_zeroth_order, zeroth_order_share
 from optics.progress import Progress
 from optics.slm import Modulator, PhaseResponse, grey_to_phase
 

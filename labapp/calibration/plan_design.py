@@ -13,15 +13,15 @@ from labapp.calibration import request as names
 from labapp.calibration.request import CalibrationDesign, CalibrationExposures, CalibrationRequest
 from labapp.common.errors import UserError
 from labapp.files.plan_file import PlanFile
-from optics.calibration.gratings import (
+from optics.camera import Camera
+from optics.camera.pupil import open_pupil_radius
+from optics.measuring.gratings import (
     blazed_grating_phase,
     max_grating_frequency,
     region_vectors,
     registration_vectors,
     stripe_pattern,
 )
-from optics.camera import Camera
-from optics.camera.pupil import open_pupil_radius
 from optics.slm import max_phase, phase_to_grey
 
 Patterns = dict[str, NDArray[np.uint8]]

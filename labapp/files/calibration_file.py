@@ -14,9 +14,9 @@ from pydantic import AwareDatetime, Field, model_validator
 
 from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel
-from optics.calibration.registration import Registration
-from optics.calibration.wavefront import zernike_path
 from optics.camera import Camera
+from optics.measuring.registration import Registration
+from optics.measuring.wavefront import zernike_path
 from optics.plane import Plane
 from optics.slm import Panel, PanelMap, PhaseResponse
 

@@ -64,7 +64,7 @@ class DefectTable(FileModel):
 
 
 class CameraNoiseFile(FileModel):
-    """A camera's calibration file, in terms of EMVA 1288; optics.camera_noise says what each is.
+    """A camera's calibration file, in terms of EMVA 1288; optics.measuring says what each is.
 
     record is the file of the frames, and frames their number, trials included. camera and options
     say which camera it was and with which options the bench file opened it, and sensor how the file

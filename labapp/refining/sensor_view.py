@@ -14,8 +14,8 @@ from scipy import ndimage
 
 from labapp.common.errors import UserError
 from labapp.files.bench_file import BenchFile
-from optics.calibration.registration import Registration
 from optics.camera import Camera
+from optics.measuring.registration import Registration
 from optics.retrieval.goal import RetrievalGoal
 
 Array = NDArray[np.float64]

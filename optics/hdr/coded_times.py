@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 
-from optics.alignment import RigidMotion
 from optics.hdr.level_pairs import compare_levels, frame_patches
 from optics.hdr.nominal_times import shutter_time
+from optics.measuring import RigidMotion
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.alignment import Registration, RigidMotion, register_pictures
+from optics.measuring import Registration, RigidMotion, register_pictures
 
 Levels = NDArray[np.float32]
 Mask = NDArray[np.bool_]

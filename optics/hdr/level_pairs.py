@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.alignment import RigidMotion
 from optics.hdr.response_curve import HIGHEST
+from optics.measuring import RigidMotion
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.calibration.spots import frame_variance, without_hot_pixels
 from optics.camera import Sensor
 from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
 from optics.hdr.exposure_snr import ExposureSNR, from_decibels
 from optics.hdr.rate_distribution import RateDistribution, rate_distribution
 from optics.hdr.untold_clipping import is_surely_open, untold_clip_level
+from optics.measuring.spots import frame_variance, without_hot_pixels
 from optics.validation import require_unmasked
 
 

@@ -13,10 +13,12 @@ import numpy as np
 from figures import TOLD, Figure
 from figures.walks import walk
 from labapp.window.engine.light_metering import SETTINGS, find_exposure
-from optics.alignment import focus_score, region_statistics, star_shape
-from optics.alignment.region import Region
 from optics.camera import Sensor
 from optics.hdr import ExposureLimits
+from optics.measuring import focusing as focus_score
+from optics.measuring import focusing as star_shape
+from optics.measuring import region_statistics
+from optics.measuring.region import Region
 
 _WALK_GOAL, _WALK_LIMIT = 180.0, 600.0
 _WIDTH_GOAL, _CASES, _SIDE = 0.02, 200, 96

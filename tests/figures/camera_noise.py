@@ -19,7 +19,7 @@ from labapp.calibration.camera.recorded_frames import read_pairs
 from labapp.files.plan_file import read_plan
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
-from optics.camera_noise import CameraNoise, Measured, characterise_camera
+from optics.measuring import CameraNoise, Measured, characterise_camera
 from optics.threads import single_threaded
 
 _SEEDS = 20

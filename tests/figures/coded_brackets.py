@@ -16,7 +16,7 @@ from labapp.common.errors import UserError
 from labapp.pictures.merging.bracket_files import CODED_SENSOR, BracketFiles
 from labapp.pictures.merging.merged_bracket import MergedFiles, merge_files
 from optics import hdr
-from optics.alignment import RigidMotion, resample_moved
+from optics.measuring import RigidMotion, resample_moved
 from optics.progress import Progress
 from optics.threads import single_threaded
 

@@ -12,7 +12,7 @@ from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.camera.system_mtf import system_mtf
 from optics.light import Band
-from optics.slanted_edge import measure_edge_response
+from optics.measuring.slanted_edge import measure_edge_response
 from optics.threads import single_threaded
 from simulator.imaging import Imaging
 from simulator.mount import Mount

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import Surroundings
 from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.camera_noise import CameraNoise, PairedFrames, characterise_camera
+from optics.measuring import CameraNoise, PairedFrames, characterise_camera
 from optics.threads import single_threaded
 from simulator.devices.simulated_camera import SimulatedCamera
 from simulator.scene import Dark, Flat, Scene

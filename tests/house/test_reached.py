@@ -16,7 +16,7 @@ ROOMS = ("optics", "drivers", "simulator", "labapp")
 FOR_CALLERS = {
     "optics.focal_plane": "the field near a focus, for Python",
     "optics.psf.over_field": "PSFs between field positions, for Python; the guide has an example",
-    "optics.slanted_edge": "a camera's MTF from a picture of an edge, for Python",
+    "optics.measuring.slanted_edge": "a camera's MTF from a picture of an edge, for Python",
     "optics.camera.system_mtf": "a camera's MTF and the light that it takes, for Python",
 }
 """Modules of the engine that people call from Python, with the reason; no command does."""

@@ -12,7 +12,7 @@ import finufft
 import numpy as np
 from scipy import ndimage
 
-from optics.calibration.registration import Registration
+from optics.measuring.registration import Registration
 
 LEVELS = 256
 

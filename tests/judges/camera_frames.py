@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optics.camera_noise import PairedFrames
+from optics.measuring import PairedFrames
 
 
 @dataclass(frozen=True)

@@ -46,9 +46,9 @@ from labapp.files.polarisation_table import PolarisationTable, PolariserTable
 from labapp.files.reading import read_file
 from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
-from optics.calibration import wavefront
-from optics.calibration.wavefront import WavefrontFitSettings
 from optics.camera import Camera, Sensor
+from optics.measuring import wavefront
+from optics.measuring.wavefront import WavefrontFitSettings
 from optics.progress import Cancelled, Progress
 from optics.slm import grey_to_phase
 

@@ -27,8 +27,8 @@ from labapp.refining.sensor_view import SensorView, nominal_registration
 from labapp.refining.start import build_start
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
-from optics.calibration.registration import Registration
 from optics.camera import Camera, Panel, Sensor
+from optics.measuring.registration import Registration
 from optics.progress import Cancelled, Progress
 from optics.retrieval import design_plane
 from optics.retrieval.goal import RetrievalGoal

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sweeps import some
 
-from optics.alignment import RigidMotion, register_pictures, resample_moved
+from optics.measuring import RigidMotion, register_pictures, resample_moved
 
 SHAPE = (120, 150)
 MOTION = RigidMotion(np.deg2rad(0.8), 2.3, -3.6)

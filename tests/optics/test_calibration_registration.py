@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 from judges.calibration_bench import NumpyBench, curve, mapped, turned
 
-from optics.calibration.gratings import blazed_grating_phase, registration_vectors
-from optics.calibration.registration import decompose_affine, register
-from optics.calibration.spots import (
-    Spot,
-    find_spot,
-    frame_variance,
-    measure_spot,
-    without_hot_pixels,
-)
 from optics.camera import Sensor
+from optics.measuring.gratings import blazed_grating_phase, registration_vectors
+from optics.measuring.registration import decompose_affine, register
+from optics.measuring.spots import Spot, find_spot, frame_variance, measure_spot, without_hot_pixels
 
 WAVELENGTH = 532e-9
 

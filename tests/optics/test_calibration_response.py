@@ -10,17 +10,16 @@ from judges.calibration_bench import NumpyBench, curve, mapped, turned
 from scipy import ndimage
 from sweeps import some
 
-from optics.calibration.first_orders import measure_first_orders
-from optics.calibration.gratings import (
+from optics.camera import Sensor
+from optics.measuring.gratings import (
     max_grating_frequency,
     region_slices,
     region_vectors,
     stripe_pattern,
 )
-from optics.calibration.response_fit import fit_response
-from optics.calibration.stripe_law import StripeLaw
-from optics.calibration.sweep import Sweep
-from optics.camera import Sensor
+from optics.measuring.phase_curve import StripeLaw, Sweep
+from optics.measuring.registration import measure_first_orders
+from optics.measuring.response_fit import fit_response
 
 WAVELENGTH = 532e-9
 TOP = 255

@@ -11,11 +11,11 @@ import torch
 from judges.calibration_bench import NumpyBench, curve, mapped, turned
 from sweeps import some
 
-from optics.calibration.spots import frame_variance
-from optics.calibration.star_model import StarModel
-from optics.calibration.wavefront import StarPictures, fit_wavefront
-from optics.calibration.zeroth_order import measure_zeroth_order, zeroth_order_share
 from optics.camera import Camera, Lens, Panel, Sensor
+from optics.measuring.spots import frame_variance
+from optics.measuring.star_model import StarModel
+from optics.measuring.wavefront import StarPictures, fit_wavefront
+from optics.measuring.zeroth_order import measure_zeroth_order, zeroth_order_share
 
 WAVELENGTH = 532e-9
 SCALE = 190.0

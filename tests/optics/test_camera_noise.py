@@ -8,9 +8,9 @@ import pytest
 from judges.camera_frames import Lamp, TrueCamera, take_frames
 from sweeps import some
 
-from optics.camera_noise import PairedFrames, characterise_camera
-from optics.camera_noise.pair_noise import measure_pair
-from optics.camera_noise.rounded_noise import noise_below_a_step, rounded_moments
+from optics.measuring import PairedFrames, characterise_camera
+from optics.measuring.group_statistics import noise_below_a_step, rounded_moments
+from optics.measuring.paired_frames import measure_pair
 
 PLAIN = TrueCamera()
 SPOTS = TrueCamera(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from optics.camera import Sensor
-from optics.camera_noise.few_exposures import FewExposures
+from optics.measuring.few_exposures import FewExposures
 
 SHAPE = (60, 80)
 TIMES = np.geomspace(1e-4, 0.4, 7)

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.camera.system_mtf import neutral_panel_otf, system_mtf
-from optics.slanted_edge import measure_edge_response
+from optics.measuring.slanted_edge import measure_edge_response
 
 
 @functools.cache

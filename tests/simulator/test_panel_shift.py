@@ -10,11 +10,11 @@ from judges import relative
 from optical_situations import before_lens
 from small_bench.world import CAMERA, NEUTRAL, WIDE_OPEN, light_of, world
 
-from optics.calibration.gratings import blazed_grating_phase
-from optics.calibration.registration import register
-from optics.calibration.spots import find_spot
 from optics.camera.pupil import pupil_phase
 from optics.camera.stop import Circle, Stop, regular_polygon
+from optics.measuring.gratings import blazed_grating_phase
+from optics.measuring.registration import register
+from optics.measuring.spots import find_spot
 from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.slm import phase_to_grey

@@ -17,8 +17,7 @@ from labapp.bench.camera_match import require_described_camera
 from labapp.bench.selftest.checks import Check, SelfTestFailure, require_refusal, wait_until_ready
 from labapp.common.errors import UserError
 from optics.camera import Sensor
-from optics.camera_noise.few_exposures import FewExposures
-from optics.camera_noise.repeated_exposures import frame_flicker, repeated_linearity
+from optics.measuring.few_exposures import FewExposures, frame_flicker, repeated_linearity
 
 _LONGEST = 1.0
 """Seconds of the longest exposure that is tried. Chosen: a lit bench clips pixels within it."""

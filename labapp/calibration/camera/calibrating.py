@@ -20,7 +20,7 @@ from labapp.files.writing import make_folder, require_free_names, write_atomical
 from labapp.runs.acquisition.attendance import AskOperator
 from labapp.runs.record.reader import Record
 from labapp.runs.run_commands import run_written_plan
-from optics.camera_noise import CameraNoise, characterise_camera
+from optics.measuring import CameraNoise, characterise_camera
 from optics.progress import Progress
 
 CAMERA_FILE, PICTURE_FILE = "camera.json", "camera.png"

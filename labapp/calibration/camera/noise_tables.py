@@ -17,8 +17,8 @@ from labapp.files.camera_noise_file import (
     QuantityTable,
 )
 from labapp.runs.record.reader import Record
-from optics.camera_noise import CameraNoise, Measured
-from optics.camera_noise.defects import DEAD_RESPONSE, RESPONSE_EXCESS
+from optics.measuring import CameraNoise, Measured
+from optics.measuring.pixel_maps import DEAD_RESPONSE, RESPONSE_EXCESS
 
 _DECIBELS = 20 / math.log(10)
 """Decibels in a natural logarithm of a ratio of amplitudes."""

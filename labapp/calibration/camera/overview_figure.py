@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from labapp.calibration.camera.result_report import camera_rows
 from labapp.files.camera_noise_file import CameraNoiseFile
-from optics.camera_noise import CameraNoise
-from optics.camera_noise.photon_transfer import FIT_SHARE
+from optics.measuring import CameraNoise
+from optics.measuring.photon_transfer import FIT_SHARE
 
 _FITTED, _OTHER, _LINE = "tab:blue", "tab:orange", "black"
 

@@ -14,7 +14,7 @@ from labapp.common.plain_text import shell_word
 from labapp.files.plan_file import ROLES
 from labapp.runs.record.reader import Record
 from labapp.runs.state import State
-from optics.camera_noise import PairedFrames
+from optics.measuring import PairedFrames
 
 _PLAN_HINT = "Run the ready plan photon-transfer, or labapp calibrate --camera"
 

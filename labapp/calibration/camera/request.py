@@ -11,7 +11,7 @@ from labapp.common.errors import UserError
 from labapp.files.quantities import Amount, Nanometres, Positive
 from labapp.files.reading import FileModel, validate
 from labapp.runs.record.reader import Record
-from optics.camera_noise.paired_frames import MIN_EXPOSURES
+from optics.measuring.paired_frames import MIN_EXPOSURES
 
 REQUEST_KEY = "camera_request"
 """Key of a plan's metadata under which the request of a camera's calibration is stored as JSON."""

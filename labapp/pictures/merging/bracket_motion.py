@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labapp.pictures.merging.bracket_files import BracketFiles
 from optics import hdr
-from optics.alignment import RigidMotion, resample_moved
+from optics.measuring import RigidMotion, resample_moved
 
 _ALMOST_FULL = 0.98
 """Part of the full scale from which on a number doesn't count in registering. Chosen."""

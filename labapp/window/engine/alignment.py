@@ -222,7 +222,7 @@ def _part(frame: LiveFrame, region: PixelRegion | None) -> NDArray[Any]:
     """Return the region of a window's live picture; ValueError if it lies outside."""
     if region is None:
         return frame.image
-    from optics.alignment import Region
+    from optics.measuring import Region
 
     rows, columns = frame.image.shape
     return Region(*region).within((rows, columns)).of(frame.image)

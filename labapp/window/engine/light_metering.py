@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from labapp.runs.brackets.choice import bare_seconds, equal_ladders, least_snr_db
 from labapp.window.exposure_bracket import DARK_FRAMES
-from optics.alignment import exposure_for_level, peak_level
 from optics.camera import Sensor
 from optics.hdr import ChosenBracket, ExposureLimits, Meter, MeteredRange, WantedSNR, choose_bracket
 from optics.hdr.exposure_limits import AllowedTimes
 from optics.hdr.exposure_snr import ExposureSNR
+from optics.measuring import exposure_for_level, peak_level
 
 TakeTrial = Callable[[float], tuple[float, NDArray[Any]]]
 """Takes a trial frame of about this exposure in seconds, and returns the real one and the frame."""

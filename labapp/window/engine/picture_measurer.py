@@ -22,7 +22,7 @@ from labapp.window.messages import LiveFrame
 from optics.camera import Sensor
 
 if TYPE_CHECKING:
-    from optics.alignment import Region
+    from optics.measuring import Region
 
 _INTERVAL = 0.1
 """Least seconds between measurements. Chosen: a person reads no faster, and live pictures need the
@@ -108,8 +108,8 @@ def find_star(frame: LiveFrame | None, sensor: Sensor) -> StarFound:
         return StarFound(None, "there is no picture yet; start live view with F5")
     import numpy as np
 
-    from optics.alignment.hot_pixels import without_hot
-    from optics.calibration.spots import find_spot, frame_variance
+    from optics.measuring.focusing import without_hot
+    from optics.measuring.spots import find_spot, frame_variance
 
     raw = frame.image.astype(np.float64)
     variance = frame_variance(raw, sensor)
@@ -122,7 +122,8 @@ def find_star(frame: LiveFrame | None, sensor: Sensor) -> StarFound:
 
 def _read_region(frame: LiveFrame, asked: PixelRegion, sensor: Sensor) -> RegionReading | None:
     """Measure a region of the window's live picture; None if it lies outside."""
-    from optics.alignment import Region, focus_score, region_statistics
+    from optics.measuring import Region, region_statistics
+    from optics.measuring import focusing as focus_score
 
     try:
         region = Region(*asked).within((frame.image.shape[0], frame.image.shape[1]))
@@ -152,7 +153,7 @@ def _read_region(frame: LiveFrame, asked: PixelRegion, sensor: Sensor) -> Region
 
 def _read_star(frame: LiveFrame, region: Region, sensor: Sensor) -> tuple[StarReading | None, str]:
     """Measure the star in a region of the window's live picture; or say why there is none."""
-    from optics.alignment import star_shape
+    from optics.measuring import focusing as star_shape
 
     try:
         found = star_shape(region.of(frame.image), sensor)
@@ -172,7 +173,7 @@ def _read_star(frame: LiveFrame, region: Region, sensor: Sensor) -> tuple[StarRe
 
 def _read_line(frame: LiveFrame, line: PixelLine) -> LineReading:
     """Measure the window's line in a live picture; its ends are moved into the picture."""
-    from optics.alignment import line_profile
+    from optics.measuring import line_profile
 
     ends = [
         tuple(min(max(c, 0.0), n - 1.0) for c, n in zip(place, frame.image.shape, strict=True))

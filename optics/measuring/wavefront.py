@@ -15,8 +15,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.calibration.star_model import StarModel
 from optics.camera import Panel
+from optics.measuring.star_model import StarModel
 from optics.plane import Plane
 from optics.progress import Progress
 from optics.zernike import zernike

@@ -16,20 +16,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.calibration.phase_curve import (
+from optics.measuring.phase_curve import (
     BLUR2,
     FIRST_INCREMENT,
     GHOST,
+    MIN_LEVELS,
     OFFSET,
     RIPPLE2,
     SWING,
     PhaseCurve,
+    Sweep,
     monotone_spline_basis,
 )
-from optics.calibration.phase_curve import (
-    SETTINGS as CURVE_SETTINGS,
-)
-from optics.calibration.sweep import MIN_LEVELS, Sweep
+from optics.measuring.phase_curve import SETTINGS as CURVE_SETTINGS
 
 Array = NDArray[np.float64]
 

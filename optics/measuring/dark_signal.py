@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optics.camera_noise.group_statistics import DarkStatistics, GroupStatistics
-from optics.camera_noise.measured import Measured, fit_line, weighted_mean
-from optics.camera_noise.rounded_noise import (
+from optics.measuring.group_statistics import (
     STEP_VARIANCE,
     SURE_VARIANCE,
+    DarkStatistics,
+    GroupStatistics,
     noise_below_a_step,
 )
+from optics.measuring.measured import Measured, fit_line, weighted_mean
 
 _MOST_ZEROS = 1e-3
 """Largest share of dark numbers that may be 0. More, and mean and noise in darkness are cut off."""

@@ -1,4 +1,7 @@
-"""The place and the width of a star in a picture, by which a lens is focused and aligned."""
+"""Measure what a lens is focused and aligned by: sharpness, a star's place and width, its level.
+
+Hot pixels aren't taken for light.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,171 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from optics.alignment.hot_pixels import filter_period, without_hot
-from optics.calibration.spots import find_spot, frame_variance
 from optics.camera import Sensor
+from optics.measuring.spots import find_spot, frame_variance, without_hot_pixels
 from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
+
+
+def filter_period(sensor: Sensor) -> tuple[int, int]:
+    """Return the period of the colour filters that a star is seen through, (rows, columns).
+
+    It is (1, 1) for a monochrome sensor.
+    """
+    if sensor.colour is None:
+        return 1, 1
+    pattern = sensor.colour.pattern
+    return len(pattern), len(pattern[0])
+
+
+def without_hot(light: Array, variance: Array, sensor: Sensor) -> Array:
+    """Return a picture to be aligned with hot pixels replaced by the median of their neighbours.
+
+    Neighbours are those of the same colour filter: light of one colour makes single bright pixels
+    among those of the other colours. light, variance: (rows, columns), DN and DN².
+    """
+    rows, columns = filter_period(sensor)
+    clean = light.copy()
+    for row in range(rows):
+        for column in range(columns):
+            same = slice(row, None, rows), slice(column, None, columns)
+            if light[same].size:
+                clean[same] = without_hot_pixels(light[same], variance[same])
+    return clean
+
+
+@dataclass(frozen=True)
+class PeakLevel:
+    """Level of the brightest pixel of a picture that is exposed for alignment.
+
+    Parameters
+    ----------
+    level : float
+        Share of the range from the black level to full scale, 1 at full scale.
+    saturated : int
+        Pixels at full scale, hot ones among them.
+    """
+
+    level: float
+    saturated: int
+
+
+def peak_level(numbers: NDArray[Any], sensor: Sensor) -> PeakLevel:
+    """Return the level of the brightest pixel that isn't a hot one.
+
+    It is the brightest pixel, and no percentile below it: a star in focus covers some ten pixels
+    of millions, and would be saturated at any exposure that brings a percentile to a level. A hot
+    pixel is far brighter than all of its neighbours, which light through a lens never is.
+
+    Parameters
+    ----------
+    numbers : NDArray, (rows, columns)
+        Digital numbers.
+    sensor : Sensor
+        Tells gain, noise, black level and full scale.
+
+    Returns
+    -------
+    PeakLevel
+        With the number of saturated pixels.
+    """
+    require_unmasked(numbers)
+    raw = numbers.astype(np.float64)
+    clean = without_hot(raw, frame_variance(raw, sensor), sensor)
+    room = sensor.full_scale - sensor.black_level
+    saturated = int(np.count_nonzero(raw >= sensor.full_scale))
+    return PeakLevel((float(clean.max()) - sensor.black_level) / room, saturated)
+
+
+def exposure_for_level(level: float, rate: float, sensor: Sensor) -> float:
+    """Return the exposure at which light of a rate reaches a level of the sensor's range.
+
+    Parameters
+    ----------
+    level : float
+        Share of the range from the black level to full scale, above 0 and below 1.
+    rate : float
+        Electrons per second of light in the brightest pixel, positive.
+    sensor : Sensor
+        Tells gain, dark current, black level and full scale.
+
+    Returns
+    -------
+    float
+        Seconds, whatever the camera can expose.
+
+    Raises
+    ------
+    ValueError
+        For a level outside its range, and a rate that isn't positive.
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"level is {level:g}; give a share of full scale above 0 and below 1")
+    if not rate > 0:
+        raise ValueError(f"rate is {rate:g} electrons/s; it must be positive")
+    electrons = level * (sensor.full_scale - sensor.black_level) * sensor.gain
+    return electrons / (rate + sensor.dark_current)
+
+
+_LEAST_LIGHT = 3.0
+"""Standard deviations of its error by which a region's mean light must exceed none. Chosen: a
+score is divided by the light's square."""
+
+
+def focus_score(numbers: NDArray[Any], sensor: Sensor) -> float:
+    """Return the focus score of a region: the energy of its gradients over its light squared.
+
+    The mean square of the gradient is the focus measure of Tenenbaum, here by central differences,
+    with the part that noise is expected to add subtracted. Divided by the square of the mean light
+    it doesn't depend on the exposure. It is comparable as long as the same scene is in the region,
+    and the larger, the sharper. Central differences compare pixels two apart, which have the same
+    colour filter in a Bayer pattern. Hot pixels are left out.
+
+    Parameters
+    ----------
+    numbers : NDArray, (rows, columns)
+        Digital numbers of the region, 3 x 3 pixels at least.
+    sensor : Sensor
+        Tells gain, noise and black level.
+
+    Returns
+    -------
+    float
+        In 1/pixel². A cosine of modulation m and angular frequency k, in rad/pixel, has
+        m² sin²(k) / 2. By noise, the score of a scene without structure may be slightly negative.
+
+    Raises
+    ------
+    ValueError
+        For a smaller region, and one without light.
+
+    References
+    ----------
+    S. Pertuz, D. Puig and M. A. Garcia, "Analysis of focus measure operators for shape-from-focus",
+    Pattern Recognition 46, 1415 (2013), doi 10.1016/j.patcog.2012.11.011.
+    """
+    require_unmasked(numbers)
+    if numbers.ndim != 2 or min(numbers.shape) < 3:
+        raise ValueError(f"the region is {numbers.shape} pixels; give 3 x 3 at least")
+    raw = numbers.astype(np.float64)
+    variance = frame_variance(raw, sensor)
+    light = without_hot(raw, variance, sensor) - sensor.black_level
+    mean = float(light.mean())
+    error = math.sqrt(float(variance.mean()) / light.size)
+    if mean < _LEAST_LIGHT * error:
+        raise ValueError(
+            f"the region's mean light is {mean:.2g} DN; that is too dark to judge the focus. "
+            "Expose longer"
+        )
+    down = (light[2:, 1:-1] - light[:-2, 1:-1]) / 2
+    across = (light[1:-1, 2:] - light[1:-1, :-2]) / 2
+    around = (
+        variance[2:, 1:-1] + variance[:-2, 1:-1] + variance[1:-1, 2:] + variance[1:-1, :-2]
+    ) / 4
+    energy = float((down**2 + across**2 - around).mean())
+    return energy / mean**2
+
 
 FWHM = 2 * math.sqrt(2 * math.log(2))
 """Full width at half maximum of a Gaussian over its standard deviation."""

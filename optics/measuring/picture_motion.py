@@ -1,11 +1,4 @@
-"""Register two pictures of one scene to a small part of a pixel: shift and turn.
-
-Both show the scene in like numbers, up to a smooth curve near a straight line. The motion that
-makes them equal is found by Gauss and Newton's steps with the slopes of one of them, from coarse
-pictures to the finest (Lucas and Kanade, IJCAI 1981; Baker and Matthews, Int. J. Comput. Vis. 56,
-2004, doi 10.1023/B:VISI.0000011205.11775.fd), with small weights where they differ much (Geman and
-McClure).
-"""
+"""Find how a hand-held picture moved, a shift and a turn, and resample it to a reference."""
 
 from __future__ import annotations
 
@@ -17,9 +10,119 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from optics.alignment.rigid_motion import RigidMotion
-
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """Where a frame sees what a reference frame sees at a place.
+
+    Places are in pixels from the picture's centre, (row, column). A place x of the reference is
+    seen at R x + (down, right), where R turns rows to columns by the angle `turn`.
+
+    Parameters
+    ----------
+    turn : float, default 0
+        Radians.
+    down, right : float, default 0
+        Pixels.
+    """
+
+    turn: float = 0.0
+    down: float = 0.0
+    right: float = 0.0
+
+    @property
+    def matrix(self) -> Array:
+        """Return the rigid motion's turn as a matrix, (2, 2), of (row, column)."""
+        cos, sin = math.cos(self.turn), math.sin(self.turn)
+        return np.array([[cos, -sin], [sin, cos]])
+
+    @property
+    def shift(self) -> Array:
+        """Return the rigid motion's shift, (row, column), pixels."""
+        return np.array([self.down, self.right])
+
+    def places(self, at: Array) -> Array:
+        """Return where the moved frame sees places of the reference, (2, places), pixels."""
+        return np.asarray(self.matrix @ at + self.shift[:, None])
+
+    def after(self, first: RigidMotion) -> RigidMotion:
+        """Return the rigid motion that does another one first, and then this one."""
+        shift = self.matrix @ first.shift + self.shift
+        return RigidMotion(self.turn + first.turn, float(shift[0]), float(shift[1]))
+
+    def inverse(self) -> RigidMotion:
+        """Return the rigid motion that undoes this one."""
+        shift = -self.matrix.T @ self.shift
+        return RigidMotion(-self.turn, float(shift[0]), float(shift[1]))
+
+    def corner_distance(self, other: RigidMotion, shape: tuple[int, ...]) -> float:
+        """Return by how many pixels two rigid motions differ at the corners of a picture, at most.
+
+        shape: rows and columns of the picture.
+        """
+        rows, columns = ((n - 1) / 2 for n in shape)
+        corners = np.array([[-rows, -rows, rows, rows], [-columns, columns, -columns, columns]])
+        away = self.places(corners) - other.places(corners)
+        return float(np.hypot(*away).max())
+
+
+_ROWS = 256
+"""Rows that are resampled together, which saves memory. Chosen."""
+
+_REACH = np.ones((3, 3), dtype=bool)
+"""Pixels around a place whose clipping reaches it: a cubic spline's weights of others are below 5 %
+of the nearest one's."""
+
+
+def resample_moved(
+    picture: NDArray[np.generic], motion: RigidMotion, clipped: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return what a moved picture shows at the places of the reference.
+
+    Values are interpolated by cubic splines, which lets details as fine as pixels can show pass.
+    The noise of a value is less than a pixel's, and shared by neighbours.
+
+    Parameters
+    ----------
+    picture : NDArray
+        (rows, columns).
+    motion : RigidMotion
+        From the reference to the picture.
+    clipped : NDArray of bool
+        Pixels of the picture whose value isn't known.
+
+    Returns
+    -------
+    values : NDArray
+        (rows, columns) of the reference, float32.
+    clipped : NDArray of bool
+        Where a value rests on a clipped pixel.
+    outside : NDArray of bool
+        Where the picture shows nothing.
+    """
+    shape = np.array(picture.shape)
+    middle = (shape[:, None] - 1) / 2
+    spline = ndimage.spline_filter(picture.astype(np.float32), 3, np.float32, mode="mirror")
+    near = ndimage.binary_dilation(clipped, _REACH)
+    values = np.empty(picture.shape, np.float32)
+    rests, outside = (np.zeros(picture.shape, dtype=bool) for _ in range(2))
+    for start in range(0, picture.shape[0], _ROWS):
+        part = values[start : start + _ROWS]
+        at = np.indices(part.shape, dtype=np.float64).reshape(2, -1)
+        at[0] += start
+        at = motion.places(at - middle) + middle
+        part[:] = ndimage.map_coordinates(
+            spline, at, np.float32, order=3, mode="mirror", prefilter=False
+        ).reshape(part.shape)
+        beyond = ((at < 0) | (at > shape[:, None] - 1)).any(axis=0)
+        row, column = np.clip(np.rint(at).astype(np.intp), 0, shape[:, None] - 1)
+        rests[start : start + _ROWS] = (near[row, column] & ~beyond).reshape(part.shape)
+        outside[start : start + _ROWS] = beyond.reshape(part.shape)
+    return values, rests, outside
+
+
 Mask = NDArray[np.bool_]
 Picture = NDArray[np.float32]
 

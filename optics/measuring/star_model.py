@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from optics.calibration.registration import Registration
 from optics.camera import Camera
 from optics.camera.pupil import open_pupil_radius, pupil_amplitude
+from optics.measuring.registration import Registration
 from optics.plane import Plane
 from optics.psf import PSFOperator, nyquist_samples_per_pixel
 from optics.psf.chain_collapsed import collapse_to_thin_camera

@@ -1,0 +1,341 @@
+"""Fit a camera's gain, saturation and linearity to noise and signal over exposure time.
+
+The slope of the photon transfer curve, temporal variance over signal, is the gain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optics.measuring.group_statistics import (
+    STEP_VARIANCE,
+    SURE_VARIANCE,
+    GroupStatistics,
+    LightStatistics,
+)
+from optics.measuring.measured import Array, Measured, weighted_mean
+
+_FULL_VARIANCE = 0.1
+"""Variance, relative to the largest, below which a group beyond it is saturated. Chosen: read noise
+is left of the noise, and of an evenly lit group no pixel that isn't full."""
+
+_AT_TOP = 0.5
+"""Numbers from the converter's end within which a saturated mean is its end."""
+
+
+@dataclass(frozen=True)
+class ClipLevel:
+    """The number at which a camera's pixels clip, DN, and what ends there."""
+
+    number: Measured
+    limit: Literal["converter", "well"]
+
+
+def find_clip_level(groups: Sequence[GroupStatistics], top_number: int) -> ClipLevel | None:
+    """Find the number at which a camera's pixels clip; None if no group of them saturates.
+
+    Raises ValueError if numbers exceed the converter's end as it is said to be.
+    """
+    full = [one for group in groups for one in _saturated_exposures(group.light)]
+    if any(one.brightest > top_number for group in groups for one in group.light):
+        most = max(one.brightest for group in groups for one in group.light)
+        raise ValueError(
+            f"frames have numbers up to {most:g}, and the converter is said to end at "
+            f"{top_number}; correct the sensor's bits or clip level"
+        )
+    if not full:
+        return None
+    means = np.array([one.mean for one in full])
+    # A converter's end has no noise. Its numbers are whole.
+    sigmas = np.array([math.sqrt(max(one.variance, 1e-6) / (2 * one.count)) for one in full])
+    number = weighted_mean(means, sigmas)
+    is_top = number.value > top_number - _AT_TOP
+    if is_top or np.mean([one.variance for one in full]) < SURE_VARIANCE:
+        # Rounding hides where between two steps the end is.
+        number = Measured(number.value, math.hypot(number.sigma, math.sqrt(STEP_VARIANCE)))
+    return ClipLevel(number, "converter" if is_top else "well")
+
+
+def _saturated_exposures(light: Sequence[LightStatistics]) -> list[LightStatistics]:
+    """Return the exposures of a group of a camera's pixels at which all are saturated."""
+    largest = max(range(len(light)), key=lambda number: light[number].variance)
+    limit = _FULL_VARIANCE * light[largest].variance
+    return [one for one in light[largest + 1 :] if one.variance < limit + one.dark_variance]
+
+
+def is_open(one: LightStatistics, full: float | None, share: float) -> bool:
+    """Tell whether a group of a camera's pixels is below a share of saturation.
+
+    full: signal at which pixels clip, DN; None if none does. Its brightest pixel must be clear of
+    clipping, too, which counts where light is uneven.
+    """
+    if full is None:
+        return True
+    dark = one.mean - one.signal
+    return one.signal <= share * full and one.brightest - dark <= (1 + share) / 2 * full
+
+
+def saturation_signal(groups: Sequence[GroupStatistics]) -> Measured | None:
+    """Return the signal at which a camera's variance is largest, DN (EMVA 1288, section 6.6).
+
+    It is known to the spacing of the exposures. None if the variance still rises at the longest.
+    The groups that are lit as the middle one is tell it.
+    """
+    found = []
+    for group in groups:
+        light = group.light
+        largest = max(range(len(light)), key=lambda number: light[number].variance)
+        if largest == len(light) - 1:
+            continue
+        below = light[max(largest - 1, 0)].signal
+        step = max(light[largest].signal - below, light[largest + 1].signal - light[largest].signal)
+        found.append((light[largest].signal, step / math.sqrt(12)))
+    if not found:
+        return None
+    signals, steps = (np.array(one) for one in zip(*found, strict=True))
+    return Measured(float(np.median(signals)), float(np.median(steps)))
+
+
+FIT_SHARE = 0.7
+"""Share of saturation up to which the curve is fitted (EMVA 1288, section 6.6)."""
+
+_PASSES = 4
+"""Passes in which weights follow the fit. The third changes the gain by less than 1e-6."""
+
+_FEWEST = 3
+"""Fewest exposure times that are fitted."""
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonTransfer:
+    """A camera's photon transfer curve and its fit.
+
+    system_gain: K, DN per electron. offset: what the dark number is too large by, DN, where the
+    converter's steps are too coarse to tell it; 0 otherwise. covariance: (2, 2), of both. chi2:
+    mean squared residual per degree of freedom. signal, variance, sigma: points, DN, DN² and the
+    variance's uncertainty, (n,). exposure: of each, seconds. used: whether the fit uses it.
+    """
+
+    system_gain: Measured
+    offset: Measured
+    covariance: Array
+    chi2: float
+    freedom: int
+    signal: Array
+    variance: Array
+    sigma: Array
+    exposure: Array
+    used: NDArray[np.bool_]
+
+
+def fit_photon_transfer(
+    groups: Sequence[GroupStatistics], full: float | None, coarse: Measured | None
+) -> PhotonTransfer:
+    """Fit a camera's photon transfer curve through zero to all groups of its pixels.
+
+    full: signal at which pixels clip, DN; None if none does. coarse: variance of the dark noise,
+    DN², where the dark numbers don't show it. The dark number is then uncertain by a part of a
+    step, and is fitted too. Weights are those that the fit predicts, since measured ones would
+    favour what is low by chance. Raises ValueError if too few exposures are below saturation.
+    """
+    points = [one for group in groups for one in group.light]
+    signal = np.array([one.signal for one in points])
+    used = np.array([_is_fitted(one, full, coarse) for one in points])
+    exposure = np.array([one.exposure for one in points])
+    if len(set(exposure[used])) < _FEWEST:
+        raise ValueError(
+            f"{len(set(exposure[used]))} exposure times are above darkness and below "
+            f"{FIT_SHARE:.0%} of saturation, and the fit needs {_FEWEST} or more; take shorter "
+            "ones, or dim the light"
+        )
+    dark = np.array([one.dark_variance for one in points])
+    if coarse is not None:
+        dark = np.full(len(points), STEP_VARIANCE + coarse.value)
+    variance = np.array([one.variance for one in points]) - dark
+    gain, offset = float(variance[used].sum() / signal[used].sum()), 0.0
+    for _ in range(_PASSES):
+        sigma = _uncertainties(points, gain, offset, coarse)
+        gain, offset, covariance = _fit(signal, variance, sigma, used, coarse is not None)
+    left = (variance - gain * (signal + offset))[used] / sigma[used]
+    freedom = int(used.sum()) - (1 if coarse is None else 2)
+    chi2 = float((left**2).sum()) / max(freedom, 1)
+    covariance = covariance * max(chi2, 1.0)
+    if coarse is not None:
+        # An error of the dark noise raises or lowers the whole line.
+        covariance[1, 1] += (coarse.sigma / gain) ** 2
+    errors = np.sqrt(np.diag(covariance))
+    return PhotonTransfer(
+        Measured(gain, float(errors[0])), Measured(offset, float(errors[1])), covariance,
+        chi2, freedom, signal, variance, sigma, exposure, used,
+    )  # fmt: skip
+
+
+def electrons(transfer: PhotonTransfer, signal: Measured) -> Measured:
+    """Return the electrons of a camera's signal, DN, above its measured dark number."""
+    gain, offset = transfer.system_gain.value, transfer.offset.value
+    value = (signal.value + offset) / gain
+    slopes = np.array([-value / gain, 1 / gain])
+    variance = float(slopes @ transfer.covariance @ slopes) + (signal.sigma / gain) ** 2
+    return Measured(value, math.sqrt(variance))
+
+
+def _is_fitted(one: LightStatistics, full: float | None, coarse: Measured | None) -> bool:
+    """Tell whether a camera's photon transfer curve is fitted to a group of pixels."""
+    sure = coarse is None or one.variance - STEP_VARIANCE > SURE_VARIANCE
+    return sure and one.signal > 0 and is_open(one, full, FIT_SHARE)
+
+
+def _uncertainties(
+    points: Sequence[LightStatistics], gain: float, offset: float, coarse: Measured | None
+) -> Array:
+    """Return the uncertainties of a camera's points, variances less dark variances, DN²."""
+    found = []
+    for one in points:
+        dark = one.dark_variance if coarse is None else STEP_VARIANCE + coarse.value
+        expected = max(gain * (one.signal + offset), 0.0) + dark
+        own = expected * math.sqrt(one.spread / one.count)
+        shared = dark * math.sqrt(one.dark_spread / one.dark_count) if coarse is None else 0.0
+        # The mean's noise moves a point along the line.
+        along = gain * math.sqrt(expected / (2 * one.count) + dark / (2 * one.dark_count))
+        found.append(math.sqrt(own**2 + shared**2 + along**2))
+    return np.array(found)
+
+
+def _fit(
+    signal: Array, variance: Array, sigma: Array, used: NDArray[np.bool_], with_offset: bool
+) -> tuple[float, float, Array]:
+    """Return slope and offset of a camera's photon transfer curve, and their covariance."""
+    x, y, s = signal[used], variance[used], sigma[used]
+    if not with_offset:
+        information = float((x**2 / s**2).sum())
+        return float((x * y / s**2).sum()) / information, 0.0, np.diag([1 / information, 0.0])
+    design = np.stack([x, np.ones_like(x)], axis=1) / s[:, None]
+    covariance = np.linalg.inv(design.T @ design)
+    slope, start = covariance @ design.T @ (y / s)
+    offset = start / slope
+    # The offset is start over slope.
+    to_offset = np.array([[1.0, 0.0], [-offset / slope, 1 / slope]])
+    return float(slope), float(offset), to_offset @ covariance @ to_offset.T
+
+
+_LOW, _HIGH = 0.05, 0.95
+"""Shares of saturation between which linearity is judged (EMVA 1288, section 6.7)."""
+
+_LINEARITY_FEWEST = 4
+"""Fewest exposure times from which linearity is told."""
+"""Passes in which a lamp's drift is found; a drift of a fifth is then right to 1e-4."""
+
+_ALIKE = 0.9
+"""Correlation of exposure time and clock from which drift can't be told from a bent line. Chosen:
+exposures that only rise have .95 and more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearity:
+    """A camera's signal by exposure time, and how far it is from a line.
+
+    error: mean absolute deviation, relative (EMVA's LE, as a share). drift: of the lamp from first
+    to last exposure, relative; None where the order of exposures can't tell it. exposure, signal,
+    deviation: seconds, DN and relative deviation of each point of the fit, drift taken off.
+    rate: signal by time, DN/s.
+    """
+
+    error: Measured
+    drift: Measured | None
+    rate: float
+    exposure: Array
+    signal: Array
+    deviation: Array
+
+
+def measure_linearity(
+    groups: Sequence[GroupStatistics], full: float | None, times: dict[float, float]
+) -> Linearity | None:
+    """Measure a camera's linearity error; None with fewer than four exposures in between.
+
+    full: signal at which pixels clip, DN; the largest signal where none does. times: when each
+    exposure was taken, seconds, by exposure time; empty if unknown. Light that drifts with time is
+    fitted beside the line, if exposures weren't taken in the order of their length.
+    """
+    exposure, signal, sigma, colour = _points(groups, full)
+    if len(set(exposure)) < _LINEARITY_FEWEST:
+        return None
+    clock, span = _clock(exposure, times)
+    drift, chance_of_drift = 0.0, 0.0
+    # Signals that drift is taken off from follow the line better, and tell what is left of it.
+    for _ in range(_PASSES if span else 1):
+        steady = signal / (1 + drift * clock)
+        matrix = _design(exposure, steady, colour, clock if span else None)
+        inverse = np.linalg.pinv(matrix.T @ matrix)
+        found = inverse @ matrix.T @ np.ones(len(steady))
+        drift += float(found[-1]) if span else 0.0
+    deviation = 1 - matrix @ found
+    freedom = max(len(signal) - matrix.shape[1], 1)
+    if span:
+        chance_of_drift = math.sqrt(float((deviation**2).sum()) / freedom * inverse[-1, -1])
+    size = np.abs(deviation)
+    # Chance alone makes a mean deviation, too.
+    chance = float((sigma / signal).mean())
+    slopes = found[1 : 2 * len(set(colour)) : 2]
+    return Linearity(
+        Measured(float(size.mean()), math.hypot(float(size.std()) / math.sqrt(len(size)), chance)),
+        Measured(drift, chance_of_drift) if span else None,
+        float(np.mean(slopes)), exposure, steady, deviation,
+    )  # fmt: skip
+
+
+def _clock(exposure: Array, times: dict[float, float]) -> tuple[Array, float]:
+    """Return when each of a camera's points was taken, from -.5 to .5, and the whole time in s.
+
+    The time is 0 where it is unknown, or where exposures were taken in the order of their length.
+    """
+    span = float(np.ptp(list(times.values()))) if times else 0.0
+    if not span:
+        return np.zeros_like(exposure), 0.0
+    clock = np.array([times[one] for one in exposure])
+    if abs(float(np.corrcoef(exposure, clock)[0, 1])) > _ALIKE:
+        return np.zeros_like(exposure), 0.0
+    return (clock - (max(times.values()) + min(times.values())) / 2) / span, span
+
+
+def _design(
+    exposure: Array, signal: Array, colour: Sequence[tuple[int, int]], clock: Array | None
+) -> Array:
+    """Return the matrix of a camera's lines, one for each colour, and of drift, over the signals.
+
+    Relative deviations are made the smallest (EMVA 1288, section 6.7).
+    """
+    columns = []
+    for name in sorted(set(colour)):
+        own = np.array([float(one == name) for one in colour])
+        columns += [own, own * exposure]
+    if clock is not None:
+        columns.append(signal * clock)
+    return np.asarray(np.stack(columns, axis=1) / signal[:, None])
+
+
+def _points(
+    groups: Sequence[GroupStatistics], full: float | None
+) -> tuple[Array, Array, Array, list[tuple[int, int]]]:
+    """Return exposure, signal, its noise and the filter's colour of a camera's mean signals."""
+    rows: list[tuple[float, float, float]] = []
+    colours = []
+    for colour in sorted({group.filter for group in groups}):
+        same = [group for group in groups if group.filter == colour]
+        for light in zip(*(group.light for group in same), strict=True):
+            weights = np.array([one.count for one in light], dtype=np.float64)
+            signal = float(np.average([one.signal for one in light], weights=weights))
+            top = full or max(one.signal for group in same for one in group.light)
+            if all(is_open(one, top, _HIGH) for one in light) and signal > _LOW * top:
+                variance = float(np.average([one.variance for one in light], weights=weights))
+                noise = math.sqrt(variance / (2 * weights.sum()))
+                rows.append((light[0].exposure, signal, noise))
+                colours.append(colour)
+    columns = np.array(rows).reshape(-1, 3).T
+    return columns[0], columns[1], columns[2], colours
