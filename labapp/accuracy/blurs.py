@@ -23,10 +23,10 @@ from labapp.files.reading import bundled_path
 from labapp.pictures.reconstructing.psf_files import read_psf_file
 from labapp.pictures.reconstructing.recorded_photograph import RecordSelection
 from optics import targets
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.observation_builder import build_observation
+from optics.inverse.blur import Border
+from optics.inverse.observation import Observation
+from optics.inverse.observation_builder import build_observation
 from optics.metrics import psnr, ssim
-from optics.operators.blur import Border
 from optics.plane import Plane
 from optics.targets.stroke import draw_strokes
 

@@ -33,8 +33,8 @@ from labapp.accuracy.work_precision import (
 from labapp.common.console import terminal_progress
 from labapp.common.speed import machine_speed
 from optics.accuracy import MachineSpeed
-from optics.deconvolution.method import Denoise
-from optics.deconvolution.restoration_choice import DEFAULT_METHOD, METHODS, restore
+from optics.inverse.choice import DEFAULT_METHOD, METHODS, restore
+from optics.inverse.method import Denoise
 from optics.progress import Progress
 from optics.threads import single_threaded
 

@@ -24,7 +24,7 @@ from labapp.cli.shared_options import (
 )
 from labapp.common.errors import UserError
 from labapp.common.threads import use_one_thread
-from optics.deconvolution.method_names import AUTO, METHOD_CHOICES
+from optics.inverse.method_names import AUTO, METHOD_CHOICES
 
 
 @app.command()

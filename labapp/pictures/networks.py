@@ -13,8 +13,8 @@ import torch
 from labapp.common.errors import UserError
 from labapp.files.array_file import read_npz
 from labapp.files.reading import bundled_path
-from optics.deconvolution.denoiser import load_denoiser
-from optics.deconvolution.method import Denoise
+from optics.inverse.method import Denoise
+from optics.inverse.plug_and_play import load_denoiser
 
 BUNDLED_WEIGHTS = bundled_path("denoiser.npz")
 """Weights of the bundled denoiser, trained by `labapp train denoiser`; see SOURCES.txt."""

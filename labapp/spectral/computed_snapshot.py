@@ -17,8 +17,8 @@ from labapp.files.reading import bundled_path
 from labapp.files.sensor_file import read_sensor
 from labapp.files.spectrum_file import read_spectra
 from labapp.files.wavelengths import format_nanometres
-from optics.demosaicing import build_mosaic_observation
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse import build_mosaic_observation
+from optics.inverse.mosaics import MosaicObservation
 from optics.metrics import psnr
 from optics.sensor import Mosaic
 

@@ -12,10 +12,10 @@ from labapp.files.cubes import SpectralCube
 from labapp.files.cubes.cube import SHARE_OF_WHITE
 from labapp.spectral.band_response import BandResponse
 from labapp.spectral.typical_spectra import typical_reflectances
-from optics.demosaicing import build_mosaic_observation
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse import build_mosaic_observation
+from optics.inverse.blur import Border
+from optics.inverse.mosaics import MosaicObservation
 from optics.multispectral import SnapshotCalibration
-from optics.operators.blur import Border
 
 WHITE_PERCENTILE = 99.9
 """Percentile of a cube's values that counts as white, where nothing white was recorded."""

@@ -41,8 +41,8 @@ from labapp.spectral.psf_stack import is_cube, read_psf_stack
 from labapp.spectral.remarks import remarks_on
 from labapp.spectral.snapshot import CodedSnapshot, SnapshotBands, add_photographs, choose_bands
 from labapp.spectral.snapshot_prior import prior_of_run, require_filters
+from optics.inverse.blur import Border
 from optics.multispectral import SnapshotCalibration
-from optics.operators.blur import Border
 from optics.progress import Progress
 
 _MERGING_SHARE = 0.8

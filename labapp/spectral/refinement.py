@@ -11,7 +11,7 @@ import torch
 
 from labapp.files.spectra_file import name_bands
 from labapp.spectral.problem import SpectralProblem
-from optics.deconvolution.restored_image import RestoredImage
+from optics.inverse.restored_image import RestoredImage
 from optics.multispectral import SnapshotCalibration, refine_from_photograph
 from optics.progress import Progress
 

@@ -14,7 +14,7 @@ from labapp.spectral.problem import SpectralProblem
 from labapp.spectral.problem_reader import ProblemReader
 from labapp.spectral.psf_stack import is_cube
 from labapp.spectral.roles import choose_roles, white_target
-from optics.operators.blur import BORDERS, Border
+from optics.inverse.blur import BORDERS, Border
 from optics.progress import Progress
 
 

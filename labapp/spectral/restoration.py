@@ -15,9 +15,8 @@ from labapp.spectral.lights import ViewingLight
 from labapp.spectral.problem import SpectralProblem
 from labapp.spectral.refinement import refine_problem
 from labapp.spectral.scores import CubeScores, require_same_kind, score_cube
-from optics.deconvolution.residual_map import residual_map
-from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.verdict import Verdict, judge_restoration
+from optics.inverse.restored_image import RestoredImage, residual_map
+from optics.inverse.verdict import Verdict, judge_restoration
 from optics.multispectral import SnapshotCalibration, estimate_error_map, restore_spectra
 from optics.progress import Progress
 from optics.threads import single_threaded

@@ -23,12 +23,11 @@ from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
 from labapp.studies.figure_drawing import draw_log, draw_pattern, draw_photograph
 from labapp.studies.stars import acquisition_block, build_study_plan, correlation
 from optics.camera import Camera
-from optics.deconvolution.layered_observation import build_layered_observation
-from optics.deconvolution.layered_restoration import paste_layers, restore_layers
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.richardson_lucy import richardson_lucy
-from optics.deconvolution.separable import separable_parts
-from optics.deconvolution.total_variation import total_variation
+from optics.inverse.layered import build_layered_observation, paste_layers, restore_layers
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.richardson_lucy import richardson_lucy
+from optics.inverse.separable import separable_parts
+from optics.inverse.total_variation import total_variation
 from optics.otf import ambiguity_function, defocused_transfer_function
 from optics.progress import Progress
 

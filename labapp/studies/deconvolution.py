@@ -21,17 +21,13 @@ from labapp.studies.contract import ResultRow, StudyFigure, StudyResults
 from labapp.studies.figure_drawing import draw_linear, draw_log, draw_photograph
 from labapp.studies.stars import acquisition_block, build_study_plan, psf_pattern_table
 from optics.camera import Camera
-from optics.deconvolution.blind import find_kernel
-from optics.deconvolution.blind.gradient_statistics import (
-    fit_generalised_gaussian,
-    fit_mixture,
-    log_histogram,
-)
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.richardson_lucy import richardson_lucy
-from optics.deconvolution.total_variation import total_variation
-from optics.deconvolution.wiener import wiener
+from optics.inverse.blind import find_kernel
+from optics.inverse.gradient_statistics import fit_generalised_gaussian, fit_mixture, log_histogram
+from optics.inverse.observation import Observation
+from optics.inverse.restored_image import RestoredImage
+from optics.inverse.richardson_lucy import richardson_lucy
+from optics.inverse.total_variation import total_variation
+from optics.inverse.wiener import wiener
 from optics.plane import centred_crop
 from optics.progress import Progress
 

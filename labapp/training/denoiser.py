@@ -14,7 +14,7 @@ import torch
 from labapp.training.denoiser_patches import Colours, grey_patches
 from labapp.training.schedule import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP, sample_generator
-from optics.deconvolution.denoiser import Denoiser
+from optics.inverse.plug_and_play import Denoiser
 
 STEPS = 24000
 """Steps of a training unless others are asked for; the bundled weights have had as many. Chosen."""

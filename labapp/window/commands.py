@@ -186,7 +186,7 @@ class OpenRecord(Command):
 class ReconstructRun(Command):
     """Restore the blurred photograph of a record.
 
-    `method` is one of optics.deconvolution.method_names, or DECODER. `budget` is the processor time
+    `method` is one of optics.inverse.method_names, or DECODER. `budget` is the processor time
     in seconds; with None, the method takes its usual time. `grey` asks for one band of a sensor
     with colour filters.
     """

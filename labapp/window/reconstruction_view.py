@@ -22,7 +22,7 @@ from labapp.window.number_fields import NumberBox
 from labapp.window.spectral_messages import RecordBands, SpectralResult
 from labapp.window.spectral_view import SpectralView
 from labapp.window.widgets import fill_layout, make_label, make_tool_button, plain_tip
-from optics.deconvolution.method_names import AUTO, RESTORATIONS
+from optics.inverse.method_names import AUTO, RESTORATIONS
 
 METHODS = {
     "Automatic": AUTO,

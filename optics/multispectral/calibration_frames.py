@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from optics.fourier import irfft2, rfft2
+from optics.inverse.blur import transfer_function
 from optics.multispectral.snapshot_model import SnapshotModel
-from optics.operators.blur import transfer_function
 from optics.validation import require_finite, require_unmasked
 
 _PSF_ERROR = 0.03

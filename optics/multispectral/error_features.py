@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse.mosaics import MosaicObservation
 from optics.multispectral.filter_likeness import cosines, filter_period
 from optics.multispectral.predicted_error import predict_errors
 from optics.validation import require_finite, require_unmasked

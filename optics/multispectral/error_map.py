@@ -13,8 +13,8 @@ from typing import Any
 
 import torch
 
-from optics.deconvolution.restored_image import RestoredImage
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse.mosaics import MosaicObservation
+from optics.inverse.restored_image import RestoredImage
 from optics.multispectral.error_features import error_features
 from optics.multispectral.filter_likeness import (
     describe_alike_bands,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import torch
 
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse.mosaics import MosaicObservation
 
 _ALIKE = 0.95
 """Least cosine between what the filters transmit of two spectral bands that count as alike: a third

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import torch
 
-from optics.deconvolution.band_coupling import BandCoupling
-from optics.deconvolution.total_variation import total_variation
-from optics.demosaicing.mosaic_observation import MosaicObservation
 from optics.fourier import irfft2, rfft2
+from optics.inverse.band_coupling import BandCoupling
+from optics.inverse.blur import transfer_function
+from optics.inverse.mosaics import MosaicObservation
+from optics.inverse.total_variation import total_variation
 from optics.multispectral.snapshot_model import SnapshotModel
-from optics.operators.blur import transfer_function
 
 LEAST_NOISE_SHARE = 2e-3
 """Least noise for which a photograph is taken, relative to the rms of its light: modelled PSFs are

@@ -13,12 +13,12 @@ from typing import Any
 
 import torch
 
+from optics.inverse.pixel_operators import filter_weights
 from optics.multispectral.mosaic_frequencies import (
     forward_matrices,
     group_frequencies,
     squared_frequencies,
 )
-from optics.operators.spectral_mosaic import filter_weights
 from optics.threads import single_threaded
 from optics.validation import require_count, require_finite, require_positive, require_unmasked
 

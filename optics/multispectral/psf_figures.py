@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from optics.operators.gram import squared_modulus
+from optics.inverse.operator import squared_modulus
 from optics.validation import require_count, require_finite, require_unmasked
 
 _PERIOD = 128

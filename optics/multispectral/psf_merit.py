@@ -7,12 +7,12 @@ from typing import Any
 
 import torch
 
-from optics.demosaicing import build_mosaic_observation
+from optics.inverse import build_mosaic_observation
+from optics.inverse.blur import Blur
+from optics.inverse.pixel_operators import SpectralMosaic, filter_weights
 from optics.multispectral.dead_leaves import draw_dead_leaves
 from optics.multispectral.predicted_error import predict_errors
 from optics.multispectral.restoration import restore_spectra
-from optics.operators.blur import Blur
-from optics.operators.spectral_mosaic import SpectralMosaic, filter_weights
 from optics.threads import single_threaded
 from optics.validation import require_count, require_positive, require_unmasked
 

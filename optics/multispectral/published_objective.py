@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from optics.deconvolution.objectives import (
-    Misfit,
-    ValueAndGradient,
-    differences,
-    differences_adjoint,
-)
+from optics.inverse.bounded import Misfit, ValueAndGradient, differences, differences_adjoint
 
 
 @dataclass(frozen=True, eq=False)

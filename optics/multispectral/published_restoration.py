@@ -9,14 +9,13 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, OptimizeResult, minimize
 
-from optics.deconvolution.objectives import Misfit
-from optics.deconvolution.restored_image import RestoredImage
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse.blur import Blur
+from optics.inverse.bounded import Misfit
+from optics.inverse.mosaics import MosaicObservation
+from optics.inverse.operator import Operator
+from optics.inverse.pixel_operators import CentredCrop, SpectralMosaic
+from optics.inverse.restored_image import RestoredImage
 from optics.multispectral.published_objective import PublishedObjective
-from optics.operators.base import Operator
-from optics.operators.blur import Blur
-from optics.operators.crop_and_mask import CentredCrop
-from optics.operators.spectral_mosaic import SpectralMosaic
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_count, require_positive

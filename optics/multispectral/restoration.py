@@ -7,11 +7,11 @@ from typing import Any
 
 import torch
 
-from optics.deconvolution.band_coupling import BandCoupling
-from optics.deconvolution.own_terms import in_own_unit
-from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.total_variation import total_variation
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse.band_coupling import BandCoupling
+from optics.inverse.mosaics import MosaicObservation
+from optics.inverse.own_terms import in_own_unit
+from optics.inverse.restored_image import RestoredImage
+from optics.inverse.total_variation import total_variation
 from optics.multispectral.scene_covariance import adapt_covariance
 from optics.progress import Progress
 from optics.threads import single_threaded

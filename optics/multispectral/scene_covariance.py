@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import torch
 
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse.mosaics import MosaicObservation
 from optics.multispectral.mosaic_frequencies import (
     forward_matrices,
     group_frequencies,

@@ -6,9 +6,9 @@ from typing import Any
 
 import torch
 
-from optics.deconvolution.band_coupling import BandCoupling
-from optics.deconvolution.restored_image import RestoredImage
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse.band_coupling import BandCoupling
+from optics.inverse.mosaics import MosaicObservation
+from optics.inverse.restored_image import RestoredImage
 from optics.multispectral.corrected_score import solve_corrected_score
 from optics.multispectral.photograph_fit import PhotographFit, busiest_window, observe_by_model
 from optics.multispectral.photograph_validation import validate_on_held_out_pixels

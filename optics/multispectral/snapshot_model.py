@@ -10,10 +10,10 @@ from typing import Any
 
 import torch
 
-from optics.deconvolution.observation import require_psf
+from optics.inverse import filter_weights
+from optics.inverse.observation import require_psf
 from optics.multispectral.model_parameters import ParameterLayout
 from optics.multispectral.psf_interpolation import move_psf
-from optics.operators import filter_weights
 from optics.validation import require_finite, require_unmasked
 
 _MARGIN, _MARGIN_SHARE = 2, 0.03

@@ -15,9 +15,7 @@ from figures.walks import walk
 from labapp.window.engine.light_metering import SETTINGS, find_exposure
 from optics.camera import Sensor
 from optics.hdr import ExposureLimits
-from optics.measuring import focusing as focus_score
-from optics.measuring import focusing as star_shape
-from optics.measuring import region_statistics
+from optics.measuring import focus_score, region_statistics, star_shape
 from optics.measuring.region import Region
 
 _WALK_GOAL, _WALK_LIMIT = 180.0, 600.0

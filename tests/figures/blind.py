@@ -16,10 +16,9 @@ import torch
 from figures import Figure
 from labapp.accuracy.blurs import Array, shake, simulate_photograph
 from labapp.files.reading import bundled_path
-from optics.deconvolution.blind import find_kernel
-from optics.deconvolution.blind.kernel_estimate import FAIR
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.total_variation import total_variation
+from optics.inverse.blind import FAIR, find_kernel
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.total_variation import total_variation
 from optics.threads import single_threaded
 
 _SHARED = Path(__file__).parents[3] / "shared/data"

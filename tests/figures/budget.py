@@ -16,7 +16,7 @@ from labapp.accuracy.blurs import SimulatedPhotograph
 from labapp.common.speed import machine_speed
 from labapp.pictures.networks import bundled_denoiser
 from optics.accuracy import MachineSpeed
-from optics.deconvolution.restoration_choice import METHODS, choose_method, restore
+from optics.inverse.choice import METHODS, choose_method, restore
 from optics.progress import Progress
 from optics.threads import single_threaded
 

@@ -20,8 +20,13 @@ from figures.opencv_demosaicing import INTERPOLATIONS, interpolate_bayer
 from figures.photographs import Array
 from labapp.accuracy.blurs import disk
 from labapp.pictures.networks import bundled_denoiser
-from optics.deconvolution import Observation, build_observation, restore
-from optics.demosaicing import build_mosaic_observation, demosaic
+from optics.inverse import (
+    Observation,
+    build_mosaic_observation,
+    build_observation,
+    demosaic,
+    restore,
+)
 from optics.metrics import psnr
 from optics.threads import single_threaded
 

@@ -23,13 +23,13 @@ from labapp.accuracy.blurs import (
 )
 from labapp.accuracy.deconvolve import psnr_away_from_border
 from labapp.pictures.networks import bundled_denoiser
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.plug_and_play import plug_and_play
-from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.richardson_lucy import richardson_lucy
-from optics.deconvolution.total_variation import initial_weight, total_variation
-from optics.deconvolution.wiener import wiener
+from optics.inverse.observation import Observation
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.plug_and_play import plug_and_play
+from optics.inverse.restored_image import RestoredImage
+from optics.inverse.richardson_lucy import richardson_lucy
+from optics.inverse.total_variation import initial_weight, total_variation
+from optics.inverse.wiener import wiener
 from optics.threads import single_threaded
 
 _NOISE = 0.01

@@ -10,7 +10,7 @@ import numpy as np
 from figures import Figure
 from figures.opencv_demosaicing import INTERPOLATIONS, interpolate_bayer
 from figures.photographs import Array, colour_photographs
-from optics.demosaicing import build_mosaic_observation, demosaic
+from optics.inverse import build_mosaic_observation, demosaic
 from optics.metrics import psnr
 from optics.threads import single_threaded
 

@@ -20,8 +20,8 @@ from figures.restoration_cases import FITTED, random_cases
 from labapp.accuracy.blurs import SimulatedPhotograph
 from labapp.common.threads import use_one_thread
 from labapp.pictures.networks import bundled_denoiser
-from optics.deconvolution.restoration_case import RestorationCase
-from optics.deconvolution.restoration_choice import METHODS, restore
+from optics.inverse.choice import METHODS, restore
+from optics.inverse.method import RestorationCase
 
 _RIDGE = 3.0
 """Weight of the squared coefficients, in cases: it keeps what few cases determine small."""

@@ -19,9 +19,9 @@ from figures import Figure
 from figures.blind import RIM, least_squares
 from labapp.accuracy.blurs import Array
 from labapp.pictures.networks import bundled_denoiser
-from optics.deconvolution.blind import find_kernel
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.restoration_choice import restore
+from optics.inverse.blind import find_kernel
+from optics.inverse.choice import restore
+from optics.inverse.observation_builder import build_observation
 from optics.threads import single_threaded
 
 _UPRIGHT = (4, 8)

@@ -18,7 +18,7 @@ from labapp.accuracy.blurs import (
     shake,
     simulate_photograph,
 )
-from optics.operators.blur import Border
+from optics.inverse.blur import Border
 
 FITTED, CHECKED = ("kodak", "bsds500_train"), ("set12", "mcmaster", "cbsd68")
 """Collections that lie beside the checkout: what is fitted sees the first alone."""

@@ -9,11 +9,11 @@ from pathlib import Path
 from figures import Figure
 from figures.photographs import camera
 from labapp.accuracy.blurs import SimulatedPhotograph, disk, simulate_photograph
-from optics.deconvolution.bounded import restore_within_bounds
-from optics.deconvolution.hyper_laplacian import hyper_laplacian
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.total_variation import total_variation
+from optics.inverse.bounded import restore_within_bounds
+from optics.inverse.hyper_laplacian import hyper_laplacian
+from optics.inverse.observation import Observation
+from optics.inverse.restored_image import RestoredImage
+from optics.inverse.total_variation import total_variation
 from optics.threads import single_threaded
 
 _WAYS: dict[str, tuple[float, Callable[[Observation], RestoredImage]]] = {

@@ -20,8 +20,8 @@ from labapp.accuracy.blurs import (
     simulate_photograph,
 )
 from labapp.pictures.networks import bundled_denoiser
-from optics.deconvolution.restoration_choice import METHODS, restore
-from optics.deconvolution.total_variation import total_variation
+from optics.inverse.choice import METHODS, restore
+from optics.inverse.total_variation import total_variation
 from optics.threads import single_threaded
 
 _SIDE = 320

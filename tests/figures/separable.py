@@ -17,14 +17,13 @@ from figures import Figure
 from figures.stopwatch import processor_seconds
 from labapp.accuracy.blurs import Array, simulate_photograph
 from labapp.files.reading import bundled_path
-from optics.deconvolution.layered_observation import build_layered_observation
-from optics.deconvolution.layered_restoration import paste_layers, restore_layers
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.separable import SeparableFilter, restore_separable, separable_parts
-from optics.deconvolution.total_variation import total_variation
-from optics.deconvolution.wiener import wiener
+from optics.inverse.layered import build_layered_observation, paste_layers, restore_layers
+from optics.inverse.observation import Observation
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.restored_image import RestoredImage
+from optics.inverse.separable import SeparableFilter, restore_separable, separable_parts
+from optics.inverse.total_variation import total_variation
+from optics.inverse.wiener import wiener
 from optics.threads import single_threaded
 
 _SIDE, _KERNEL, _MARGIN, _NOISE = 512, 47, 32, 0.01

@@ -21,8 +21,8 @@ from figures.spectral_scenes import (
     mean_level,
     typical_spectra,
 )
-from optics.demosaicing import build_mosaic_observation
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse import build_mosaic_observation
+from optics.inverse.mosaics import MosaicObservation
 from optics.multispectral import (
     SnapshotCalibration,
     SnapshotModel,

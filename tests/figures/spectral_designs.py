@@ -23,6 +23,7 @@ from figures.spectral_scenes import (
     observe,
     typical_spectra,
 )
+from optics.inverse.blur import Border
 from optics.multispectral import (
     PsfMerit,
     dot_psfs,
@@ -32,7 +33,6 @@ from optics.multispectral import (
     search_design,
     spiral_psfs,
 )
-from optics.operators.blur import Border
 from optics.plane import Plane
 from optics.targets import ring_positions
 from optics.threads import single_threaded

@@ -16,10 +16,10 @@ from scipy.signal import fftconvolve
 
 from labapp.files.reading import bundled_path
 from labapp.files.spectrum_file import read_spectrum
-from optics.demosaicing import build_mosaic_observation
-from optics.demosaicing.mosaic_observation import MosaicObservation
+from optics.inverse import build_mosaic_observation
+from optics.inverse.blur import Border
+from optics.inverse.mosaics import MosaicObservation
 from optics.metrics import psnr
-from optics.operators.blur import Border
 
 Array = NDArray[np.float64]
 

@@ -20,10 +20,10 @@ from figures.photographs import Array, collection_words, grey_pictures
 from figures.stopwatch import processor_seconds
 from labapp.accuracy.blurs import disk
 from optics.camera import Camera, Sensor
-from optics.deconvolution import Observation, RestoredImage, build_observation, restore
-from optics.deconvolution.variance_gain import estimate_variance_gain
-from optics.deconvolution.variance_map import without_variance
 from optics.hdr import Bracket, merge
+from optics.inverse import Observation, RestoredImage, build_observation, restore
+from optics.inverse.observation_builder import without_variance
+from optics.inverse.variance_gain import estimate_variance_gain
 from optics.patterns import axicon, cubic_phase_mask
 from optics.plane import Plane
 from optics.psf import psf

@@ -14,11 +14,10 @@ from figures import Figure
 from figures.photographs import collection_words
 from figures.restoration_cases import CHECKED, random_cases
 from labapp.accuracy.blurs import Array, SimulatedPhotograph
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.psf_scale import find_psf_scale, refine_psf_scale, scaled_psf
-from optics.deconvolution.restoration_choice import restore
-from optics.deconvolution.verdict import judge_restoration
+from optics.inverse.choice import restore
+from optics.inverse.observation import Observation
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.verdict import find_psf_scale, judge_restoration, refine_psf_scale, scaled_psf
 from optics.threads import single_threaded
 
 _CASES, _SEED = 48, 7

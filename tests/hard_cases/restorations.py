@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from hard_cases.table import Case, Holds, require_finite, require_finite_gradient
 from labapp.pictures.networks import bundled_denoiser
-from optics.deconvolution.bounded import restore_within_bounds
-from optics.deconvolution.hyper_laplacian import hyper_laplacian
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.plug_and_play import plug_and_play
-from optics.deconvolution.poisson import poisson_total_variation
-from optics.deconvolution.richardson_lucy import richardson_lucy
-from optics.deconvolution.total_variation import total_variation
-from optics.deconvolution.wiener import wiener
+from optics.inverse.bounded import restore_within_bounds
+from optics.inverse.hyper_laplacian import hyper_laplacian
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.plug_and_play import plug_and_play
+from optics.inverse.poisson import poisson_total_variation
+from optics.inverse.richardson_lucy import richardson_lucy
+from optics.inverse.total_variation import total_variation
+from optics.inverse.wiener import wiener
 from optics.metrics import psnr, ssim
 
 BITS = (1e-3, 1e-8)

@@ -11,7 +11,7 @@ from scipy.signal import convolve2d
 
 from labapp.accuracy.blurs import BLURS, circle, disk, photograph_from_options, simulate_photograph
 from labapp.accuracy.work_precision import RetimingSettings
-from optics.deconvolution.restoration_choice import METHODS
+from optics.inverse.choice import METHODS
 
 
 @pytest.fixture(autouse=True)

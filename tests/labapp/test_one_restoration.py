@@ -20,8 +20,8 @@ from labapp.runs.acquisition.runner import run_plan
 from labapp.runs.record.reader import Record
 from labapp.window.commands import ReconstructRun
 from labapp.window.engine.reconstruction import reconstruct_record
-from optics.deconvolution import restoration_choice
-from optics.deconvolution.method_names import METHOD_CHOICES, RESTORATIONS, RestorationEntry
+from optics.inverse import choice as restoration_choice
+from optics.inverse.method_names import METHOD_CHOICES, RESTORATIONS, RestorationEntry
 from optics.progress import Progress
 
 pytestmark = pytest.mark.usefixtures("white_sheets")
@@ -90,8 +90,8 @@ def test_every_restoration_is_offered_and_asking_loads_no_engine(labapp):
 
 def test_a_restoration_that_is_named_is_all_that_it_takes(monkeypatch):
     """Its module's METHOD and a line in the list: then it can be chosen, measured, asked for."""
-    named = {**RESTORATIONS, "mine": RestorationEntry("mine", "optics.deconvolution.poisson")}
-    monkeypatch.setattr("optics.deconvolution.method_names.RESTORATIONS", named)
+    named = {**RESTORATIONS, "mine": RestorationEntry("mine", "optics.inverse.poisson")}
+    monkeypatch.setattr("optics.inverse.method_names.RESTORATIONS", named)
     try:
         assert importlib.reload(restoration_choice).METHODS["mine"].default_count == 30
     finally:

@@ -197,7 +197,7 @@ def test_a_bad_picture_is_refused_before_a_bench_is_opened(
 
 
 def test_a_truth_of_another_shape_is_refused_before_a_blur_is_looked_for(labapp, never, tmp_path):
-    never("optics.deconvolution.blind.find_kernel")
+    never("optics.inverse.blind.find_kernel")
     seen, truth = tmp_path / "seen.npy", tmp_path / "truth.npy"
     np.save(seen, np.random.default_rng(0).uniform(size=(40, 40)))
     np.save(truth, np.ones((40, 41)))

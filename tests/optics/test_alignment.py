@@ -12,9 +12,15 @@ from scipy.special import erf
 
 from optics.camera import Sensor
 from optics.light.spectrum import Spectrum
-from optics.measuring import Region, exposure_for_level, line_profile, peak_level, region_statistics
-from optics.measuring import focusing as focus_score
-from optics.measuring import focusing as star_shape
+from optics.measuring import (
+    Region,
+    exposure_for_level,
+    focus_score,
+    line_profile,
+    peak_level,
+    region_statistics,
+    star_shape,
+)
 from optics.sensor import Mosaic
 
 SENSOR = Sensor(

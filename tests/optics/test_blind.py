@@ -10,21 +10,26 @@ import scipy.signal
 import torch
 from skimage import data
 
-from optics.deconvolution.blind import blind_deconvolution, find_kernel
-from optics.deconvolution.blind.estimate import estimate_photograph_noise
-from optics.deconvolution.blind.gradient_statistics import GaussianMixture
-from optics.deconvolution.blind.kernel_search import NormalisedPhotograph
-from optics.deconvolution.blind.kernel_uncertainty import align_kernel, kernel_deviation
-from optics.deconvolution.blind.latent_image import LatentImageSampler
-from optics.deconvolution.blind.quadratic import (
+from optics.inverse.blind import blind_deconvolution, estimate_photograph_noise, find_kernel
+from optics.inverse.gradient_statistics import GaussianMixture
+from optics.inverse.kernel_search import (
+    NormalisedPhotograph,
+    align_kernel,
+    centre_kernel,
+    downsample,
+    enlarge_kernel,
+    kernel_deviation,
+    next_odd,
+    without_specks,
+)
+from optics.inverse.latent_image import (
+    LatentImageSampler,
     fast_period,
     least_squares_problem,
     minimise_nonnegative,
     padded_spectrum,
     project_onto_simplex,
 )
-from optics.deconvolution.blind.scales import centre_kernel, downsample, enlarge_kernel, next_odd
-from optics.deconvolution.blind.specks import without_specks
 from optics.progress import Cancelled, Progress
 
 SIZE = 9

@@ -8,7 +8,7 @@ import torch
 from scipy import stats
 from skimage import data
 
-from optics.deconvolution.blind.gradient_statistics import (
+from optics.inverse.gradient_statistics import (
     LIGHT_DEVIATION,
     NATURAL_GRADIENTS,
     GaussianMixture,

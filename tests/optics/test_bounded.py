@@ -12,10 +12,15 @@ from sweeps import some
 from test_operators import matrix, operators
 from test_total_variation import blurred, comet, disk, photograph, psnr, seen
 
-from optics.deconvolution.bounded import minimise_within_bounds, restore_within_bounds
-from optics.deconvolution.objectives import SMOOTH_PRIORS, Misfit, Smoothness
-from optics.deconvolution.total_variation import total_variation
-from optics.operators import Mask, SpectralMosaic, filter_weights
+from optics.inverse import Mask, SpectralMosaic, filter_weights
+from optics.inverse.bounded import (
+    SMOOTH_PRIORS,
+    Misfit,
+    Smoothness,
+    minimise_within_bounds,
+    restore_within_bounds,
+)
+from optics.inverse.total_variation import total_variation
 from optics.progress import Cancelled, Progress
 
 NAMES = ["blur", "unknown border", "field", "mosaic", "bands blurred, then through a mosaic"]

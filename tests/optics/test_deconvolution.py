@@ -10,12 +10,12 @@ from judges import binned, gaussian_psf, natural_image, positions, relative
 from scipy.signal import convolve2d, fftconvolve
 from skimage import restoration
 
-from optics.deconvolution.border import extend_periodically
-from optics.deconvolution.observation import require_psf
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.richardson_lucy import richardson_lucy
-from optics.deconvolution.wiener import wiener
-from optics.operators.blur import blur_shape, transfer_function
+from optics.inverse.blur import blur_shape, transfer_function
+from optics.inverse.border import extend_periodically
+from optics.inverse.observation import require_psf
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.richardson_lucy import richardson_lucy
+from optics.inverse.wiener import wiener
 from optics.progress import Cancelled, Progress
 
 FINE, SIDE, MARGIN, RADIUS = 3, 72, 16, 4.0

@@ -12,9 +12,9 @@ from scipy.signal import fftconvolve
 from test_plug_and_play import chambolle
 
 from optics.accuracy import MachineSpeed
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.restoration_case import RestorationCase, predicted_gain
-from optics.deconvolution.restoration_choice import METHODS, choose_method, restore
+from optics.inverse.choice import METHODS, choose_method, restore
+from optics.inverse.method import RestorationCase, predicted_gain
+from optics.inverse.observation_builder import build_observation
 
 
 @pytest.fixture(scope="module")

@@ -14,11 +14,9 @@ from skimage import data
 from sweeps import some
 from test_total_variation import disk
 
-from optics.deconvolution.band_coupling import helmert_matrix
-from optics.demosaicing import build_mosaic_observation, demosaic
-from optics.demosaicing.demosaic import _SETTINGS
-from optics.demosaicing.mosaic_observation import MosaicObservation
-from optics.operators import Blur, SpectralMosaic
+from optics.inverse import Blur, SpectralMosaic, build_mosaic_observation, demosaic
+from optics.inverse.band_coupling import helmert_matrix
+from optics.inverse.mosaics import _SETTINGS, MosaicObservation
 from optics.progress import Cancelled, Progress
 
 BAYER = ("RG", "GB")

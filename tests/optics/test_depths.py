@@ -10,15 +10,15 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 from skimage import data
 
-from optics.deconvolution.layered_observation import build_layered_observation
-from optics.deconvolution.layered_restoration import (
+from optics.inverse import OccludingBlur, VaryingBlur, layer_weights
+from optics.inverse.layered import (
     _LayerEquations,
+    build_layered_observation,
     paste_layers,
     restore_layers,
 )
-from optics.deconvolution.noise import squared_frequencies
-from optics.deconvolution.total_variation import total_variation
-from optics.operators import OccludingBlur, VaryingBlur, layer_weights
+from optics.inverse.noise import squared_frequencies
+from optics.inverse.total_variation import total_variation
 from optics.progress import Cancelled, Progress
 
 

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from optics.deconvolution.derivatives import CURVATURE, GRADIENT
+from optics.inverse.priors import CURVATURE, GRADIENT
 
 SHAPES = [(6, 7), (5, 5), (1, 8), (9, 2)]
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from optics.demosaicing import build_mosaic_observation
+from optics.inverse import build_mosaic_observation
 from optics.multispectral import predict_errors, restore_spectra
 from optics.multispectral.error_features import error_features
 from optics.multispectral.error_map import estimate_error_map

@@ -8,9 +8,9 @@ import torch
 from judges import natural_image
 from test_total_variation import blurred, comet, disk, photograph, psnr, seen
 
-from optics.deconvolution.hyper_laplacian import hyper_laplacian
-from optics.deconvolution.shrinkage import shrink
-from optics.deconvolution.wiener import wiener
+from optics.inverse.hyper_laplacian import hyper_laplacian
+from optics.inverse.total_variation import shrink
+from optics.inverse.wiener import wiener
 from optics.progress import Cancelled, Progress
 
 

@@ -8,11 +8,9 @@ import pytest
 from labapp.files.cubes import SpectralCube
 from optics import metrics
 from optics.camera import Sensor
-from optics.deconvolution import build_observation, restore
-from optics.demosaicing import build_mosaic_observation
 from optics.hdr import Bracket, ExposureLimits, Meter, fit_response, merge_by_response
-from optics.measuring import focusing as focus_score
-from optics.measuring import line_profile, region_statistics
+from optics.inverse import build_mosaic_observation, build_observation, restore
+from optics.measuring import focus_score, line_profile, region_statistics
 from optics.measuring.slanted_edge import measure_edge_response
 from optics.multispectral import PsfMerit, dispersion_power, fourier_coverage
 from optics.slm.maps import PanelMap

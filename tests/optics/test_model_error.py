@@ -11,9 +11,9 @@ from scipy.signal import fftconvolve
 from skimage import data
 from sweeps import some
 
-from optics.deconvolution import restore
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.total_variation import total_variation
+from optics.inverse import restore
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.total_variation import total_variation
 
 NOISE = 0.0015
 

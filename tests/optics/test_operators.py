@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from optics.operators import (
+from optics.inverse import (
     Blur,
     CentredCrop,
     Mask,

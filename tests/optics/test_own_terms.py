@@ -13,23 +13,24 @@ from sweeps import some
 
 from labapp.accuracy.blurs import disk
 from labapp.pictures.networks import bundled_denoiser
-from optics.deconvolution import (
+from optics.inverse import (
     build_layered_observation,
+    build_mosaic_observation,
     build_observation,
+    demosaic,
     find_psf_scale,
     judge_restoration,
     restore,
     restore_within_bounds,
 )
-from optics.deconvolution.layered_restoration import restore_layers
-from optics.deconvolution.method_names import RESTORATIONS
-from optics.deconvolution.psf_centring import centroid_offset
-from optics.deconvolution.residual_map import residual_map
-from optics.deconvolution.richardson_lucy import richardson_lucy
-from optics.deconvolution.separable import restore_separable
-from optics.deconvolution.total_variation import total_variation
-from optics.deconvolution.variance_gain import estimate_variance_gain
-from optics.demosaicing import build_mosaic_observation, demosaic
+from optics.inverse.layered import restore_layers
+from optics.inverse.method_names import RESTORATIONS
+from optics.inverse.psf_origin import centroid_offset
+from optics.inverse.restored_image import residual_map
+from optics.inverse.richardson_lucy import richardson_lucy
+from optics.inverse.separable import restore_separable
+from optics.inverse.total_variation import total_variation
+from optics.inverse.variance_gain import estimate_variance_gain
 from optics.metrics import psnr
 
 SIDE, NOISE = 72, 0.006

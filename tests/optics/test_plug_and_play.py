@@ -8,9 +8,8 @@ import torch
 from skimage.restoration import denoise_tv_chambolle
 from test_total_variation import blurred, comet, disk, photograph, psnr, seen
 
-from optics.deconvolution.denoiser import Denoiser, load_denoiser
-from optics.deconvolution.plug_and_play import plug_and_play
-from optics.deconvolution.total_variation import total_variation
+from optics.inverse.plug_and_play import Denoiser, load_denoiser, plug_and_play
+from optics.inverse.total_variation import total_variation
 from optics.progress import Cancelled, Progress
 
 

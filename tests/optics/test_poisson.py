@@ -8,9 +8,9 @@ from scipy.ndimage import convolve
 from scipy.optimize import minimize
 from scipy.signal import fftconvolve
 
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.poisson import poisson_total_variation
-from optics.deconvolution.total_variation import total_variation
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.poisson import poisson_total_variation
+from optics.inverse.total_variation import total_variation
 
 PSF = np.array([[0.05, 0.1, 0.05], [0.1, 0.4, 0.1], [0.05, 0.1, 0.05]])
 WEIGHT = 0.8

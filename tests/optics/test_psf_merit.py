@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.ndimage import convolve
 
-from optics.demosaicing import build_mosaic_observation
+from optics.inverse import build_mosaic_observation
 from optics.multispectral import PsfMerit, draw_dead_leaves, predict_errors, restore_spectra
 
 SPECTRA = np.array([[1, 0.9, 0.8], [0.2, 0.5, 0.9], [0.8, 0.4, 0.1], [0.1, 0.1, 0.2]])

@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d, zoom
 
 from labapp.accuracy.blurs import disk
-from optics.deconvolution.psf_origin import has_origin_in_corner
+from optics.inverse.psf_origin import has_origin_in_corner
 
 KERNELS = Path(__file__).parents[3] / "shared/data/psf/csf_kernels"
 

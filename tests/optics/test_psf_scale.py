@@ -12,8 +12,8 @@ from skimage import data
 from sweeps import some
 
 from labapp.accuracy.blurs import circle, disk, gaussian
-from optics.deconvolution import build_observation, find_psf_scale, restore
-from optics.deconvolution.psf_scale import refine_psf_scale, scaled_psf
+from optics.inverse import build_observation, find_psf_scale, restore
+from optics.inverse.verdict import refine_psf_scale, scaled_psf
 
 
 @pytest.fixture(scope="module")

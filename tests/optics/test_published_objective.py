@@ -7,8 +7,8 @@ import pytest
 import torch
 from scipy.signal import convolve2d
 
-from optics.deconvolution.objectives import Misfit
-from optics.demosaicing import build_mosaic_observation
+from optics.inverse import build_mosaic_observation
+from optics.inverse.bounded import Misfit
 from optics.multispectral import restore_by_published_objective
 from optics.multispectral.published_objective import PublishedObjective
 from optics.multispectral.published_restoration import _forward_operator

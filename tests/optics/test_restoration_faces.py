@@ -8,11 +8,11 @@ import torch
 from scipy.signal import fftconvolve
 from test_plug_and_play import chambolle
 
-from optics.deconvolution import build_observation, restore
-from optics.deconvolution.noise import squared_frequencies
-from optics.deconvolution.restoration_choice import METHODS
-from optics.deconvolution.restored_image import remaining_change
-from optics.deconvolution.wiener import wiener
+from optics.inverse import build_observation, restore
+from optics.inverse.choice import METHODS
+from optics.inverse.noise import squared_frequencies
+from optics.inverse.restored_image import remaining_change
+from optics.inverse.wiener import wiener
 
 PSF = np.full((5, 5), 1 / 25)
 

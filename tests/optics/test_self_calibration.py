@@ -7,8 +7,8 @@ import pytest
 import torch
 from judges.rings import bayer_frame, blurred_part, ring_psf
 
-from optics.deconvolution.band_coupling import BandCoupling
-from optics.demosaicing import build_mosaic_observation
+from optics.inverse import build_mosaic_observation
+from optics.inverse.band_coupling import BandCoupling
 from optics.multispectral import (
     ModelUncertainty,
     SnapshotCalibration,

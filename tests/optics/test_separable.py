@@ -10,14 +10,14 @@ from scipy.ndimage import convolve1d
 from scipy.signal import convolve2d
 from skimage import data
 
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.separable import (
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.separable import (
     SeparableFilter,
     blur_matrix,
     restore_separable,
     separable_parts,
 )
-from optics.deconvolution.wiener import wiener
+from optics.inverse.wiener import wiener
 
 PRIORS = ["flat", "neighbours"]
 

@@ -6,7 +6,7 @@ import torch
 from scipy.signal import fftconvolve
 from scipy.sparse.linalg import LinearOperator, cg
 
-from optics.demosaicing import build_mosaic_observation
+from optics.inverse import build_mosaic_observation
 from optics.metrics import psnr, spectral_angle
 from optics.multispectral import restore_spectra
 from optics.multispectral.scene_covariance import _GradientErrors, adapt_covariance

@@ -13,13 +13,20 @@ from test_demosaicing import colours, mosaic, psnr
 from test_plug_and_play import chambolle
 from test_total_variation import disk
 
-from optics.deconvolution import build_observation, judge_restoration, restore
-from optics.deconvolution.band_coupling import BandCoupling, Shrinkage, helmert_matrix
-from optics.deconvolution.normal_equations import NormalEquations
-from optics.deconvolution.residual_map import residual_map
-from optics.deconvolution.total_variation import total_variation
-from optics.demosaicing import build_mosaic_observation, demosaic
-from optics.operators import Blur, CentredCrop, SpectralMosaic
+from optics.inverse import (
+    Blur,
+    CentredCrop,
+    SpectralMosaic,
+    build_mosaic_observation,
+    build_observation,
+    demosaic,
+    judge_restoration,
+    restore,
+)
+from optics.inverse.band_coupling import BandCoupling, Shrinkage, helmert_matrix
+from optics.inverse.normal_equations import NormalEquations
+from optics.inverse.restored_image import residual_map
+from optics.inverse.total_variation import total_variation
 
 BAYER = ("RG", "GB")
 SIZES = [(8, 8), (9, 7), (7, 12)]

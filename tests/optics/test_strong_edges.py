@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 import torch
 
-from optics.deconvolution.blind.strong_edges import StrongEdges
+from optics.inverse.kernel_search import StrongEdges
 
 SIZE = (7, 5)
 EDGE = 96

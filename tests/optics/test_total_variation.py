@@ -12,8 +12,8 @@ from scipy.signal import convolve2d, fftconvolve
 from skimage import data
 from sweeps import some
 
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.total_variation import initial_weight, total_variation
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.total_variation import initial_weight, total_variation
 from optics.progress import Cancelled, Progress
 
 

@@ -7,15 +7,15 @@ import pytest
 import torch
 from scipy.signal import fftconvolve
 
-from optics.deconvolution import build_observation, restore
-from optics.deconvolution.residual_map import residual_map
-from optics.deconvolution.restoration_choice import METHODS
-from optics.deconvolution.variance_gain import VarianceGain, estimate_variance_gain
-from optics.deconvolution.variance_map import (
+from optics.inverse import build_observation, restore
+from optics.inverse.choice import METHODS
+from optics.inverse.observation_builder import (
     with_doubted_variance,
     with_variance,
     without_variance,
 )
+from optics.inverse.restored_image import residual_map
+from optics.inverse.variance_gain import VarianceGain, estimate_variance_gain
 
 _SIDE = 120
 _MARGIN = 4

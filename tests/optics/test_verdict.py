@@ -10,8 +10,8 @@ from sweeps import some
 from test_model_error import capture, disturb, photographs, shake
 
 from labapp.accuracy.blurs import disk
-from optics.deconvolution import build_observation, find_psf_scale, judge_restoration, restore
-from optics.deconvolution.residual_map import residual_map
+from optics.inverse import build_observation, find_psf_scale, judge_restoration, restore
+from optics.inverse.restored_image import residual_map
 
 NOISE = 0.006
 

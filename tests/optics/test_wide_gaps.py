@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from optics.deconvolution.observation import _inpaint
+from optics.inverse.observation import _inpaint
 
 ROWS, DEPTH, SIDE = 6, 140, 10
 

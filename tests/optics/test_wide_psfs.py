@@ -8,10 +8,10 @@ from sweeps import some
 from test_model_error import capture, photographs, psnr
 
 from labapp.accuracy.blurs import circle
-from optics.deconvolution import build_observation, find_psf_scale, judge_restoration, restore
-from optics.deconvolution.restoration_choice import METHODS
-from optics.deconvolution.total_variation import total_variation
-from optics.deconvolution.wiener import wiener
+from optics.inverse import build_observation, find_psf_scale, judge_restoration, restore
+from optics.inverse.choice import METHODS
+from optics.inverse.total_variation import total_variation
+from optics.inverse.wiener import wiener
 
 RING, NOISE = circle(20.0, 0.1), 0.002
 

@@ -8,7 +8,7 @@ from test_window_run import acquire_small
 
 from labapp.window.messages import JobEnded, PictureSaved, ReconstructionResult
 from labapp.window.reconstruction_view import METHODS
-from optics.deconvolution.method_names import RESTORATIONS
+from optics.inverse.method_names import RESTORATIONS
 
 
 def drags_divider(qtbot, person, picture, row, column):

@@ -12,9 +12,9 @@ from labapp.files.picture.photograph import Light
 from labapp.pictures.analysis.brackets import Bracket
 from labapp.pictures.colour_matrix import linear_srgb, linear_srgb_matrix, white_balance
 from labapp.runs.record.reader import Record
-from optics.demosaicing import build_mosaic_observation, demosaic
-from optics.demosaicing.mosaic_observation import MosaicObservation
-from optics.operators.blur import Border
+from optics.inverse import build_mosaic_observation, demosaic
+from optics.inverse.blur import Border
+from optics.inverse.mosaics import MosaicObservation
 from optics.sensor.mosaic import Mosaic
 
 _TUNABLE_BANDWIDTH = 10e-9

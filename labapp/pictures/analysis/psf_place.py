@@ -8,8 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.deconvolution.psf_centring import centroid_offset
-from optics.deconvolution.psf_origin import has_origin_in_corner
+from optics.inverse.psf_origin import centroid_offset, has_origin_in_corner
 
 _TOLD_OFFSET = 0.45
 """Offset of a PSF's light in pixels from which it's told. Chosen: that of an even PSF whose middle

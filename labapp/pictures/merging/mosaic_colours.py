@@ -18,8 +18,8 @@ from labapp.common.errors import UserError
 from labapp.files.raw import RawPhotograph
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.analysis.raw_colours import raw_filters
-from optics.demosaicing import build_mosaic_observation, demosaic, demosaicing_weight
 from optics.hdr import CLIPPED
+from optics.inverse import build_mosaic_observation, demosaic, demosaicing_weight
 
 Light = NDArray[np.float32]
 

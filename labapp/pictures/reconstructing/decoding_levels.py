@@ -7,9 +7,9 @@ import torch
 
 from labapp.common.errors import UserError
 from labapp.pictures.reconstructing.problem import WHITE_PERCENTILE, RestorationProblem
-from optics.deconvolution.observation_builder import build_observation
 from optics.edof.learned import CaptureFilter, WienerFront
 from optics.edof.spectral_criterion import LEAST_NOISE
+from optics.inverse.observation_builder import build_observation
 
 _PASSES = 2
 """Passes of the decoder's filter by which white is found. Measured on 16 simulated photographs:

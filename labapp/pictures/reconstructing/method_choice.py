@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from labapp.common.errors import UserError
 from labapp.pictures.networks import bundled_denoiser
 from optics.accuracy import MachineSpeed
-from optics.deconvolution import restoration_choice
-from optics.deconvolution.method_names import ALIASES, AUTO, METHOD_CHOICES
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.variance_gain import Solve
+from optics.inverse import choice as restoration_choice
+from optics.inverse.method_names import ALIASES, AUTO, METHOD_CHOICES
+from optics.inverse.observation import Observation
+from optics.inverse.restored_image import RestoredImage
+from optics.inverse.variance_gain import Solve
 from optics.progress import Progress
 
 

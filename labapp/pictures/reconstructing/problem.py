@@ -15,10 +15,10 @@ from labapp.files.picture.photograph import Light
 from labapp.files.picture.photograph_writing import encode_photograph
 from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.analysis.score import ReferencePicture
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.observation_builder import build_observation
-from optics.deconvolution.psf_scale import PSFScale, find_psf_scale
-from optics.operators.blur import Border
+from optics.inverse.blur import Border
+from optics.inverse.observation import Observation
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.verdict import PSFScale, find_psf_scale
 
 WHITE_PERCENTILE = 99.9
 """Percentile of a picture that counts as white, where nothing else says what white is."""

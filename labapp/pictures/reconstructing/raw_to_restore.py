@@ -16,7 +16,7 @@ from labapp.pictures.analysis.colour_filters import ColourFilters
 from labapp.pictures.analysis.raw_colours import raw_filters
 from labapp.pictures.analysis.score import ReferencePicture
 from labapp.pictures.reconstructing.problem import RestorationProblem
-from optics.operators.blur import Border
+from optics.inverse.blur import Border
 
 _UNIT = "of a full well"
 

@@ -26,7 +26,7 @@ from labapp.pictures.analysis.score import CENTRAL_SHARE, ReferencePicture
 from labapp.pictures.analysis.star_psf import StarImage, crop_star
 from labapp.pictures.reconstructing.problem import WHITE_PERCENTILE, RestorationProblem
 from labapp.runs.record.reader import Record
-from optics.operators.blur import Border
+from optics.inverse.blur import Border
 from optics.progress import Progress
 
 _RATE = "electrons per second"

@@ -17,11 +17,9 @@ from labapp.pictures.reconstructing.variance_use import (
     choose_variance,
     why_without_map,
 )
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.psf_scale import PSFScale, refine_psf_scale
-from optics.deconvolution.residual_map import residual_map
-from optics.deconvolution.restored_image import RestoredImage
-from optics.deconvolution.verdict import Verdict, judge_restoration
+from optics.inverse.observation import Observation
+from optics.inverse.restored_image import RestoredImage, residual_map
+from optics.inverse.verdict import PSFScale, Verdict, judge_restoration, refine_psf_scale
 from optics.progress import Progress
 from optics.threads import single_threaded
 

@@ -25,7 +25,7 @@ from labapp.pictures.reconstructing.recorded_photograph import (
     is_record,
     read_recorded_photograph,
 )
-from optics.operators.blur import BORDERS, Border
+from optics.inverse.blur import BORDERS, Border
 from optics.progress import Progress
 
 
@@ -312,7 +312,7 @@ class RestorationRequest:
 
         Returns the PSF, its source in words, and a remark about its reliability.
         """
-        from optics.deconvolution.blind import find_kernel
+        from optics.inverse.blind import find_kernel
 
         assert self.blind is not None
         unseen = clipped | ~np.isfinite(light)

@@ -9,9 +9,9 @@ import torch
 
 from labapp.pictures.reconstructing.method_choice import MethodChoice
 from labapp.pictures.reconstructing.problem import RestorationProblem
-from optics.deconvolution.observation import Observation
-from optics.deconvolution.variance_gain import VarianceGain, estimate_variance_gain
-from optics.deconvolution.variance_map import with_doubted_variance
+from optics.inverse.observation import Observation
+from optics.inverse.observation_builder import with_doubted_variance
+from optics.inverse.variance_gain import VarianceGain, estimate_variance_gain
 
 _LEAST_GAIN = 0.1
 """Expected gain of the light in dB from which the map is used. Chosen: nobody sees less."""

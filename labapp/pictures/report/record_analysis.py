@@ -22,8 +22,8 @@ from labapp.pictures.reconstructing.restoration import RestoredPicture, restore_
 from labapp.runs.record.reader import Record
 from labapp.runs.recorded_calibrations import calibrations_in_force, stale_calibrations
 from labapp.runs.state import State
-from optics.deconvolution.method_names import RESTORATIONS
-from optics.deconvolution.restoration_choice import METHODS
+from optics.inverse.choice import METHODS
+from optics.inverse.method_names import RESTORATIONS
 from optics.progress import Progress
 
 __all__ = ["RecordAnalysis", "analyse_record"]

@@ -6,7 +6,7 @@ from typing import Any
 
 from labapp.common.console import out, print_table, styled_line
 from labapp.pictures.report.record_analysis import RecordAnalysis
-from optics.deconvolution.method_names import RESTORATIONS
+from optics.inverse.method_names import RESTORATIONS
 
 PICTURE_NAMES = {
     "neutral": "neutral photograph",

@@ -122,8 +122,7 @@ def find_star(frame: LiveFrame | None, sensor: Sensor) -> StarFound:
 
 def _read_region(frame: LiveFrame, asked: PixelRegion, sensor: Sensor) -> RegionReading | None:
     """Measure a region of the window's live picture; None if it lies outside."""
-    from optics.measuring import Region, region_statistics
-    from optics.measuring import focusing as focus_score
+    from optics.measuring import Region, focus_score, region_statistics
 
     try:
         region = Region(*asked).within((frame.image.shape[0], frame.image.shape[1]))
@@ -153,7 +152,7 @@ def _read_region(frame: LiveFrame, asked: PixelRegion, sensor: Sensor) -> Region
 
 def _read_star(frame: LiveFrame, region: Region, sensor: Sensor) -> tuple[StarReading | None, str]:
     """Measure the star in a region of the window's live picture; or say why there is none."""
-    from optics.measuring import focusing as star_shape
+    from optics.measuring import star_shape
 
     try:
         found = star_shape(region.of(frame.image), sensor)

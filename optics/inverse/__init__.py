@@ -1,0 +1,101 @@
+"""Undo what a camera did to the light: `restore` a photograph with a known PSF, and all around it.
+
+Operators map the unknown to what was measured; an observation is a photograph with its PSF, noise
+and pixel weights; one iteration by splitting serves all methods, one file each. `blind` finds an
+unknown blur kernel, and `mosaics` all colours of each pixel.
+
+The exported names are loaded when they are first used. The command line and the window need only
+the names of the methods; these are in `method_names`, which doesn't load torch.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from optics.inverse.blur import (
+        Blur,
+        OccludingBlur,
+        VaryingBlur,
+        blur_operator,
+        blur_shape,
+        field_weights,
+        layer_weights,
+    )
+    from optics.inverse.bounded import restore_within_bounds
+    from optics.inverse.choice import restore
+    from optics.inverse.layered import build_layered_observation
+    from optics.inverse.mosaics import build_mosaic_observation, demosaic, demosaicing_weight
+    from optics.inverse.observation import Observation
+    from optics.inverse.observation_builder import build_observation
+    from optics.inverse.operator import GramOperator, Operator, OperatorProduct, OperatorSum
+    from optics.inverse.pixel_operators import CentredCrop, Mask, SpectralMosaic, filter_weights
+    from optics.inverse.restored_image import RestoredImage
+    from optics.inverse.verdict import find_psf_scale, judge_restoration
+
+__all__ = [
+    "Blur",
+    "CentredCrop",
+    "GramOperator",
+    "Mask",
+    "Observation",
+    "OccludingBlur",
+    "Operator",
+    "OperatorProduct",
+    "OperatorSum",
+    "RestoredImage",
+    "SpectralMosaic",
+    "VaryingBlur",
+    "blur_operator",
+    "blur_shape",
+    "build_layered_observation",
+    "build_mosaic_observation",
+    "build_observation",
+    "demosaic",
+    "demosaicing_weight",
+    "field_weights",
+    "filter_weights",
+    "find_psf_scale",
+    "judge_restoration",
+    "layer_weights",
+    "restore",
+    "restore_within_bounds",
+]
+
+_MODULES = {
+    "Blur": "blur",
+    "CentredCrop": "pixel_operators",
+    "GramOperator": "operator",
+    "Mask": "pixel_operators",
+    "Observation": "observation",
+    "OccludingBlur": "blur",
+    "Operator": "operator",
+    "OperatorProduct": "operator",
+    "OperatorSum": "operator",
+    "RestoredImage": "restored_image",
+    "SpectralMosaic": "pixel_operators",
+    "VaryingBlur": "blur",
+    "blur_operator": "blur",
+    "blur_shape": "blur",
+    "build_layered_observation": "layered",
+    "build_mosaic_observation": "mosaics",
+    "build_observation": "observation_builder",
+    "demosaic": "mosaics",
+    "demosaicing_weight": "mosaics",
+    "field_weights": "blur",
+    "filter_weights": "pixel_operators",
+    "find_psf_scale": "verdict",
+    "judge_restoration": "verdict",
+    "layer_weights": "blur",
+    "restore": "choice",
+    "restore_within_bounds": "bounded",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

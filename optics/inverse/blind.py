@@ -1,0 +1,413 @@
+"""Estimate a photograph's unknown blur kernel, and restore the photograph with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import torch
+
+from optics.inverse.gradient_statistics import LIGHT_DEVIATION, gradients
+from optics.inverse.kernel_search import (
+    EDGE_SETTINGS,
+    NormalisedPhotograph,
+    align_kernel,
+    centred_window_start,
+    cut_window,
+    kernel_deviation,
+    next_odd,
+    refine_kernel_by_statistics,
+    search_kernel_by_edges,
+    without_specks,
+)
+from optics.inverse.observation import LEAST_NOISE
+from optics.inverse.observation_builder import build_observation
+from optics.inverse.restored_image import RestoredImage
+from optics.inverse.total_variation import total_variation
+from optics.progress import Progress
+from optics.threads import single_threaded
+from optics.validation import accepts_numpy, as_floating_point, require_finite, require_same_shape
+
+GOOD, FAIR = 0.9, 0.7
+"""Scores from which a kernel may be used without a check, and after a look at the picture."""
+
+MOST_ERROR = math.sqrt(10)
+"""Kernel error and noise over the noise, up to which a kernel may be used without a check."""
+
+
+@dataclass(frozen=True, eq=False)
+class KernelEstimate:
+    """An estimated blur kernel with its standard deviation and score.
+
+    Parameters
+    ----------
+    psf : torch.Tensor, (size, size)
+        Kernel with its origin at n // 2, nowhere negative, with a sum of 1. Its centroid is as near
+        to the origin as `size` allows, since the photograph doesn't show a shift of the scene.
+    deviation : torch.Tensor, (size, size)
+        Standard deviation of each pixel of the kernel. It comes from the differences between parts
+        of the photograph and between searches from two starts, and doesn't include an error that
+        all of them share.
+    noise : float
+        Standard deviation of a pixel of the photograph.
+    score : float
+        1 less the ratio of the kernel's expected squared error to its energy, 0 to 1.
+    error_to_noise : float
+        Standard deviation of noise and kernel error together over that of the noise, as the
+        photograph's spectrum shows them: see `Observation.disturbance`.
+    """
+
+    psf: torch.Tensor
+    deviation: torch.Tensor
+    noise: float
+    score: float
+    error_to_noise: float = 1.0
+
+    @property
+    def verdict(self) -> str:
+        """The score of a blindly estimated blur kernel in words: good, fair or poor.
+
+        The kernel is good from a score of 0.9 if its error isn't much larger than the noise, fair
+        from 0.7, and poor below.
+        """
+        if self.score >= GOOD and self.error_to_noise <= MOST_ERROR:
+            return "good: parts of the photograph and searches from two starts agree"
+        if self.score >= FAIR:
+            return (
+                f"fair: its error weighs {self.error_to_noise:.1f} times as much as the noise; "
+                "look for ringing in the restored picture"
+            )
+        return (
+            "poor: parts of the photograph, or two searches, tell different kernels. Give a part "
+            "with many sharp edges in all directions, or a smaller size"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BlindRestoration:
+    """An estimated blur kernel, and the photograph restored with it.
+
+    Parameters
+    ----------
+    kernel : KernelEstimate
+        The estimated kernel.
+    restored_image : RestoredImage
+        The photograph, restored with that kernel.
+    """
+
+    kernel: KernelEstimate
+    restored_image: RestoredImage
+
+
+def rank_by_naturalness(
+    photo: NormalisedPhotograph, kernels: Sequence[torch.Tensor], progress: Progress
+) -> list[int]:
+    """Rank blur kernels by the unnaturalness() of the pictures that deconvolution gives with them.
+
+    The indices are returned with the best kernel first.
+    """
+    costs = []
+    for number, kernel in enumerate(kernels):
+        progress.report(number / len(kernels), f"judging kernel {number + 1}/{len(kernels)}")
+        costs.append(unnaturalness(photo, kernel))
+    return sorted(range(len(costs)), key=lambda number: costs[number])
+
+
+def unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
+    """Measure how unnatural a photograph looks after deconvolution with a blur kernel.
+
+    The measure is the mean length of the picture's gradients over their rms. It is high for blurred
+    edges, and for ringing by a wrong kernel (Krishnan, Tay and Fergus 2011, doi
+    10.1109/CVPR.2011.5995521). It is multiplied by the factor by which the residual differs from
+    the noise, since a restoration with a wrong kernel adds false detail.
+    """
+    seen = build_observation(photo.image, kernel, photo.noise or None, clipped=photo.valid == 0)
+    answer = total_variation(seen)
+    # The unknown border affects a rim of half a kernel and 5 pixels, which is left out.
+    rim = min(kernel.shape[0] // 2 + 5, min(answer.image.shape) // 4)
+    inside = gradients(answer.image[rim:-rim, rim:-rim])
+    size = float(inside.square().mean().sqrt())
+    if size == 0:
+        return math.inf
+    left = max(answer.residual, 1e-3)
+    return float(inside.abs().mean()) / size * max(left, 1 / left)
+
+
+@dataclass(frozen=True)
+class BlindEstimateSettings:
+    """Tune the blind estimation of a blur kernel.
+
+    All values are chosen.
+
+    Attributes
+    ----------
+    size_slack : float
+        Side of the window in which a kernel is estimated, relative to the requested size, so that
+        the kernel may shift.
+    speck_peak_share : float
+        Pixels of the kernel below this share of its peak are set to 0.
+    speck_light_share : float
+        Connected parts of the kernel with less than this share of its light are removed.
+    min_frame_sides : int
+        Smallest side of the photograph, relative to the kernel's.
+    start_count : int
+        Number of starts from which a kernel is refined.
+    refinement_rounds : int
+        Rounds of the refinement for a part of the photograph.
+    min_improvement : float
+        Factor by which the mean of two kernels must lower the unnaturalness to be used.
+    min_contrast_to_noise : float
+        Smallest standard deviation of the photograph, relative to that of the noise.
+    max_clipped_share : float
+        Largest share of clipped pixels.
+    """
+
+    size_slack: float = 1.15
+    speck_peak_share: float = 0.02
+    speck_light_share: float = 0.02
+    min_frame_sides: int = 3
+    start_count: int = 2
+    refinement_rounds: int = 10
+    min_improvement: float = 1.01
+    min_contrast_to_noise: float = 3.0
+    max_clipped_share: float = 0.5
+
+
+_SETTINGS = BlindEstimateSettings()
+
+
+def blind_deconvolution(
+    image: torch.Tensor,
+    size: int,
+    *,
+    noise: float | None = None,
+    clipped: torch.Tensor | None = None,
+    progress: Progress | None = None,
+) -> BlindRestoration:
+    """Restore a photograph with an unknown PSF by blind deconvolution.
+
+    `find_kernel` estimates the kernel, and total_variation() restores the picture with the weight
+    by the evidence.
+
+    Parameters
+    ----------
+    image : torch.Tensor or numpy.ndarray, (rows, columns)
+        The photograph, light per pixel on any scale.
+    size : int
+        Largest side of the kernel in pixels, 3 or more.
+    noise : float, optional
+        Standard deviation of a pixel. Estimated if None.
+    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
+        True where the well was full.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    BlindRestoration
+        The kernel and the restored picture.
+
+    Raises
+    ------
+    ValueError
+        If `find_kernel` raises it.
+    """
+    progress = progress or Progress()
+    kernel = find_kernel(image, size, noise=noise, clipped=clipped, progress=progress.part(0, 0.95))
+    seen = build_observation(image, kernel.psf, noise, clipped=clipped)
+    return BlindRestoration(kernel, total_variation(seen, progress=progress.part(0.95, 1)))
+
+
+def find_kernel(
+    image: torch.Tensor,
+    size: int,
+    *,
+    noise: float | None = None,
+    clipped: torch.Tensor | None = None,
+    progress: Progress | None = None,
+) -> KernelEstimate:
+    """Estimate a photograph's blur kernel from the photograph alone, for blind deconvolution.
+
+    The kernel is taken to be the same everywhere. A first kernel comes from the strong edges of the
+    photograph, from coarse to fine scales (Cho and Lee; Xu, Zheng and Jia). Then the likeliest
+    kernel is estimated over all sharp pictures that the statistics of natural pictures allow
+    (Fergus et al.; Levin et al.); these pictures are sampled: see LatentImageSampler. The
+    estimation is done from two starts, and the difference of the results shows how reliable they
+    are. The scene beyond the frame is unknown. The random samples have a fixed seed, so that the
+    same photograph gives the same kernel.
+
+    Parameters
+    ----------
+    image : torch.Tensor or numpy.ndarray, (rows, columns)
+        The photograph, light per pixel on any scale; each side at least 3 times `size`.
+    size : int
+        Largest side of the kernel in pixels, 3 or more. A little more than the size of the blur is
+        best.
+    noise : float, optional
+        Standard deviation of a pixel. Estimated if None.
+    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
+        True where the well was full; these pixels aren't used. At most half of the pixels.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    KernelEstimate
+        The kernel with its standard deviation and score.
+
+    Raises
+    ------
+    ValueError
+        If the photograph has no structure, is smaller than three kernels, isn't finite or is mostly
+        clipped, or if another argument is outside its range.
+
+    References
+    ----------
+    Thesis Fig. 2.9 f, g; Cho and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng and Jia 2013;
+    Fergus et al. 2006, doi 10.1145/1141911.1141956; Levin et al. 2011, doi
+    10.1109/CVPR.2011.5995308.
+    """
+    psf, deviation, level, score = _find_kernel(image, size, noise, clipped, progress or Progress())
+    seen = build_observation(image, psf, clipped=clipped)
+    ratio = seen.disturbance / seen.scene_noise
+    return KernelEstimate(psf, deviation, level, score, ratio)
+
+
+@accepts_numpy
+@single_threaded
+@torch.no_grad()
+def _find_kernel(
+    image: torch.Tensor,
+    size: int,
+    noise: float | None,
+    clipped: torch.Tensor | None,
+    progress: Progress,
+) -> tuple[torch.Tensor, torch.Tensor, float, float]:
+    """Estimate a blur kernel blindly; return the kernel, its deviation, the noise and the score."""
+    _require(image, size, noise, clipped)
+    image = as_floating_point(image).to(torch.float64)
+    known = torch.ones_like(image) if clipped is None else (~clipped.to(torch.bool)).to(image)
+    level = estimate_photograph_noise(image, known) if noise is None else float(noise)
+    spread = _require_contrast(image, known, level)
+    scale = LIGHT_DEVIATION / spread
+    shown = torch.where(known > 0, image, float(image[known > 0].mean())) * scale
+    photo = NormalisedPhotograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
+    wide = next_odd(_SETTINGS.size_slack * size)
+    kernel, other = _most_natural_kernel(photo, wide, progress.part(0, 0.75))
+    again = partial(refine_kernel_by_statistics, rounds=_SETTINGS.refinement_rounds)
+    deviation = kernel_deviation(photo, kernel, other, again, progress.part(0.75, 1))
+    first = centred_window_start(kernel, size)
+    psf, unsure = cut_window(kernel, first, size), cut_window(deviation, first, size)
+    psf = psf / psf.sum()
+    score = 1 - float(unsure.square().sum() / psf.square().sum())
+    return psf.to(image), unsure.to(image), level, min(max(score, 0.0), 1.0)
+
+
+def _most_natural_kernel(
+    photo: NormalisedPhotograph, size: int, progress: Progress
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Estimate two blur kernels blindly, from two starts; return the more natural one first.
+
+    The more natural kernel is the one whose restored picture has the lower unnaturalness().
+    """
+    count = len(EDGE_SETTINGS)
+    starts = [
+        _remove_specks(
+            search_kernel_by_edges(
+                photo, size, taste, progress.part(0.4 * n / count, 0.4 * (n + 1) / count)
+            )
+        )
+        for n, taste in enumerate(EDGE_SETTINGS)
+    ]
+    best = rank_by_naturalness(photo, starts, progress.part(0.4, 0.5))[: _SETTINGS.start_count]
+    fine = [
+        _remove_specks(
+            refine_kernel_by_statistics(
+                photo, starts[start], progress.part(0.5 + 0.2 * n, 0.5 + 0.2 * (n + 1))
+            )
+        )
+        for n, start in enumerate(best)
+    ]
+    chosen, other = rank_by_naturalness(photo, fine, progress.part(0.9, 0.95))
+    return _combine_kernels(
+        photo, starts[best[chosen]], fine[chosen], progress.part(0.95, 1)
+    ), fine[other]
+
+
+def _combine_kernels(
+    photo: NormalisedPhotograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
+) -> torch.Tensor:
+    """Average two blindly estimated blur kernels if that gives a more natural restored picture.
+
+    `edges` comes from the photograph's strong edges and `fine` from the statistics of natural
+    pictures. The result is their mean or `fine`. Where the errors of the two kernels differ, the
+    mean has a smaller error than either.
+    """
+    both = align_kernel(edges, fine).clamp(min=0) + fine
+    mean = both / both.sum()
+    progress.report(0, "judging the mean kernel")
+    better = _SETTINGS.min_improvement * unnaturalness(photo, mean) < unnaturalness(photo, fine)
+    return mean if better else fine
+
+
+def _remove_specks(kernel: torch.Tensor) -> torch.Tensor:
+    """Remove faint pixels and small isolated parts from a blindly estimated blur kernel."""
+    return without_specks(kernel, _SETTINGS.speck_peak_share, _SETTINGS.speck_light_share)
+
+
+def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float:
+    """Estimate a blurred photograph's noise for blind deconvolution, from its finest detail.
+
+    The estimate is the median of the absolute diagonal detail, scaled for Gaussian noise (Donoho
+    and Johnstone 1994, doi 10.1093/biomet/81.3.425).
+    """
+    detail = (image[:-1, :-1] - image[1:, :-1] - image[:-1, 1:] + image[1:, 1:]) / 2
+    sound = (valid[:-1, :-1] * valid[1:, :-1] * valid[:-1, 1:] * valid[1:, 1:]) > 0
+    return float(detail[sound].abs().median()) / 0.6745 if bool(sound.any()) else 0.0
+
+
+def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) -> float:
+    """Return a photograph's contrast; raise ValueError if it's too low for blind deconvolution.
+
+    The contrast is the standard deviation of the photograph's light.
+    """
+    light = image[valid > 0]
+    spread = float(light.std(correction=0))
+    least = _SETTINGS.min_contrast_to_noise * noise
+    if spread <= max(least, LEAST_NOISE * float(light.abs().mean())):
+        raise ValueError(
+            f"image has a standard deviation of {spread:.3g}, with noise of {noise:.3g}: it shows "
+            "nothing that a blur could be told by; give a part with sharp edges, or more light"
+        )
+    return spread
+
+
+def _require(
+    image: torch.Tensor, size: int, noise: float | None, clipped: torch.Tensor | None
+) -> None:
+    """Raise ValueError for arguments from which blind deconvolution can't find a blur kernel."""
+    if image.ndim != 2:
+        raise ValueError(f"image is {tuple(image.shape)}; give one band, (rows, columns)")
+    require_finite("image", as_floating_point(image))
+    if not (isinstance(size, int) and size >= 3):
+        raise ValueError(f"size is {size!r}; give a whole number of pixels, 3 or more")
+    sides = _SETTINGS.min_frame_sides
+    if min(image.shape) < sides * size:
+        raise ValueError(
+            f"image is {tuple(image.shape)} and size {size}; the photograph must be at least "
+            f"{sides} kernels wide and high: give a size of at most "
+            f"{min(image.shape) // sides}, or a larger part"
+        )
+    if noise is not None and not (noise >= 0 and math.isfinite(noise)):
+        raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
+    if clipped is None:
+        return
+    require_same_shape("image", image, clipped=clipped)
+    share = float(clipped.to(torch.float64).mean())
+    if share > _SETTINGS.max_clipped_share:
+        raise ValueError(
+            f"{share:.0%} of the pixels are clipped; at most {_SETTINGS.max_clipped_share:.0%} may "
+            "be: expose for less time, or give a part that isn't burnt"
+        )

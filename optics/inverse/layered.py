@@ -1,0 +1,393 @@
+"""Restore all depth layers of a photograph together, each blurred by its own PSF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from scipy.ndimage import distance_transform_edt
+
+from optics.fourier import irfft2, rfft2
+from optics.inverse.band_coupling import BandCoupling
+from optics.inverse.blur import Border, OccludingBlur, VaryingBlur, layer_weights, transfer_function
+from optics.inverse.noise import PowerLaw, fit_power_law_with_mtf
+from optics.inverse.normal_equations import ConjugateGradientStep, LinearEquations
+from optics.inverse.observation import Observation, require_psf
+from optics.inverse.operator import Operator, squared_modulus
+from optics.inverse.own_terms import in_own_unit
+from optics.inverse.priors import Box, DerivativePenalty, Prior
+from optics.inverse.restored_image import RestoredImage
+from optics.inverse.splitting import restored_image, solve_by_splitting
+from optics.inverse.total_variation import (
+    GRADIENT_THRESHOLD,
+    light_in_weight,
+    require_power,
+    weight_settings,
+)
+from optics.plane import centred_pad
+from optics.progress import Progress
+from optics.threads import single_threaded
+from optics.validation import (
+    accepts_numpy,
+    as_floating_point,
+    require_count,
+    require_finite,
+    require_positive,
+)
+
+_SHARE_TOLERANCE = 1e-3
+"""Largest deviation from 1 of the sum of a pixel's shares."""
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredObservation(Observation):
+    """The photograph of a scene with several depth layers: see build_layered_observation().
+
+    `psf` is the mean of all PSFs. `psfs` holds the PSF of each layer, (layers, rows, columns).
+    `shares` is the share of each layer in each pixel of the photograph, (layers, rows, columns).
+    """
+
+    psfs: torch.Tensor = field(default_factory=lambda: torch.empty(0))
+    shares: torch.Tensor = field(default_factory=lambda: torch.empty(0))
+
+    @cached_property
+    def areas(self) -> torch.Tensor:
+        """The share of the photograph that each deconvolved depth layer covers, (layers,)."""
+        return self.shares.mean((-2, -1))
+
+    @property
+    def psf_offset(self) -> tuple[int, int]:
+        """0: the map of depth layers to deconvolve holds where the PSFs put the picture."""
+        return 0, 0
+
+    @cached_property
+    def period_shares(self) -> torch.Tensor:
+        """The depth layers' shares on the whole period of the deconvolution.
+
+        Pixels beyond the frame have the shares of the nearest pixel in it.
+        """
+        rows, columns = (
+            (torch.arange(whole) - (whole // 2 - n // 2)).clamp(0, n - 1)
+            for whole, n in zip(self.period_shape, self.image.shape, strict=True)
+        )
+        return self.shares[:, rows][:, :, columns]
+
+    @cached_property
+    def squared_mtf(self) -> torch.Tensor:
+        """The depth layers' mean squared MTF on the deconvolution's period, weighted by area."""
+        return self._squared_mtf_on(self.period_shape)
+
+    def _fitted_power_law(self) -> PowerLaw:
+        """Fit the power law and noise of a photograph whose depth layers are to be deconvolved.
+
+        The spectra of the layers add in power.
+        """
+        shape = (int(self.image.shape[0]), int(self.image.shape[1]))
+        image = self.inpainted_image * self.psf_sum
+        law = fit_power_law_with_mtf(image, self._squared_mtf_on(shape))
+        # Fine detail of a sharp layer looks like noise. Therefore the noise is estimated in the
+        # most blurred layer, if that covers enough of the frame.
+        powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
+        dullest = int(powers.mean((-2, -1)).argmin())
+        region = _interior_window(self.shares[dullest])
+        if float(region.mean()) < 0.02:
+            return law
+        dull = fit_power_law_with_mtf(image, powers[dullest], region)
+        return replace(
+            law,
+            noise_variance=dull.noise_variance,
+            model_error_variance=dull.model_error_variance,
+        )
+
+    def as_single_layer(self, number: int) -> Observation:
+        """Return the deconvolution's observation with one depth layer's PSF everywhere."""
+        return Observation(
+            self.image, self.psfs[number], self.noise, self.border, self.weights, self.clipped
+        )
+
+    def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
+        """Compute the depth layers' mean squared MTF for deconvolution on a given period."""
+        powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
+        return (self.areas[:, None, None] * powers).sum(0)
+
+
+def _interior_window(share: torch.Tensor) -> torch.Tensor:
+    """Compute a smooth window inside a depth layer of a photograph to be deconvolved.
+
+    The window rises from the layer's edge over 16 pixels.
+    """
+    depth = distance_transform_edt(np.pad(share.numpy() > 1 - _SHARE_TOLERANCE, 1, mode="edge"))
+    rise = torch.from_numpy(depth[1:-1, 1:-1] / 16).clamp(0, 1)
+    return (torch.pi * rise / 2).sin().square()
+
+
+@accepts_numpy
+def build_layered_observation(
+    image: torch.Tensor,
+    psfs: torch.Tensor | Sequence[torch.Tensor],
+    layers: torch.Tensor,
+    noise: float | None = None,
+    border: Border = "unknown",
+    weights: torch.Tensor | None = None,
+    clipped: torch.Tensor | None = None,
+) -> LayeredObservation:
+    """Build the deconvolution's observation of depth layers, each blurred by its own PSF.
+
+    Arrays may be of any kind. The photograph is restored in double precision if `image` is double,
+    otherwise in single precision.
+
+    Parameters
+    ----------
+    image : torch.Tensor or numpy.ndarray, (rows, columns)
+        The photograph, light per pixel.
+    psfs : torch.Tensor or numpy.ndarray, (layers, rows, columns), or a sequence of (rows, columns)
+        PSF of each layer, origin at n // 2. The nearest layer comes first if layers hide each
+        other.
+    layers : torch.Tensor or numpy.ndarray
+        Number of the layer that each pixel shows, (rows, columns), whole numbers from 0. Or the
+        share of each layer in each pixel, (layers, rows, columns), not negative; the shares of a
+        pixel add up to 1.
+    noise : float, optional
+        Standard deviation of a pixel of weight 1. Estimated from the photograph if None.
+    border : {"unknown", "dark", "periodic"}, default "unknown"
+        What the scene does beyond the frame: see `Observation`.
+    weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
+        Weight of each pixel in the data term: see `Observation`.
+    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
+        True where the well was full.
+
+    Returns
+    -------
+    LayeredObservation
+        An observation that `restore` takes. Its `psf` is the mean of all PSFs by area.
+
+    Raises
+    ------
+    ValueError
+        If shapes don't fit, if shares are negative or their sum differs from 1 by more than 1e-3,
+        if a PSF has no light, or if `Observation` raises it.
+    """
+    image = as_floating_point(image)
+    each = [torch.as_tensor(psf).to(image) for psf in psfs]
+    if not each or any(psf.ndim != 2 for psf in each):
+        raise ValueError("psfs must be one or more, each (rows, columns)")
+    for psf in each:
+        require_psf(psf)
+    size = [max(psf.shape[axis] for psf in each) for axis in (0, 1)]
+    stacked = torch.stack([centred_pad(psf, size) for psf in each])
+    shares = _layer_shares(torch.as_tensor(layers), len(each), tuple(image.shape)).to(image)
+    mean = (shares.mean((-2, -1))[:, None, None] * stacked).sum(0)
+    return LayeredObservation(
+        image,
+        mean,
+        noise if noise is None else float(noise),
+        border,
+        weights if weights is None else weights.to(image),
+        clipped if clipped is None else clipped.to(torch.bool),
+        psfs=stacked,
+        shares=shares,
+    )
+
+
+def _layer_shares(layers: torch.Tensor, count: int, shape: tuple[int, ...]) -> torch.Tensor:
+    """Check the depth layers of a deconvolution; return their shares (layers, rows, columns).
+
+    `layers` is a map of layer numbers, (rows, columns), or the shares themselves.
+    """
+    require_finite("layers", layers)
+    if tuple(layers.shape) == shape:
+        return layer_weights(layers, count)
+    if tuple(layers.shape) != (count, *shape):
+        raise ValueError(
+            f"layers are {tuple(layers.shape)}; with {count} PSFs and an image of {shape} they "
+            f"must be {shape} or {(count, *shape)}"
+        )
+    missed = float((layers.sum(0) - 1).abs().max())
+    if float(layers.min()) < 0 or missed > _SHARE_TOLERANCE:
+        raise ValueError(
+            f"layers miss 1 by {missed:.2g} in places, or are negative; at each pixel they must "
+            "add up to 1"
+        )
+    return layers
+
+
+@single_threaded
+@torch.no_grad()
+@in_own_unit(weight=light_in_weight)
+def restore_layers(
+    observation: LayeredObservation,
+    weight: float | None = None,
+    *,
+    power: float = 1.0,
+    occlusion: bool = True,
+    iterations: int = 20,
+    cg_steps: int = 10,
+    tol: float = 0.0,
+    positive: bool = False,
+    progress: Progress | None = None,
+) -> RestoredImage:
+    """Restore a blurred photograph of several depth layers, each deconvolved with its own PSF.
+
+    The result X minimises |H X - O|² / 2 + weight * the sum of |∇X|^power, where the first term
+    counts trusted pixels only, and H blurs each depth layer by its PSF (thesis Fig. 2.17).
+
+    The solver is the alternating direction method of multipliers with the gradients split off (Boyd
+    et al. 2011, doi 10.1561/2200000016). The step for the picture has no closed form, since the
+    PSFs differ. It is solved by conjugate gradients from the previous picture, preconditioned by
+    the mean squared MTF of the layers. A clipped pixel counts where the blurred estimate is below
+    the measured value.
+
+    The model doesn't include depths beyond the frame, where the layers at its edge continue; errors
+    of the map of layers; and what OccludingBlur neglects.
+
+    Parameters
+    ----------
+    observation : LayeredObservation
+        Photograph, PSFs and layers.
+    weight : float, optional
+        Regularisation weight, as for total_variation(). Estimated if None.
+    power : float, optional
+        Power of the gradients' lengths, above 0 and up to 1.
+    occlusion : bool, optional
+        Whether nearer layers, which come first, hide those behind them. Each layer is then
+        estimated also where it is hidden, and the picture is composed of the visible parts.
+    iterations : int, optional
+        Largest number of iterations.
+    cg_steps : int, optional
+        Steps of conjugate gradients in each iteration.
+    tol : float, optional
+        Relative change of the picture at which the iteration ends; 0 for all iterations.
+    positive : bool, optional
+        Whether the light is kept from being negative in each iteration.
+    progress : Progress, optional
+        Receives reports, and can cancel the work.
+
+    Returns
+    -------
+    RestoredImage
+        The picture in the photograph's frame, never negative.
+
+    Raises
+    ------
+    ValueError
+        For a weight that isn't positive, a power outside 0 to 1, or no iteration.
+    """
+    if weight is not None:
+        require_positive("weight", weight, "")
+    require_power(power)
+    require_count("iterations", iterations)
+    require_count("cg_steps", cg_steps)
+    step = _LayerStep(_LayerEquations(observation, occlusion), cg_steps)
+    # The picture's step isn't exact, and over-relaxation would enlarge its error.
+    penalty = DerivativePenalty(
+        BandCoupling.separate(len(step.start())), observation.period_shape,
+        GRADIENT_THRESHOLD * observation.scale, observation.image.dtype,
+        power=power, relaxation=1.0,
+    )  # fmt: skip
+    bounds = [Box(observation.support)] if positive or observation.border == "dark" else []
+    # The spectrum of a photograph with several depths predicts the weight poorly.
+    settings = weight_settings(
+        observation, penalty, weight, iterations, tol, power, is_predictable=False
+    )
+    solution = solve_by_splitting(
+        step, [penalty, *bounds], settings, "depths", progress or Progress()
+    )
+    return restored_image(step, solution, "depths" + (", hiding each other" if occlusion else ""))
+
+
+def paste_layers(
+    observation: LayeredObservation, restore: Callable[[Observation], RestoredImage]
+) -> torch.Tensor:
+    """Deconvolve a photograph with each depth layer's PSF, and paste the layers' parts together.
+
+    This is fast, but it is wrong where the blurred light of one layer covers another.
+    """
+    each = [restore(observation.as_single_layer(k)).image for k in range(len(observation.psfs))]
+    return (torch.stack(each) * observation.shares).sum(0)
+
+
+class _LayerEquations(LinearEquations):
+    """The normal equations of the restoration of depth layers.
+
+    They are (H* M H + K) x = H* M y + the priors' right-hand side, where M are the pixels' weights.
+    x is one picture for each layer with occlusion, otherwise one picture.
+    """
+
+    observation: LayeredObservation
+
+    def __init__(self, observation: LayeredObservation, occlusion: bool) -> None:
+        super().__init__(observation)
+        self.occlusion = occlusion
+        psfs = observation.psfs / observation.psf_sum
+        self._blur: Operator = (OccludingBlur if occlusion else VaryingBlur)(
+            psfs, observation.period_shares
+        )
+        self._powers = observation.squared_mtf[None]
+        if occlusion:
+            self._powers = squared_modulus(transfer_function(psfs, observation.period_shape))
+        self._weights = observation.effective_weights
+
+    @property
+    def squared_response(self) -> torch.Tensor:
+        return self._powers
+
+    @property
+    def data_spectrum(self) -> torch.Tensor:
+        return self._apply_adjoint(self.observation.normalised_image)
+
+    def apply_data_gram(self, x: torch.Tensor) -> torch.Tensor:
+        return self._apply_adjoint(self.observation.crop_to_frame(self._blurred_light(x)))
+
+    def mean_squared_residual(self, spectrum: torch.Tensor) -> float:
+        return self.observation.mean_squared_residual(self._blurred_light(spectrum))
+
+    def weigh_clipped_pixels(self, spectra: torch.Tensor) -> None:
+        """Update the weights of clipped pixels for the next step of depth-layer deconvolution.
+
+        A clipped pixel has weight only where the blurred pictures are below the measured value.
+        """
+        seen = self.observation
+        if seen.clipped is None:
+            return
+        light = seen.crop_to_frame(self._blurred_light(spectra))
+        dim = (seen.clipped & (light < seen.normalised_image)).to(seen.image)
+        weights = dim if seen.weights is None else dim * seen.weights
+        effective = seen.effective_weights
+        self._weights = weights if effective is None else effective + weights
+
+    def _blurred_light(self, spectra: torch.Tensor) -> torch.Tensor:
+        """Blur the deconvolved depth layers' pictures to one photograph on the whole period."""
+        pictures = irfft2(spectra, self.observation.period_shape)
+        light: torch.Tensor = self._blur(pictures if self.occlusion else pictures[0])
+        return light
+
+    def _apply_adjoint(self, frame: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint blur of depth-layer deconvolution to light in the frame, weighted."""
+        kept = frame if self._weights is None else frame * self._weights
+        back: torch.Tensor = self._blur.adjoint(centred_pad(kept, self.observation.period_shape))
+        return rfft2(back if self.occlusion else back[None])
+
+
+class _LayerStep(ConjugateGradientStep):
+    """The step for the pictures in the restoration of depth layers."""
+
+    _equations: _LayerEquations
+
+    def next_picture(self, priors: Sequence[Prior], weight: float) -> torch.Tensor:
+        pictures = super().next_picture(priors, weight)
+        self._equations.weigh_clipped_pixels(self._spectrum)
+        return pictures
+
+    def start(self) -> torch.Tensor:
+        shares = self._equations.observation.shares
+        count = len(shares) if self._equations.occlusion else 1
+        return super().start().expand(count, -1, -1)
+
+    def visible_picture(self, picture: torch.Tensor) -> torch.Tensor:
+        """Compose the visible parts of all deconvolved depth layers to one period-wide picture."""
+        if not self._equations.occlusion:
+            return picture
+        return (picture * self._equations.observation.period_shares).sum(0, keepdim=True)

@@ -1,0 +1,526 @@
+"""The observation that a restoration starts from: photograph, PSF, noise and pixel weights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import torch
+
+from optics.inverse.blur import Border, blur_shape, require_border, transfer_function
+from optics.inverse.border import extend_periodically
+from optics.inverse.noise import PhotographSpectrum, PowerLaw, WienerPrediction, fit_power_law
+from optics.inverse.operator import squared_modulus
+from optics.inverse.psf_origin import about_offset, light_offset, shifted_window
+from optics.plane import centred_crop, centred_pad
+from optics.validation import needs_gradient, require_finite, require_same_shape
+
+_WIDE = 4.0
+"""Root mean square radius of a wide PSF in pixels. Measured with six PSFs: from here on, twice the
+iterations add 0.1 to 0.7 dB where there is little noise."""
+
+_MOST_LIGHT = 1.25
+"""Largest sum of a PSF. That of a star which is measured relative to another exceeds 1 by noise and
+by errors of the exposures."""
+
+LEAST_NOISE = 1e-6
+"""Standard deviation of the rounding in single precision, relative to that of the photograph."""
+
+MIN_EXPLAINED_SHARE = 3e-3
+"""Smallest share of the data that a picture is taken to explain: its mean and coarsest features."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """A photograph to be restored, with its PSF, noise, border and pixel weights.
+
+    It states the problem that a restoration solves. `build_observation` makes one from arrays of
+    any kind. If the PSF sums to less than 1, part of the light is lost, and the restored scene is
+    brighter than the photograph by the inverse of that sum.
+
+    Parameters
+    ----------
+    image : torch.Tensor, (rows, columns)
+        The photograph, in light per pixel, of a scene that `psf` has blurred.
+    psf : torch.Tensor, (rows, columns)
+        Point spread function with its origin at n // 2. Its sum is the share of the scene's light
+        that reaches the sensor.
+    given_noise : float, optional
+        Standard deviation of a pixel of weight 1, in the image's unit. Estimated from the
+        photograph if None.
+    border : {"unknown", "dark", "periodic"}, default "unknown"
+        What the scene does beyond the frame. "unknown" is right for photographs of a real scene.
+    weights : torch.Tensor, (rows, columns), optional
+        Weight of each pixel in the data term, relative to a pixel whose noise is `noise`; 0 where
+        a pixel is dead. All 1 if None.
+    clipped : torch.Tensor of bool, (rows, columns), optional
+        True where the well was full: there the light is at least what was measured.
+    is_numpy : bool, default False
+        Whether the photograph was a numpy array, so that restore() returns one.
+    least_noise : float, default 0
+        Noise that is known to be there, for example of photons; an estimate isn't below it.
+    variance : torch.Tensor, (rows, columns), optional
+        Variance of each pixel from which `weights` were made: see `with_variance`. None where all
+        pixels have the same noise.
+    offset : tuple of int, default (0, 0)
+        Place of the restored picture's frame in that of the photograph, (rows, columns): see
+        `with_centred_psf`.
+
+    Raises
+    ------
+    ValueError
+        If shapes don't fit or are empty, if a value isn't finite, if the noise or a weight is
+        negative, if the noise is larger than the photograph, if the PSF has no light or more than
+        the scene, if `border` is another word, or if all pixels are clipped or have no weight.
+    """
+
+    image: torch.Tensor
+    psf: torch.Tensor
+    given_noise: float | None = None
+    border: Border = "unknown"
+    weights: torch.Tensor | None = None
+    clipped: torch.Tensor | None = None
+    is_numpy: bool = False
+    least_noise: float = 0.0
+    variance: torch.Tensor | None = None
+    offset: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        shapes = f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}"
+        if self.image.ndim != 2 or self.psf.ndim != 2:
+            raise ValueError(f"{shapes}; both are (rows, columns)")
+        if not self.image.numel() or not self.psf.numel():
+            raise ValueError(f"{shapes}; both need at least one pixel")
+        require_psf(self.psf)
+        _require_share(self.psf)
+        require_border(self.border)
+        if self.given_noise is not None and not (
+            self.given_noise >= 0 and math.isfinite(self.given_noise)
+        ):
+            raise ValueError(f"noise is {self.given_noise:g}; it must be finite, and not negative")
+        require_same_shape(
+            "image", self.image,
+            weights=self.weights, clipped=self.clipped, variance=self.variance,
+        )  # fmt: skip
+        if self.weights is not None:
+            require_weights(self.weights)
+        require_finite("image", self.image)
+        _require_less_noise(self.image, self.given_noise)
+        if self.effective_weights is not None and not bool(self.effective_weights.any()):
+            raise ValueError("every pixel is clipped or has no weight; nothing was measured")
+
+    @property
+    def psf_sum(self) -> float:
+        """The PSF's sum in a deconvolution: the share of the scene's light on the sensor."""
+        return float(self.psf.detach().sum(dtype=torch.float64))
+
+    @property
+    def _psf_light(self) -> float | torch.Tensor:
+        """The PSF's sum, with its derivatives where the PSF's are recorded."""
+        light = self.psf.detach().sum(dtype=torch.float64)
+        return self.psf.sum() / light * self.psf_sum if self.psf.requires_grad else self.psf_sum
+
+    @property
+    def records_derivatives(self) -> bool:
+        """Whether derivatives by the photograph to deconvolve, its PSF or weights are recorded."""
+        given = (self.image, self.psf, self.weights)
+        return torch.is_grad_enabled() and any(needs_gradient(one) for one in given)
+
+    def without_light(self) -> Observation:
+        """Return the same problem of deconvolution for a dark photograph, on the same scale.
+
+        Clipped pixels have no weight in it.
+        """
+        dark = replace(
+            self, image=torch.zeros_like(self.image), weights=self.effective_weights, clipped=None
+        )
+        dark.__dict__["scale"] = self.scale
+        return dark
+
+    @cached_property
+    def effective_weights(self) -> torch.Tensor | None:
+        """The pixel weights for deconvolution, 0 for clipped pixels; None if all are 1."""
+        if self.clipped is None or not bool(self.clipped.any()):
+            return self.weights
+        sound = (~self.clipped).to(self.image)
+        return sound if self.weights is None else self.weights * sound
+
+    @property
+    def is_fully_measured(self) -> bool:
+        """Whether the photograph to be deconvolved is a whole period, all with weight 1."""
+        return self.period_shape == tuple(self.image.shape) and self.effective_weights is None
+
+    @property
+    def is_wide_beyond_frame(self) -> bool:
+        """Whether the PSF is so wide that the scene beyond the frame is restored slowly."""
+        return self.border != "periodic" and self.psf_radius > _WIDE
+
+    @cached_property
+    def psf_offset(self) -> tuple[int, int]:
+        """The (rows, columns) by which the light of the PSF to deconvolve lies off its origin."""
+        return light_offset(self.psf)
+
+    def with_centred_psf(self) -> Self:
+        """Return the problem of deconvolution by the PSF with its light about its origin.
+
+        The restored picture, in its frame `offset`, is that of the given PSF. One whose derivatives
+        are recorded stays, since each of its pixels counts.
+        """
+        if self.psf_offset == (0, 0) or self.psf.requires_grad:
+            return self
+        return replace(self, psf=about_offset(self.psf, self.psf_offset), offset=self.psf_offset)
+
+    @cached_property
+    def psf_radius(self) -> float:
+        """The root mean square radius of the PSF about its centroid, in pixels."""
+        psf = self.psf.detach().to(torch.float64).clamp(min=0)
+        share, radius = psf / psf.sum(), 0.0
+        for axis in (0, 1):
+            line = share.sum(1 - axis)
+            place = torch.arange(line.numel(), dtype=torch.float64, device=line.device)
+            radius += float((line * (place - (line * place).sum()) ** 2).sum())
+        return math.sqrt(radius)
+
+    @cached_property
+    def unit(self) -> float:
+        """The power of two below the photograph's brightest pixel, the unit of in_own_unit().
+
+        The told noise takes the place of a dark photograph's light.
+        """
+        light = float(self.image.detach().abs().max()) or self.given_noise or self.least_noise
+        return math.ldexp(1.0, math.frexp(light)[1] - 1) if light else 1.0
+
+    @cached_property
+    def in_own_unit(self) -> Self:
+        """The same problem of deconvolution with the photograph's brightest pixel from 1 to 2.
+
+        Whatever the unit of the light, its squares are within single precision there, and what is
+        small is small relative to the picture. A power of two changes no digit.
+        """
+        if self.unit == 1:
+            return self
+        variance = self.variance
+        if variance is not None:
+            variance = (variance.to(torch.float64) / self.unit / self.unit).to(self.image)
+        return replace(
+            self,
+            image=self.image / self.unit,
+            given_noise=None if self.given_noise is None else self.given_noise / self.unit,
+            least_noise=self.least_noise / self.unit,
+            variance=variance,
+        )
+
+    @cached_property
+    def period_shape(self) -> tuple[int, int]:
+        """The (rows, columns) of the period on which the photograph is deconvolved."""
+        rows, columns = self.image.shape
+        frame = rows, columns
+        return frame if self.border == "periodic" else blur_shape(frame, self.psf.shape)
+
+    @cached_property
+    def otf(self) -> torch.Tensor:
+        """The OTF of the normalised PSF on the period of the deconvolution, complex."""
+        return transfer_function(self.psf / self._psf_light, self.period_shape)
+
+    @cached_property
+    def scale(self) -> float:
+        """The scale of the scene's light, which sets a deconvolution's thresholds and weights.
+
+        It is the photograph's standard deviation over the sum of the PSF, but at least 1e-3 of the
+        mean; 1 for a dark photograph.
+        """
+        # Statistics of every n-th row are enough, as long as there are at least 128 rows. An odd n
+        # sees all rows of a mosaic.
+        image = self.image.detach()[:: max(1, len(self.image) >> 7) | 1].to(torch.float64)
+        spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
+        return spread / self.psf_sum if spread > 0 else 1.0
+
+    @cached_property
+    def squared_mtf(self) -> torch.Tensor:
+        """The squared MTF ``|H|²`` on the period of the deconvolution."""
+        return squared_modulus(self.otf)
+
+    @cached_property
+    def conjugate_otf(self) -> torch.Tensor:
+        """The complex conjugate H* of the OTF on the period of the deconvolution."""
+        return self.otf.conj().resolve_conj()
+
+    @cached_property
+    def power_law(self) -> PowerLaw:
+        """The power law and noise of the spectrum of the photograph to be deconvolved.
+
+        The power law is in the photograph's unit squared.
+        """
+        own = self.in_own_unit
+        return self._fitted_power_law() if own is self else own.power_law.in_unit(self.unit)
+
+    def _fitted_power_law(self) -> PowerLaw:
+        """Fit the power law of the photograph to deconvolve, of which only the middle is used."""
+        trust = self.effective_weights
+        return fit_power_law(
+            self._centre,
+            self.psf / self.psf_sum,
+            finds_model_error=trust is None or bool((trust > 0).all()),
+        )
+
+    @property
+    def _centre(self) -> torch.Tensor:
+        """The middle of the photograph, whose spectrum is fitted for the deconvolution."""
+        return centred_crop(self.inpainted_image.detach(), self._centre_shape) * self.psf_sum
+
+    @property
+    def centre_spectrum(self) -> PhotographSpectrum | None:
+        """The spectrum of the middle of the photograph to deconvolve; None without structure."""
+        return PhotographSpectrum.of(self._centre)
+
+    @property
+    def wiener_prediction(self) -> WienerPrediction:
+        """The prediction of what Wiener deconvolution restores, from the photograph's power law."""
+        return self.power_law.wiener_prediction(
+            self._squared_mtf_on(self._centre_shape), self._centre_shape
+        )
+
+    def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
+        """Compute the squared MTF ``|H|²`` for deconvolution on a period of the given shape."""
+        return squared_modulus(transfer_function(self.psf / self.psf_sum, shape))
+
+    @property
+    def _centre_shape(self) -> tuple[int, int]:
+        """The (rows, columns) of the photograph's middle, whose spectrum a deconvolution fits.
+
+        512 pixels, or four times the PSF, are enough for the fit.
+        """
+        rows, columns = (
+            min(n, max(512, 4 * m)) for n, m in zip(self.image.shape, self.psf.shape, strict=True)
+        )
+        return rows, columns
+
+    @cached_property
+    def noise(self) -> float:
+        """The noise of the photograph to be deconvolved: a pixel's standard deviation.
+
+        The deviation is for a pixel of weight 1. It is given or estimated, in the unit of the
+        image.
+        """
+        if self.given_noise is not None:
+            return self.given_noise
+        return max(math.sqrt(self.power_law.noise_variance), self.least_noise)
+
+    @property
+    def scene_noise(self) -> float:
+        """The noise of the photograph to be deconvolved, divided by the sum of the PSF.
+
+        The result isn't below the rounding error.
+        """
+        return max(self.noise / self.psf_sum, LEAST_NOISE * self.scale)
+
+    @cached_property
+    def disturbance(self) -> float:
+        """The noise against which a deconvolution weighs its prior, on the scale of the scene.
+
+        It includes what the PSF's error does, whether the noise is told or estimated: see
+        `PowerLaw.model_error_variance`. A residual is relative to `scene_noise` instead.
+        """
+        error = self.power_law.model_error_variance / self.psf_sum**2
+        return math.hypot(self.scene_noise, math.sqrt(error))
+
+    def explained_share(self, mean_squared_residual: float) -> float:
+        """Return the share of the data that a restored picture explains, at least a small one.
+
+        mean_squared_residual: of the picture, relative to `scene_noise`. The share is of what
+        exceeds the larger of told and estimated noise: noise that is told a little too small
+        would leave nothing explained.
+        """
+        estimated = self.power_law.total_variance / self.psf_sum**2
+        left = mean_squared_residual * self.scene_noise**2 / max(self.disturbance**2, estimated)
+        return max(1 - left, MIN_EXPLAINED_SHARE)
+
+    @cached_property
+    def normalised_image(self) -> torch.Tensor:
+        """The photograph to be deconvolved on the scale of the scene's light.
+
+        The photograph is divided by the sum of the PSF.
+        """
+        return self.image / self._psf_light
+
+    @cached_property
+    def inpainted_image(self) -> torch.Tensor:
+        """The normalised photograph for deconvolution, with unusable pixels filled in.
+
+        Pixels of weight 0 are filled in from their neighbours.
+        """
+        if self.effective_weights is None:
+            return self.normalised_image
+        known = self.effective_weights > 0
+        return (
+            self.normalised_image if bool(known.all()) else _inpaint(self.normalised_image, known)
+        )
+
+    @cached_property
+    def extended_image(self) -> torch.Tensor:
+        """The inpainted photograph, extended smoothly to the whole period of the deconvolution.
+
+        Opposite edges of the period meet smoothly. With a dark border, zeros surround the
+        photograph instead.
+        """
+        if self.border == "dark":
+            return centred_pad(self.inpainted_image, self.period_shape)
+        return extend_periodically(self.inpainted_image, self.period_shape)
+
+    @cached_property
+    def support(self) -> torch.Tensor | None:
+        """The mask of where the deconvolved scene may have light: 1 there; None if everywhere.
+
+        The mask covers the whole period.
+        """
+        if self.border != "dark":
+            return None
+        return centred_pad(torch.ones_like(self.image), self.period_shape)
+
+    def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
+        """Crop a deconvolved picture on the whole period to the photograph's frame, as a view."""
+        return centred_crop(period_image, self.image.shape)
+
+    def crop_to_picture(self, period_image: torch.Tensor) -> torch.Tensor:
+        """Crop a deconvolved picture on the whole period to its own frame: see `offset`.
+
+        Beyond the period, the picture goes on as at its edge.
+        """
+        if self.offset == (0, 0):
+            return self.crop_to_frame(period_image)
+        return shifted_window(
+            period_image, self.offset, tuple(self.image.shape), self.border == "periodic"
+        )
+
+    @property
+    def picture_window(self) -> tuple[slice, slice]:
+        """The rows and columns of the deconvolution's period that the picture's frame shows."""
+        if self.border == "periodic":
+            return slice(None), slice(None)
+        first = [
+            whole // 2 - n // 2 + shift
+            for whole, n, shift in zip(
+                self.period_shape, self.image.shape, self.offset, strict=True
+            )
+        ]
+        rows, columns = (
+            slice(max(one, 0), max(one + n, 0))
+            for one, n in zip(first, self.image.shape, strict=True)
+        )
+        return rows, columns
+
+    @property
+    def bands(self) -> int:
+        """The number of the scene's bands that a deconvolution restores."""
+        return 1
+
+    @property
+    def needs_filters(self) -> bool:
+        """Whether the photograph to deconvolve was taken through a mosaic of filters."""
+        return False
+
+    @property
+    def squared_response(self) -> torch.Tensor:
+        """The squared response of blur and filters to each frequency, to be deconvolved.
+
+        It is a mean over the pixels.
+        """
+        return self.squared_mtf
+
+    @property
+    def filter_power(self) -> float | torch.Tensor:
+        """The squared transmission of the sensor's filters, summed over the bands to deconvolve."""
+        return 1.0
+
+    @property
+    def channels(self) -> tuple[Observation, torch.Tensor]:
+        """The photograph as one of the blurred light of each channel, and how bands mix into it.
+
+        The mixing is (channels, bands). A deconvolution of many bands splits off the light of the
+        sensor's channels, which are fewer.
+        """
+        return self, torch.eye(self.bands, dtype=torch.float64)
+
+    def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
+        """Return what the sensor measures of the deconvolved bands' light in the frame.
+
+        `light` is (bands, rows, columns), and the result is (1, rows, columns), on the scale of
+        `normalised_image`.
+        """
+        return light
+
+    def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
+        """Apply the adjoint of sum_bands() to a picture in the deconvolution's frame."""
+        return frame
+
+    @torch.no_grad()
+    def mean_squared_residual(self, light: torch.Tensor) -> float:
+        """Compute a deconvolution's mean squared residual, relative to the noise variance.
+
+        The residual is the normalised photograph less `light`, the blurred picture on the whole
+        period. The mean is over pixels with a weight.
+        """
+        squares = (self.sum_bands(self.crop_to_frame(light)) - self.normalised_image).square_()
+        if self.effective_weights is None:
+            mean = float(squares.mean())
+        else:
+            mean = float(
+                squares.mul_(self.effective_weights).sum() / (self.effective_weights > 0).sum()
+            )
+        return mean / self.scene_noise**2
+
+
+def _require_less_noise(image: torch.Tensor, noise: float | None) -> None:
+    """Raise ValueError for a told noise beside which the photograph to deconvolve is nothing."""
+    brightest = float(image.detach().abs().max())
+    if noise is not None and brightest > 0 and noise > brightest:
+        raise ValueError(
+            f"noise is {noise:g}, and the photograph's largest pixel {brightest:g}; give the "
+            "standard deviation of a pixel in the photograph's unit, or leave it out"
+        )
+
+
+def require_weights(weights: torch.Tensor) -> None:
+    """Raise ValueError for deconvolution weights that are negative, all zero or not finite."""
+    require_finite("weights", weights)
+    if bool((weights < 0).any()) or not bool((weights > 0).any()):
+        raise ValueError("weights must be positive somewhere, and negative nowhere")
+
+
+def require_psf(psf: torch.Tensor) -> None:
+    """Raise ValueError for a PSF that can't be deconvolved: not finite, or no positive sum."""
+    if not torch.isfinite(psf).all():
+        raise ValueError("psf has NaN or infinite values; measure or compute it again")
+    light = float(psf.detach().sum())
+    if not light > 0:
+        raise ValueError(f"psf sums to {light:g}; it must send light somewhere")
+
+
+def _require_share(psf: torch.Tensor) -> None:
+    """Raise ValueError for a PSF that sends more light than there is to deconvolve."""
+    light = float(psf.detach().sum())
+    if light > _MOST_LIGHT:
+        raise ValueError(
+            f"psf sums to {light:g}; the sum is the share of the scene's light that arrives, at "
+            "most 1: divide the PSF by its sum"
+        )
+
+
+def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
+    """Fill pixels that a deconvolution can't use with the mean of the nearest valid ones."""
+    value = torch.where(valid, image, 0.0)[None, None]
+    share = valid.to(image)[None, None]
+    answer, missing = value.clone(), share == 0
+    pool: Callable[..., torch.Tensor] = torch.nn.functional.avg_pool2d
+    while bool(missing.any()):
+        value, share = (pool(one, 3, 1, 1) for one in (value, share))
+        found = missing & (share > 1e-12)
+        answer[found] = value[found] / share[found]
+        missing &= ~found
+        if not bool(found.any()):
+            # Some 25 pixels deep in a gap, too little arrives: what is filled counts as valid.
+            value, share = torch.where(missing, 0.0, answer), (~missing).to(image)
+    return answer[0, 0]

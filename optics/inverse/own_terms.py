@@ -1,0 +1,129 @@
+"""Restoration in terms of the photograph itself: its unit, and a centred PSF.
+
+The unit of the light and the place of the PSF's origin are conventions, on which no restored detail
+may depend. Restorations are therefore decorated by `in_own_unit` and `with_centred_psf`.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, ParamSpec
+
+import torch
+
+from optics.inverse.observation import Observation
+from optics.inverse.psf_origin import shifted_window
+from optics.inverse.restored_image import RestoredImage
+
+Given = ParamSpec("Given")
+
+Power = float | Callable[[dict[str, Any]], float]
+"""Power of the unit of light in an argument's unit: a number, or one that other arguments give."""
+
+
+def in_own_unit(
+    *, bounds: tuple[str, ...] = (), **powers: Power
+) -> Callable[[Callable[Given, RestoredImage]], Callable[Given, RestoredImage]]:
+    """Decorate a restoration to work in the photograph's own unit: see `Observation.in_own_unit`.
+
+    `powers` names the arguments that have a unit, and says which power of that of the light it is.
+    That of `weight` is the restored image's weight as well. A function's arguments and results are
+    light, where the power is 1. `bounds` names arguments that are light and may be negative; other
+    negative numbers are left for the restoration to refuse.
+    """
+
+    def decorate(solve: Callable[Given, RestoredImage]) -> Callable[Given, RestoredImage]:
+        signature = inspect.signature(solve)
+
+        @functools.wraps(solve)
+        def wrapper(*args: Given.args, **kwargs: Given.kwargs) -> RestoredImage:
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            given = bound.arguments
+            seen: Observation = _fresh(given["observation"])
+            if seen.unit == 1:
+                return solve(*bound.args, **bound.kwargs)
+            power = {name: one(given) if callable(one) else one for name, one in powers.items()}
+            units = dict.fromkeys(bounds, seen.unit)
+            units |= {name: seen.unit**one for name, one in power.items()}
+            for name, unit in units.items():
+                if name in bounds or not _is_refused(given[name]):
+                    given[name] = _over_unit(given[name], unit)
+            given["observation"] = seen.in_own_unit
+            found = solve(*bound.args, **bound.kwargs)
+            return _in_given_unit(found, seen.unit, units.get("weight", 1.0))
+
+        return wrapper
+
+    return decorate
+
+
+def _is_refused(value: Any) -> bool:
+    """Tell whether a restoration's argument is a number that isn't above 0, which it refuses."""
+    return isinstance(value, (int, float)) and not value > 0
+
+
+def _over_unit(value: Any, unit: float) -> Any:
+    """Return a restoration's argument in the photograph's own unit."""
+    if value is None:
+        return None
+    if callable(value):
+        return lambda light, *others: value(light * unit, *others) / unit
+    return value / unit
+
+
+def _in_given_unit(found: RestoredImage, unit: float, weight_unit: float) -> RestoredImage:
+    """Return a restored image in the unit of its photograph.
+
+    Raises ValueError if its light is larger than the largest number.
+    """
+    image, whole = found.image * unit, found.period_image
+    if unit > 1 and not bool(torch.isfinite(torch.as_tensor(image).detach()).all()):
+        most = torch.finfo(image.dtype).max
+        raise ValueError(
+            f"image restores to light above {most:.3g}, the largest number of its precision; "
+            "divide the photograph by 1000, and what has its unit"
+        )
+    return replace(
+        found,
+        image=image,
+        noise=found.noise * unit,
+        weight=None if found.weight is None else found.weight * weight_unit,
+        period_image=None if whole is None else whole * unit,
+    )
+
+
+def with_centred_psf(solve: Callable[Given, RestoredImage]) -> Callable[Given, RestoredImage]:
+    """Decorate a restoration so that a PSF whose light is off its origin only moves the picture.
+
+    The restoration gets a PSF with its light about the origin, and the frame in which the picture
+    stands where the given PSF puts it. So the picture from which iterations start, and what is dark
+    or unknown beyond the frame, fit the photograph. A map of bounds of the picture's frame leaves
+    all where it is.
+    """
+
+    @functools.wraps(solve)
+    def wrapper(*args: Given.args, **kwargs: Given.kwargs) -> RestoredImage:
+        seen: Any = args[0]
+        maps = [one for one in kwargs.values() if isinstance(one, torch.Tensor) and one.ndim > 1]
+        own = seen if maps else _fresh(seen).with_centred_psf()
+        if own.offset == seen.offset:
+            return solve(*args, **kwargs)
+        found = solve(own, *args[1:], **kwargs)  # type: ignore[arg-type]
+        whole = shifted_window(
+            found.period_image, own.offset, seen.period_shape, seen.border == "periodic"
+        )
+        return replace(found, period_image=whole)
+
+    return wrapper
+
+
+def _fresh(observation: Observation) -> Observation:
+    """Return the observation to deconvolve, without what it has computed if derivatives are wanted.
+
+    What was computed may not have recorded them.
+    """
+    return replace(observation) if observation.records_derivatives else observation
