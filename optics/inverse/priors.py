@@ -1,6 +1,7 @@
 """Priors of pictures for restoration by splitting; each is one split of the problem.
 
-They penalise derivatives of periodic pictures. Linearised at the solution, they give the derivative by what it depends on.
+They penalise derivatives of periodic pictures. Linearised at the solution, they give the derivative
+by what it depends on.
 """
 
 from __future__ import annotations
