@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from optics.camera import Camera
-from optics.ghost import ghost_field
+from optics.camera.ghost import ghost_field
 from optics.light.bands import Band
 from optics.plane import Plane
 

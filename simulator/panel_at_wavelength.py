@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from optics.camera import Panel
 from optics.slm import Modulator, PhaseResponse
-from optics.slm.phase_range import max_phase
+from optics.slm.panel import max_phase
 
 
 def phase_range_wavelengths(panel: Panel) -> tuple[float, float]:

@@ -28,7 +28,7 @@ from optics.inverse.observation import Observation
 from optics.inverse.observation_builder import build_observation
 from optics.metrics import psnr, ssim
 from optics.plane import Plane
-from optics.targets.stroke import draw_strokes
+from optics.targets.strokes import draw_strokes
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,9 @@ from labapp.accuracy.work_precision import CALLS, CUT, Deadline, Row, mark_front
 from labapp.common.errors import UserError
 from optics.edof.depth_bound import known_depth_bound
 from optics.edof.dioptres import random_dioptres
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.pattern_rating import rate_pattern
+from optics.edof.pattern_rating import SearchSettings, rate_pattern
 from optics.edof.pattern_search import RATED_DEPTHS, design_pattern
-from optics.edof.search_state import SearchSettings
+from optics.edof.picture_spectrum import FrequencyGrid
 from optics.progress import Progress
 
 STEPS = (10, 30, 100, 300, 1000)

@@ -33,10 +33,9 @@ from labapp.files.bench_file import BenchFile, read_bench
 from labapp.files.design_file import DesignContents, Grid, write_design
 from labapp.files.state_file import StateFile
 from labapp.files.writing import encode_image, write_atomically
-from optics.edof.pattern_rating import PatternRating
+from optics.edof.pattern_rating import DesignResult, PatternRating, SearchSettings, SearchState
 from optics.edof.pattern_search import DesignBand
 from optics.edof.pattern_transfer import PatternTransfer
-from optics.edof.search_state import DesignResult, SearchSettings, SearchState
 from optics.progress import Progress
 from optics.slm import phase_to_grey
 from optics.threads import single_threaded

@@ -10,11 +10,10 @@ import torch
 from labapp.common.errors import UserError
 from labapp.edof.trained_pattern import TrainedPattern
 from optics.camera import Camera
-from optics.edof.detector_psf import compute_transfer
 from optics.edof.dioptres import midpoint_dioptres
 from optics.edof.learned import CaptureFilter, WienerFront
 from optics.edof.protocol import EdofProtocol
-from optics.edof.protocol_psfs import CameraPSFs, compute_depth_psfs
+from optics.edof.protocol_psfs import CameraPSFs, compute_depth_psfs, compute_transfer
 from optics.edof.pupil_pattern import PupilPattern
 from optics.progress import Progress
 from optics.slm import grey_to_phase

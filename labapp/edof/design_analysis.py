@@ -13,18 +13,13 @@ from numpy.typing import NDArray
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_request import STARTS
 from optics.edof.depth_bound import known_depth_bound
-from optics.edof.detector_psf import compute_transfer
 from optics.edof.dioptres import midpoint_dioptres
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.pattern_rating import (
-    DepthMemory,
-    PatternRating,
-    rate_pattern,
-    rate_transfers,
-)
+from optics.edof.panel_transfer import QuarterTransfer
+from optics.edof.pattern_rating import DepthMemory, PatternRating, rate_pattern, rate_transfers
 from optics.edof.pattern_search import RATED_DEPTHS
 from optics.edof.pattern_transfer import PatternTransfer
-from optics.edof.quarter_transfer import QuarterTransfer
+from optics.edof.picture_spectrum import FrequencyGrid
+from optics.edof.protocol_psfs import compute_transfer
 from optics.edof.spectral_criterion import error_level, filter_error, known_depth_error
 from optics.plane import Plane
 from optics.progress import Progress

@@ -16,15 +16,23 @@ from labapp.files.design_file import read_design
 from labapp.files.picture.colour_picture import read_screen_colours
 from optics.camera import Camera, Panel
 from optics.edof.depth_bound import rms_transfer_limit
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.full_transfer import FullTransfer
-from optics.edof.panel_conditions import ConditionTransfer, PanelCondition, fold_into_range
+from optics.edof.panel_transfer import (
+    ConditionTransfer,
+    FullTransfer,
+    PanelCondition,
+    QuarterTransfer,
+    fold_into_range,
+)
 from optics.edof.parametrisation import PhaseParametrisation, make_parametrisation
 from optics.edof.pattern_search import DesignBand
 from optics.edof.pattern_transfer import PatternTransfer
-from optics.edof.picture_preparation import convert_to_luminance, decode_srgb
-from optics.edof.picture_spectrum import NATURAL_SPECTRUM, SpectrumModel, mean_spectrum
-from optics.edof.quarter_transfer import QuarterTransfer
+from optics.edof.picture_spectrum import (
+    NATURAL_SPECTRUM,
+    FrequencyGrid,
+    SpectrumModel,
+    mean_spectrum,
+)
+from optics.edof.protocol import convert_to_luminance, decode_srgb
 from optics.edof.transfer_design import WINDOW_REACH, TransferDesign
 from optics.patterns import (
     cubic_phase_mask,

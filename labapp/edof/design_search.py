@@ -6,9 +6,9 @@ import torch
 
 from labapp.edof.design_problem import EdofProblem
 from labapp.edof.design_state import DesignStateFile
+from optics.edof.pattern_rating import DesignResult, SearchState
 from optics.edof.pattern_search import design_pattern
 from optics.edof.pattern_transfer import PatternTransfer
-from optics.edof.search_state import DesignResult, SearchState
 from optics.progress import Cancelled, Progress
 
 

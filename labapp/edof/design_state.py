@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from labapp.files.state_file import StateFile
-from optics.edof.search_state import SearchState
+from optics.edof.pattern_rating import SearchState
 
 
 class DesignStateFile:

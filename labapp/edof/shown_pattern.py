@@ -12,7 +12,7 @@ from labapp.common.errors import UserError
 from labapp.edof.trained_pattern import TrainedPattern
 from optics.camera import Camera
 from optics.slm import grey_to_phase, phase_to_grey
-from optics.slm.flatness import flatness_phase
+from optics.slm.lut import flatness_phase
 
 _LEAST_STREHL = 0.98
 """Least Strehl ratio of the shown pattern against the trained one. Chosen: 0.14 rad rms. Rounding

@@ -17,9 +17,8 @@ from labapp.files.bench_file import BenchFile
 from labapp.files.design_file import DecoderContents, bundled_trained_design, read_design
 from labapp.files.reading import validate
 from optics.camera import Camera
-from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.learned import DecoderNetwork, DecoderSettings
-from optics.edof.picture_spectrum import SpectrumModel
+from optics.edof.picture_spectrum import FrequencyGrid, SpectrumModel
 from optics.slm import grey_to_phase
 
 BUNDLED_PATTERN = bundled_trained_design()

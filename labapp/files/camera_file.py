@@ -20,8 +20,8 @@ from labapp.files.quantities import Amount, Finite, Nanometres, Positive, Share
 from labapp.files.reading import FileModel, read_file, validate
 from labapp.files.sensor_file import SensorTable, with_sensor
 from optics.camera import Camera, Lens, Sensor
+from optics.camera.ghost import require_ghosts
 from optics.camera.stop import Circle, Stop, regular_polygon
-from optics.ghost import require_ghosts
 from optics.slm import Panel
 
 

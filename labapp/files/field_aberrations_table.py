@@ -6,13 +6,13 @@ from pydantic import model_validator
 
 from labapp.files.quantities import Finite, Positive
 from labapp.files.reading import FileModel
-from optics.field_aberrations import FieldAberrations
+from optics.camera.field_aberrations import FieldAberrations
 
 
 class FieldAberrationsTable(FileModel):
     """Seidel's coefficients of a lens at an image height: W131, W222 and W220, nm of optical path.
 
-    optics.field_aberrations.FieldAberrations describes them.
+    optics.camera.field_aberrations.FieldAberrations describes them.
     """
 
     height_mm: Positive

@@ -6,11 +6,11 @@ from pydantic import model_validator
 
 from labapp.files.quantities import Amount, Finite, Share
 from labapp.files.reading import FileModel
-from optics.ghost import Ghost
+from optics.camera.ghost import Ghost
 
 
 class GhostTable(FileModel):
-    """One ghost of the lens; optics.ghost.Ghost describes it.
+    """One ghost of the lens; optics.camera.ghost.Ghost describes it.
 
     share is that of the light which falls on the sensor as this ghost, magnification the ghost's
     size over that of the picture, negative if it is turned by 180°, and blur_mm the diameter of the

@@ -21,7 +21,7 @@ from optics.light import (
     lamp_from_table,
     monochromatic,
 )
-from optics.light.sources import HALOGEN_TEMPERATURE
+from optics.light.spectrum import HALOGEN_TEMPERATURE
 
 Temperature = Annotated[float, Field(ge=1000, allow_inf_nan=False)]
 

@@ -102,7 +102,7 @@ class SpectraFile(FileModel):
     The nominal PSFs are in parts per million of the light, (bands, rows, columns), with their
     origin at n // 2. `response` is (channels, bands), with the light of white in each band.
     `deviation` and `covariance` are of the parameters in the order of
-    optics.multispectral.model_parameters: zeroth orders of the bands, size of the coded PSFs,
+    optics.multispectral.snapshot_model: zeroth orders of the bands, size of the coded PSFs,
     centres' y and x of the bands in pixels, natural logarithms of ratios.
     `indeterminate` says what frames and photographs can't tell.
     """

@@ -18,7 +18,7 @@ from labapp.refining.refinement_request import RefinementRequest
 from labapp.refining.sensor_view import SensorView
 from labapp.refining.start import RefinementStart
 from optics.progress import Progress
-from optics.retrieval.quality import measure_quality
+from optics.retrieval.phase_retrieval import measure_quality
 from optics.retrieval.slow_crystal import displayed_psf
 
 

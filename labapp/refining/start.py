@@ -18,7 +18,7 @@ from optics.camera import Camera
 from optics.retrieval.goal import RetrievalGoal
 from optics.retrieval.slow_crystal import shortest_panel_phases, usable_orders
 from optics.slm import grey_to_phase, phase_to_grey
-from optics.slm.flatness import flatness_phase
+from optics.slm.lut import flatness_phase
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from optics.multispectral import (
     SnapshotModel,
     calibrate_from_frames,
 )
-from optics.multispectral.calibration_frames import StarFrames
+from optics.multispectral.frame_calibration import StarFrames
 from optics.progress import Progress
 
 Stack = NDArray[np.float64]

@@ -22,11 +22,9 @@ from labapp.studies.edof_pattern import (
 from optics import metrics
 from optics.camera import Camera
 from optics.edof.decoders import BlindDecoder, blind_wiener, decoding_transfers
-from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.learned import learned_decoder
-from optics.edof.picture_preparation import encode_srgb
-from optics.edof.picture_spectrum import NATURAL_SPECTRUM
-from optics.edof.protocol import STRICT, EdofProtocol
+from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid
+from optics.edof.protocol import STRICT, EdofProtocol, encode_srgb
 from optics.edof.protocol_psfs import compute_depth_psfs
 from optics.edof.pupil_pattern import PupilPattern
 from optics.plane import centred_crop

@@ -8,7 +8,13 @@ from optics.accuracy.account import (
     Result,
     account_as_dict,
 )
-from optics.accuracy.budget import Budget, MachineSpeed, plan_budget
+from optics.accuracy.budget import (
+    Budget,
+    MachineSpeed,
+    limit_planning_time,
+    plan_budget,
+    require_planning_time,
+)
 from optics.accuracy.choice import (
     CandidateMethod,
     DearerThanOthersError,
@@ -18,7 +24,6 @@ from optics.accuracy.choice import (
     cheapest_candidate,
     select_methods,
 )
-from optics.accuracy.planning_time import limit_planning_time, require_planning_time
 from optics.accuracy.tolerance_error import (
     ToleranceError,
     require_memory,

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Generic, TypeVar
 
-from optics.accuracy.budget import Budget, MachineSpeed
-from optics.accuracy.planning_time import require_planning_time
+from optics.accuracy.budget import Budget, MachineSpeed, require_planning_time
 from optics.accuracy.tolerance_error import (
     ToleranceError,
     combine_refusals,

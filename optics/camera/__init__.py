@@ -5,6 +5,9 @@
 `system_mtf` the sharpness and light that the optics predicts.
 """
 
-from optics.camera.camera import Camera, Ghost, Lens, Panel, Sensor
+from optics.camera.camera import Camera, Lens
+from optics.camera.ghost import Ghost
+from optics.sensor.sensor import Sensor
+from optics.slm.panel import Panel
 
 __all__ = ["Camera", "Ghost", "Lens", "Panel", "Sensor"]

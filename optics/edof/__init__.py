@@ -24,16 +24,19 @@ from optics.edof.dioptres import (
     random_dioptres,
 )
 from optics.edof.evaluation import evaluate_patterns
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.full_transfer import FullTransfer
+from optics.edof.panel_transfer import FullTransfer, QuarterTransfer
 from optics.edof.parametrisation import PARAMETRISATIONS, make_parametrisation
-from optics.edof.pattern_rating import PatternRating, rate_pattern
+from optics.edof.pattern_rating import (
+    DesignResult,
+    PatternRating,
+    SearchSettings,
+    SearchState,
+    rate_pattern,
+)
 from optics.edof.pattern_search import DesignBand, design_pattern
-from optics.edof.picture_spectrum import NATURAL_SPECTRUM, measure_picture_spectrum
+from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid, measure_picture_spectrum
 from optics.edof.protocol import AUTHORS, HIGH_NOISE, LOW_NOISE, STRICT, EdofProtocol
 from optics.edof.pupil_pattern import STOP_DIAMETERS, PupilPattern, round_stop
-from optics.edof.quarter_transfer import QuarterTransfer
-from optics.edof.search_state import DesignResult, SearchSettings, SearchState
 from optics.edof.training_spectrum import measure_training_spectrum
 from optics.edof.transfer_design import TransferDesign
 

@@ -1,61 +1,204 @@
-"""Bound what any pattern can reach over a range of depths, with a linear filter or the depth known.
-
-A pupil P of modulus 1 at most, in focus at D0, has for an object at the depth D (in dioptres) the
-OTF at the pupil shift s = wavelength x image distance x frequency
-
-    H(s, D) = (1 / A) integral of P(p + s / 2) P*(p - s / 2) exp(2 pi i e p.s / wavelength) dp,
-
-where e = D - D0, and A is the light of the open pupil. The defocus phases
-pi / wavelength e |p +- s / 2|² leave the difference 2 pi e p.s / wavelength, which changes along s
-only. With t the position along s, and g(t) the integral of P(p + s / 2) P*(p - s / 2) across s,
-
-    H = (1 / A) integral of g(t) exp(2 pi i e |s| t / wavelength) dt.
-
-It is a Fourier transform from t to e |s| / wavelength, and by Parseval's theorem
-
-    integral over all D of |H|² dD = wavelength / (|s| A²) integral of |g(t)|² dt.
-
-|g(t)| is at most the width w(t) of the overlap of the shifted pupils. So over a range R of
-dioptres, whatever the pattern, the mean of |H|² is at most
-
-    wavelength / (|s| R A²) integral of w(t)² dt.
-
-It is also at most the square of the OTF in focus without a pattern, the overlap's area over A.
-
-The sensor's samples fold all orders f + m, with m whole cycles per pixel, onto the frequency f. The
-root mean square over depth of the sum of the orders is at most the sum of their root mean squares
-(Minkowski's inequality).
-
-For known depth, the error S sigma² / (S |H|² + sigma²) is convex in |H|² and falls with it. By
-Jensen's inequality its mean over depth is at least its value at the mean of |H|², and hence at the
-limit of that. Restoration that doesn't know the depth can't do better.
-
-The bound is proved for patterns on the panel or masks in its plane, of any phase and of any
-modulus up to 1, for paraxial optics of one wavelength without aberrations, for depths that are
-uniform over a *continuous* range of dioptres, for restoration by linear filters, and for the mean
-over pictures of the squared error, with the power spectrum given. It doesn't hold for a few
-discrete depths, for single pictures, or for non-linear restoration.
-
-References
-----------
-A. Levin et al., ACM Trans. Graph. 28(3), 97, 2009, doi 10.1145/1531326.1531403, who bound the power
-over a "focal manifold" in the same way; J. W. Goodman, Introduction to Fourier Optics, chapter 6.
-"""
+"""Bound what any pattern can reach over a range of depths, by the overlap of shifted pupils."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Literal
 
 import torch
 
 from optics.camera import Camera
 from optics.camera.pupil import pupil_amplitude, require_valid_source
+from optics.camera.stop import Circle
 from optics.edof.dioptres import DEPTH_RANGE, require_depth_range
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.picture_spectrum import averaging_transfer
-from optics.edof.pupil_overlap import ConvexPupil, Rule, convex_pupil, overlap_integrals
+from optics.edof.picture_spectrum import FrequencyGrid, averaging_transfer
 from optics.edof.spectral_criterion import error_level, noise_variance
+from optics.gauss_legendre import gauss_legendre
 from optics.validation import accepts_numpy, as_number, require_count
+
+Rule = Literal["gauss-legendre", "midpoint"]
+
+_CHUNK_POINTS = 1 << 20
+"""Points of the quadrature that are in memory at a time; they take 8 MiB an array. Chosen."""
+
+_PARALLEL = 1e-12
+"""Sine of an angle below which a pupil's edge counts as parallel to a line."""
+
+
+@dataclass(frozen=True)
+class ConvexPupil:
+    """Describe a convex open pupil: half-planes, and a disc if the stop is round; metres.
+
+    Parameters
+    ----------
+    normals : tuple of (float, float)
+        Outward normals (y, x) of the edges, of length 1.
+    offsets : tuple of float
+        Distances of the edges from the origin along their normals.
+    disc : tuple of (float, float, float), optional
+        Radius and centre (y, x) of the disc.
+    corners : tuple of (float, float), optional
+        Corners (y, x) of a polygonal stop's opening, which limit the overlap's length.
+    """
+
+    normals: tuple[tuple[float, float], ...]
+    offsets: tuple[float, ...]
+    disc: tuple[float, float, float] | None = None
+    corners: tuple[tuple[float, float], ...] = ()
+
+
+def convex_pupil(camera: Camera) -> ConvexPupil:
+    """Return the smallest convex pupil that contains the open pupil of a camera's panel.
+
+    It is the panel's rectangle cut by the opening of the stop. Obscurations count as open.
+
+    Raises
+    ------
+    ValueError
+        If the stop's opening isn't convex.
+    """
+    panel, opening = camera.panel, camera.lens.stop.opening
+    radius = as_number(camera.lens.stop_diameter) / 2
+    normals: list[tuple[float, float]] = []
+    offsets: list[float] = []
+    for axis, normal in ((0, (1.0, 0.0)), (1, (0.0, 1.0))):
+        count = panel.shape[axis]
+        # The origin is the pixel count // 2, whose centre lies on the axis.
+        low, high = (0.5 + count // 2) * panel.pitch, (count - count // 2 - 0.5) * panel.pitch
+        normals += [normal, (-normal[0], -normal[1])]
+        offsets += [high, low]
+    if isinstance(opening, Circle):
+        y, x = opening.centre
+        disc = opening.radius * radius, y * radius, x * radius
+        return ConvexPupil(tuple(normals), tuple(offsets), disc)
+    if not opening.is_convex:
+        raise ValueError("camera.lens.stop has an opening that isn't convex; the bound needs one")
+    for (y0, x0), (y1, x1) in opening.edges:
+        length = math.hypot(y1 - y0, x1 - x0)
+        # Corners go from x towards y, with the inside to the left of each edge.
+        normal = (-(x1 - x0) / length, (y1 - y0) / length)
+        normals.append(normal)
+        offsets.append(radius * (normal[0] * y0 + normal[1] * x0))
+    corners = tuple((radius * y, radius * x) for y, x in opening.corners)
+    return ConvexPupil(tuple(normals), tuple(offsets), corners=corners)
+
+
+def overlap_integrals(
+    pupil: ConvexPupil,
+    sy: torch.Tensor,
+    sx: torch.Tensor,
+    *,
+    nodes: int = 100,
+    rule: Rule = "gauss-legendre",
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Compute integrals over t of the overlap width w(t) of a pupil and of its square.
+
+    Parameters
+    ----------
+    pupil : ConvexPupil
+        The pupil.
+    sy, sx : torch.Tensor, (shifts,)
+        Shift of the copies along y and x, metres.
+    nodes : int, optional
+        Nodes of the quadrature over t. Measured for the panel's rectangle: 100 change the
+        bound by less than .001 dB against 300.
+    rule : {"gauss-legendre", "midpoint"}, optional
+        The quadrature; the other one serves to check the first.
+
+    Returns
+    -------
+    tuple of torch.Tensor, each (shifts,), float64
+        Overlap area in square metres, and the integral of w(t)² in cubic metres.
+    """
+    require_count("nodes", nodes)
+    points, weights = _unit_rule(nodes, rule)
+    areas, squares = [], []
+    size = max(1, _CHUNK_POINTS // nodes)
+    for one_y, one_x in zip(
+        torch.split(sy.double(), size), torch.split(sx.double(), size), strict=True
+    ):
+        low, high = _overlap_reach(pupil, one_y, one_x)
+        length = (high - low).clamp(min=0.0)
+        t = low[:, None] + length[:, None] * points
+        width = _overlap_width(pupil, one_y, one_x, t)
+        areas.append(length * (width @ weights))
+        squares.append(length * (width**2 @ weights))
+    return torch.cat(areas), torch.cat(squares)
+
+
+def _unit_rule(nodes: int, rule: str) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return nodes and weights from 0 to 1 for the integral over a pupil overlap's length."""
+    if rule == "midpoint":
+        points = (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
+        return points, torch.full_like(points, 1 / nodes)
+    if rule != "gauss-legendre":
+        raise ValueError(f"rule is {rule!r}; choose gauss-legendre or midpoint")
+    found, weights = gauss_legendre(nodes)
+    return torch.from_numpy((found + 1) / 2), torch.from_numpy(weights / 2)
+
+
+def _direction(sy: torch.Tensor, sx: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the unit vector along the shift of a pupil's copies; that of x for no shift."""
+    length = torch.hypot(sy, sx)
+    safe = torch.where(length > 0, length, torch.ones_like(length))
+    return torch.where(length > 0, sy / safe, 0.0), torch.where(length > 0, sx / safe, 1.0)
+
+
+def _overlap_reach(
+    pupil: ConvexPupil, sy: torch.Tensor, sx: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return limits along the shift that contain the overlap of a pupil's copies.
+
+    They are those of the panel's rectangle, and of the disc or the polygon of the stop.
+    """
+    uy, ux = _direction(sy, sx)
+    half = torch.hypot(sy, sx) / 2
+    (top, bottom, right, left) = pupil.offsets[:4]
+    high = torch.maximum(uy * top, -uy * bottom) + torch.maximum(ux * right, -ux * left) - half
+    low = -torch.maximum(-uy * top, uy * bottom) - torch.maximum(-ux * right, ux * left) + half
+    if pupil.disc:
+        radius, y, x = pupil.disc
+        middle = uy * y + ux * x
+        high = torch.minimum(high, middle + radius - half)
+        low = torch.maximum(low, middle - radius + half)
+    if pupil.corners:
+        along = torch.stack([uy * y + ux * x for y, x in pupil.corners])
+        high = torch.minimum(high, along.amax(0) - half)
+        low = torch.maximum(low, along.amin(0) + half)
+    return low, high
+
+
+def _overlap_width(
+    pupil: ConvexPupil, sy: torch.Tensor, sx: torch.Tensor, t: torch.Tensor
+) -> torch.Tensor:
+    """Return the width across the shift of the overlap of a pupil's copies, (shifts, positions).
+
+    A line across the shift meets each half-plane and disc in an interval, and the convex overlap in
+    the intersection of them all.
+    """
+    uy, ux = (one[:, None] for one in _direction(sy, sx))
+    low, high = torch.full_like(t, -math.inf), torch.full_like(t, math.inf)
+    empty = torch.zeros_like(t, dtype=torch.bool)
+    for (my, mx), offset in zip(pupil.normals, pupil.offsets, strict=True):
+        # Of the two copies of an edge, the one further in limits the overlap.
+        limit = offset - (my * sy + mx * sx).abs()[:, None] / 2 - t * (my * uy + mx * ux)
+        across = mx * uy - my * ux
+        parallel = across.abs() < _PARALLEL
+        bound = limit / torch.where(parallel, 1.0, across)
+        high = torch.where(~parallel & (across > 0), torch.minimum(high, bound), high)
+        low = torch.where(~parallel & (across < 0), torch.maximum(low, bound), low)
+        empty |= parallel & (limit < 0)
+    if pupil.disc:
+        radius, y, x = pupil.disc
+        middle = y * -ux + x * uy
+        for sign in (-1.0, 1.0):
+            along = t - (uy * y + ux * x) - sign * torch.hypot(sy, sx)[:, None] / 2
+            rest = radius**2 - along**2
+            half = rest.clamp(min=0.0).sqrt()
+            empty |= rest < 0
+            high, low = torch.minimum(high, middle + half), torch.maximum(low, middle - half)
+    return torch.where(empty, 0.0, (high - low).clamp(min=0.0))
 
 
 def rms_transfer_limit(

@@ -33,9 +33,16 @@ from typing import Literal
 import torch
 
 from optics.edof.dioptres import DEPTH_RANGE, midpoint_dioptres, require_depth_range
-from optics.edof.pattern_rating import DepthMemory, PatternRating, rate_pattern
+from optics.edof.pattern_rating import (
+    DepthMemory,
+    DesignResult,
+    PatternRating,
+    SearchSettings,
+    SearchState,
+    rate_pattern,
+    settings_for,
+)
 from optics.edof.pattern_transfer import DepthTransfer
-from optics.edof.search_state import DesignResult, SearchSettings, SearchState, settings_for
 from optics.edof.spectral_criterion import error_level, filter_error, known_depth_error
 from optics.progress import Progress
 from optics.threads import single_threaded

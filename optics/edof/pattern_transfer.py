@@ -10,7 +10,7 @@ import torch
 
 from optics.edof.dioptres import require_dioptres
 from optics.edof.field_maps import FieldMap
-from optics.edof.frequency_grid import FrequencyGrid
+from optics.edof.picture_spectrum import FrequencyGrid
 from optics.edof.transfer_design import TransferDesign
 from optics.fourier import unit_phasor
 from optics.fourier.differentiation import differentiate_once

@@ -9,8 +9,7 @@ from typing import Literal
 
 import torch
 
-from optics.edof.picture_preparation import LightScale, encode_srgb
-from optics.edof.protocol import EdofProtocol
+from optics.edof.protocol import EdofProtocol, LightScale, encode_srgb
 from optics.metrics import psnr, ssim
 from optics.plane import centred_crop
 

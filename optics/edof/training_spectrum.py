@@ -7,10 +7,8 @@ from collections.abc import Iterable, Iterator
 import torch
 
 from optics.edof.decoders import Spectrum
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.picture_preparation import prepare_scene
-from optics.edof.picture_spectrum import fit_spectrum_model, mean_spectrum
-from optics.edof.protocol import EdofProtocol
+from optics.edof.picture_spectrum import FrequencyGrid, fit_spectrum_model, mean_spectrum
+from optics.edof.protocol import EdofProtocol, prepare_scene
 
 
 def measure_training_spectrum(

@@ -10,15 +10,12 @@ transforms share one interface: call, adjoint, bytes, predicted processor time a
 Phases are reduced to one turn in float64 before they are stored in single precision.
 """
 
-from optics.fourier.chirp import ChirpTransform
-from optics.fourier.commensurate import CommensurateTransform
 from optics.fourier.fft import fast_fft_length, fft, irfft2, rfft, rfft2, rfft_column_weights
-from optics.fourier.geometry import FourierGeometry, unit_phasor
 from optics.fourier.gridded import GriddedTransform
-from optics.fourier.matrix import MatrixTransform
 from optics.fourier.nonuniform import NonuniformTransform
-from optics.fourier.transform import Transform
-from optics.fourier.transform_choice import plan_transform, valid_transforms
+from optics.fourier.separable import ChirpTransform, CommensurateTransform
+from optics.fourier.transform import FourierGeometry, Transform, unit_phasor
+from optics.fourier.transform_choice import MatrixTransform, plan_transform, valid_transforms
 
 __all__ = [
     "ChirpTransform",

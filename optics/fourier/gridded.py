@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
 from optics.fourier.fft import fft, fft_operations
-from optics.fourier.geometry import FourierGeometry
 from optics.fourier.separable import AxisRule, SeparableTransform
+from optics.fourier.transform import FourierGeometry
 
 _FINER = 2.0
 """Oversampling: points of the grid onto which the input is spread, per image sample."""

@@ -1,17 +1,96 @@
-"""The list of Fourier transforms that are valid between two planes, and the choice among them."""
+"""The Fourier transforms that are valid between two planes, and the choice among them.
+
+The matrix transform, which always is, multiplies a field by a matrix of phases along each axis.
+"""
 
 from __future__ import annotations
 
 import torch
 
-from optics.accuracy import Budget, cheapest_candidate, select_methods
-from optics.fourier.chirp import ChirpTransform
-from optics.fourier.commensurate import CommensurateTransform
-from optics.fourier.geometry import FourierGeometry
+from optics.accuracy import Budget, MachineSpeed, cheapest_candidate, select_methods
 from optics.fourier.gridded import FINEST_GRIDDING, GriddedTransform
-from optics.fourier.matrix import MatrixTransform
-from optics.fourier.transform import PlaneTransform
+from optics.fourier.separable import ChirpTransform, CommensurateTransform
+from optics.fourier.transform import PASSES_PER_PHASOR, FourierGeometry, PlaneTransform, unit_phasor
 from optics.plane import Plane
+
+
+class MatrixTransform(PlaneTransform):
+    """Computes the Fourier transform by two matrix products, the fastest way to few samples.
+
+    It is exact to rounding.
+
+    Parameters
+    ----------
+    geometry : FourierGeometry
+        The two planes; the pupil's rows and columns may be unevenly spaced.
+    dtype : torch.dtype
+        complex64 or complex128.
+
+    References
+    ----------
+    R. Soummer et al., doi 10.1364/OE.15.015935.
+    """
+
+    name = "matrix DFT"
+
+    def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
+        super().__init__(geometry, dtype)
+        self._matrices: tuple[torch.Tensor, torch.Tensor] | None = None
+
+    def _kernel(self, axis: int) -> torch.Tensor:
+        g = self.geometry
+        u, x = g.image.coordinates(axis), g.pupil.coordinates(axis)
+        return unit_phasor(-torch.outer(u, x) / g.scale, self.dtype)
+
+    def _kernels(self, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
+        if self._matrices is None or self._matrices[0].device != device:
+            self._matrices = (self._kernel(0).to(device), self._kernel(1).to(device))
+        return self._matrices
+
+    def _forward(self, field: torch.Tensor) -> torch.Tensor:
+        rows, columns = self._kernels(field.device)
+        if self._rows_first:
+            return (rows @ field) @ columns.mT
+        return rows @ (field @ columns.mT)
+
+    def forward_axis(self, field: torch.Tensor, axis: int) -> torch.Tensor:
+        """Multiply a field by the matrix of one axis of the Fourier transform."""
+        kernel = self._kernels(field.device)[axis]
+        field = field.to(self.dtype)
+        return kernel @ field if axis == 0 else field @ kernel.mT
+
+    def _adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        rows, columns = self._kernels(field.device)
+        return rows.mH @ field @ columns.conj()
+
+    @property
+    def _rows_first(self) -> bool:
+        (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
+        return my * nx * (ny + mx) <= ny * mx * (nx + my)
+
+    def _products(self) -> int:
+        """Count the multiplications of numbers in a Fourier transform by matrices."""
+        (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
+        return min(my * nx * (ny + mx), ny * mx * (nx + my))
+
+    @property
+    def bytes(self) -> int:
+        """The memory in bytes of the largest arrays of a Fourier transform by matrices."""
+        (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
+        between = my * nx if self._rows_first else ny * mx
+        return self.dtype.itemsize * (my * ny + mx * nx + between + my * mx)
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor seconds of a Fourier transform by matrices at a machine's speed."""
+        touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
+        products = 4 * self._products() * speed.multiply_add + touched * speed.touch
+        seconds = products * self.precision_slowdown(speed) + self.allocation_seconds(speed)
+        return speed.call + seconds
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        """Predict the processor seconds of computing the matrices of the Fourier transform."""
+        (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
+        return (my * ny + mx * nx) * PASSES_PER_PHASOR * speed.touch
 
 
 def valid_transforms(

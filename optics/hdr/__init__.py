@@ -11,29 +11,30 @@ told.
 
 from optics.hdr.bracket import Bracket
 from optics.hdr.bracket_choice import (
+    LADDER_RATIOS,
     ChosenBracket,
     UnreachableSNR,
     WantedSNR,
     choose_bracket,
+    choose_ladder,
 )
-from optics.hdr.bracket_ladders import LADDER_RATIOS, choose_ladder
 from optics.hdr.bracket_noise import BracketNoise, estimate_bracket_noise
-from optics.hdr.coded_times import CodedTimes, check_coded_times
+from optics.hdr.coded_times import CodedTimes, check_coded_times, is_nominal, shutter_time
 from optics.hdr.defects import Defects, find_defects
 from optics.hdr.expected_accuracy import (
     ExpectedAccuracy,
     cramer_rao_variance,
     expected_accuracy,
 )
-from optics.hdr.exposure_factors import ExposureFactors, measure_exposure_factors
+from optics.hdr.exposure_factors import (
+    ExposureFactors,
+    explain_disorder,
+    find_disorder,
+    measure_exposure_factors,
+)
 from optics.hdr.exposure_limits import ExposureLimits, common_period
-from optics.hdr.exposure_order import explain_disorder, find_disorder
 from optics.hdr.frame_motion import FrameMotions, find_motions
-from optics.hdr.merging import merge
-from optics.hdr.metering import Meter, MeteredRange
-from optics.hdr.method_choice import choose_method, merge_seconds
-from optics.hdr.nominal_times import is_nominal, shutter_time
-from optics.hdr.radiance import (
+from optics.hdr.merging import (
     CLIPPED,
     DARK,
     DEFECTIVE,
@@ -42,7 +43,10 @@ from optics.hdr.radiance import (
     VALID,
     PixelState,
     RadianceEstimate,
+    merge,
 )
+from optics.hdr.metering import Meter, MeteredRange
+from optics.hdr.method_choice import choose_method, merge_seconds
 from optics.hdr.response_curve import HIGHEST, LOWEST, ResponseCurve, fit_response
 from optics.hdr.response_merging import merge_by_response
 from optics.hdr.scene_change import SceneChange, SceneLight, scene_change, scene_light

@@ -1,11 +1,6 @@
-"""Check the exposure times of 8-bit pictures whose response curve isn't known, by the frames alone.
+"""Check the exposure times of 8-bit pictures whose response curve isn't known, by the frames.
 
-Response curve and exposures are fitted together, to the numbers that pairs of frames have at the
-same places. What can be known: a curve and its power with all times to that power make the same
-pictures, so that two frames tell nothing, and of three frames nothing tells which time is wrong,
-but only that one is. Of four and more, one wrong time is known if the others stand: no smooth curve
-explains it (Grossberg and Nayar, IEEE Trans. Pattern Anal. Mach. Intell. 25, 2003, doi
-10.1109/TPAMI.2003.1240119).
+Cameras tell times that are rounded, and they differ from those of a ladder.
 """
 
 from __future__ import annotations
@@ -14,17 +9,151 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 
-from optics.hdr.level_pairs import compare_levels, frame_patches
-from optics.hdr.nominal_times import shutter_time
+from optics.hdr.response_curve import HIGHEST
 from optics.measuring import RigidMotion
 
+_STEPS_PER_STOP = 3
+
+_FAST = (
+    8000, 6400, 5000, 4000, 3200, 2500, 2000, 1600, 1250, 1000, 800, 640, 500, 400, 320, 250, 200,
+    160, 125, 100, 80, 60, 50, 40, 30, 25, 20, 15, 13, 10, 8, 6, 5, 4,
+)  # fmt: skip
+_SLOW = (
+    0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 15.0,
+    20.0, 25.0, 30.0, 60.0,
+)  # fmt: skip
+
+NOMINAL_TIMES = (*(1 / one for one in _FAST), *_SLOW)
+"""Customary exposure times of cameras, seconds, the shortest first."""
+
+_SAME = 0.006
+"""Relative difference up to which a time is a customary one. Chosen: .017 s is 1/60 s to 2 %, and
+isn't taken for it; .0167 s is."""
+
+
+def is_nominal(time: float) -> bool:
+    """Return whether an exposure time in seconds is one of the customary numbers."""
+    return any(abs(time / one - 1) < _SAME for one in NOMINAL_TIMES)
+
+
+def shutter_time(time: float) -> float:
+    """Return the exposure time that a camera means by a customary number: 1/64 s by 1/60 s.
+
+    time: seconds; others than customary ones are returned as they are.
+    """
+    if not is_nominal(time):
+        return time
+    return float(2.0 ** (round(_STEPS_PER_STOP * math.log2(time)) / _STEPS_PER_STOP))
+
+
 Array = NDArray[np.float64]
+
+_SIDE = 4
+"""Side of a patch in pixels. Chosen: its mean has a fourth of the noise, and few have edges."""
+
+_PATCHES = 100_000
+"""Patches of a frame, at most, evenly over it. Chosen."""
+
+_BORDER = 8
+"""Pixels at the border in which no patch lies. Chosen: scans have rims."""
+
+_LEAST, _LEAST_MEAN = 2, 12.0
+"""Least number of a patch's pixels, and of their mean: below, numbers are cut or rounded too
+coarsely. Chosen."""
+
+_CALM = (5.0, 8.0, 12.0, 20.0)
+"""Deviations within a patch up to which it is calm: the first that leaves enough patches. Chosen.
+"""
+
+_ENOUGH, _TOO_FEW = 600, 40
+"""Patches that are enough, and too few. Chosen."""
+
+_STEPS, _IN_STEP = 60, 20
+"""Steps along the two frames' numbers in each of which a median is taken, at most, and patches in a
+step, at least. Chosen."""
+
+_WIDEST = 30.0
+"""Range of the sum of both numbers within a step, at most. Chosen: curves are straight in it."""
+
+_ROUNDING = 0.06
+"""Deviation of a median that rounding leaves, numbers. Chosen."""
+
+_ALIKE, _APART = 4.0, 10.0
+"""Difference of numbers up to which both may be the darkness or the white of a film, which tells no
+light, where other numbers differ by more than the second one. Chosen."""
+
+
+class Patches(NamedTuple):
+    """Means and deviations of the numbers of small patches of a frame, and which ones count."""
+
+    mean: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+    counts: NDArray[np.bool_]
+
+
+def frame_patches(numbers: NDArray[Any], motion: RigidMotion) -> Patches:
+    """Return the patches of a frame's band, at places of the reference, to the nearest pixel.
+
+    numbers: (rows, columns). motion: of the frame.
+    """
+    middle = (np.array(numbers.shape)[:, None] - 1) / 2
+    step = max(_SIDE, round(math.sqrt(numbers.size / _PATCHES)))
+    inside = [
+        np.arange(_BORDER, max(n - _BORDER - _SIDE, _BORDER + 1), step) for n in numbers.shape
+    ]
+    corner = np.array([one.ravel() for one in np.meshgrid(*inside, indexing="ij")])
+    half = (_SIDE - 1) / 2
+    at = np.rint(motion.places(corner + half - middle) + middle - half).astype(np.intp)
+    last = np.array(numbers.shape)[:, None] - _SIDE
+    seen = ((at >= 0) & (at <= last)).all(axis=0)
+    row, column = np.clip(at, 0, last)
+    every = np.stack(
+        [numbers[row + down, column + right] for down in range(_SIDE) for right in range(_SIDE)]
+    ).astype(np.float32)
+    counts = seen & (every.max(axis=0) <= HIGHEST) & (every.min(axis=0) >= _LEAST)
+    mean = every.mean(axis=0)
+    return Patches(mean, every.std(axis=0), counts & (mean >= _LEAST_MEAN))
+
+
+def compare_levels(first: Patches, second: Patches) -> Array:
+    """Return numbers that two frames of a bracket have at the same places, (3, steps).
+
+    The rows are the numbers of the first and of the second frame, and the standard deviation of
+    their difference; there are no columns if too few patches are seen well in both.
+    """
+    both, deviation = first.counts & second.counts, np.maximum(first.deviation, second.deviation)
+    for limit in _CALM:
+        used = both & (deviation < limit)
+        if used.sum() >= _ENOUGH:
+            break
+    if used.sum() < _TOO_FEW:
+        return np.zeros((3, 0))
+    total = (first.mean + second.mean)[used].astype(np.float64)
+    away = (second.mean - first.mean)[used].astype(np.float64)
+    order = np.argsort(total)
+    each = max(_IN_STEP, len(order) // _STEPS)
+    found = []
+    for start in range(0, len(order) - each + 1, each):
+        few = order[start : start + each]
+        if np.ptp(total[few]) > _WIDEST:
+            continue
+        middle, whole = np.median(away[few]), np.median(total[few])
+        spread = 1.4826 * np.median(np.abs(away[few] - middle))
+        # A median's deviation is 1.25 times a mean's.
+        known = np.hypot(1.25 * spread / np.sqrt(each), _ROUNDING)
+        found.append(((whole - middle) / 2, (whole + middle) / 2, known))
+    pairs = np.array(found).reshape(-1, 3).T
+    differ = np.abs(pairs[1] - pairs[0])
+    if differ.max(initial=0) > _APART:
+        pairs = pairs[:, differ > _ALIKE]
+    return pairs
+
 
 _KNOTS = np.array([0.0] * 4 + [20, 40, 64, 96, 128, 160, 192, 216, 236] + [255.0] * 4)
 """Knots of the curve's cubic spline, numbers. A logarithm is added to it, which is the curve of any

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.hdr.bracket import Bracket
+from optics.hdr.clip_levels import least_variance
 from optics.hdr.merging import merge
-from optics.hdr.near_clipping import least_variance
 from optics.hdr.weighted_mean import Method
 
 Array = NDArray[np.float64]

@@ -1,12 +1,8 @@
-"""Measure how exposures of a bracket differ from what they were said to be, by the frames alone.
-
-Each frame's light is a factor times its exposure time times the radiance of each pixel. The
-factors, and the radiance of all pixels, are those of largest likelihood, with the noise that a
-sensor has; a common factor can't be told, so that the middle one is taken to be 1.
-"""
+"""Measure how exposures of a bracket differ from what they were said to be, or were exchanged."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -15,9 +11,80 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from optics.hdr.bracket import Bracket
-from optics.hdr.exposure_order import explain_disorder, find_disorder
 
 Array = NDArray[np.float64]
+
+_FALL = 0.05
+"""Relative fall of the light from which on a frame is darker than one of a shorter exposure.
+Chosen: lamps flicker, and things move."""
+
+_LEAST_ROOM = 0.01
+"""Part of the clip level by which a frame's mean is below it from which on it's darker than a
+clipped one of a shorter exposure. Chosen."""
+
+_SURE = 5.0
+"""Standard deviations by which it's darker, at least."""
+
+
+def find_disorder(light: Array, deviations: Array, times: Array) -> tuple[int, ...]:
+    """Return frames whose light contradicts the order of a bracket's exposure times.
+
+    Parameters
+    ----------
+    light : Array
+        Mean light of each frame, clipped as it is, over the clip level.
+    deviations : Array
+        Its standard deviations.
+    times : Array
+        Exposure times.
+
+    Returns
+    -------
+    tuple of int
+        Indices: none if light rises with time; two if it does after these are exchanged, and after
+        no others; else all that are darker than a frame of a shorter exposure, or that one.
+    """
+    falls = _falls(light, deviations, times)
+    if not falls.any():
+        return ()
+    found = []
+    for one, other in itertools.combinations(range(len(times)), 2):
+        turned = np.arange(len(times))
+        turned[[one, other]] = other, one
+        if (
+            times[one] != times[other]
+            and not _falls(light[turned], deviations[turned], times).any()
+        ):
+            found.append((one, other))
+    if len(found) == 1:
+        return found[0]
+    return tuple(np.flatnonzero(falls.any(axis=0) | falls.any(axis=1)).tolist())
+
+
+def explain_disorder(frames: tuple[int, ...]) -> str:
+    """Say in words which frames of an HDR bracket contradict the order of exposure times."""
+    if len(frames) == 2:
+        one, other = frames
+        return (
+            f"frames {one + 1} and {other + 1} look exchanged: each has the light of the other's "
+            "exposure time. Exchange them"
+        )
+    listed = ", ".join(str(one + 1) for one in frames)
+    return (
+        f"frames {listed} don't get brighter with their exposure times: check their order, and "
+        "the times"
+    )
+
+
+def _falls(light: Array, deviations: Array, times: Array) -> NDArray[np.bool_]:
+    """Return which frames of a bracket, (shorter, longer), get darker with the exposure time."""
+    noise = np.hypot(deviations[:, None], deviations)
+    longer = times[:, None] < times
+    # Of nearly clipped frames, what isn't clipped decides: the longer one must have less of it.
+    left = 1 - light[:, None]
+    allowed = np.minimum(_FALL * np.abs(light[:, None]), left + _LEAST_ROOM) + _SURE * noise
+    return np.asarray(longer & (light < light[:, None] - allowed))
+
 
 _PIXELS = 100_000
 """Pixels that are looked at, evenly over the frames. Chosen: ratios are right to 0.1 %."""
@@ -53,7 +120,7 @@ _PERMUTED = 0.1
 """Relative difference of exposures from each other's times up to which frames are in a wrong order.
 Chosen."""
 
-_NOTABLE, _SURE = 0.025, 5.0
+_NOTABLE, _EXPOSURE_FACTORS_SURE = 0.025, 5.0
 """Relative difference, and standard deviations, from which on a frame is named. Chosen."""
 
 
@@ -79,7 +146,7 @@ class ExposureFactors:
     @property
     def corrections(self) -> Array:
         """Return the factors of an HDR bracket's frames that surely aren't 1; 1 for all others."""
-        sure = np.abs(np.log(self.factors)) > _SURE * self.deviations
+        sure = np.abs(np.log(self.factors)) > _EXPOSURE_FACTORS_SURE * self.deviations
         if len(self.disordered) == 2:
             sure[list(self.disordered)] = True
         return np.where(sure, self.factors, 1.0)
@@ -88,7 +155,7 @@ class ExposureFactors:
     def suspects(self) -> list[int]:
         """Return the indices of an HDR bracket's frames whose exposure is surely another."""
         away = np.abs(np.log(self.factors))
-        notable = (away > _NOTABLE) & (away > _SURE * self.deviations)
+        notable = (away > _NOTABLE) & (away > _EXPOSURE_FACTORS_SURE * self.deviations)
         return [int(one) for one in np.flatnonzero(notable)]
 
     @property

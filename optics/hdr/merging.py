@@ -1,35 +1,177 @@
-"""Merge the frames of an exposure bracket into radiance with variance and state."""
+"""Merge the frames of an exposure bracket into radiance with variance and state.
+
+The few pixels that a mean isn't right for are settled together.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from optics.hdr.bracket import Bracket
-from optics.hdr.clip_levels import ClipLevel
-from optics.hdr.doubts import find_doubts, join_doubts, settle_doubts
-from optics.hdr.radiance import (
-    CLIPPED,
-    DARK,
-    DEFECTIVE,
-    MAY_CLIP,
-    MOVED,
-    VALID,
-    RadianceEstimate,
-)
-from optics.hdr.samples import Array, Indices, Samples, read_samples
+from optics.hdr.clip_levels import ClipLevel, add_near_clipping
 from optics.hdr.weighted_mean import (
     METHODS,
+    Array,
+    Indices,
+    Mask,
     Method,
+    Samples,
     WeightedMean,
     information_by_time,
+    join_samples,
+    leave_out,
+    may_contradict,
     mean_and_contradiction,
     mean_by_time,
     mean_by_variance,
+    read_samples,
 )
+
+
+class PixelState(IntEnum):
+    """State of a merged pixel in a radiance estimate.
+
+    VALID pixels are measured. CLIPPED pixels are clipped in every exposure, so that the value is
+    a lower bound. DARK pixels are below three standard deviations of their noise, so that three
+    standard deviations are an upper bound. MAY_CLIP pixels lie within five standard deviations of
+    the clip level of the shortest exposure: whether that clipped decides their value, which is
+    biased. MOVED pixels contradict themselves, and exposures were left out. DEFECTIVE pixels were
+    named as such, and aren't measured.
+    """
+
+    VALID = 0
+    CLIPPED = 1
+    DARK = 2
+    MAY_CLIP = 3
+    MOVED = 4
+    DEFECTIVE = 5
+
+
+VALID, CLIPPED, DARK, MAY_CLIP, MOVED, DEFECTIVE = PixelState
+
+
+class RadianceEstimate(NamedTuple):
+    """Hold the radiance estimate of a merged exposure bracket, one value per pixel.
+
+    rate: electrons per second, float32. variance: that of the rate, float32; infinite where
+    nothing is measured. state: numbers of `PixelState`, uint8.
+    """
+
+    rate: torch.Tensor
+    variance: torch.Tensor
+    state: torch.Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Doubts:
+    """Pixels of a bracket for which its mean may be wrong.
+
+    indices: where they are. sure: their samples, without exposures that may be clipped. near: for
+    each exposure but the shortest, indices of those in which it tells something of light near its
+    clip level. moved: indices of those in which an exposure is clipped that can't be.
+    """
+
+    indices: Indices
+    sure: Samples
+    near: list[Indices]
+    moved: Indices
+
+
+def find_doubts(
+    samples: Samples,
+    mean: WeightedMean,
+    contradiction: Array,
+    levels: list[ClipLevel],
+    first: int,
+) -> Doubts:
+    """Return the pixels of a bracket for which the mean may be wrong; first: index of their first.
+
+    contradiction: chi squared of the mean.
+    """
+    few = np.flatnonzero(
+        may_contradict(contradiction, len(levels)) | _near_clipping(samples, mean.rate, levels)
+    )
+    part, rate = samples.part(few), mean.rate[few]
+    may_clip, near, moved = np.zeros((3, *part.rates.shape), dtype=bool)
+    for number, level in enumerate(levels[1:], 1):
+        time = part.times[number]
+        may_clip[number] = rate >= level.lowest
+        near[number] = may_clip[number] & ((time > 0) | (rate < level.highest))
+        moved[number] = ~(may_clip[number] | _all_open(level, time))
+    indices = first + few
+    return Doubts(
+        indices,
+        part.without(may_clip),
+        [indices[one] for one in near[1:]],
+        indices[moved.any(axis=0)],
+    )
+
+
+def _near_clipping(samples: Samples, rate: Array, levels: list[ClipLevel]) -> Mask:
+    """Return where an exposure of the bracket may clip, and isn't sure to; or clips, and can't."""
+    found = np.zeros(rate.shape, dtype=bool)
+    for level, time in zip(levels[1:], samples.times[1:], strict=True):
+        may_clip = rate >= level.lowest
+        found |= may_clip == _all_open(level, time)
+        found |= may_clip & (rate < level.highest)
+        if len(level.exposure.frames) > 1:
+            found |= may_clip & (time > 0)
+    return found
+
+
+def _all_open(level: ClipLevel, time: Array) -> Mask:
+    """Return where no frame of a bracket's exposure is clipped; time: that of its open frames."""
+    return time > (len(level.exposure.frames) - 0.5) * level.exposure.time
+
+
+def join_doubts(found: list[Doubts]) -> Doubts:
+    """Return the doubtful pixels of several parts of a bracket as those of one."""
+    return Doubts(
+        np.concatenate([one.indices for one in found]),
+        join_samples([one.sure for one in found]),
+        [np.concatenate(every) for every in zip(*(one.near for one in found), strict=True)],
+        np.concatenate([one.moved for one in found]),
+    )
+
+
+def settle_doubts(
+    doubts: Doubts, mean: WeightedMean, levels: list[ClipLevel], rows: slice
+) -> Indices:
+    """Merge doubtful pixels of a bracket again, in place; return those in which something moved.
+
+    rows: of the frames that the mean is of. Exposures that may be clipped follow in the order of
+    their times.
+    """
+    moved = [doubts.moved, _merge_sure(doubts, mean)]
+    for level, near in zip(levels[1:], doubts.near, strict=True):
+        seen = near[mean.information[near] > 0]
+        if seen.size:
+            moved.append(seen[add_near_clipping(level, rows, seen, mean)])
+    return np.concatenate(moved)
+
+
+def _merge_sure(doubts: Doubts, mean: WeightedMean) -> Indices:
+    """Merge doubtful pixels of a bracket again, in place, by what is sure and doesn't contradict.
+
+    Returns those in which exposures were left out.
+    """
+    if not doubts.indices.size:
+        return doubts.indices
+    again, contradiction = mean_and_contradiction(doubts.sure, mean.rate[doubts.indices])
+    few = np.flatnonzero(may_contradict(contradiction, len(doubts.sure.exposures)))
+    found, out = leave_out(doubts.sure.part(few), WeightedMean(*(one[few] for one in again)))
+    for whole, one, better in zip(mean, again, found, strict=True):
+        one[few] = better
+        whole[doubts.indices] = one
+    return doubts.indices[few[out]]
+
 
 _TILE = 1 << 15
 """Pixels that are averaged together: so few that their numbers stay in a core's memory. 2¹⁴ to 2¹⁶
@@ -60,7 +202,7 @@ def merge(
         all noise were the same. "Poisson": by their time, as if photons made all noise. "Granados":
         by their inverse variance, predicted from the merged value (Granados et al., CVPR 2010, doi
         10.1109/CVPR.2010.5540208). "full": likewise, and an exposure near its clip level counts by
-        an estimate that is unbiased there (see `optics.hdr.near_clipping`), and what moved is left
+        an estimate that is unbiased there (see `optics.hdr.clip_levels`), and what moved is left
         out.
     defects : NDArray of bool, optional
         (rows, columns): pixels that don't measure light.

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from optics.hdr.radiance import CLIPPED, DARK, MOVED, VALID, RadianceEstimate
+from optics.hdr.merging import CLIPPED, DARK, MOVED, VALID, RadianceEstimate
 from optics.hdr.response_curve import HIGHEST, LOWEST, ResponseCurve
 from optics.validation import require_unmasked
 

@@ -9,20 +9,19 @@ looks for better ones, and `dispersion_power` and `fourier_coverage` describe th
 it from calibration frames, and `refine_from_photograph` from the photograph alone.
 """
 
-from optics.multispectral.dead_leaves import draw_dead_leaves
-from optics.multispectral.design_search import Design, search_design
-from optics.multispectral.designs import (
+from optics.multispectral.design_search import (
+    Design,
     dot_psfs,
     linear_dispersion_psfs,
     ring_psfs,
+    search_design,
     spiral_psfs,
 )
 from optics.multispectral.error_map import ErrorMap, estimate_error_map
 from optics.multispectral.frame_calibration import calibrate_from_frames
-from optics.multispectral.model_parameters import ModelUncertainty
 from optics.multispectral.predicted_error import PredictedErrors, SceneSpectrum, predict_errors
 from optics.multispectral.psf_figures import FourierCoverage, dispersion_power, fourier_coverage
-from optics.multispectral.psf_merit import PsfMerit
+from optics.multispectral.psf_merit import PsfMerit, draw_dead_leaves
 from optics.multispectral.published_restoration import restore_by_published_objective
 from optics.multispectral.restoration import restore_spectra
 from optics.multispectral.self_calibration import refine_from_photograph
@@ -31,7 +30,7 @@ from optics.multispectral.snapshot_calibration import (
     CalibratedParameter,
     SnapshotCalibration,
 )
-from optics.multispectral.snapshot_model import SnapshotModel
+from optics.multispectral.snapshot_model import ModelUncertainty, SnapshotModel
 
 __all__ = [
     "BandTransmission",

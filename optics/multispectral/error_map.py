@@ -1,12 +1,11 @@
 """An estimate of the error of each pixel and band of a spectral restoration.
 
-Noise is the smaller part of the error: most of it is light in the wrong band, which the photograph
-doesn't show, so that a second restoration of simulated data doesn't show it either. How large it
-is was learnt from scenes whose spectra are known.
+It's told from bands that the sensor's filters see alike, and from the picture.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,13 +14,260 @@ import torch
 
 from optics.inverse.mosaics import MosaicObservation
 from optics.inverse.restored_image import RestoredImage
-from optics.multispectral.error_features import error_features
-from optics.multispectral.filter_likeness import (
-    describe_alike_bands,
-    filter_period,
-    find_alike_bands,
-)
+from optics.multispectral.predicted_error import predict_errors
 from optics.threads import single_threaded
+from optics.validation import require_finite, require_unmasked
+
+_ALIKE = 0.95
+"""Least cosine between what the filters transmit of two spectral bands that count as alike: a third
+of a band's light, or less, then differs through the filters in more than brightness. Chosen."""
+
+_SAME_PSFS = 0.99
+"""Least cosine between the PSFs of two spectral bands that count as the same; chosen."""
+
+
+def find_alike_bands(filters: torch.Tensor) -> list[tuple[int, ...]]:
+    """Find the groups of spectral bands that the filters see alike, but for a factor.
+
+    Parameters
+    ----------
+    filters : torch.Tensor, (bands, rows, columns)
+        One period of the mosaic's pattern: the share of each band that each pixel transmits.
+
+    Returns
+    -------
+    list of tuple of int
+        Indices of two bands or more in each group, ascending. A band is in a group if it is like
+        another of them, and in one group at most.
+    """
+    alike = cosines(filters) >= _ALIKE
+    groups: list[set[int]] = []
+    for band, row in enumerate(alike):
+        joined = {band, *(int(other) for other in row.nonzero())}
+        apart = [group for group in groups if not group & joined]
+        for group in groups:
+            joined |= group if group & joined else set()
+        groups = [*apart, joined]
+    return sorted(tuple(sorted(group)) for group in groups if len(group) > 1)
+
+
+def cosines(pictures: torch.Tensor) -> torch.Tensor:
+    """Compute how alike the filters, or the PSFs, of each two spectral bands are.
+
+    `pictures` are those of each band, (bands, rows, columns). The result is (bands, bands),
+    float64: the cosines of the angles between them, 1 for bands that differ by a factor only.
+    """
+    flat = pictures.flatten(1).to(torch.float64)
+    directions = flat / flat.norm(dim=1, keepdim=True)
+    return directions @ directions.mT
+
+
+def filter_period(observation: MosaicObservation) -> torch.Tensor:
+    """Return one period of a mosaic's spectral filters, (bands, rows, columns), float64."""
+    rows, columns = observation.filter_period
+    return observation.filters[:, :rows, :columns].to(torch.float64)
+
+
+def describe_alike_bands(
+    groups: Sequence[Sequence[int]], psfs: torch.Tensor, labels: Sequence[str]
+) -> str:
+    """Describe in words which spectral bands only the PSFs separate, or nothing at all.
+
+    Parameters
+    ----------
+    groups : sequence of sequence of int
+        Indices of the bands of each group that the filters see alike.
+    psfs : torch.Tensor, (bands, rows, columns)
+        PSF of each band.
+    labels : sequence of str
+        Name of each band.
+
+    Returns
+    -------
+    str
+        One sentence for each group; empty without any.
+    """
+    return " ".join(
+        f"The filters see {_enumerate([labels[band] for band in group])} alike: "
+        + _describe_separation(psfs[list(group)])
+        for group in groups
+    )
+
+
+def _describe_separation(psfs: torch.Tensor) -> str:
+    """Describe whether PSFs separate spectral bands that the filters see alike."""
+    apart = cosines(psfs) - torch.eye(len(psfs), dtype=torch.float64)
+    if float(apart.max()) >= _SAME_PSFS:
+        return (
+            "only the PSFs could separate these bands, and those of some don't differ either; how "
+            "the light is divided among them is a guess from typical spectra."
+        )
+    return (
+        "only the PSFs separate these bands, so that light may be restored in the wrong one of "
+        "them."
+    )
+
+
+def _enumerate(words: Sequence[str]) -> str:
+    """Join names of spectral bands to a list in plain English."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+_LIGHT_WIDTH = 1.0
+"""Standard deviation in pixels of the Gaussian that smooths the restored light; chosen."""
+
+_GRADIENT_WIDTH = 2.0
+"""The same for the length of the gradient; chosen."""
+
+_LEAST_LIGHT = 3e-3
+_LEAST_GRADIENT = 1e-3
+"""What is added to light and gradient relative to the scene's light, so that their logarithms end
+in the dark; chosen."""
+
+_LEAST_PREDICTED_NOISE = 3e-4
+"""Least noise of the Gaussian scene relative to its light, as without any all would be known;
+chosen."""
+
+_PERIOD = 64
+"""Least number of pixels of the Gaussian scene beside the PSFs: enough frequencies."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorFeatures:
+    """Hold the features from which a spectral restoration's error is estimated.
+
+    Parameters
+    ----------
+    logarithms : dict of str to torch.Tensor
+        By name, the natural logarithm of each feature relative to `scale`; shapes broadcast to
+        (bands, rows, columns).
+    scale : float
+        Root mean square length of the restored spectra, in the picture's unit.
+    """
+
+    logarithms: dict[str, torch.Tensor]
+    scale: float
+
+
+def error_features(
+    observation: MosaicObservation, image: torch.Tensor, spectra: Any
+) -> ErrorFeatures:
+    """Compute what a spectral restoration's error is estimated from.
+
+    The features are the restored light of the band, that of the bands which the filters see alike,
+    and the length of the band's gradient, all smoothed; and the error of the band that is predicted
+    for Gaussian scenes of typical spectra. Tried without gain: the noise, the length of the whole
+    spectrum, light of wider surroundings, and a prediction for the scene's own spectra.
+
+    Parameters
+    ----------
+    observation : MosaicObservation
+        The raw picture with its filters and PSFs.
+    image : torch.Tensor, (bands, rows, columns)
+        The restored picture.
+    spectra : torch.Tensor or numpy.ndarray, (samples, bands)
+        Typical spectra.
+
+    Returns
+    -------
+    ErrorFeatures
+        The features, without dependence on the unit of light.
+
+    Raises
+    ------
+    ValueError
+        If the picture or the spectra don't fit the observation, or aren't finite, or if the
+        picture has no light.
+    """
+    require_unmasked(spectra)
+    samples = torch.as_tensor(spectra, dtype=torch.float64)
+    _require(observation, image, samples)
+    scale = float(image.square().sum(0).mean().sqrt())
+    if not scale > 0:
+        raise ValueError("the restored picture has no light; there is nothing to estimate")
+    light = _smooth(image, _LIGHT_WIDTH)
+    alike = torch.einsum(
+        "nm,mrc->nrc", cosines(filter_period(observation)).square().to(light), light
+    )
+    gradient = _smooth(torch.hypot(*torch.gradient(image, dim=(-2, -1))), _GRADIENT_WIDTH)
+    noise = _scene_noise(observation) / scale
+    return ErrorFeatures(
+        {
+            "constant": torch.ones(1, 1, 1).to(image),
+            "light": _logarithm(light / scale, _LEAST_LIGHT),
+            "alike": _logarithm(alike / scale, _LEAST_LIGHT),
+            "gradient": _logarithm(gradient / scale, _LEAST_GRADIENT),
+            "predicted": _predicted_shares(observation, samples, noise).log().to(image),
+        },
+        scale,
+    )
+
+
+def _require(observation: MosaicObservation, image: torch.Tensor, samples: torch.Tensor) -> None:
+    """Raise ValueError for a restored picture or spectra that don't fit the observation."""
+    wanted = (observation.bands, *observation.image.shape)
+    if tuple(image.shape) != wanted:
+        raise ValueError(
+            f"restored is {tuple(image.shape)}; give the restoration of this observation, {wanted}"
+        )
+    if samples.ndim != 2 or samples.shape[1] != observation.bands:
+        raise ValueError(
+            f"spectra is {tuple(samples.shape)}; give (samples, {observation.bands} bands)"
+        )
+    if min(wanted[1:]) < 2:
+        raise ValueError(f"the picture has {wanted[1]} x {wanted[2]} pixels; give 2 x 2 or more")
+    require_finite("restored", image)
+    require_finite("spectra", samples)
+
+
+def _scene_noise(observation: MosaicObservation) -> float:
+    """Return the noise of a raw picture on the scale of the scene's spectral light."""
+    return observation.noise / float(observation.psfs.sum((-2, -1)).mean())
+
+
+def _predicted_shares(
+    observation: MosaicObservation, samples: torch.Tensor, noise: float
+) -> torch.Tensor:
+    """Predict the errors of spectral bands relative to their light, for typical spectra.
+
+    `noise` is relative to the length of the spectra. The result is (bands, 1, 1).
+    """
+    filters = filter_period(observation)
+    rows, columns = filters.shape[1:]
+    letters = [chr(ord("A") + n) for n in range(rows * columns)]
+    pattern = ["".join(letters[row * columns : (row + 1) * columns]) for row in range(rows)]
+    step = math.lcm(rows, columns)
+    length = float(samples.square().sum(1).mean().sqrt())
+    errors = predict_errors(
+        observation.psfs.expand(observation.bands, -1, -1),
+        filters.flatten(1).mT,
+        pattern,
+        samples,
+        max(noise, _LEAST_PREDICTED_NOISE) * length,
+        channels="".join(letters),
+        period=step * -(-max(_PERIOD, *observation.psfs.shape[1:]) // step),
+    )
+    return (errors.rms / errors.prior_rms)[:, None, None]
+
+
+def _logarithm(relative: torch.Tensor, least: float) -> torch.Tensor:
+    """Return the logarithm of a restoration's feature, which levels off at `least`."""
+    return (relative.clamp(min=0) + least).log()
+
+
+def _smooth(bands: torch.Tensor, sigma: float) -> torch.Tensor:
+    """Smooth each band of a restored picture by a Gaussian of `sigma` pixels.
+
+    The picture's edge is repeated beyond it.
+    """
+    reach = math.ceil(3 * sigma)
+    at = torch.arange(-reach, reach + 1, dtype=bands.dtype)
+    weights = (-(at / sigma).square() / 2).exp()
+    weights = weights / weights.sum()
+    padded = torch.nn.functional.pad(bands[:, None], (reach,) * 4, mode="replicate")
+    rows = torch.nn.functional.conv2d(padded, weights[None, None, :, None])
+    return torch.nn.functional.conv2d(rows, weights[None, None, None, :])[:, 0]
+
 
 _COEFFICIENTS = {
     "constant": 0.033,

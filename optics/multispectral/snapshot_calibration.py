@@ -9,8 +9,7 @@ from typing import Any
 
 import torch
 
-from optics.multispectral.model_parameters import ModelUncertainty
-from optics.multispectral.snapshot_model import SnapshotModel
+from optics.multispectral.snapshot_model import ModelUncertainty, SnapshotModel
 from optics.validation import require_finite, require_unmasked
 
 NINETY_PERCENT = 1.6449

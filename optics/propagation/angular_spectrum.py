@@ -1,11 +1,25 @@
-"""Propagate light by the angular spectrum, between any two windows or planes of one pitch."""
+"""Propagate light by transfer functions: exact, Fresnel's, and to a tilted target."""
 
 from __future__ import annotations
 
-from optics.fourier import CommensurateTransform, FourierGeometry
+import math
+
+import torch
+
+from optics.accuracy import MachineSpeed
+from optics.fourier import CommensurateTransform, FourierGeometry, NonuniformTransform, unit_phasor
+from optics.fourier.nonuniform import FINEST_NUFFT, nonuniform_bytes, nonuniform_seconds
 from optics.fourier.transform import PlaneTransform
+from optics.plane import Plane
 from optics.propagation.band import FrequencyBand, resolved_band
-from optics.propagation.spectral_propagator import SpectralPropagator
+from optics.propagation.spectral_propagator import (
+    SpectralPropagator,
+    cheapest_transform,
+    times,
+    transform_error_share,
+)
+from optics.propagation.transfer_function import PlaneWaveRays, axial_frequency
+from optics.validation import as_number, needs_gradient
 
 
 class ScaledAngularSpectrum(SpectralPropagator):
@@ -92,3 +106,200 @@ def common_multiple(first: float, second: float) -> float:
         if abs(ratio - round(ratio)) < 1e-12 * ratio and round(ratio):
             return parts * first
     return 0.0
+
+
+class FresnelTransfer(ScaledAngularSpectrum):
+    """Propagate as the scaled angular spectrum does, with Fresnel's transfer function.
+
+    It is H = exp(-i pi wavelength z f²) (section 4.2.3 of Goodman), the product of a function of y
+    and one of x, so two lines are kept instead of a plane. The method is valid for the paraxial
+    model. For a scalar wave it is valid where its error is below a share of the tolerance.
+    """
+
+    name = "Fresnel transfer function"
+    paraxial = True
+
+    @property
+    def _filter_size(self) -> int:
+        return sum(self.frequencies.shape)
+
+    def _build_filter(self, frequencies: Plane) -> torch.Tensor:
+        """Compute the Fresnel propagation's filter W along y and along x, joined in one vector."""
+        y, x = (frequencies.coordinates(axis) for axis in (0, 1))
+        zero = torch.zeros(1, dtype=torch.float64)
+        down = self._transfer(y, zero) * self._weight(frequencies, 0)
+        along = self._transfer(zero, x) * self._weight(frequencies, 1)
+        return torch.cat((down, along)).to(self.dtype)
+
+    def _apply_filter(
+        self, spectrum: torch.Tensor, frequencies: Plane, *, back: bool = False
+    ) -> torch.Tensor:
+        w = self._filter(frequencies, spectrum.device)
+        down, along = torch.split(w.conj() if back else w, list(frequencies.shape))
+        return times(times(spectrum, down[:, None]), along)
+
+
+_TOUCHES_PER_WAVE = 150
+"""Time to find a wave's frequencies on the target, in passes over a complex number; measured."""
+
+_BLOCK_WAVES = 1 << 16
+"""Plane waves whose frequencies are found at once, so that they stay in the processor's caches."""
+
+
+class TiltedAngularSpectrum(SpectralPropagator):
+    """Propagate plane waves to a tilted target, where each has another spatial frequency.
+
+    A plane wave (f_y, f_x) has the axial frequency w = sqrt(1 / wavelength² - f²). On a target that
+    is turned by a and b as FreeSpaceSpan describes, its frequencies are
+
+        f'_y = f_y cos a + f_x sin a sin b + w sin a cos b,
+        f'_x = f_x cos b - w sin b.
+
+    Matsushima, Schimmel and Wyrowski (2003, 10.1364/JOSAA.20.001755) interpolate the spectrum
+    at regular f'. Here the spectrum is kept at regular f, where it was computed, and the sum over
+    its waves is a non-uniform Fourier transform, which needs neither interpolation nor a Jacobian.
+    In the paraxial model w is 1 / wavelength - wavelength f² / 2.
+
+    Raises ValueError for a target that intersects the source's plane, and ToleranceError if some
+    rays are grazing.
+    """
+
+    name = "tilted angular spectrum"
+
+    def _require_applicable(self) -> None:
+        # Raises ValueError where the tilt turns the target through the source's plane.
+        self.span.nearest_target_distance()
+        self.paraxial = self.span.paraxial
+
+    def _plan(self) -> None:
+        n = self._numeric_span
+        self.frequencies = self._frequencies(n.source.pitch)
+        rows, columns = self.frequencies.shape
+        self._require_memory(float(rows) * columns)
+        self._to_spectrum = cheapest_transform(
+            FourierGeometry(n.source, self.frequencies, 1.0), self.dtype, n
+        )
+        self._nufft_error = max(transform_error_share(n), FINEST_NUFFT)
+        # The plane is centred at 0, because the waves' phases refer to the target's centre.
+        self._image = Plane(n.target.shape, n.target.pitch)
+        self._cached_nufft: NonuniformTransform | None = None
+        self._parts = []
+
+    def _transform_error(self) -> float:
+        return self._to_spectrum.error + self._nufft_error
+
+    def _propagating_indices(self) -> torch.Tensor:
+        """Return the flat indices of the frequencies whose plane waves propagate in free space.
+
+        Some frequencies beyond the taper may be evanescent. In the paraxial model all propagate.
+        """
+        y, x = self.frequencies.mesh()
+        grazing = PlaneWaveRays(self._numeric_span.wavelength, self.paraxial).grazing_frequency
+        if math.hypot(float(y.abs().max()), float(x.abs().max())) < grazing:
+            return torch.arange(self._frequency_count)
+        return torch.nonzero((torch.sqrt(y**2 + x**2) < grazing).flatten()).squeeze(-1)
+
+    def _tilted_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the propagated waves' frequencies (f'_y, f'_x) on the tilted target.
+
+        The frequencies are reduced to the range that the target's samples resolve.
+        """
+        y, x = self._wave_frequencies()
+        parts = [
+            self._tilted_block(*block)
+            for block in zip(*(torch.split(f, _BLOCK_WAVES) for f in (y, x)), strict=True)
+        ]
+        down, along = zip(*parts, strict=True) if parts else ((y,), (x,))
+        return torch.cat(down), torch.cat(along)
+
+    def _tilted_block(self, y: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        a, b = self._numeric_span.tilt
+        w = axial_frequency(y, x, self._numeric_span.wavelength, paraxial=self.paraxial)
+        turned_y = y * math.cos(a) + x * (math.sin(a) * math.sin(b))
+        turned_y = turned_y + w * (math.sin(a) * math.cos(b))
+        turned_x = x * math.cos(b) - w * math.sin(b)
+        q = self._image.pitch
+        return _wrap_frequency(turned_y, 1 / q[0]), _wrap_frequency(turned_x, 1 / q[1])
+
+    def _wave_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return (f_y, f_x) of the propagated plane waves that are summed on the tilted target."""
+        y, x = (f.expand(self.frequencies.shape).flatten() for f in self.frequencies.mesh())
+        return y[self._wave_indices], x[self._wave_indices]
+
+    def prepare(self) -> None:
+        super().prepare()
+        self._wave_indices = self._propagating_indices()
+        y, x = self._tilted_frequencies()
+        self._cached_nufft = NonuniformTransform(y, x, self._image, 1.0, self._nufft_error)
+
+    def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+        """Return the free-space transfer function to the target's centre, on or off the axis."""
+        centre = self._numeric_span.target.centre
+        way = unit_phasor(y * centre[0] + x * centre[1], torch.complex128)
+        return super()._transfer(y, x) * way
+
+    @property
+    def bytes(self) -> int:
+        points = self._frequency_count
+        # Computing a frequency's position on the tilted plane takes 120 bytes.
+        return (
+            self._filter_bytes(self.frequencies)
+            + max(self._to_spectrum.bytes, 120 * points)
+            + nonuniform_bytes(points, self._image)
+        )
+
+    def planning_seconds(self, speed: MachineSpeed) -> float:
+        waves = _TOUCHES_PER_WAVE * self._frequency_count * speed.touch
+        return super().planning_seconds(speed) + self._to_spectrum.planning_seconds(speed) + waves
+
+    def cpu_seconds(self, speed: MachineSpeed) -> float:
+        points = self._frequency_count
+        sums = 2 if needs_gradient(self.span.wavelength) else 1
+        back = nonuniform_seconds(points, self._image, self._nufft_error, speed)
+        return self._to_spectrum.cpu_seconds(speed) + self._filter_seconds(speed) + sums * back
+
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        spectrum = self._apply_filter(self._to_spectrum(field), self.frequencies)
+        points = self._target_nufft()
+        waves = spectrum.flatten(-2)[..., self._wave_indices.to(field.device)]
+        answer = points(waves.conj()).conj()
+        if needs_gradient(self.span.wavelength):
+            answer = answer + self._wavelength_gradient_term(waves)
+        return answer.to(self.dtype).resolve_conj()
+
+    def _target_nufft(self) -> NonuniformTransform:
+        if self._cached_nufft is None:
+            self.prepare()
+        assert self._cached_nufft is not None
+        return self._cached_nufft
+
+    def _wavelength_gradient_term(self, waves: torch.Tensor) -> torch.Tensor:
+        """Return a zero field that carries a derivative of the propagation in the wavelength.
+
+        The wavelength changes the axial frequency w. The phase of a wave at the depth Z behind the
+        target's centre is 2 pi w Z.
+        """
+        n, wavelength = self._numeric_span, self.span.wavelength
+        y, x = self._wave_frequencies()
+        if self.paraxial:
+            rate = -1 / n.wavelength**2 - (y**2 + x**2) / 2
+        else:
+            rate = -1 / (n.wavelength**3 * axial_frequency(y, x, n.wavelength))
+        moved = self._target_nufft()(
+            (waves.detach() * (2j * math.pi * rate).to(waves.device)).conj()
+        ).conj()
+        depth = (n.target_position(*self._image.mesh())[2] - n.distance).to(waves.device)
+        return (wavelength - as_number(wavelength)) * (depth * moved)
+
+    def adjoint(self, field: torch.Tensor) -> torch.Tensor:
+        points = self._target_nufft()
+        waves = points.adjoint(field.to(torch.complex128).conj()).conj()
+        rows, columns = self.frequencies.shape
+        spectrum = waves.new_zeros((*field.shape[:-2], rows * columns))
+        spectrum = spectrum.index_copy(-1, self._wave_indices.to(field.device), waves)
+        spectrum = spectrum.reshape(*field.shape[:-2], rows, columns)
+        return self._to_spectrum.adjoint(self._apply_filter(spectrum, self.frequencies, back=True))
+
+
+def _wrap_frequency(frequency: torch.Tensor, period: float) -> torch.Tensor:
+    return frequency - torch.round(frequency / period) * period

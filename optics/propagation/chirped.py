@@ -14,7 +14,7 @@ from optics.accuracy import Budget, MachineSpeed
 from optics.fourier import FourierGeometry, plan_transform, unit_phasor
 from optics.fourier.transform import RETAINED_BYTES
 from optics.plane import Plane
-from optics.propagation.fresnel_integral import cell_envelope
+from optics.propagation.fresnel_matrix import cell_envelope
 from optics.propagation.paraxial import ParaxialPropagator
 from optics.propagation.span import Scalar
 from optics.validation import as_number, needs_gradient
@@ -49,7 +49,7 @@ class ChirpedTransform:
     transform of optics.fourier, so any pitch and window is possible. The result for a negative
     scale is the conjugate of the result for a positive scale and the conjugate field.
 
-    For cells, the field is multiplied by an envelope (optics.propagation.fresnel_integral) that
+    For cells, the field is multiplied by an envelope (optics.propagation.fresnel_matrix) that
     depends on the displacement from the cell to the target's sample. At long distances it hardly
     changes from cell to cell. In general it is interpolated between several nodes on the source
     (envelope_node_count()), with one transform for each node.

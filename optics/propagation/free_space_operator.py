@@ -23,16 +23,16 @@ from optics.accuracy import (
     unreachable_tolerance_error,
 )
 from optics.plane import Plane
-from optics.propagation.light_power import (
+from optics.propagation.method_choice import METHODS as METHODS
+from optics.propagation.method_choice import methods_for_span, prepare_cheapest
+from optics.propagation.propagator import Propagator
+from optics.propagation.smooth_field import (
+    SmoothFieldCheck,
     field_power,
     normalise_strength,
     power_shares,
     require_finite_power,
 )
-from optics.propagation.method_choice import METHODS as METHODS
-from optics.propagation.method_choice import methods_for_span, prepare_cheapest
-from optics.propagation.propagator import Propagator
-from optics.propagation.smooth_field_check import SmoothFieldCheck
 from optics.propagation.span import FreeSpaceSpan, Scalar, SpanSettings
 from optics.propagation.transfer_function import paraxial_phase_error
 from optics.threads import in_full_precision

@@ -1,16 +1,168 @@
-"""Propagate light by Fresnel's integral as two matrix products, exact to rounding."""
+"""Compute Fresnel integrals in closed form, and propagate light by them as matrix products."""
 
 from __future__ import annotations
 
+import cmath
+import math
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from scipy.special import wofz
 
 from optics.accuracy import ErrorEstimate, MachineSpeed
-from optics.propagation.fresnel_integral import band_kernel, cell_kernel
+from optics.fourier import unit_phasor
+from optics.fourier.differentiation import apply_function
+from optics.gauss_legendre import gauss_legendre
 from optics.propagation.paraxial import ParaxialPropagator
-from optics.propagation.precision import working_precision
+from optics.propagation.propagator import working_precision
 from optics.propagation.span import FreeSpaceSpan
+
+_Reals = NDArray[np.float64]
+_Complexes = NDArray[np.complex128]
+
+_ROOT_I = cmath.exp(0.25j * math.pi)
+_NODES, _WEIGHTS = gauss_legendre(14)
+
+_PART = 1 << 18
+"""Number of integrals that are computed at once."""
+
+
+def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
+    """Return the mean of a Fresnel propagation's chirp over an interval, complex128.
+
+    The chirp is exp(i pi (u² + 2 u place)), and the interval is ``|u| < width / 2``.
+
+    place: real tensor. width: 0-d tensor, positive. This mean is an interval's Fresnel integral
+    after division by its width and by the chirp at its centre. With v = u + place,
+
+        integral of exp(i pi v²) from t on = exp(i pi t²) g(t), t > 0,
+        g(t) = w(exp(i pi / 4) sqrt(pi) t) exp(i pi / 4) / 2,
+
+    where w is Faddeeva's function (Abramowitz and Stegun 7.3.22, 7.1.3). So no two large phases
+    are subtracted: the phases at the ends are pi (width² / 4 ± width place). Over short intervals,
+    where the terms of the two ends would cancel, a Gauss-Legendre sum is used instead. The result
+    is differentiable in both arguments.
+    """
+    return apply_function(_MeanChirp, place, width)
+
+
+class _MeanChirp(torch.autograd.Function):
+    """Differentiate mean_chirp() in closed form, from the values at the interval's ends."""
+
+    @staticmethod
+    def forward(ctx: Any, place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
+        values = _mean_chirps(place.detach().cpu().numpy().ravel(), float(width.detach()))
+        mean = torch.from_numpy(values).reshape(place.shape).to(place.device)
+        ctx.save_for_backward(place, width, mean)
+        return mean
+
+    @staticmethod
+    def backward(ctx: Any, gradient: torch.Tensor) -> Any:
+        place, width, mean = ctx.saved_tensors
+        end = unit_phasor(width**2 / 8, torch.complex128).to(place.device)
+        angle = math.pi * torch.remainder(width * place, 2)
+        in_place = 2j * (end * torch.sin(angle) / width - math.pi * place * mean)
+        in_width = (end * torch.cos(angle) - mean) / width
+        return (gradient.conj() * in_place).real, (gradient.conj() * in_width).real.sum().to(width)
+
+
+def _mean_chirps(place: _Reals, width: float) -> _Complexes:
+    """Compute mean_chirp() of Fresnel propagation for an array of places, block by block."""
+    means = np.empty(place.size, dtype=np.complex128)
+    for start in range(0, place.size, _PART):
+        t = np.abs(place[start : start + _PART])
+        # 14 Gauss-Legendre nodes are exact to rounding up to 2 rad of phase over half the interval.
+        short = math.pi * width * (t + width / 4) <= 2.0
+        part = np.empty(t.size, dtype=np.complex128)
+        part[short] = _mean_by_quadrature(t[short], width)
+        part[~short] = _mean_by_end_terms(t[~short], width)
+        means[start : start + _PART] = part
+    return means
+
+
+def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
+    """Compute mean_chirp() of short propagation intervals by Gauss-Legendre quadrature."""
+    total = np.zeros(t.size, dtype=np.complex128)
+    for node, weight in zip(_NODES * width / 2, _WEIGHTS / 2, strict=True):
+        total += weight * np.exp(1j * math.pi * node * (node + 2 * t))
+    return total
+
+
+def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
+    """Compute mean_chirp() of long propagation intervals from the integrals beyond both ends.
+
+    For t < width / 2, the near end of the interval is on the other side of the chirp's centre.
+    """
+    near = t - width / 2
+    whole = np.where(near < 0, _ROOT_I * _phasor(-(t**2)), 0.0)
+    side = np.where(near < 0, -1.0, 1.0)
+    last = _phasor(width**2 / 4 - width * t) * _scaled_tail_integral(np.abs(near)) * side
+    first = _phasor(width**2 / 4 + width * t) * _scaled_tail_integral(t + width / 2)
+    return np.asarray((whole + last - first) / width, dtype=np.complex128)
+
+
+def _scaled_tail_integral(t: _Reals) -> _Complexes:
+    """Return exp(-i pi t²) times the Fresnel propagation integral from t >= 0 to infinity.
+
+    The integrand is exp(i pi v²).
+    """
+    values = np.asarray(wofz(_ROOT_I * math.sqrt(math.pi) * t), dtype=np.complex128)
+    return 0.5 * _ROOT_I * values
+
+
+def _phasor(half_turns: _Reals) -> _Complexes:
+    """Return the propagation phasor exp(i pi half_turns)."""
+    angle = math.pi * (half_turns - 2 * np.round(half_turns / 2))
+    return np.cos(angle) + 1j * np.sin(angle)
+
+
+def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
+    """Return a cell's paraxially propagated field along an axis, over that of its centre point.
+
+    offset: metres from the cell's centre to the target. side: metres. scale: wavelength times
+    distance in square metres, not 0; a 0-d tensor. The result is the mean of
+    exp(i pi (d² - 2 d offset) / scale) over |d| < side / 2.
+    """
+    root = torch.sqrt(torch.abs(scale))
+    mean = mean_chirp(offset / root, side / root)
+    return mean if float(scale.detach()) > 0 else mean.conj()
+
+
+def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
+    """Return the paraxially propagated field along one axis of a cell of amplitude 1.
+
+    It is the integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2. The
+    field of a rectangle is the product of two such kernels, one along each axis.
+    """
+    return side * point_kernel(offset, scale) * cell_envelope(offset, side, scale)
+
+
+def point_kernel(offset: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
+    """Return the impulse response of paraxial propagation along one axis.
+
+    It is exp(i pi offset² / scale) / sqrt(i scale).
+    """
+    turn = -0.125 if float(scale.detach()) > 0 else 0.125
+    phasor = unit_phasor(offset**2 / (2 * scale) + turn, torch.complex128)
+    return phasor / torch.sqrt(torch.abs(scale))
+
+
+def band_kernel(
+    offset: torch.Tensor, pitch: float, carrier: float, scale: torch.Tensor
+) -> torch.Tensor:
+    """Return the paraxially propagated field of one band-limited sample along one axis.
+
+    It is pitch times the integral of exp(-i pi scale f² + 2 pi i f offset) over the frequencies f
+    within 0.5 / pitch of the carrier, which is a Fresnel integral over the spectrum.
+    """
+    root = torch.sqrt(torch.abs(scale))
+    mean = mean_chirp((offset - scale * carrier) / root, root / pitch)
+    turns = carrier * offset - scale * (carrier**2 / 2)
+    mean = mean.conj() if float(scale.detach()) > 0 else mean
+    return unit_phasor(turns, torch.complex128) * mean
 
 
 @dataclass(frozen=True)
@@ -45,7 +197,7 @@ class FresnelMatrices(ParaxialPropagator):
         target = rows · source · columns^T.
 
     The elements of the matrices are Fresnel integrals in closed form, over a cell or over a smooth
-    field's band (optics.propagation.fresnel_integral). There is no sampling error, however close
+    field's band (optics.propagation.fresnel_matrix). There is no sampling error, however close
     the planes are.
     """
 

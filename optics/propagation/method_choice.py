@@ -9,16 +9,15 @@ from optics.accuracy import MethodChoice, ToleranceError, select_methods
 from optics.propagation.angular_spectrum import (
     AngularSpectrum,
     BandLimitedAngularSpectrum,
+    FresnelTransfer,
     ScaledAngularSpectrum,
+    TiltedAngularSpectrum,
 )
 from optics.propagation.fresnel_matrix import FresnelMatrices
-from optics.propagation.fresnel_single import SingleFresnel
-from optics.propagation.fresnel_transfer import FresnelTransfer
-from optics.propagation.fresnel_two_step import TwoStepFresnel
+from optics.propagation.fresnel_steps import SingleFresnel, TwoStepFresnel
 from optics.propagation.propagator import Propagator
 from optics.propagation.rayleigh_sommerfeld import DirectQuadrature
 from optics.propagation.span import FreeSpaceSpan
-from optics.propagation.tilted import TiltedAngularSpectrum
 
 _PROPAGATORS: dict[str, type[Propagator]] = {
     one.name: one

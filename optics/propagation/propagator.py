@@ -1,14 +1,114 @@
-"""Define the interface of all free-space propagation methods."""
+"""Define the interface of all free-space propagation methods, their precision and tolerance."""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
+from dataclasses import dataclass
 
 import torch
 
-from optics.accuracy import CandidateMethod, ErrorEstimate, MachineSpeed
-from optics.propagation.precision import tolerance_below_error_floor
+from optics.accuracy import (
+    FLOAT64_ARITHMETIC,
+    CandidateMethod,
+    ErrorEstimate,
+    MachineSpeed,
+    ToleranceError,
+    unreachable_tolerance_error,
+)
 from optics.propagation.span import FreeSpaceSpan
+
+
+@dataclass(frozen=True)
+class PropagationToleranceShares:
+    """Set which share of a propagation's tolerance each source of error may use.
+
+    All fields are shares of `tol`, between 0 and 1, and all values are chosen. No method uses all
+    of them at once.
+
+    Attributes
+    ----------
+    band : float
+        For the light that a spectral method cuts off, and the light of replicas.
+    transform : float
+        For each of the two Fourier transforms of a method.
+    sampling : float
+        For the samples of a Fresnel method: replicas that pass close to the target, or a cell's
+        envelope between its interpolation nodes.
+    replica : float
+        For each of the four nearest replicas of a smooth field in a Fresnel method.
+    model : float
+        For what a paraxial method leaves out of a scalar wave.
+    chirp_rounding : float
+        For the rounding of the long chirps of the two-step Fresnel method.
+    single_precision : float
+        For the rounding of a computation in complex64.
+    direct : float
+        For one axis of the direct quadrature: the nearest replica of a smooth field, or the
+        Gauss-Legendre rule inside a cell.
+    smooth_field : float
+        For the light of a smooth field that lies outside its declared band or at the edges of the
+        source.
+    """
+
+    band: float = 0.4
+    transform: float = 0.05
+    sampling: float = 0.2
+    replica: float = 0.05
+    model: float = 0.3
+    chirp_rounding: float = 0.2
+    single_precision: float = 0.5
+    direct: float = 0.05
+    smooth_field: float = 0.5
+
+    @property
+    def spectral(self) -> float:
+        """Return the share of all sampling errors of a spectral propagation method."""
+        return self.band + 2 * self.transform
+
+
+TOLERANCE_SHARES = PropagationToleranceShares()
+
+
+FIELD32_ARITHMETIC = 1e-6
+"""Relative L2 error of a field after two complex64 transforms, with phases computed in float64.
+
+It was measured against complex128 and multiplied by a margin of two.
+"""
+
+
+def phase_rounding(turns: float) -> float:
+    """Return the rounding error in radians of a float64 propagation phase of `turns` turns."""
+    # The relative error of such a phase is half a unit in the last place, twice.
+    return 2 * math.pi * turns * 2.3e-16
+
+
+def tolerance_below_error_floor(tol: float, share: float, fixed: float) -> ToleranceError:
+    """Return the ToleranceError of a propagation, with the least tolerance that can be kept.
+
+    share: the share of any tolerance that sampling may use. fixed: the error that doesn't decrease
+    with the tolerance, which is that of rounding and of the paraxial model.
+    """
+    return unreachable_tolerance_error(tol, fixed / (1 - share))
+
+
+def working_precision(
+    tol: float, turns: float, share: float = 0.0, *, double: bool = False
+) -> tuple[torch.dtype, float]:
+    """Return the dtype of a propagated field, and its relative L2 error from rounding.
+
+    turns: the largest phase in turns; computed in float64, its error is `phase_rounding(turns)`.
+    share: the share of the tolerance that sampling may use. double: whether complex64 is excluded.
+    Raises ToleranceError if neither precision keeps the tolerance.
+    """
+    phase, most = phase_rounding(turns), min(TOLERANCE_SHARES.single_precision, 1 - share)
+    if not double and most * tol > FIELD32_ARITHMETIC:
+        dtype, error = torch.complex64, max(FIELD32_ARITHMETIC, phase)
+    else:
+        dtype, error = torch.complex128, max(FLOAT64_ARITHMETIC, phase)
+    if not error < tol * (1 - share):
+        raise tolerance_below_error_floor(tol, share, error)
+    return dtype, error
 
 
 class Propagator(CandidateMethod):

@@ -6,19 +6,100 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch.utils.checkpoint import checkpoint
 
 from optics.accuracy import ErrorEstimate, MachineSpeed, ToleranceError
 from optics.fourier import unit_phasor
 from optics.gauss_legendre import gauss_legendre
-from optics.propagation.precision import working_precision
-from optics.propagation.propagator import Propagator
-from optics.propagation.quadrature_nodes import gauss_nodes
-from optics.propagation.replicas import oversampling_factor, target_ray_frequencies
+from optics.propagation.paraxial import oversampling_factor, target_ray_frequencies
+from optics.propagation.propagator import TOLERANCE_SHARES, Propagator, working_precision
 from optics.propagation.span import FreeSpaceSpan
-from optics.propagation.tolerance_shares import TOLERANCE_SHARES
-from optics.propagation.upsampling import upsample, upsample_adjoint
+
+_RHO = 1 + np.geomspace(1e-3, 1e9, 300)
+"""Semi-axis sums of the Bernstein ellipses that are tried. Each of them gives a valid bound."""
+
+
+def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int) -> int:
+    """Return how many nodes propagate a cell's spherical wave; 0 for more than `most`.
+
+    The nodes integrate a spherical wave over a cell. The wave is exp(i (h x + b x²)) over |x| < 1,
+    with |h| <= turn and |b| <= bend in radians, times an amplitude. error: relative error of the
+    integral. depth: distance of the wave's origin over half the cell's side; infinite if the
+    amplitude is the same everywhere.
+
+    The wave's amplitude has poles at ± i depth. The quadrature error of such a function with n
+    nodes is about rho^(-2n), with rho = depth + sqrt(1 + depth²) (Trefethen 2008). The nodes for
+    the amplitude are added to those for the phase.
+    """
+    slow = math.log(1 / error) / (2 * math.asinh(depth))
+    if slow > most:
+        return 0
+    # From a depth of 1000 on, the amplitude counts as constant over the cell: its second-order
+    # part is 1e-6, and two nodes integrate that exactly.
+    extra = math.ceil(slow) if depth < 1e3 else 0
+    nodes = _phase_nodes(turn, bend, error) + extra
+    return nodes if nodes <= most else 0
+
+
+def _phase_nodes(turn: float, bend: float, error: float) -> int:
+    """Return how many Gauss-Legendre nodes the propagated wave's phase alone needs.
+
+    The error of the mean with n nodes is at most 32 / 15 M rho^(-2n) / (1 - rho^(-2)), for a
+    function that is no larger than M on the ellipse of foci ± 1 and semi-axis sum rho (Trefethen
+    2008, 10.1137/060659831). On the ellipse A cos t + i B sin t, the modulus of the wave is
+
+        exp(-h B sin t - b A B sin 2t),
+
+    which is largest where cos t = 4 b A / (h + sqrt(h² + 32 b² A²)), up to signs.
+    """
+    a, b = (_RHO + 1 / _RHO) / 2, (_RHO - 1 / _RHO) / 2
+    root = np.hypot(turn, math.sqrt(32) * bend * a)
+    cosine = 4 * bend * a / (turn + root + 1e-300)
+    growth = b * np.sqrt(1 - cosine**2) * (turn + 2 * bend * a * cosine)
+    wanted = growth + math.log(32 / 15 / error) - np.log1p(-(_RHO**-2.0))
+    return max(math.ceil(float((wanted / (2 * np.log(_RHO))).min())), 1)
+
+
+def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
+    """Upsample a field for propagation by `factor` along its last axis.
+
+    The field's spectrum is padded with zeros. The first of each group of `factor` samples coincides
+    with a sample of the field. carrier: turns from sample to sample, at the middle of the spectrum.
+    The result is exact for a field that is dark at its ends; otherwise the field is continued
+    periodically.
+    """
+    if factor == 1:
+        return field
+    n = field.shape[-1]
+    spectrum = torch.fft.fft(field * _carrier_phasor(n, -carrier, field))
+    order = torch.fft.fftshift(spectrum, dim=-1)
+    first = _first(n, factor)
+    padded = torch.nn.functional.pad(order, (first, n * factor - n - first))
+    fine = torch.fft.ifft(torch.fft.ifftshift(padded, dim=-1)) * factor
+    return fine * _carrier_phasor(n * factor, carrier / factor, field)
+
+
+def upsample_adjoint(fine: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
+    """Apply the conjugate transpose of `upsample` to a propagated field on finer samples."""
+    if factor == 1:
+        return fine
+    n = fine.shape[-1] // factor
+    spectrum = torch.fft.fft(fine * _carrier_phasor(n * factor, -carrier / factor, fine))
+    first = _first(n, factor)
+    order = torch.fft.fftshift(spectrum, dim=-1)[..., first : first + n]
+    return torch.fft.ifft(torch.fft.ifftshift(order, dim=-1)) * _carrier_phasor(n, carrier, fine)
+
+
+def _first(n: int, factor: int) -> int:
+    """Return the index of the field's lowest frequency in the propagator's padded spectrum."""
+    return (n * factor) // 2 - n // 2
+
+
+def _carrier_phasor(n: int, turns: float, like: torch.Tensor) -> torch.Tensor:
+    index = torch.arange(n, dtype=torch.float64)
+    return unit_phasor(turns * index, like.dtype).to(like.device)
 
 
 @dataclass(frozen=True)
@@ -91,7 +172,7 @@ class DirectQuadrature(Propagator):
     The method is the reference for all other methods. A cell is summed over Gauss-Legendre nodes.
     A smooth field is summed over its samples. That is exact where no replica of its spectrum has a
     ray to the target, which requires carrier + band + the steepest ray's frequency to be below
-    1 / pitch by a margin (optics.propagation.replicas). At shorter distances, the field is
+    1 / pitch by a margin (optics.propagation.paraxial). At shorter distances, the field is
     interpolated to finer samples by zero-padded FFTs. The method supports both models and tilted
     targets. Memory is bounded: the kernel is computed in tiles, which aren't kept, and is computed
     again for derivatives. The time is proportional to the number of pairs of points.

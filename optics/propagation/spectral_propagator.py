@@ -17,10 +17,8 @@ from optics.fourier.transform import RETAINED_BYTES, PlaneTransform
 from optics.plane import Plane
 from optics.propagation.band import FrequencyBand, target_band
 from optics.propagation.paraxial import paraxial_model_error
-from optics.propagation.precision import FIELD32_ARITHMETIC
-from optics.propagation.propagator import Propagator
+from optics.propagation.propagator import FIELD32_ARITHMETIC, TOLERANCE_SHARES, Propagator
 from optics.propagation.span import FreeSpaceSpan
-from optics.propagation.tolerance_shares import TOLERANCE_SHARES
 from optics.propagation.transfer_function import free_space_transfer_function
 from optics.validation import as_number, needs_gradient
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from optics.camera import Camera
 from optics.gauss_legendre import gauss_legendre
-from optics.propagation.fresnel_integral import cell_kernel
+from optics.propagation.fresnel_matrix import cell_kernel
 from optics.psf.axes import fresnel_area
 from optics.psf.request import PSFRequest
 from optics.psf.split_phase import SplitPhase

@@ -5,11 +5,10 @@ algorithm on every pixel of the panel.
 """
 
 from optics.retrieval.camera_feedback import RefinementResult, refine
-from optics.retrieval.grid import design_plane, window_for_reach
+from optics.retrieval.goal import design_plane, window_for_reach
 from optics.retrieval.methods import METHODS
-from optics.retrieval.phase_retrieval import RetrievalResult, retrieve
-from optics.retrieval.quality import PatternQuality
-from optics.retrieval.start_phases import STARTS
+from optics.retrieval.phase_retrieval import PatternQuality, RetrievalResult, retrieve
+from optics.retrieval.superpixel import STARTS
 
 __all__ = [
     "METHODS",

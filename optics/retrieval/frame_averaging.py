@@ -19,9 +19,7 @@ from optics.retrieval.gerchberg_saxton import (
     iterate_constraint,
     over_compensated_constraint,
 )
-from optics.retrieval.job import RetrievalJob
-from optics.retrieval.start_phases import random_start, smooth_start
-from optics.retrieval.superpixel import Superpixels
+from optics.retrieval.superpixel import RetrievalJob, Superpixels, random_start, smooth_start
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from optics.plane import Plane
 from optics.progress import Progress
 from optics.retrieval.far_field import unit_modulus
 from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.start_phases import starting_field
-from optics.retrieval.superpixel import Superpixels
+from optics.retrieval.superpixel import Superpixels, starting_field
 from optics.threads import single_threaded
 from optics.validation import accepts_numpy, require_count
 

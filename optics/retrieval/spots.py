@@ -14,8 +14,7 @@ import torch
 
 from optics.progress import Progress
 from optics.retrieval.far_field import unit_modulus
-from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.grid import OVERSAMPLING
+from optics.retrieval.goal import OVERSAMPLING, RetrievalGoal
 from optics.retrieval.superpixel import Superpixels
 
 _WIDEST = 5 * OVERSAMPLING // 2

@@ -1,9 +1,7 @@
 """Model the image sensor, from light on its pixels to digital numbers, in terms of EMVA 1288."""
 
-from optics.sensor.fixed_pattern import FixedPattern, fixed_pattern, has_fixed_pattern
 from optics.sensor.frame_sampling import expose, sample_frame
 from optics.sensor.moments import moments
-from optics.sensor.mosaic import Mosaic
 from optics.sensor.pixel_integration import (
     PIXEL_OVERSAMPLING,
     PixelIntegration,
@@ -13,8 +11,9 @@ from optics.sensor.pixel_integration import (
     sample_pixels,
 )
 from optics.sensor.readout import sensor_as_read
+from optics.sensor.sensor import Mosaic
 from optics.sensor.shutter import row_starts
-from optics.sensor.stages import ShotNoise, Stages
+from optics.sensor.stages import FixedPattern, ShotNoise, Stages, fixed_pattern, has_fixed_pattern
 
 __all__ = [
     "PIXEL_OVERSAMPLING",

@@ -1,17 +1,370 @@
-"""Compute mean and variance of every pixel of a sensor, without sampling frames."""
+"""Compute mean and variance of every pixel of a sensor, by tables over its expected electrons."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import functools
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.special import gammaln, ndtr
 
-from optics.sensor.converter import readout_moments
-from optics.sensor.moment_table import BATCH_PIXELS, moment_tables
 from optics.sensor.sensor import Sensor
-from optics.sensor.stages import FEW_ELECTRONS, CollectedCharge, Stages, collect_electrons
+from optics.sensor.stages import (
+    FEW_ELECTRONS,
+    MAX_OFFSET_STEP,
+    CollectedCharge,
+    ShotNoise,
+    Stages,
+    collect_electrons,
+)
+
+Numbers = NDArray[np.float64]
+
+
+def electron_range(mean: float) -> tuple[int, int]:
+    """Return the least and most photoelectrons that a sensor pixel may hold, by shot noise.
+
+    Other counts have a negligible probability.
+    """
+    # Nine standard deviations are enough. The 20 serve few expected electrons.
+    reach = 9.0 * math.sqrt(mean) + 20
+    return max(0, math.floor(mean - reach)), math.ceil(mean + reach)
+
+
+class CountProbabilities:
+    """Probabilities of a sensor pixel's photoelectron counts, for means between two.
+
+    least, most: the means. shot: the distribution. Logarithms of factorials are computed once for
+    all means.
+    """
+
+    def __init__(self, least: float, most: float, shot: ShotNoise) -> None:
+        self._shot, self.first = shot, electron_range(least)[0]
+        self.counts = np.arange(self.first, electron_range(most)[1] + 1, dtype=np.float64)
+        self._log_factorials = gammaln(self.counts + 1)
+
+    def __call__(self, means: Numbers) -> tuple[slice, Numbers]:
+        """Return which counts pixels may hold, as a slice of `counts`, and their probabilities.
+
+        means: rising. The probabilities are (means, counts), for few means that are close together.
+        """
+        first, last = electron_range(float(means[0]))[0], electron_range(float(means[-1]))[1]
+        part = slice(first - self.first, last + 1 - self.first)
+        counts, lit = self.counts[part], means[:, None] > 0
+        mean = np.where(lit, means[:, None], 1.0)
+        if self._shot == "Gaussian":
+            shares = _rounded_normal(mean, counts)
+        else:
+            shares = np.exp(counts * np.log(mean) - mean - self._log_factorials[part])
+        shares = np.where(lit, shares, counts == 0)
+        return part, shares / shares.sum(axis=1, keepdims=True)
+
+
+def _rounded_normal(mean: Numbers, counts: Numbers) -> Numbers:
+    """Compute sensor pixels' photoelectron probabilities from rounded normal distributions.
+
+    Negative numbers count as 0. mean: (means, 1).
+    """
+    spread = mean / np.sqrt(mean + 1 / 12)
+    below = ndtr((np.append(counts, counts[-1] + 1) - 0.5 - mean) / spread)
+    if counts[0] == 0:
+        below[:, 0] = 0.0
+    return np.diff(below, axis=1)
+
+
+_MAX_DEVIATIONS = 8.5
+"""Standard deviations of read noise that are summed; 1e-17 of the probability lies beyond."""
+
+
+def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple[Numbers, Numbers]:
+    """Compute mean and variance of a sensor pixel's readout through noise and ADC, exactly.
+
+    The mean is in electrons, and the variance in electrons². electrons: in the well, with the
+    pixel's offset; any shape. The readout is (number - black level) times the gain, clipped and
+    rounded as `stages` says.
+    """
+    noise = sensor.read_noise if stages.read_noise else 0.0
+    if stages.quantisation:
+        scaled = electrons / sensor.gain + sensor.black_level
+        mean, variance = _rounded_moments(scaled, noise / sensor.gain, sensor, stages.clipping)
+        return (mean - sensor.black_level) * sensor.gain, variance * sensor.gain**2
+    if stages.clipping:
+        low = -sensor.black_level * sensor.gain
+        return _clipped_moments(electrons, noise, low, low + sensor.top_number * sensor.gain)
+    return electrons, np.full_like(electrons, noise**2)
+
+
+def _clipped_moments(x: Numbers, noise: float, low: float, high: float) -> tuple[Numbers, Numbers]:
+    """Compute mean and variance of the sensor's readout, clipped at both ends.
+
+    Before clipping, the readout is a normal number with the mean x.
+    """
+    if not noise:
+        return np.clip(x, low, high), np.zeros_like(x)
+    a, b = (low - x) / noise, (high - x) / noise
+    under, over = ndtr(a), ndtr(-b)
+    inside = 1 - under - over
+    density_a, density_b = _density(a), _density(b)
+    shift = noise * (density_a - density_b + a * under + b * over)
+    square = noise**2 * (inside + a * density_a - b * density_b + a**2 * under + b**2 * over)
+    return x + shift, np.maximum(square - shift**2, 0.0)
+
+
+def _density(z: Numbers) -> Numbers:
+    return np.exp(-0.5 * np.minimum(z**2, 1400.0)) / math.sqrt(2 * math.pi)
+
+
+def _rounded_moments(
+    scaled: Numbers, noise: float, sensor: Sensor, clipping: bool
+) -> tuple[Numbers, Numbers]:
+    """Compute mean and variance of the sensor's readout, rounded by the ADC.
+
+    Before rounding, the readout is a normal number with the mean `scaled`. Both moments are sums
+    over the probabilities that the number reaches each whole step.
+    """
+    top = sensor.top_number
+    if not noise:
+        number = np.round(scaled)
+        return np.clip(number, 0, top) if clipping else number, np.zeros_like(scaled)
+    first = np.floor(scaled - _MAX_DEVIATIONS * noise - 0.5)
+    base = np.clip(first, 0, top) if clipping else first
+    mean, square = np.zeros_like(scaled), np.zeros_like(scaled)
+    for step in range(1, math.ceil(2 * _MAX_DEVIATIONS * noise) + 3):
+        number = first + step
+        reached = ndtr((scaled - number + 0.5) / noise)
+        if clipping:
+            reached = np.where((number >= 1) & (number <= top), reached, 0.0)
+        mean += reached
+        square += (2 * (number - base) - 1) * reached
+    return base + mean, np.maximum(square - mean**2, 0.0)
+
+
+_ANSCOMBE_OFFSET = 3 / 8
+"""Offset in electrons. Nodes are evenly spaced in sqrt(electrons + offset), because the shot noise
+of that quantity is constant (Anscombe 1948)."""
+
+_MAX_TABULATED_ELECTRONS = 2.0**17
+"""Electrons beyond which rounding is far finer than shot noise, so that no table is needed unless
+pixels clip."""
+
+_NODES_TOGETHER = 16
+"""Neighbouring nodes of a table that are computed together: two standard deviations. Chosen."""
+
+BATCH_PIXELS = 1 << 17
+"""Pixels that are computed together; they stay in a processor's cache."""
+
+
+@dataclass(frozen=True)
+class MomentTableSettings:
+    """Tune the tables of a sensor's mean and variance.
+
+    Attributes
+    ----------
+    nodes_per_unit : int
+        Computed nodes per unit of sqrt(electrons), which is two standard deviations. Chosen.
+    spline_refinement : int
+        Factor by which splines refine the table, so that linear interpolation is enough between the
+        refined nodes. Chosen.
+    saturation_deviations : float
+        Standard deviations of shot noise from a limit, beyond which a pixel is certainly full or
+        certainly not. Chosen.
+    """
+
+    nodes_per_unit: int = 16
+    spline_refinement: int = 16
+    saturation_deviations: float = 9.0
+
+    @property
+    def step(self) -> float:
+        """The distance between a sensor moment table's refined nodes, in sqrt(electrons)."""
+        return 1 / (self.nodes_per_unit * self.spline_refinement)
+
+
+_SETTINGS = MomentTableSettings()
+
+
+def moment_tables(
+    sensor: Sensor, stages: Stages, max_electrons: float, electrons_per_step: float = 0.0
+) -> tuple[MomentTable, ...]:
+    """Return a sensor's tables of mean and variance up to `max_electrons`, from a cache.
+
+    The first table begins at darkness. For a deep well, it ends where rounding is far finer than
+    shot noise, and a second table begins near the full well. Between them, mean and variance are
+    those of shot noise alone. electrons_per_step: electrons per step of a pixel's offset; 0 without
+    offsets.
+    """
+    stages = replace(stages, dark_current=True, fixed_pattern=True)
+    low, high = _clipping_range(sensor, stages)
+    if high <= _MAX_TABULATED_ELECTRONS:
+        return (
+            _cached_table(
+                sensor, stages, 0.0, _round_up_limit(max_electrons, high), electrons_per_step
+            ),
+        )
+    dark = _cached_table(
+        sensor,
+        stages,
+        0.0,
+        _round_up_limit(max_electrons, _MAX_TABULATED_ELECTRONS),
+        electrons_per_step,
+    )
+    if max_electrons < max(low, _MAX_TABULATED_ELECTRONS):
+        return (dark,)
+    return dark, _cached_table(
+        sensor, stages, max(low, _MAX_TABULATED_ELECTRONS), high, electrons_per_step
+    )
+
+
+def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
+    """Return the electrons from which a sensor pixel may clip, and from which it certainly clips.
+
+    Both are infinite if clipping isn't simulated.
+    """
+    if not stages.clipping:
+        return math.inf, math.inf
+    top = (sensor.top_number - sensor.black_level) * sensor.gain
+    noise = 9 * sensor.read_noise + 5 * sensor.dsnu + sensor.gain
+    first = min(sensor.full_well, max(top - noise, 0.0))
+    final = min(sensor.full_well, top + noise)
+    deviations = _SETTINGS.saturation_deviations
+    return (
+        max(first - deviations * math.sqrt(first) - 50, 0.0),
+        final + deviations * math.sqrt(final) + 130,
+    )
+
+
+def _round_up_limit(max_electrons: float, limit: float) -> float:
+    """Round the end of a sensor's moment table, in electrons, up to a power of two.
+
+    Other pictures can then use the same table.
+    """
+    return min(limit, 2.0 ** math.ceil(math.log2(max(max_electrons, 64.0))))
+
+
+@functools.lru_cache(maxsize=16)
+def _cached_table(
+    sensor: Sensor, stages: Stages, low: float, high: float, step: float
+) -> MomentTable:
+    return MomentTable(sensor, stages, low, high, step)
+
+
+class MomentTable:
+    """Tabulates a pixel's mean and variance by expected electrons and offset, for a sensor.
+
+    low, high: electrons at both ends; beyond them, the values at the ends are used.
+    covers_saturation: whether the values no longer change beyond `high`. electrons_per_step:
+    electrons per step of a pixel's offset; 0 without offsets.
+    """
+
+    def __init__(
+        self, sensor: Sensor, stages: Stages, low: float, high: float, electrons_per_step: float
+    ) -> None:
+        self.low, self.high = low, high
+        self.covers_saturation = high >= _clipping_range(sensor, stages)[1]
+        self._start = math.sqrt(low + _ANSCOMBE_OFFSET)
+        per_unit = _SETTINGS.nodes_per_unit
+        count = math.ceil(per_unit * (math.sqrt(high + _ANSCOMBE_OFFSET) - self._start)) + 4
+        root = self._start + np.arange(count) / per_unit
+        electrons = np.maximum(root**2 - _ANSCOMBE_OFFSET, 0.0)
+        self._reach = MAX_OFFSET_STEP if electrons_per_step else 0
+        offsets = np.arange(-self._reach, self._reach + 1) * electrons_per_step
+        probabilities = CountProbabilities(float(electrons[0]), float(electrons[-1]), stages.shot)
+        counts = probabilities.counts
+        if stages.clipping:
+            counts = np.minimum(counts, sensor.full_well)
+        read = readout_moments(counts[:, None] + offsets, sensor, stages)
+        parts = np.split(electrons, np.arange(_NODES_TOGETHER, count, _NODES_TOGETHER))
+        rows = [_average_over_counts(probabilities, means, *read) for means in parts]
+        self.mean = _refine_by_splines(np.concatenate([row[0] for row in rows]))
+        variance = np.concatenate([row[1] for row in rows])
+        self.variance = _refine_by_splines(variance).clamp(min=0.0)
+
+    def __call__(
+        self, electrons: torch.Tensor, steps: torch.Tensor | None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Look up mean and variance of pixels, of any shape, float64.
+
+        electrons: expected. steps: the pixels' offsets in steps, or None.
+        """
+        flat = electrons.flatten()
+        mean, variance = torch.empty_like(flat), torch.empty_like(flat)
+        for start in range(0, flat.numel(), BATCH_PIXELS):
+            part = slice(start, start + BATCH_PIXELS)
+            own = None if steps is None else steps.flatten()[part].to(torch.int64)
+            mean[part], variance[part] = self._interpolate(flat[part], own)
+        return mean.reshape(electrons.shape), variance.reshape(electrons.shape)
+
+    def max_slopes(self, max_electrons: float) -> tuple[float, float]:
+        """Return the largest slopes of a sensor pixel's mean and variance over electrons.
+
+        The slopes are absolute values, up to `max_electrons`.
+        """
+        electrons = self._nodes_up_to(max_electrons)
+        spaces = np.diff(electrons)[:, None]
+        mean, variance = (
+            np.abs(np.diff(values.numpy()[: len(electrons)], axis=0) / spaces).max()
+            for values in (self.mean, self.variance)
+        )
+        return float(mean), float(variance)
+
+    def min_variance(self, max_electrons: float) -> float:
+        """Return a sensor pixel's least variance up to `max_electrons`, from the table."""
+        return float(self.variance[: len(self._nodes_up_to(max_electrons))].min())
+
+    def _nodes_up_to(self, max_electrons: float) -> Numbers:
+        """Return a sensor moment table's nodes up to `max_electrons`, two at least."""
+        start, step = self._start, _SETTINGS.step
+        electrons = (start + np.arange(len(self.mean)) * step) ** 2 - _ANSCOMBE_OFFSET
+        return electrons[electrons <= max(max_electrons, electrons[1])]
+
+    def _interpolate(
+        self, electrons: torch.Tensor, steps: torch.Tensor | None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        start, step = self._start, _SETTINGS.step
+        electrons = electrons.clamp(self.low, self.high)
+        base = (electrons + _ANSCOMBE_OFFSET).sqrt_().sub_(start).div_(step).floor_()
+        base.clamp_(0, len(self.mean) - 2)
+        root = base * step + start
+        # Interpolation is linear in electrons, not in their root, because means are proportional to
+        # electrons except at the ends.
+        between = (electrons - (root**2 - _ANSCOMBE_OFFSET)) / (step * (2 * root + step))
+        columns = self.mean.shape[1]
+        first = base.to(torch.int64).mul_(columns).add_(self._reach)
+        if steps is not None:
+            first += steps
+        second = first + columns
+        mean, variance = (
+            torch.lerp(values.view(-1)[first], values.view(-1)[second], between)
+            for values in (self.mean, self.variance)
+        )
+        return mean, variance
+
+
+def _refine_by_splines(values: Numbers) -> torch.Tensor:
+    """Refine a sensor's moment table, (nodes, columns), by splines between its nodes."""
+    nodes, finer = np.arange(len(values)), _SETTINGS.spline_refinement
+    inner = np.arange((len(values) - 1) * finer + 1) / finer
+    return torch.from_numpy(CubicSpline(nodes, values)(inner))
+
+
+def _average_over_counts(
+    probabilities: CountProbabilities, means: Numbers, read: Numbers, variance: Numbers
+) -> tuple[Numbers, Numbers]:
+    """Average sensor pixels' mean and variance over shot noise, by the law of total variance.
+
+    means: of electrons, close together. The results are (means, offsets).
+    """
+    part, shares = probabilities(means)
+    # Squares are of numbers near 0, so that their difference has as many digits.
+    middle = shares[len(means) // 2] @ read[part]
+    away = read[part] - middle
+    moved = shares @ away
+    return middle + moved, shares @ (variance[part] + away**2) - moved**2
 
 
 def moments(

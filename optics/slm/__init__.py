@@ -6,13 +6,9 @@ neighbouring pixels; the gap between pixels; flatness; jitter; reflections. `Mod
 the effects that a panel has.
 """
 
-from optics.slm.grey_validation import require_grey
-from optics.slm.lut import grey_to_phase, phase_to_grey
-from optics.slm.maps import PanelMap
+from optics.slm.lut import grey_to_phase, phase_to_grey, require_grey
 from optics.slm.modulator import Modulator
-from optics.slm.panel import Panel
-from optics.slm.phase_range import max_phase
-from optics.slm.response import PhaseResponse
+from optics.slm.panel import Panel, PanelMap, PhaseResponse, max_phase
 
 __all__ = [
     "Modulator",

@@ -5,13 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
 import torch
 
-from optics.slm.cells import neighbouring_cells
-from optics.slm.flatness import flatness_phase
-from optics.slm.panel import Panel
-from optics.slm.phase_range import max_phase
+from optics.slm.panel import Panel, max_phase, neighbouring_cells
 from optics.validation import accepts_numpy, require_finite
+
+
+def flatness_phase(panel: Panel, wavelength: float) -> torch.Tensor:
+    """Compute the phase of an SLM's known flatness in radians, (rows, columns) float64.
+
+    Flatness is an optical path, so that its phase is proportional to 1/wavelength.
+    """
+    assert panel.flatness is not None
+    return panel.flatness.at_pixels(panel) * (2 * math.pi / wavelength)
 
 
 @accepts_numpy
@@ -246,4 +253,36 @@ def require_levels(panel: Panel, grey: torch.Tensor) -> None:
     if low < 0 or high >= panel.levels:
         raise ValueError(
             f"grey goes from {low} to {high}; the panel's levels are 0 to {panel.levels - 1}"
+        )
+
+
+def require_grey(panel: Panel, grey: np.ndarray) -> None:
+    """Raise an error unless an SLM can display an array of grey levels.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel.
+    grey : numpy.ndarray
+        Grey levels, uint8, (rows, columns) of the panel.
+
+    Raises
+    ------
+    TypeError
+        If the array's type isn't uint8.
+    ValueError
+        If the array's shape isn't the panel's, or the panel lacks one of its levels.
+    """
+    if grey.dtype != np.uint8:
+        raise TypeError(f"the pattern's type is {grey.dtype}; the panel shows uint8 grey levels")
+    if grey.shape != panel.shape:
+        raise ValueError(
+            f"the pattern is {grey.shape[-1]}x{grey.shape[0]} pixels; "
+            f"the panel needs {panel.shape[1]}x{panel.shape[0]}"
+            if grey.ndim == 2
+            else f"the pattern has {grey.ndim} axes; the panel needs rows and columns"
+        )
+    if grey.max() >= panel.levels:
+        raise ValueError(
+            f"the pattern has level {grey.max()}; the panel's levels are 0 to {panel.levels - 1}"
         )

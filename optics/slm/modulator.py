@@ -10,15 +10,82 @@ import torch
 
 from optics.slm.coupling import fringing_field_mean
 from optics.slm.dynamics import first_start_phase, relaxed_phase, time_node_count, time_nodes
-from optics.slm.flatness import flatness_phase
-from optics.slm.flicker import flicker_nodes
-from optics.slm.gap import gap_amplitude
-from optics.slm.jitter import scattered_share
-from optics.slm.lut import grey_to_phase, is_uniform, phase_to_grey, require_levels
-from optics.slm.panel import Panel
-from optics.slm.phase_range import max_phase
-from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
+from optics.slm.lut import flatness_phase, grey_to_phase, is_uniform, phase_to_grey, require_levels
+from optics.slm.panel import Panel, max_phase
 from optics.validation import accepts_numpy, require_finite
+
+
+def flicker_nodes(flicker: float, phase: float, tol: float) -> list[tuple[float, float]]:
+    """Return quadrature nodes for the mean over the SLM's phase flicker: shares and factors.
+
+    Each node is a share of time and a factor of the phase. The factors replace 1 + flicker sin.
+    phase: the largest phase in radians. The rule is that of Gauss for the mean over a sine
+    (Chebyshev nodes). It has as few nodes as give the mean of exp(i phase flicker sin), which is
+    Bessel's J0, with an error of at most tol. The error of k nodes is 2 J_2k, which is below 2
+    (half the argument)^2k / (2k)!. Raises ValueError for a phase that needs 64 nodes or more.
+    """
+    if flicker == 0:
+        return [(1.0, 1.0)]
+    swing = abs(flicker * phase)
+    for count in range(1, 64):
+        error = 2 * count * math.log(swing / 2 + 1e-300) - math.lgamma(2 * count + 1)
+        if error <= math.log(tol / 2):
+            angles = [math.pi * (2 * k + 1) / (2 * count) for k in range(count)]
+            return [(1 / count, 1 + flicker * math.cos(angle)) for angle in angles]
+    raise ValueError(
+        f"flicker is {flicker:g} and moves the phase by {swing:.3g} rad, more than can be "
+        "averaged; wrap the phase into the panel's range"
+    )
+
+
+def gap_amplitude(panel: Panel) -> float:
+    """Compute the amplitude that the SLM's gap adds to a pixel's field, relative to the pixel's.
+
+    The gap is a frame with (1 - F) / F of the active area of a pixel with fill factor F. Its light
+    adds coherently. The amplitude is exact on the axis. A PSFOperator spreads this light like that
+    of the pixel's active square, although a frame spreads it differently. At a share u of the way
+    to the panel's first diffraction order, along an axis, the error of the field is gap_reflection
+    times (sinc(u) - sinc(u sqrt(F))) / F. For F = 0.87 this factor is 0.015 at a quarter and 0.05
+    at half of the way. In the first order itself a bright gap would weaken the light, while it
+    strengthens the light in this model.
+    """
+    return panel.gap_reflection * (1 - panel.fill_factor) / panel.fill_factor
+
+
+def max_gap_power(panel: Panel) -> float:
+    """Return the largest power of the SLM's field with its gaps, over that of its pixels alone."""
+    return (1 + gap_amplitude(panel)) ** 2
+
+
+def scattered_share(jitter: float) -> float:
+    """Compute the share of light that the SLM's jitter scatters.
+
+    jitter: a normal phase error, radians rms.
+
+    The mean fields of independent pixels, exp(-jitter²/2) each, add coherently. The rest of the
+    power, a share of 1 - exp(-jitter²), adds in intensity and is spread evenly, apart from the
+    envelope of one pixel (Ruze, Proc. IEEE 54, 633, 1966, for a correlation of one pixel).
+    """
+    return -math.expm1(-(jitter**2))
+
+
+def front_reflection_share(panel: Panel) -> float:
+    """Compute the share of the SLM's light that its cover glass reflects.
+
+    This light adds in intensity, because the glass is far thicker than the coherence length, which
+    at 550 nm and a band of 7 nm is wavelength² / band = 43 µm.
+    """
+    return panel.front_reflection / panel.reflectivity if panel.front_reflection else 0.0
+
+
+def transmitted_unmodulated_share(panel: Panel) -> float:
+    """Compute the share of the SLM's light that passed the liquid crystal unmodulated.
+
+    This light has the polarisation whose phase the crystal doesn't change (thesis §5.6 gives 5 to
+    10 %).
+    """
+    return (1 - front_reflection_share(panel)) * panel.unmodulated
+
 
 TOL = 1e-2
 """Largest error of a mean over a frame, for the two pixels whose phases change most differently.

@@ -1,14 +1,241 @@
-"""Describe a panel (SLM) as data: its pixels, its phase range, and its imperfections."""
+"""Describe a panel (SLM) as data: its pixels, its phase by grey level, and its imperfections."""
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
 
 from optics.plane import Plane
-from optics.slm.maps import PanelMap
-from optics.slm.response import PhaseResponse
-from optics.validation import require_positive, require_share, require_size
+from optics.validation import (
+    require_finite,
+    require_positive,
+    require_share,
+    require_size,
+    require_unmasked,
+    require_wavelength,
+)
+
+
+def as_float64(values: Any) -> torch.Tensor:
+    """Convert numbers of an SLM's map or response to a float64 tensor.
+
+    The numbers may be of any kind. Tensors keep their derivatives.
+    """
+    if isinstance(values, torch.Tensor):
+        return values.to(torch.float64)
+    require_unmasked(values)
+    # Arrays from files may be read-only or of another byte order, so the values are copied.
+    return torch.from_numpy(np.array(values, dtype=np.float64))
+
+
+def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Find the map cells before and behind each SLM pixel along an axis, and the pixel's position.
+
+    The position is the share, from 0 to 1, of the way between the centres of the two cells. The
+    cells are equally wide and cover all pixels. A pixel beyond the outermost centre gets the
+    outermost cell alone. Returns two tensors of indices, int64, and the shares, float64, each
+    (pixels,).
+    """
+    centre = (torch.arange(pixels, dtype=torch.float64) + 0.5) * (cells / pixels) - 0.5
+    centre = centre.clamp(0, cells - 1)
+    before = centre.floor().to(torch.int64)
+    behind = (before + 1).clamp(max=cells - 1)
+    return before, behind, centre - before
+
+
+def interpolate_cells(values: torch.Tensor, pixels: int, axis: int) -> torch.Tensor:
+    """Interpolate a map's cell values along an axis to SLM pixels, linearly.
+
+    The values are constant beyond the outermost cells' centres.
+    """
+    if values.shape[axis] == pixels:
+        return values
+    before, behind, share = neighbouring_cells(values.shape[axis], pixels)
+    lengths = [1] * values.ndim
+    lengths[axis] = pixels
+    share = share.to(values).reshape(lengths)
+    low, high = values.index_select(axis, before), values.index_select(axis, behind)
+    return low + share * (high - low)
+
+
+@dataclass(frozen=True, eq=False)
+class PanelMap:
+    """Hold a map of a quantity over a panel, such as its flatness or its illumination.
+
+    The values are those of equal cells that cover the panel. The cells may be coarser than the
+    pixels.
+
+    Parameters
+    ----------
+    values : torch.Tensor or numpy.ndarray
+        (rows, columns) of cells; kept as a float64 tensor.
+
+    Raises
+    ------
+    ValueError
+        If the values are empty, not finite, or have another number of axes than two.
+    """
+
+    values: torch.Tensor
+
+    def __post_init__(self) -> None:
+        values = as_float64(self.values)
+        if values.ndim != 2 or not values.numel():
+            raise ValueError(
+                f"a map's values are {tuple(values.shape)}; they need rows and columns"
+            )
+        require_finite("a map", values)
+        object.__setattr__(self, "values", values)
+
+    def at_pixels(self, panel: Panel) -> torch.Tensor:
+        """Interpolate a map's values at the SLM's pixels, (rows, columns) float64.
+
+        The values are bilinear between the cells' centres and constant beyond the outermost ones.
+        """
+        rows, columns = panel.shape
+        return interpolate_cells(interpolate_cells(self.values, rows, 0), columns, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseResponse:
+    """Describe a panel's phase by grey level, at wavelengths and in regions of the panel.
+
+    Between wavelengths the shares are interpolated linearly in 1/wavelength², the variable in which
+    a liquid crystal's dispersion is smoothest (see `max_phase`), and between the regions' centres
+    bilinearly, so that there are no seams. Beyond the outermost ones they are constant.
+
+    Parameters
+    ----------
+    wavelengths : tuple of float
+        Metres, all different.
+    shares : torch.Tensor or numpy.ndarray
+        Shares of the panel's highest phase, (wavelengths, region rows, region columns, levels);
+        kept as a float64 tensor. Regions are equally large and cover the panel. A share may exceed
+        1, where a panel's range is larger than its table says. The first share needn't be 0.
+
+    Raises
+    ------
+    ValueError
+        If shares aren't finite, fall from one level to the next, don't rise at all, or have another
+        shape, or if wavelengths aren't positive or occur twice.
+    """
+
+    wavelengths: tuple[float, ...]
+    shares: torch.Tensor
+
+    def __post_init__(self) -> None:
+        shares = as_float64(self.shares)
+        wavelengths = tuple(float(w) for w in self.wavelengths)
+        for wavelength in wavelengths:
+            require_wavelength("a response's wavelength", wavelength)
+        if len(set(wavelengths)) != len(wavelengths):
+            raise ValueError("a response's wavelengths must differ; give each once")
+        if shares.ndim != 4 or shares.shape[0] != len(wavelengths) or not shares.numel():
+            raise ValueError(
+                f"a response's shares are {tuple(shares.shape)}; they need wavelengths "
+                f"({len(wavelengths)}), region rows, region columns and levels"
+            )
+        require_finite("a response", shares)
+        _require_rising(shares.detach(), wavelengths)
+        object.__setattr__(self, "shares", shares)
+        object.__setattr__(self, "wavelengths", wavelengths)
+
+    @staticmethod
+    def from_curve(wavelength: float, shares: Any) -> PhaseResponse:
+        """Build an SLM's phase response of one curve for all its pixels and every wavelength.
+
+        Parameters
+        ----------
+        wavelength : float
+            Metres, at which the curve was measured.
+        shares : torch.Tensor or numpy.ndarray
+            Shares of the highest phase, (levels,).
+
+        Returns
+        -------
+        PhaseResponse
+            The response.
+        """
+        return PhaseResponse((wavelength,), as_float64(shares)[None, None, None])
+
+    @staticmethod
+    def from_phases(panel: Panel, wavelengths: Sequence[float], phases: Any) -> PhaseResponse:
+        """Build an SLM's phase response to grey levels from measured phases.
+
+        Parameters
+        ----------
+        panel : Panel
+            The panel; the shares are relative to its highest phase.
+        wavelengths : sequence of float
+            Metres.
+        phases : torch.Tensor or numpy.ndarray
+            Radians, (wavelengths, levels) or (wavelengths, region rows, region columns, levels).
+
+        Returns
+        -------
+        PhaseResponse
+            The response.
+
+        Raises
+        ------
+        ValueError
+            If the phases have another shape.
+        """
+        phases = as_float64(phases)
+        if phases.ndim == 2:
+            phases = phases[:, None, None]
+        if phases.ndim != 4 or phases.shape[0] != len(wavelengths):
+            raise ValueError(
+                f"phases are {tuple(phases.shape)}; they need wavelengths ({len(wavelengths)}) "
+                "and levels, with region rows and columns between them or without"
+            )
+        highest = torch.tensor([max_phase(panel, w) for w in wavelengths], dtype=torch.float64)
+        return PhaseResponse(tuple(wavelengths), phases / highest[:, None, None, None])
+
+    @property
+    def levels(self) -> int:
+        """The number of grey levels of the SLM's response."""
+        return self.shares.shape[-1]
+
+    @property
+    def regions(self) -> tuple[int, int]:
+        """The numbers of rows and columns of regions in the SLM's response."""
+        return self.shares.shape[1], self.shares.shape[2]
+
+    def at(self, wavelength: float) -> torch.Tensor:
+        """Interpolate the SLM's response at a wavelength, as shares of the highest phase.
+
+        The result is (region rows, region columns, levels). wavelength: metres.
+        """
+        order = sorted(range(len(self.wavelengths)), key=lambda k: self.wavelengths[k])
+        known = [self.wavelengths[k] for k in order]
+        if wavelength <= known[0]:
+            return self.shares[order[0]]
+        for one, other, low, high in zip(order, order[1:], known, known[1:], strict=False):
+            if wavelength <= high:
+                share = (low**-2 - wavelength**-2) / (low**-2 - high**-2)
+                return torch.lerp(self.shares[one], self.shares[other], share)
+        return self.shares[order[-1]]
+
+
+def _require_rising(shares: torch.Tensor, wavelengths: tuple[float, ...]) -> None:
+    falls = (shares.diff(dim=-1) < 0).nonzero()
+    if len(falls):
+        w, row, column, level = falls[0].tolist()
+        raise ValueError(
+            f"the response falls from level {level} to {level + 1} at "
+            f"{wavelengths[w] * 1e9:.0f} nm in region ({row}, {column}), and {len(falls)} times "
+            "in all; the phase must grow with the level: smooth the measurement"
+        )
+    if shares.shape[-1] < 2 or not bool((shares[..., -1] > shares[..., 0]).all()):
+        raise ValueError("the response doesn't rise from its first level to its last; it must")
+
 
 _MOST_PIXELS = 100_000_000
 """Pixels of a panel, whose pattern alone takes 0.8 GB. Chosen: twelve times a panel of 4K."""
@@ -173,3 +400,64 @@ class Panel:
 def _require_amount(name: str, value: float, unit: str) -> None:
     if not 0 <= value < math.inf:
         raise ValueError(f"{name} is {value:g} {unit}; it can't be negative or infinite")
+
+
+def max_phase(panel: Panel, wavelength: float) -> float:
+    """Compute an SLM's phase at the highest grey level, at a wavelength.
+
+    The optical path difference of a nematic cell follows its birefringence, which the extended
+    Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the visible. As many terms
+    are used as the panel has tabulated wavelengths, at most three.
+
+    Parameters
+    ----------
+    panel : Panel
+        The panel.
+    wavelength : float
+        Metres, 0.9 times the smallest to 1.15 times the largest tabulated wavelength.
+
+    Returns
+    -------
+    float
+        Radians.
+
+    Raises
+    ------
+    ValueError
+        If the wavelength is outside that range, or the fitted optical path is not positive there.
+
+    References
+    ----------
+    J. Li and S.-T. Wu, J. Appl. Phys. 95, 896, 2004, doi 10.1063/1.1635971.
+    """
+    table = panel.max_phase
+    known = [w for w, _ in table]
+    if 0 < wavelength < math.inf:
+        require_wavelength("wavelength", wavelength)
+    low, high = 0.9 * min(known), 1.15 * max(known)
+    if not low <= wavelength <= high:
+        raise ValueError(
+            f"wavelength {wavelength * 1e9:.0f} nm is outside the panel's table; "
+            f"choose {low * 1e9:.0f} to {high * 1e9:.0f} nm, or add its phase range there"
+        )
+    unit, coefficients = _cauchy(table)
+    path = float(np.polyval(coefficients, (unit / wavelength) ** 2))
+    if path <= 0:
+        raise ValueError(
+            f"max_phase leaves no phase at {wavelength * 1e9:.0f} nm: the path through its "
+            "entries is no dispersion of a liquid crystal; check them, or add one there"
+        )
+    return path / wavelength
+
+
+@functools.lru_cache(maxsize=64)
+def _cauchy(table: tuple[tuple[float, float], ...]) -> tuple[float, tuple[float, ...]]:
+    """Fit the Cauchy equation of the liquid crystal's path over wavelengths.
+
+    Returns the wavelength that serves as the unit, and the coefficients of the powers of (unit /
+    wavelength)².
+    """
+    known, path = np.array([(w, phase * w) for w, phase in sorted(table)]).T
+    unit = float(known.mean())
+    coefficients = np.polyfit((unit / known) ** 2, path, min(len(table), 3) - 1)
+    return unit, tuple(coefficients.tolist())

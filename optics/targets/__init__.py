@@ -8,13 +8,16 @@ standard deviation of a Gaussian across a stroke, or of a dot.
 
 from __future__ import annotations
 
-from optics.targets.curves import eye, heart, infinity, spiral
-from optics.targets.dispersion import dispersed_positions, linear_dispersion
-from optics.targets.dots import dots, grid_positions, ring_positions
-from optics.targets.letters import letters
+from optics.targets.dots import (
+    dispersed_positions,
+    dots,
+    grid_positions,
+    linear_dispersion,
+    ring_positions,
+)
 from optics.targets.logo import logo
-from optics.targets.moving import shrinking_spiral
 from optics.targets.ring import ring
+from optics.targets.strokes import eye, heart, infinity, letters, shrinking_spiral, spiral
 from optics.targets.target import Target
 
 __all__ = [

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from optics.slm.phase_range import max_phase
+from optics.slm.panel import max_phase
 from simulator.effects.blur_effects import (
     BlurEffect,
     light_share_bound,

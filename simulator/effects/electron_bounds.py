@@ -11,9 +11,9 @@ from typing import ClassVar
 import numpy as np
 
 from optics.camera import Camera, Sensor
-from optics.ghost import total_share
+from optics.camera.ghost import total_share
 from optics.sensor import Stages
-from optics.sensor.moment_table import moment_tables
+from optics.sensor.moments import moment_tables
 from simulator.effects.psf_bounds import (
     has_known_psf,
     mtf_bound,

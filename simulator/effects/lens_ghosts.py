@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from optics.ghost import total_share
+from optics.camera.ghost import total_share
 from simulator.effects.electron_bounds import (
     ghost_gain,
     light_norm_bound,

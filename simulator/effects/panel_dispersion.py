@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import torch
 
-from optics.slm.gap import max_gap_power
+from optics.slm.modulator import max_gap_power
 from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
 from simulator.effects.field_distance import MARGIN, phase_error_psf_bound, sample_pixels
 from simulator.effects.panel_effects import phase_error_gain

@@ -13,9 +13,13 @@ import torch
 
 from optics.camera import Panel
 from optics.slm.coupling import fringing_field_mean
-from optics.slm.gap import gap_amplitude, max_gap_power
-from optics.slm.jitter import scattered_share
-from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
+from optics.slm.modulator import (
+    front_reflection_share,
+    gap_amplitude,
+    max_gap_power,
+    scattered_share,
+    transmitted_unmodulated_share,
+)
 from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
 from simulator.effects.field_distance import (
     describe_proof,

@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
+from optics.camera.ghost import total_share
 from optics.formation import spectrum_of_samples
-from optics.ghost import total_share
 from optics.plane import centred_crop
 from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from optics.slm.flicker import flicker_nodes
+from optics.slm.modulator import flicker_nodes
 from simulator.effects.psf_bounds import can_orders_reach_sensor, is_uniform_scene
 from simulator.effects.result_cache import cached_per_situation
 from simulator.formation.coarse_orders import can_be_coarse

@@ -11,12 +11,12 @@ import torch
 from optics.accuracy import Budget, ToleranceError
 from optics.caching import ByteCache
 from optics.camera import Camera
+from optics.camera.field_aberrations import add_aberrations
 from optics.camera.pupil import share_through_stop
-from optics.field_aberrations import add_aberrations
 from optics.plane import Plane
 from optics.psf import PSFOperator, modulated_psf
 from optics.slm import Modulator
-from optics.slm.reflection import front_reflection_share
+from optics.slm.modulator import front_reflection_share
 from optics.validation import as_number
 from simulator.exposure_fields import WeightedFields, exposure_fields
 from simulator.focus import defocused

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 
 from optics.caching import ByteCache
-from optics.ghost import total_share
+from optics.camera.ghost import total_share
 from optics.sensor.crosstalk import mix_neighbours
 from simulator.formation.coarse_orders import CoarseOrders
 from simulator.formation.compositing import (

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from optics.ghost import ghost_field
+from optics.camera.ghost import ghost_field
 from optics.validation import as_number
 from simulator.formation.distorting import moved_frame
 from simulator.formation.work import psf_operations, transform_operations

@@ -12,10 +12,10 @@ import torch
 from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.edof.dioptres import random_dioptres
+from optics.edof.panel_transfer import QuarterTransfer
 from optics.edof.pattern_rating import rate_pattern
 from optics.edof.pattern_search import DesignBand, design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
-from optics.edof.quarter_transfer import QuarterTransfer
 from optics.edof.transfer_design import TransferDesign
 from optics.patterns import even_vergences, multi_focus_rings
 from optics.quarter_symmetry import crop_quarter

@@ -13,13 +13,11 @@ from figures import Figure
 from figures.edof_protocol import CAMERA, DATA, JUDGED, SCENE_SIDE, read_photograph, unsplash
 from labapp.edof.trained_pattern import TrainedPattern, bundled_trained_pattern
 from labapp.training.scenes import draw_matte
-from optics.edof.capture import add_noise
 from optics.edof.decoders import blind_wiener, decoding_transfers
-from optics.edof.evaluation import evaluate_patterns
+from optics.edof.evaluation import add_noise, evaluate_patterns
 from optics.edof.layered_capture import composite_layers, flatten_layers
 from optics.edof.learned import learned_decoder
-from optics.edof.picture_preparation import prepare_scene
-from optics.edof.protocol import HIGH_NOISE, STRICT, EdofProtocol
+from optics.edof.protocol import HIGH_NOISE, STRICT, EdofProtocol, prepare_scene
 from optics.edof.protocol_psfs import compute_depth_psfs
 from optics.edof.pupil_pattern import PupilPattern
 from optics.edof.score_table import EvaluationTable, ScoreRow

@@ -15,21 +15,19 @@ import torch
 
 from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.edof.depth_bound import known_depth_bound, rms_transfer_limit
+from optics.edof.depth_bound import Rule, known_depth_bound, rms_transfer_limit
 from optics.edof.dioptres import midpoint_dioptres, random_dioptres
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.full_transfer import FullTransfer
+from optics.edof.panel_transfer import FullTransfer, QuarterTransfer
 from optics.edof.pattern_rating import rate_pattern
 from optics.edof.pattern_search import design_pattern
 from optics.edof.pattern_transfer import PatternTransfer
 from optics.edof.picture_spectrum import (
     NATURAL_SPECTRUM,
+    FrequencyGrid,
     SpectrumModel,
     fit_spectrum_model,
     mean_spectrum,
 )
-from optics.edof.pupil_overlap import Rule
-from optics.edof.quarter_transfer import QuarterTransfer
 from optics.edof.transfer_design import TransferDesign
 from optics.patterns import cubic_phase_mask, even_vergences, multi_focus_rings
 from optics.quarter_symmetry import crop_quarter

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from optics.edof.decoders import BlindDecoder
-from optics.edof.pattern_evaluation import PatternEvaluation
+from optics.edof.evaluation import PatternEvaluation
 from optics.edof.protocol import EdofProtocol
 from optics.edof.protocol_psfs import DepthPSFs
 from optics.progress import Progress

@@ -16,11 +16,11 @@ from figures import Figure
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.edof.decoders import BlindDecoder, blind_wiener
 from optics.edof.evaluation import evaluate_patterns
+from optics.edof.panel_transfer import QuarterTransfer
 from optics.edof.pattern_search import design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
 from optics.edof.protocol import AUTHORS, HIGH_NOISE, STRICT, EdofProtocol
 from optics.edof.pupil_pattern import PupilPattern
-from optics.edof.quarter_transfer import QuarterTransfer
 from optics.edof.score_table import EvaluationTable, ScoreRow
 from optics.edof.scoring import CaptureScores, compare_scores
 from optics.edof.training_spectrum import measure_training_spectrum

@@ -28,7 +28,7 @@ from figures.spectral_scenes import (
 )
 from labapp.common.threads import use_one_thread
 from optics.multispectral import dot_psfs, restore_spectra, spiral_psfs
-from optics.multispectral.error_features import error_features
+from optics.multispectral.error_map import error_features
 from optics.plane import Plane
 from optics.targets import ring_positions
 

@@ -17,7 +17,7 @@ from figures import Figure
 from figures.problems import log_uniform
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
-from optics.field_aberrations import FieldAberrations
+from optics.camera.field_aberrations import FieldAberrations
 from optics.light import Band, Spectrum
 from optics.speckle import RoughSurface
 from optics.threads import single_threaded

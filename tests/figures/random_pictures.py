@@ -17,8 +17,8 @@ from figures.random_targets import Chance
 from labapp.prediction.simulating.all_effects import REFERENCE_TOL, Deviation
 from optics.accuracy import ToleranceError
 from optics.camera import Camera, Ghost, Lens, Sensor
+from optics.camera.field_aberrations import FieldAberrations
 from optics.camera.pupil import pupil_amplitude
-from optics.field_aberrations import FieldAberrations
 from optics.speckle import RoughSurface
 from simulator.effects.electron_bounds import without_clipping
 from simulator.effects.registry import EFFECTS

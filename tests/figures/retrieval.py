@@ -28,7 +28,7 @@ from optics.retrieval import (
 )
 from optics.retrieval.far_field import FarField
 from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.quality import measure_quality
+from optics.retrieval.phase_retrieval import measure_quality
 from optics.retrieval.slow_crystal import displayed_psf
 from optics.targets import Target, ring, spiral
 from optics.threads import single_threaded

@@ -36,7 +36,7 @@ from optics.edof import (
     rate_pattern,
 )
 from optics.edof.pattern_search import MOST_FAILURES
-from optics.edof.radial_parametrisation import RadialPhase
+from optics.edof.phase_parametrisation import RadialPhase
 from optics.edof.spectral_criterion import (
     blind_error,
 )

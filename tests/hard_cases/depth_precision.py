@@ -13,9 +13,9 @@ from hard_cases.depth_designs import search, transfer_of
 from hard_cases.depth_waves import CAMERA, KINDS, PIXELS, WAVELENGTH
 from hard_cases.table import ONCE, Case, Holds, require_close
 from optics.edof import FullTransfer, QuarterTransfer, TransferDesign
-from optics.edof.detector_psf import bin_psf
 from optics.edof.parametrisation import PARAMETRISATIONS, SumOfParts, make_parametrisation
-from optics.edof.picture_preparation import convert_to_luminance
+from optics.edof.protocol import convert_to_luminance
+from optics.edof.protocol_psfs import bin_psf
 from optics.psf import PSFOperator, PSFStack
 
 

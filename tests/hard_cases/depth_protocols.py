@@ -32,14 +32,13 @@ from optics.edof import (
     PupilPattern,
     random_dioptres,
 )
-from optics.edof.alarms import check_sampler
-from optics.edof.capture import SceneBlur, add_noise
-from optics.edof.capture_border import extend_antisymmetrically
+from optics.edof.decoders import extend_antisymmetrically
 from optics.edof.dioptres import find_undrawn, stratified_dioptres
-from optics.edof.picture_preparation import prepare_scene
-from optics.edof.protocol import NoiseRange
+from optics.edof.evaluation import SceneBlur, add_noise
+from optics.edof.protocol import NoiseRange, prepare_scene
 from optics.edof.protocol_psfs import compute_depth_psfs, measured_depth_psfs
 from optics.edof.pupil_pattern import round_stop
+from optics.edof.score_table import check_sampler
 
 SIDE = 16
 SMALL = EdofProtocol("small", psf_window=21, pixel_response="area", crop=SIDE, centre=8)

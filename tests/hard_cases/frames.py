@@ -16,7 +16,7 @@ from hard_cases.table import DOUBLE, ONCE, SINGLE, Case, Holds
 from optics.camera import Panel, Sensor
 from optics.hdr import CLIPPED, DARK, Bracket, merge
 from optics.retrieval.gerchberg_saxton import gerchberg_saxton
-from optics.retrieval.grid import design_plane
+from optics.retrieval.goal import design_plane
 from optics.sensor import expose
 from optics.slm import grey_to_phase, max_phase, phase_to_grey
 

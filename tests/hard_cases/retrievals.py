@@ -17,7 +17,6 @@ from hard_cases.table import ONCE, Case, Holds, Refused, require_close, require_
 from optics.camera import Camera, Lens, Panel
 from optics.camera.stop import Stop, rectangle
 from optics.retrieval import METHODS, RetrievalResult, design_plane, retrieve, window_for_reach
-from optics.retrieval.branches import shortest_phase_paths
 from optics.retrieval.descent import GradientDescent
 from optics.retrieval.far_field import FarField, unit_modulus
 from optics.retrieval.frame_averaging import correct_request
@@ -26,9 +25,8 @@ from optics.retrieval.gerchberg_saxton import (
     mixed_region_constraint,
     over_compensated_constraint,
 )
-from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.grid import far_field_length
-from optics.retrieval.slow_crystal import displayed_psf
+from optics.retrieval.goal import RetrievalGoal, far_field_length
+from optics.retrieval.slow_crystal import displayed_psf, shortest_phase_paths
 from optics.retrieval.superpixel import Superpixels
 from optics.slm import PanelMap
 

@@ -24,10 +24,12 @@ from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.slm import Modulator
 from optics.slm.dynamics import first_start_phase, relaxed_phase
-from optics.slm.jitter import scattered_share
-from optics.slm.phase_range import max_phase
-from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
-from optics.slm.response import PhaseResponse
+from optics.slm.modulator import (
+    front_reflection_share,
+    scattered_share,
+    transmitted_unmodulated_share,
+)
+from optics.slm.panel import PhaseResponse, max_phase
 from simulator.scene.drawable import Drawable
 from simulator.scene.target import Layer
 from simulator.situation import Situation

@@ -18,8 +18,7 @@ from labapp.accuracy.work_precision import CUT, Deadline, RetimingSettings
 from labapp.common.errors import UserError
 from optics.accuracy import Budget
 from optics.edof.depth_bound import known_depth_bound, rms_transfer_limit
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.picture_spectrum import NATURAL_SPECTRUM
+from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid
 from optics.progress import Progress
 
 PANEL, SIZE, NOISE, DEPTHS, REACH = "54x96x16", 32, 0.008, 6, 150

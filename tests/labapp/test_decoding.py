@@ -26,11 +26,10 @@ from labapp.files.plan_file import PlanFile
 from labapp.files.reading import read_file
 from labapp.pictures.reconstructing.pixel_preparation import average_squares, fill_gaps
 from labapp.runs.acquisition.runner import run_plan
-from optics.edof.capture_border import extend_antisymmetrically
+from optics.edof.decoders import extend_antisymmetrically
 from optics.edof.dioptres import midpoint_dioptres
-from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.learned import DecoderSettings
-from optics.edof.picture_spectrum import NATURAL_SPECTRUM
+from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid
 from optics.edof.protocol import EdofProtocol
 from optics.edof.protocol_psfs import DepthPSFs, compute_depth_psfs
 from optics.edof.pupil_pattern import PupilPattern

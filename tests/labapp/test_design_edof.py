@@ -21,7 +21,7 @@ from labapp.edof.design_state import DesignStateFile
 from labapp.files.bench_file import read_bench
 from labapp.files.design_file import read_design
 from labapp.files.state_file import StateFile
-from optics.edof.search_state import SearchState
+from optics.edof.pattern_rating import SearchState
 from optics.progress import Cancelled, Progress
 from optics.psf import PSFOperator
 from optics.slm import grey_to_phase, max_phase, phase_to_grey

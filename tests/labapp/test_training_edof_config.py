@@ -223,7 +223,7 @@ def test_the_measured_spectrum_is_that_of_the_pictures():
             return (0.5 + 0.1 * generator.standard_normal((side, side))).astype(np.float32)
 
     config = make_config({"scenes": {"spectrum": "measured"}})
-    from optics.edof.frequency_grid import FrequencyGrid
+    from optics.edof.picture_spectrum import FrequencyGrid
 
     found = measure_spectrum(Noise(), config).on_grid(FrequencyGrid(32))
     inside = found[2:10, 2:10]

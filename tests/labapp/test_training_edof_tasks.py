@@ -21,8 +21,7 @@ from labapp.training.edof.joint_task import JointTask
 from labapp.training.processes import Processes
 from labapp.training.step_count import count_steps
 from optics.edof.learned import DecoderNetwork, WienerFront
-from optics.edof.panel_conditions import ConditionTransfer
-from optics.edof.quarter_transfer import QuarterTransfer
+from optics.edof.panel_transfer import ConditionTransfer, QuarterTransfer
 from optics.edof.spectral_criterion import blind_filter
 
 # What is decoded, and its loss.

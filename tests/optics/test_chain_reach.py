@@ -15,7 +15,7 @@ from optics.camera import Camera, Lens, Panel
 from optics.camera.stop import Stop, regular_polygon
 from optics.camera.stop_rows import quadrature_rows, row_bands
 from optics.plane import Plane
-from optics.propagation.fresnel_integral import cell_kernel
+from optics.propagation.fresnel_matrix import cell_kernel
 from optics.psf import PSFOperator
 from optics.psf import chain_direct as direct
 from optics.psf.pixel_fields import FAR_ZONES, far_fields

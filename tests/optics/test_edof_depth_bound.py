@@ -9,13 +9,16 @@ import torch
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.camera.stop import Circle, Polygon, Stop, rectangle
-from optics.edof.depth_bound import known_depth_bound, rms_transfer_limit
+from optics.edof.depth_bound import (
+    convex_pupil,
+    known_depth_bound,
+    overlap_integrals,
+    rms_transfer_limit,
+)
 from optics.edof.dioptres import midpoint_dioptres
-from optics.edof.frequency_grid import FrequencyGrid
-from optics.edof.full_transfer import FullTransfer
+from optics.edof.panel_transfer import FullTransfer
 from optics.edof.pattern_rating import rate_pattern
-from optics.edof.picture_spectrum import NATURAL_SPECTRUM
-from optics.edof.pupil_overlap import convex_pupil, overlap_integrals
+from optics.edof.picture_spectrum import NATURAL_SPECTRUM, FrequencyGrid
 from optics.edof.transfer_design import TransferDesign
 
 WAVELENGTH = 520e-9

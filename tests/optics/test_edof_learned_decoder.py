@@ -9,8 +9,13 @@ import pytest
 import torch
 
 from optics.camera import Camera, Lens, Panel
-from optics.edof.capture_border import extend_antisymmetrically
-from optics.edof.decoders import BlindDecoder, KnownDepthDecoder, blind_wiener, known_depth_wiener
+from optics.edof.decoders import (
+    BlindDecoder,
+    KnownDepthDecoder,
+    blind_wiener,
+    extend_antisymmetrically,
+    known_depth_wiener,
+)
 from optics.edof.evaluation import MeasuredPattern, evaluate_patterns
 from optics.edof.learned import (
     CaptureFilter,
@@ -21,8 +26,8 @@ from optics.edof.learned import (
     capture_filter,
     learned_decoder,
 )
-from optics.edof.learned.learned_decoder import fit_psf
-from optics.edof.learned.unmodulated_light import DepthStatistics, add_unmodulated_light
+from optics.edof.learned.decoder_network import fit_psf
+from optics.edof.learned.wiener_front import DepthStatistics, add_unmodulated_light
 from optics.edof.protocol import EdofProtocol, NoiseRange
 from optics.edof.protocol_psfs import measured_depth_psfs
 from optics.edof.spectral_criterion import blind_filter

@@ -9,8 +9,8 @@ import torch
 
 from optics.edof.learned import DecoderNetwork, DecoderSettings, NetworkShape, UNet
 from optics.edof.learned.decoder_network import decode_screen, encode_screen
-from optics.edof.learned.tiles import apply_in_tiles, tile_side
-from optics.edof.picture_preparation import encode_srgb
+from optics.edof.learned.u_net import apply_in_tiles, tile_side
+from optics.edof.protocol import encode_srgb
 
 SMALL = NetworkShape(channels=2, levels=2, fold=1)
 SHAPES = [

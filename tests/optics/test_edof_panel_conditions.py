@@ -9,12 +9,16 @@ import torch
 from judges import relative
 
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.edof.full_transfer import FullTransfer
-from optics.edof.panel_conditions import ConditionTransfer, PanelCondition, fold_into_range
+from optics.edof.panel_transfer import (
+    ConditionTransfer,
+    FullTransfer,
+    PanelCondition,
+    QuarterTransfer,
+    fold_into_range,
+)
+from optics.edof.pattern_rating import SearchState
 from optics.edof.pattern_search import DesignBand, design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
-from optics.edof.quarter_transfer import QuarterTransfer
-from optics.edof.search_state import SearchState
 from optics.edof.transfer_design import TransferDesign
 from optics.progress import Cancelled, Progress
 from optics.psf import PSFOperator

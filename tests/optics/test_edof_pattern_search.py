@@ -10,12 +10,10 @@ from sweeps import some
 
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.edof.dioptres import random_dioptres
-from optics.edof.full_transfer import FullTransfer
-from optics.edof.pattern_rating import rate_pattern
+from optics.edof.panel_transfer import FullTransfer, QuarterTransfer
+from optics.edof.pattern_rating import SearchSettings, SearchState, rate_pattern
 from optics.edof.pattern_search import MOST_FAILURES, DesignBand, design_pattern
 from optics.edof.picture_spectrum import NATURAL_SPECTRUM
-from optics.edof.quarter_transfer import QuarterTransfer
-from optics.edof.search_state import SearchSettings, SearchState
 from optics.edof.transfer_design import TransferDesign
 from optics.progress import Cancelled, Progress
 

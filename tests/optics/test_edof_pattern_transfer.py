@@ -10,8 +10,7 @@ import torch
 from optics.camera import Camera, Lens, Panel, Sensor
 from optics.camera.stop import Circle, Stop
 from optics.edof.field_maps import ChirpMap, CosineMatrixMap, CosineTransformMap, FoldedMap
-from optics.edof.full_transfer import FullTransfer
-from optics.edof.quarter_transfer import QuarterTransfer
+from optics.edof.panel_transfer import FullTransfer, QuarterTransfer
 from optics.edof.spectral_criterion import blind_error
 from optics.edof.transfer_design import TransferDesign
 from optics.psf import PSFOperator

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from optics.edof.frequency_grid import FrequencyGrid
 from optics.edof.picture_spectrum import (
     NATURAL_SPECTRUM,
+    FrequencyGrid,
     SpectrumModel,
     fit_spectrum_model,
     measure_picture_spectrum,

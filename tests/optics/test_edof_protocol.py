@@ -12,13 +12,26 @@ from scipy.signal import convolve2d
 from scipy.special import j0, j1
 
 from optics.camera import Camera, Lens, Panel
-from optics.edof.capture import SceneBlur, add_noise
-from optics.edof.capture_border import extend_antisymmetrically
-from optics.edof.decoders import decoding_period
-from optics.edof.detector_psf import bin_psf, compute_transfer
-from optics.edof.picture_preparation import decode_srgb, encode_srgb, prepare_scene
-from optics.edof.protocol import AUTHORS, HIGH_NOISE, LOW_NOISE, STRICT, EdofProtocol, NoiseRange
-from optics.edof.protocol_psfs import CameraPSFs, compute_depth_psfs, measured_depth_psfs
+from optics.edof.decoders import decoding_period, extend_antisymmetrically
+from optics.edof.evaluation import SceneBlur, add_noise
+from optics.edof.protocol import (
+    AUTHORS,
+    HIGH_NOISE,
+    LOW_NOISE,
+    STRICT,
+    EdofProtocol,
+    NoiseRange,
+    decode_srgb,
+    encode_srgb,
+    prepare_scene,
+)
+from optics.edof.protocol_psfs import (
+    CameraPSFs,
+    bin_psf,
+    compute_depth_psfs,
+    compute_transfer,
+    measured_depth_psfs,
+)
 from optics.edof.pupil_pattern import PupilPattern, collected_share, round_stop
 from optics.edof.training_spectrum import measure_training_spectrum
 from optics.metrics import relative_error

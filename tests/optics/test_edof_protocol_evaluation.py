@@ -11,19 +11,12 @@ from scipy.stats import ttest_rel
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from optics.camera import Camera, Lens, Panel
-from optics.edof.alarms import (
-    Alarm,
-    check_energy,
-    check_off_grid,
-    check_repeatability,
-    check_sampler,
-)
-from optics.edof.capture_border import extend_antisymmetrically
 from optics.edof.decoders import (
     BlindDecoder,
     KnownDepthDecoder,
     blind_wiener,
     decoding_transfers,
+    extend_antisymmetrically,
     known_depth_wiener,
     no_decoder,
 )
@@ -31,6 +24,13 @@ from optics.edof.evaluation import MeasuredPattern, evaluate_patterns
 from optics.edof.protocol import EdofProtocol, NoiseRange
 from optics.edof.protocol_psfs import CameraPSFs, compute_depth_psfs, measured_depth_psfs
 from optics.edof.pupil_pattern import PupilPattern
+from optics.edof.score_table import (
+    Alarm,
+    check_energy,
+    check_off_grid,
+    check_repeatability,
+    check_sampler,
+)
 from optics.edof.scoring import CaptureScores, compare_scores, on_grid_advantage, score_picture
 from optics.progress import Cancelled, Progress
 

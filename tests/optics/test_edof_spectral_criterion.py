@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from optics.edof.frequency_grid import FrequencyGrid
+from optics.edof.picture_spectrum import FrequencyGrid
 from optics.edof.spectral_criterion import (
     blind_error,
     blind_filter,

@@ -9,9 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from optics.inverse import build_mosaic_observation
 from optics.multispectral import predict_errors, restore_spectra
-from optics.multispectral.error_features import error_features
-from optics.multispectral.error_map import estimate_error_map
-from optics.multispectral.filter_likeness import find_alike_bands
+from optics.multispectral.error_map import error_features, estimate_error_map, find_alike_bands
 
 BAYER = ("RG", "GB")
 RESPONSE = np.array([[0.02, 0.05, 0.8, 0.9], [0.1, 0.9, 0.2, 0.1], [0.9, 0.1, 0.02, 0.03]])

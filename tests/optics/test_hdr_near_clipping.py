@@ -10,7 +10,7 @@ from sweeps import some
 
 from optics.camera import Sensor
 from optics.hdr import CLIPPED, MAY_CLIP, MOVED, VALID, Bracket, merge
-from optics.hdr.near_clipping import least_variance, near_clipping
+from optics.hdr.clip_levels import least_variance, near_clipping
 
 SENSOR = Sensor(
     bits=12, full_well=1e6, gain=2.6, read_noise=2.4, dark_current=1.0, black_level=64.0

@@ -13,7 +13,7 @@ from optics.inverse import build_mosaic_observation, build_observation, restore
 from optics.measuring import focus_score, line_profile, region_statistics
 from optics.measuring.slanted_edge import measure_edge_response
 from optics.multispectral import PsfMerit, dispersion_power, fourier_coverage
-from optics.slm.maps import PanelMap
+from optics.slm.panel import PanelMap
 
 PICTURE = np.random.default_rng(0).random((24, 32))
 HOLE = np.s_[3:6, 10:14]

@@ -14,9 +14,8 @@ from sweeps import some
 from optics.accuracy import Budget, MachineSpeed, ToleranceError
 from optics.plane import Plane
 from optics.propagation import rayleigh_sommerfeld
-from optics.propagation.quadrature_nodes import gauss_nodes
-from optics.propagation.rayleigh_sommerfeld import DirectQuadrature
-from optics.propagation.replicas import replicas_miss_target
+from optics.propagation.paraxial import replicas_miss_target
+from optics.propagation.rayleigh_sommerfeld import DirectQuadrature, gauss_nodes
 from optics.propagation.span import FreeSpaceSpan
 
 WAVELENGTH = 500e-9

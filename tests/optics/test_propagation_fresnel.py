@@ -13,13 +13,10 @@ from sweeps import some
 from optics.accuracy import Budget, MachineSpeed, ToleranceError
 from optics.plane import Plane
 from optics.propagation.chirped import envelope_error
-from optics.propagation.fresnel_integral import mean_chirp
-from optics.propagation.fresnel_matrix import FresnelMatrices
-from optics.propagation.fresnel_single import SingleFresnel
-from optics.propagation.fresnel_two_step import TwoStepFresnel
-from optics.propagation.rayleigh_sommerfeld import DirectQuadrature
+from optics.propagation.fresnel_matrix import FresnelMatrices, mean_chirp
+from optics.propagation.fresnel_steps import SingleFresnel, TwoStepFresnel
+from optics.propagation.rayleigh_sommerfeld import DirectQuadrature, upsample, upsample_adjoint
 from optics.propagation.span import FreeSpaceSpan
-from optics.propagation.upsampling import upsample, upsample_adjoint
 
 WAVELENGTH = 500e-9
 METHODS = (FresnelMatrices, SingleFresnel, TwoStepFresnel)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from optics.accuracy import ToleranceError
-from optics.propagation.precision import phase_rounding, working_precision
+from optics.propagation.propagator import phase_rounding, working_precision
 
 
 @pytest.mark.parametrize("turns", [1e3, 1e6, 1e9])

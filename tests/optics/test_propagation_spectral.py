@@ -23,13 +23,13 @@ from optics.plane import Plane
 from optics.propagation.angular_spectrum import (
     AngularSpectrum,
     BandLimitedAngularSpectrum,
+    FresnelTransfer,
     ScaledAngularSpectrum,
+    TiltedAngularSpectrum,
     common_multiple,
 )
 from optics.propagation.band import FrequencyTaper, target_band
-from optics.propagation.fresnel_transfer import FresnelTransfer
 from optics.propagation.span import FreeSpaceSpan
-from optics.propagation.tilted import TiltedAngularSpectrum
 from optics.propagation.transfer_function import (
     PlaneWaveRays,
     axial_frequency,

@@ -12,9 +12,8 @@ from sweeps import some
 from optics.accuracy import ToleranceError
 from optics.plane import Plane
 from optics.propagation import FreeSpace
-from optics.propagation.angular_spectrum import ScaledAngularSpectrum
+from optics.propagation.angular_spectrum import ScaledAngularSpectrum, TiltedAngularSpectrum
 from optics.propagation.span import FreeSpaceSpan
-from optics.propagation.tilted import TiltedAngularSpectrum
 
 BLUE = 0.5e-6
 SOURCE = Plane((6, 5), (2e-6, 2.5e-6), (1e-6, 2e-6))

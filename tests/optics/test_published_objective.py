@@ -10,8 +10,7 @@ from scipy.signal import convolve2d
 from optics.inverse import build_mosaic_observation
 from optics.inverse.bounded import Misfit
 from optics.multispectral import restore_by_published_objective
-from optics.multispectral.published_objective import PublishedObjective
-from optics.multispectral.published_restoration import _forward_operator
+from optics.multispectral.published_restoration import PublishedObjective, _forward_operator
 from optics.progress import Cancelled, Progress
 
 BAYER = ("RG", "GB")

@@ -26,7 +26,7 @@ from optics.progress import Cancelled, Progress
 from optics.retrieval import design_plane
 from optics.retrieval.gerchberg_saxton import gerchberg_saxton
 from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.start_phases import STARTS
+from optics.retrieval.superpixel import STARTS
 
 SHAPE, WINDOW, LENGTH, DIAMETER = (60, 64), (61, 64), 128, 55.0
 CAMERA = camera(SHAPE, DIAMETER)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from optics.retrieval import branches as module
-from optics.retrieval.branches import shortest_phase_paths
+from optics.retrieval import slow_crystal as module
+from optics.retrieval.slow_crystal import shortest_phase_paths
 
 TURN = 2 * math.pi
 

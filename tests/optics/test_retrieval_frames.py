@@ -19,8 +19,7 @@ from optics.retrieval.frame_averaging import (
     sequential_frames,
 )
 from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.job import RetrievalJob
-from optics.retrieval.superpixel import Superpixels
+from optics.retrieval.superpixel import RetrievalJob, Superpixels
 
 SHAPE, WINDOW, LENGTH = (60, 64), (61, 64), 128
 CAMERA = camera(SHAPE)

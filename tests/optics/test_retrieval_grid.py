@@ -21,8 +21,7 @@ from optics.camera import Camera, Lens
 from optics.camera.stop import Circle, Stop
 from optics.plane import Plane
 from optics.retrieval import design_plane, window_for_reach
-from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.grid import far_field_length
+from optics.retrieval.goal import RetrievalGoal, far_field_length
 from optics.slm import PanelMap
 
 CAMERA = camera((60, 64), stop=55.0)

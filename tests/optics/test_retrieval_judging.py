@@ -26,7 +26,7 @@ from optics.plane import Plane
 from optics.psf import PSFOperator
 from optics.retrieval import design_plane, retrieve
 from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.quality import measure_quality
+from optics.retrieval.phase_retrieval import measure_quality
 from optics.retrieval.slow_crystal import displayed_psf
 from optics.slm import grey_to_phase, phase_to_grey
 

@@ -28,9 +28,8 @@ from optics.retrieval.gerchberg_saxton import (
     over_compensated_constraint,
 )
 from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.published_program import published_program_pattern
-from optics.retrieval.start_phases import quadratic_start
-from optics.retrieval.superpixel import Superpixels
+from optics.retrieval.methods import published_program_pattern
+from optics.retrieval.superpixel import Superpixels, quadratic_start
 
 WINDOW = (70, 81)
 TARGETS = {

@@ -23,7 +23,6 @@ from judges.retrieval import (
 from sweeps import some
 
 from optics.retrieval import design_plane, retrieve
-from optics.retrieval.branches import shortest_phase_paths
 from optics.retrieval.far_field import FarField
 from optics.retrieval.goal import RetrievalGoal
 from optics.retrieval.slow_crystal import (
@@ -31,6 +30,7 @@ from optics.retrieval.slow_crystal import (
     crystal_of_goal,
     displayed_psf,
     moving_crystal_intensity,
+    shortest_phase_paths,
     usable_orders,
 )
 from optics.slm import PanelMap, PhaseResponse, grey_to_phase, phase_to_grey

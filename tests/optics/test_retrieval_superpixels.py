@@ -22,8 +22,7 @@ from optics.retrieval import design_plane
 from optics.retrieval import superpixel as module
 from optics.retrieval.gerchberg_saxton import iterate_constraint, over_compensated_constraint
 from optics.retrieval.goal import RetrievalGoal
-from optics.retrieval.start_phases import quadratic_start, random_start
-from optics.retrieval.superpixel import Superpixels, superpixel_side
+from optics.retrieval.superpixel import Superpixels, quadratic_start, random_start, superpixel_side
 from optics.slm import PanelMap
 
 

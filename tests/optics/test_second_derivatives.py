@@ -7,7 +7,7 @@ import torch
 from sweeps import some
 
 from optics.camera import Camera, Lens, Panel, Sensor
-from optics.edof.full_transfer import FullTransfer
+from optics.edof.panel_transfer import FullTransfer
 from optics.edof.transfer_design import TransferDesign
 from optics.plane import Plane
 from optics.psf import PSFOperator

@@ -13,10 +13,10 @@ from optics.multispectral import (
     ModelUncertainty,
     SnapshotCalibration,
     SnapshotModel,
-    corrected_score,
     refine_from_photograph,
     self_calibration,
 )
+from optics.multispectral import self_calibration as corrected_score
 from optics.multispectral.photograph_fit import PhotographFit, busiest_window
 from optics.progress import Cancelled, Progress
 

@@ -20,7 +20,7 @@ from optics.camera.pupil import (
 )
 from optics.camera.stop import Circle, Stop, regular_polygon
 from optics.camera.system_mtf import electron_rate
-from optics.retrieval.grid import design_plane, far_field_length
+from optics.retrieval.goal import design_plane, far_field_length
 
 Z1 = 0.05
 CAMERA = Camera(Panel((108, 192), 80e-6), Lens(0.1, 10.0, 2.0), separation=Z1)

@@ -14,7 +14,7 @@ from optics.slm.dynamics import (
     time_node_count,
     time_nodes,
 )
-from optics.slm.flicker import flicker_nodes
+from optics.slm.modulator import flicker_nodes
 
 FRAME = 1 / 60
 

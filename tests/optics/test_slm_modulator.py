@@ -9,7 +9,7 @@ from scipy.special import j0
 from sweeps import some
 
 from optics.slm import Modulator, Panel, PanelMap, PhaseResponse, modulator
-from optics.slm.reflection import front_reflection_share, transmitted_unmodulated_share
+from optics.slm.modulator import front_reflection_share, transmitted_unmodulated_share
 
 WAVELENGTH = 550e-9
 PANEL = Panel((6, 8))

@@ -15,8 +15,7 @@ from optics.multispectral import (
     SnapshotModel,
     calibrate_from_frames,
 )
-from optics.multispectral.model_parameters import ParameterLayout
-from optics.multispectral.psf_interpolation import move_psf
+from optics.multispectral.snapshot_model import ParameterLayout, move_psf
 
 RESPONSE = np.array([[0.05, 0.1, 0.9], [0.15, 0.8, 0.07], [0.8, 0.1, 0.03]])
 RADII = (6.0, 7.0, 8.0)

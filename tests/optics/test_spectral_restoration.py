@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from optics.inverse import build_mosaic_observation
 from optics.metrics import psnr, spectral_angle
 from optics.multispectral import restore_spectra
-from optics.multispectral.scene_covariance import _GradientErrors, adapt_covariance
+from optics.multispectral.restoration import _GradientErrors, adapt_covariance
 from optics.progress import Cancelled, Progress
 
 BAYER = ("RG", "GB")

@@ -11,7 +11,7 @@ import torch
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
-from optics.field_aberrations import FieldAberrations
+from optics.camera.field_aberrations import FieldAberrations
 from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import PanelMap, PhaseResponse
 from simulator.effects import registry

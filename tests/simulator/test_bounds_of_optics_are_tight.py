@@ -18,11 +18,11 @@ from optical_situations import EFFECTS, PANEL, finest, rendered, situation
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost, Lens, Panel, Sensor
-from optics.field_aberrations import FieldAberrations
+from optics.camera.field_aberrations import FieldAberrations
 from optics.light import Band, Spectrum
 from optics.polarisation import PathEffect
 from optics.slm import PanelMap, PhaseResponse
-from optics.slm.phase_range import max_phase
+from optics.slm.panel import max_phase
 from simulator.panel_content import PanelContent
 from simulator.scene import Flat, PhotographPrint, Star, Target
 from simulator.situation import Situation

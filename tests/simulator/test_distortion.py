@@ -10,7 +10,7 @@ from optical_situations import CAMERA, PANEL, STAR, finest, rendered, situation
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Sensor
-from optics.distortion import RadialDistortion
+from optics.camera.camera import RadialDistortion
 from simulator.effects.distortion import Distortion
 from simulator.effects.picture_norms import minimum_norms
 from simulator.imaging import Imaging

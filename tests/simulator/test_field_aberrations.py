@@ -12,8 +12,8 @@ from optical_situations import CAMERA, CORNER, finest, rendered, situation
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Sensor
-from optics.field_aberrations import FieldAberrations as Aberrations
-from optics.field_aberrations import add_aberrations
+from optics.camera.field_aberrations import FieldAberrations as Aberrations
+from optics.camera.field_aberrations import add_aberrations
 from optics.light import Band
 from optics.zernike import zernike
 from simulator.effects.field_aberrations import FieldAberrations

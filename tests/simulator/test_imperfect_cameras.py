@@ -14,7 +14,7 @@ import simulator.formation.kernels as kernels
 import simulator.formation.mean_picture as picture
 import simulator.formation.objects as objects
 from optics.camera import Camera, Ghost, Lens
-from optics.field_aberrations import FieldAberrations
+from optics.camera.field_aberrations import FieldAberrations
 from optics.light import Band
 from simulator.effects.registry import EFFECTS
 from simulator.imaging import Imaging

@@ -15,7 +15,7 @@ from labapp.runs.record.reader import Record
 from optics.inverse import build_mosaic_observation, demosaic
 from optics.inverse.blur import Border
 from optics.inverse.mosaics import MosaicObservation
-from optics.sensor.mosaic import Mosaic
+from optics.sensor.sensor import Mosaic
 
 _TUNABLE_BANDWIDTH = 10e-9
 """Bandwidth in metres of a tunable filter whose options don't state it."""

@@ -18,7 +18,7 @@ from labapp.training.procedural_scenes import ProceduralPictures
 from labapp.training.scenes import PatchSource, Scene, draw_scene
 from labapp.training.task import sample_generator
 from optics.edof.layered_capture import composite_layers, flatten_layers
-from optics.edof.picture_preparation import decode_srgb, encode_srgb
+from optics.edof.protocol import decode_srgb, encode_srgb
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,8 +33,8 @@ from labapp.training.processes import Processes, join_processes
 from labapp.training.step_count import count_steps
 from labapp.training.task import TrainingTask
 from optics.edof.learned import DecoderNetwork
+from optics.edof.pattern_rating import SearchState
 from optics.edof.picture_spectrum import SpectrumModel
-from optics.edof.search_state import SearchState
 from optics.threads import single_threaded
 
 DEFAULT_STEPS = 20000

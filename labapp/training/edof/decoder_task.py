@@ -20,9 +20,8 @@ from labapp.training.edof.optics_table import OpticsTable
 from labapp.training.schedule import TrainingSchedule
 from labapp.training.task import VALIDATION_STEP
 from optics.edof.learned import DecoderNetwork, WienerFront
-from optics.edof.learned.decoder_network import encode_screen
-from optics.edof.learned.learned_decoder import fit_psf
-from optics.edof.learned.unmodulated_light import add_unmodulated_light
+from optics.edof.learned.decoder_network import encode_screen, fit_psf
+from optics.edof.learned.wiener_front import add_unmodulated_light
 from optics.fourier import irfft2
 from optics.metrics import structural_similarity
 from optics.plane import origin_to_centre

@@ -31,7 +31,7 @@ from labapp.training.edof.optics_table import (
 from labapp.training.processes import Processes
 from labapp.training.schedule import TrainingSchedule
 from optics.edof.learned import DecoderNetwork
-from optics.edof.learned.unmodulated_light import DepthStatistics, add_unmodulated_light
+from optics.edof.learned.wiener_front import DepthStatistics, add_unmodulated_light
 
 _FIRST_STEP = 2**31
 """Number of the first step for the random scenes. Chosen: the decoder's own training takes fewer

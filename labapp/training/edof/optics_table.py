@@ -12,10 +12,9 @@ from labapp.edof.design_problem import EdofProblem
 from labapp.training.edof.config import EdofTrainingConfig
 from labapp.training.edof.depth_choice import depth_chances
 from optics.edof.dioptres import dioptres_from_metres, midpoint_dioptres
-from optics.edof.learned.unmodulated_light import DepthStatistics
-from optics.edof.panel_conditions import ConditionTransfer, PanelCondition
+from optics.edof.learned.wiener_front import DepthStatistics
+from optics.edof.panel_transfer import ConditionTransfer, PanelCondition, QuarterTransfer
 from optics.edof.pattern_transfer import PatternTransfer
-from optics.edof.quarter_transfer import QuarterTransfer
 from optics.progress import Progress
 
 

@@ -13,13 +13,13 @@ from labapp.training.manifest import DataManifest
 from labapp.training.pictures import TrainingPictures, read_training_data
 from labapp.training.scenes import PatchSource
 from labapp.training.task import VALIDATION_STEP, sample_generator
-from optics.edof.picture_preparation import decode_srgb
 from optics.edof.picture_spectrum import (
     NATURAL_SPECTRUM,
     SpectrumModel,
     fit_spectrum_model,
     measure_picture_spectrum,
 )
+from optics.edof.protocol import decode_srgb
 from optics.progress import Progress
 
 BUNDLED_FINGERPRINTS = bundled_path("edof-test-pictures.npz")

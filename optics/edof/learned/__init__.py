@@ -4,11 +4,9 @@
 `optics.edof.evaluate_patterns`. `CaptureFilter` is the filter for captures of any size.
 """
 
-from optics.edof.learned.capture_filter import CaptureFilter
-from optics.edof.learned.decoder_network import DecoderNetwork, DecoderSettings
-from optics.edof.learned.learned_decoder import learned_decoder
+from optics.edof.learned.decoder_network import DecoderNetwork, DecoderSettings, learned_decoder
 from optics.edof.learned.u_net import NetworkShape, UNet
-from optics.edof.learned.wiener_front import WienerFront
+from optics.edof.learned.wiener_front import CaptureFilter, WienerFront
 
 __all__ = [
     "CaptureFilter",

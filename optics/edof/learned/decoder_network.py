@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import torch
 from torch import nn
 
-from optics.edof.learned.tiles import apply_in_tiles, tile_side
-from optics.edof.learned.u_net import NetworkShape, UNet
-from optics.edof.picture_preparation import LightScale
-from optics.edof.spectral_criterion import noise_variance
+from optics.edof.decoders import (
+    BlindDecoder,
+    Decoder,
+    KnownDepthDecoder,
+    Restore,
+    Spectrum,
+    restore_by_filter,
+)
+from optics.edof.learned.u_net import NetworkShape, UNet, apply_in_tiles, tile_side
+from optics.edof.protocol import LightScale
+from optics.edof.spectral_criterion import blind_filter, noise_variance
+from optics.fourier import irfft2
+from optics.plane import centred_crop, centred_pad, origin_to_centre
 from optics.validation import require_finite, require_same_shape
 
 Front = Literal["blind", "known", "none"]
@@ -239,3 +249,67 @@ def decode_screen(values: torch.Tensor) -> torch.Tensor:
     """Decode a decoder's sRGB values to linear light; the inverse of `encode_screen`."""
     curved = ((values.clamp(min=12.92 * _LINEAR_BELOW) + 0.055) / 1.055) ** 2.4
     return torch.where(values > 12.92 * _LINEAR_BELOW, curved, values / 12.92)
+
+
+def learned_decoder(network: DecoderNetwork, spectrum: Spectrum, name: str = "learned") -> Decoder:
+    """Return the learned decoder of a trained network for an evaluation.
+
+    Parameters
+    ----------
+    network : DecoderNetwork
+        The network.
+    spectrum : callable
+        Gives the power spectrum of pictures like those that are captured, but not of those, for the
+        filter before the network; see `optics.edof.decoders`.
+    name : str, optional
+        Name in tables.
+
+    Returns
+    -------
+    BlindDecoder or KnownDepthDecoder
+        The first if nothing but the capture tells the network of its depth.
+    """
+    on_grid = functools.cache(spectrum)
+
+    def build(transfer: torch.Tensor, noise: float) -> Restore:
+        return _build_restore(network, transfer, on_grid, noise)
+
+    if network.settings.is_blind:
+        return BlindDecoder(name, build)
+    return KnownDepthDecoder(name, lambda transfer, noise: build(transfer[None], noise))
+
+
+def _build_restore(
+    network: DecoderNetwork, transfer: torch.Tensor, spectrum: Spectrum, noise: float
+) -> Restore:
+    """Build the function that decodes captures, from transfer functions at some depths."""
+    settings = network.settings
+    filtering: Restore | None = None
+    if settings.front != "none":
+        response = blind_filter(transfer, spectrum(transfer.shape[-2]), noise)
+        filtering = restore_by_filter(response, noise)
+    psf = _centred_psf(transfer[0]) if settings.psf_channel else None
+
+    def restore(capture: torch.Tensor) -> torch.Tensor:
+        filtered = None if filtering is None else filtering(capture)
+        shape = (int(capture.shape[0]), int(capture.shape[1]))
+        channel = None if psf is None else fit_psf(psf, shape)
+        return network.restore(capture, noise, filtered, channel)
+
+    return restore
+
+
+def _centred_psf(transfer: torch.Tensor) -> torch.Tensor:
+    """Return the PSF of a transfer function on its period, centred."""
+    side = int(transfer.shape[-2])
+    return origin_to_centre(irfft2(transfer, (side, side))).to(torch.float32)
+
+
+def fit_psf(psf: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """Bring a centred PSF to a picture's size and a peak of 1, as a channel for the decoder.
+
+    psf: (..., rows, columns). It is cut, or continued by zeros.
+    """
+    cut = tuple(min(n, m) for n, m in zip(psf.shape[-2:], shape, strict=True))
+    fitted = centred_pad(centred_crop(psf, (cut[0], cut[1])), shape)
+    return fitted / fitted.amax((-2, -1), keepdim=True)
