@@ -23,8 +23,8 @@ from optics.edof.learned import (
     DecoderSettings,
     NetworkShape,
     WienerFront,
-    capture_filter,
     learned_decoder,
+    wiener_front,
 )
 from optics.edof.learned.decoder_network import fit_psf
 from optics.edof.learned.wiener_front import DepthStatistics, add_unmodulated_light
@@ -176,16 +176,16 @@ def test_parts_are_filtered_as_one_transform_would(monkeypatch, size):
     front = WienerFront.of_transfers(random_transfers(3, 32), spectrum(32))
     capture = picture(*size)
     whole = CaptureFilter(front, 0.01)(capture)
-    monkeypatch.setattr(capture_filter, "_LARGEST_PERIOD", 72)
+    monkeypatch.setattr(wiener_front, "_LARGEST_PERIOD", 72)
     parts = CaptureFilter(front, 0.01)(capture)
     torch.testing.assert_close(parts, whole, rtol=0, atol=1e-5)
-    monkeypatch.setattr(capture_filter.CaptureFilter, "_extended_length", lambda self, n: n + n % 2)
+    monkeypatch.setattr(wiener_front.CaptureFilter, "_extended_length", lambda self, n: n + n % 2)
     assert (CaptureFilter(front, 0.01)(capture) - whole).abs().max() > 1e-3
 
 
 @pytest.mark.parametrize("size", [(40, 40), (41, 53), (1, 7), (300, 20)])
 def test_a_constant_picture_stays_constant(monkeypatch, size):
-    monkeypatch.setattr(capture_filter, "_LARGEST_PERIOD", 128)
+    monkeypatch.setattr(wiener_front, "_LARGEST_PERIOD", 128)
     transfers = torch.stack([transfer_of(gaussian(32, width)) for width in (1.0, 2.0)])
     found = CaptureFilter(WienerFront.of_transfers(transfers, spectrum(32)), 0.02)(
         torch.full(size, 0.6)
