@@ -5,9 +5,12 @@ from __future__ import annotations
 import copy
 import math
 import os
+import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import TypeVar
 
 import torch
 
@@ -17,20 +20,58 @@ from optics.sensor import moments
 from optics.slm import max_phase
 from optics.threads import single_threaded
 from optics.validation import as_number
-from simulator.caching import Cache
 from simulator.effects.picture_norms import estimated_norms, minimum_norms
 from simulator.effects.registry import EFFECTS
 from simulator.formation import expected_electrons
 from simulator.ledger import Ledger
 from simulator.planning import EffectPlan
-from simulator.planning.effect import DecidedBy
+from simulator.planning.effect import DecidedBy, forced_level, resolve_forced_levels
 from simulator.planning.effect_plan import plan_effects, require_decided_by, require_tolerance
-from simulator.planning.forcing import forced_level, resolve_forced_levels
 from simulator.probing.pattern_probe import PatternProbe
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 from simulator.speckle import moments_with_speckle, speckle_pattern
 from simulator.streaming import FrameSimulator
+
+T = TypeVar("T")
+
+
+class Cache:
+    """Keep the `size` most recently used results under hashable keys.
+
+    Threads may share one cache.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._kept: OrderedDict[Hashable, object] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: Hashable, compute: Callable[[], T]) -> T:
+        """Return the simulation result kept under `key`, or compute and keep it."""
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]  # type: ignore[return-value]
+        # The lock isn't held here: a simulated camera that timed out may still compute while its
+        # replacement starts to.
+        result = compute()
+        with self._lock:
+            self._kept[key] = result
+            while len(self._kept) > self._size:
+                self._kept.popitem(last=False)
+        return result
+
+    def __contains__(self, key: Hashable) -> bool:
+        """Return whether a simulation result is kept under `key`."""
+        with self._lock:
+            return key in self._kept
+
+    def clear(self) -> None:
+        """Remove all simulation results from the cache."""
+        with self._lock:
+            self._kept.clear()
+
 
 _MACHINE = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 

@@ -11,10 +11,9 @@ from labapp.files.quantities import Finite, Positive, Share
 from labapp.files.reading import FileModel
 from labapp.files.reflectance_table import Reflectance, reflectance_spectrum
 from labapp.files.spectrum_file import bundled_spectra
-from simulator.scene.bricks import brick
 from simulator.scene.charts import checker, outline, siemens_star, slanted_edge, usaf_1951
 from simulator.scene.drawable import Drawable, UniformLight
-from simulator.scene.polygons import Polygons, rectangle
+from simulator.scene.polygons import Polygons, brick, rectangle
 from simulator.scene.sheets import PaintedPicture
 
 

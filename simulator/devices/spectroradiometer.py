@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Spectrum, Surroundings
 from simulator.devices.base import SimulatedDevice
-from simulator.machines.cs2000_optics import WAVELENGTHS, CS2000Optics
+from simulator.machines.cs2000_settings import WAVELENGTHS, CS2000Optics
 
 _ANGLE = math.radians(1)
 """The instrument's measuring angle in radians."""

@@ -26,7 +26,7 @@ from simulator.effects.psf_bounds import has_occlusion
 from simulator.effects.rendering_work import added_operations
 from simulator.effects.vignetting_bounds import blur_sensitivity
 from simulator.planning import Bound, OnOffEffect
-from simulator.probing.radial import Gain
+from simulator.probing.sampled_frequencies import Gain
 from simulator.situation import Situation
 
 MAX_SINC_LOSS = 1.2173

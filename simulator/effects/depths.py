@@ -16,7 +16,7 @@ from simulator.effects.likely_errors import LightEffect
 from simulator.effects.rendering_work import ATTRIBUTION_ORDER, LEVELS, rendering_operations
 from simulator.formation.nodes import depth_nodes
 from simulator.planning import Bound
-from simulator.probing.radial import Gain
+from simulator.probing.sampled_frequencies import Gain
 from simulator.situation import Situation
 
 

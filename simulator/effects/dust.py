@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from simulator.effects.dust_losses import dust_losses
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
     light_norm_bound,
@@ -15,6 +14,7 @@ from simulator.effects.electron_bounds import (
     total_electrons,
 )
 from simulator.effects.likely_errors import LightEffect
+from simulator.effects.picture_norms import dust_losses
 from simulator.planning import Bound
 from simulator.situation import Situation
 

@@ -18,7 +18,7 @@ from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import spectral_measure
 from simulator.formation.nodes import gauss_quadrature
 from simulator.formation.windows import max_blur_distance
-from simulator.probing.order_kernel import cut_kernel
+from simulator.probing.far_field import cut_kernel
 from simulator.probing.picture_probe import MARGIN
 from simulator.situation import Situation
 

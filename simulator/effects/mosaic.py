@@ -17,7 +17,7 @@ from simulator.effects.electron_bounds import (
 )
 from simulator.effects.result_cache import cached_per_situation
 from simulator.planning import Bound, OnOffEffect
-from simulator.probing.rates import electron_rates
+from simulator.probing.picture_probe import electron_rates
 from simulator.situation import Situation
 
 

@@ -29,7 +29,7 @@ from simulator.effects.result_cache import cached_across_exposures
 from simulator.formation.coarse_orders import order_cell_pixels
 from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.planning import Bound
-from simulator.probing.radial import Gain
+from simulator.probing.sampled_frequencies import Gain
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +17,6 @@ from optics.formation import spectrum_of_samples
 from optics.plane import centred_crop
 from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts
-from simulator.effects.dust_losses import dust_losses
 from simulator.effects.electron_bounds import area_change, peak_electrons
 from simulator.effects.landed_light import detail_factor, landed_light
 from simulator.effects.psf_bounds import (
@@ -27,12 +27,43 @@ from simulator.effects.result_cache import cached_across_exposures, cached_acros
 from simulator.effects.spectra import angle_shares, spectral_measure
 from simulator.effects.vignetting_bounds import vignetting_samples
 from simulator.formation.distorting import lateral_scales, moved_frame
+from simulator.formation.dust_shadows import dust_shadows
 from simulator.formation.vibration import image_vibration
-from simulator.planning.bound import MinimumNorms
+from simulator.planning.effect import MinimumNorms
 from simulator.probing.picture_probe import MARGIN
-from simulator.probing.radial import RadialProfile
+from simulator.probing.sampled_frequencies import RadialProfile
 from simulator.situation import Situation
 from simulator.speckle import speckle_variance
+
+
+@dataclass(frozen=True)
+class DustLosses:
+    """Sums of the dust effect's losses over the pixels, each a share of a pixel's light.
+
+    deepest: of any pixel. total: of all. norm: root of the sum of squares. pixels: that are shaded.
+    Shadows that overlap count as if they added up.
+    """
+
+    deepest: float
+    total: float
+    norm: float
+    pixels: float
+
+
+def dust_losses(s: Situation) -> DustLosses:
+    """Return the losses of the dust effect; all are 0 for a sensor without dust."""
+    sensor = s.camera.sensor
+    if not sensor.dust:
+        return DustLosses(0.0, 0.0, 0.0, 0.0)
+    losses = [one.loss for one in dust_shadows(sensor, s.camera.lens)]
+    left = math.prod(1 - float(one.max()) for one in losses)
+    return DustLosses(
+        1 - left,
+        sum(float(one.sum()) for one in losses),
+        sum(math.sqrt(float((one**2).sum())) for one in losses),
+        float(sum(one.size for one in losses)),
+    )
+
 
 T = TypeVar("T")
 

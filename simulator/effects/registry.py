@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from simulator.effects.axial_colour import AxialColour
 from simulator.effects.band_effects import Bandwidth, Leak
 from simulator.effects.crosstalk import PixelCrosstalk
 from simulator.effects.crystal import CrystalResponse
 from simulator.effects.depths import DepthLayers
 from simulator.effects.diffraction import Diffraction
-from simulator.effects.distortion import Distortion
 from simulator.effects.dust import Dust
 from simulator.effects.field_aberrations import FieldAberrations
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.filter_angle import FilterAngle
-from simulator.effects.focus_drift import FocusDrift
+from simulator.effects.focus_effects import AxialColour, FocusDrift
 from simulator.effects.glare import VeilingGlare
+from simulator.effects.image_place import Distortion, LateralColour
 from simulator.effects.interference import Interference
-from simulator.effects.lateral_colour import LateralColour
 from simulator.effects.lens_ghosts import LensGhosts
 from simulator.effects.mosaic import ColourFilters
-from simulator.effects.moving import Motion
-from simulator.effects.occlusion import Occlusion
-from simulator.effects.panel_dispersion import PanelDispersion
+from simulator.effects.moving import Motion, Occlusion
 from simulator.effects.panel_effects import (
     Coupling,
     Flatness,
@@ -30,6 +26,7 @@ from simulator.effects.panel_effects import (
     GapLight,
     Illumination,
     Jitter,
+    PanelDispersion,
     PanelResponse,
     UnmodulatedLight,
 )

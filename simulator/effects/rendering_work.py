@@ -13,9 +13,14 @@ from optics.slm.modulator import flicker_nodes
 from simulator.effects.psf_bounds import can_orders_reach_sensor, is_uniform_scene
 from simulator.effects.result_cache import cached_per_situation
 from simulator.formation.coarse_orders import can_be_coarse
-from simulator.formation.merged_parts import groups_of_parts
-from simulator.formation.windows import Windows, rendering_windows
-from simulator.formation.work import psf_operations, ray_operations, transform_operations
+from simulator.formation.layer_psfs import groups_of_parts
+from simulator.formation.windows import (
+    Windows,
+    psf_operations,
+    ray_operations,
+    rendering_windows,
+    transform_operations,
+)
 from simulator.recipe import SMALLEST_WINDOW, light_samples
 from simulator.situation import Situation
 

@@ -14,7 +14,7 @@ from simulator.effects.psf_bounds import has_occlusion, mtf_bound
 from simulator.effects.rendering_work import LEVELS, LIGHT_SAMPLING, first_level_reaching
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.planning import Bound
-from simulator.probing.radial import Gain
+from simulator.probing.sampled_frequencies import Gain
 from simulator.situation import Situation
 
 

@@ -14,16 +14,13 @@ from optics.caching import ByteCache
 from optics.plane import Plane
 from simulator.convolution import convolve_valid
 from simulator.formation.exposure_cells import ExposureCell
-from simulator.formation.filter_shares import angle_share
 from simulator.formation.kernels import Kernels
 from simulator.formation.layer_psfs import LayerPSFs
-from simulator.formation.nodes import rendered_angles
+from simulator.formation.nodes import angle_share, rendered_angles
 from simulator.formation.objects import ObjectSpectra
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import max_blur_distance
-from simulator.probing.far_field import FarField
-from simulator.probing.lens_probe import LensProbe
-from simulator.probing.order_kernel import cut_kernel, side_order_kernel
+from simulator.probing.far_field import FarField, LensProbe, cut_kernel, side_order_kernel
 from simulator.recipe import Recipe
 from simulator.scene.target import Layer
 from simulator.situation import Situation

@@ -10,7 +10,7 @@ from optics.camera import Ghost
 from optics.formation import rfft2_frequencies, spectrum_of_disc
 from optics.fourier import ChirpTransform, FourierGeometry, rfft_column_weights
 from optics.plane import Plane
-from simulator.formation.work import transform_operations
+from simulator.formation.windows import transform_operations
 
 _TRANSFORMS = 6.0
 """Real Fourier transforms of a picture that take as long as one of its ghosts; measured."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy import constants
 
@@ -14,9 +15,10 @@ from optics.camera import Camera
 from optics.gauss_legendre import gauss_legendre
 from optics.light import Spectrum
 from optics.light.bands import Band
+from optics.plane import Plane
 from optics.sensor import Mosaic
-from simulator.filter_angles import angle_nodes, largest_squared_sine
-from simulator.probing.rates import irradiance_per_radiance
+from simulator.filter_angles import angle_nodes, largest_squared_sine, squared_sines
+from simulator.probing.picture_probe import irradiance_per_radiance
 from simulator.recipe import Recipe
 from simulator.scene.target import Part
 from simulator.situation import Situation
@@ -294,3 +296,19 @@ def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
     met = on_node.any(axis=0)
     weights[:, met] = on_node[:, met]
     return np.asarray(weights / weights.sum(axis=0))
+
+
+_TABLE = 1025
+"""Values between which shares are interpolated linearly, right to 1e-5. Chosen."""
+
+
+def angle_share(squared: Sequence[float], angle: int, camera: Camera, plane: Plane) -> torch.Tensor:
+    """Return the weight of one of the rendered angles at each place of a plane, float32.
+
+    squared: sin² of all angles, between which bands are interpolated by a polynomial. Beyond the
+    outermost, its value there is kept.
+    """
+    table = np.linspace(0, squared[-1], _TABLE)
+    share = interpolation_weights(squared, table)[angle]
+    found = np.interp(squared_sines(camera, plane).numpy(), table, share)
+    return torch.from_numpy(found.astype(np.float32))

@@ -9,9 +9,13 @@ import torch
 from optics.caching import ByteCache
 from optics.plane import Plane
 from simulator.formation.exposure_cells import ExposureCell
-from simulator.formation.filter_shares import angle_share
 from simulator.formation.kernels import Kernels
-from simulator.formation.nodes import field_nodes, interpolation_weights, rendered_angles
+from simulator.formation.nodes import (
+    angle_share,
+    field_nodes,
+    interpolation_weights,
+    rendered_angles,
+)
 from simulator.formation.sample_grid import SampleGrid
 from simulator.formation.vignetting import vignetting
 from simulator.recipe import Recipe

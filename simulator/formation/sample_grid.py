@@ -16,7 +16,7 @@ from optics.formation import rfft2_frequencies
 from optics.fourier import fft, irfft2, rfft, rfft2
 from optics.plane import Plane, centred_crop, origin_to_centre, origin_to_corner
 from optics.sensor import pixel_transfer
-from simulator.formation.work import transform_operations
+from simulator.formation.windows import transform_operations
 from simulator.ledger import Ledger
 from simulator.recipe import Recipe
 from simulator.scene.drawable import Drawable

@@ -1,8 +1,7 @@
 """Plan which effects the simulator renders for a tolerance, by bounds on what each changes."""
 
 from simulator.planning.auditing import AuditResult, audit
-from simulator.planning.bound import Bound, MinimumNorms
-from simulator.planning.effect import DecidedBy, Effect, OnOffEffect
+from simulator.planning.effect import Bound, DecidedBy, Effect, MinimumNorms, OnOffEffect
 from simulator.planning.effect_plan import Decision, EffectPlan, build_recipe, plan_effects
 from simulator.planning.ladder import Ladder
 

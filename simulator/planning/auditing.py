@@ -11,8 +11,7 @@ from typing import Literal
 import torch
 
 from optics.caching import ByteCache
-from simulator.planning.bound import Bound, ratio
-from simulator.planning.effect import Effect
+from simulator.planning.effect import Bound, Effect, ratio
 from simulator.planning.effect_plan import EffectPlan, build_recipe
 from simulator.recipe import Recipe
 from simulator.situation import Situation

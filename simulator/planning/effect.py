@@ -4,14 +4,122 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from simulator.planning.bound import Bound
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 from simulator.speckle import speckle_variance
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The largest change of a picture if an effect is below its finest level.
+
+    The bound holds for any levels of the other effects.
+
+    Parameters
+    ----------
+    mean : float
+        L2 norm over the sensor's pixels of the change of the mean picture, electrons.
+    variance : float
+        L2 norm of the change of the variance map, electrons².
+    sigma : float
+        L2 norm of the change of the map of standard deviations, electrons.
+    shape : float
+        Largest Kolmogorov distance between the cumulative distributions of a pixel, 0 to 1, for an
+        effect that changes neither mean nor variance.
+    how : str
+        How the bound was found: "proved: …" or "audited ×2: …".
+
+    Raises
+    ------
+    ValueError
+        If a number is negative or NaN.
+
+    Examples
+    --------
+    >>> total = Bound(mean=2.0).plus(Bound(mean=1.0, variance=4.0))
+    >>> total.mean, total.variance
+    (3.0, 4.0)
+    """
+
+    mean: float = 0.0
+    variance: float = 0.0
+    sigma: float = 0.0
+    shape: float = 0.0
+    how: str = "proved: nothing changes"
+
+    def __post_init__(self) -> None:
+        for name in ("mean", "variance", "sigma", "shape"):
+            value = getattr(self, name)
+            if not value >= 0:
+                raise ValueError(f"{name} is {value}; a bound is 0 or more")
+
+    def plus(self, other: Bound) -> Bound:
+        """Add two error bounds of an effect plan; the sum bounds both changes together."""
+        return Bound(
+            self.mean + other.mean,
+            self.variance + other.variance,
+            self.sigma + other.sigma,
+            self.shape + other.shape,
+            self.how,
+        )
+
+    def minus(self, other: Bound) -> Bound:
+        """Return by how much an effect plan's error bound exceeds another, 0 at least."""
+        return Bound(
+            max(self.mean - other.mean, 0.0),
+            max(self.variance - other.variance, 0.0),
+            max(self.sigma - other.sigma, 0.0),
+            max(self.shape - other.shape, 0.0),
+            self.how,
+        )
+
+
+@dataclass(frozen=True)
+class MinimumNorms:
+    """Lower bounds of the norms of a picture with every effect; errors are relative to them.
+
+    Parameters
+    ----------
+    mean : float
+        L2 norm of the mean picture over the sensor's pixels, electrons; 0 if nothing is known.
+    variance : float
+        L2 norm of the variance map, electrons²; 0 if nothing is known.
+    sigma : float
+        L2 norm of the map of standard deviations, electrons; 0 if nothing is known.
+
+    Examples
+    --------
+    >>> MinimumNorms(mean=100.0, variance=50.0, sigma=10.0).relative_error(Bound(mean=2.0))
+    0.02
+    """
+
+    mean: float
+    variance: float
+    sigma: float
+
+    def relative_error(self, bound: Bound) -> float:
+        """Return the largest relative error of a bound in an effect plan.
+
+        The error is infinite for a change where a norm is 0.
+        """
+        return max(
+            ratio(bound.mean, self.mean),
+            ratio(bound.variance, self.variance),
+            ratio(bound.sigma, self.sigma),
+            bound.shape,
+        )
+
+
+def ratio(change: float, whole: float) -> float:
+    """Return a planned effect's change over the picture's norm; infinite for a norm of 0."""
+    if change == 0:
+        return 0.0
+    return change / whole if whole > 0 else math.inf
+
 
 _BRIGHTER = 2.0
 """Factor by which a lamp's ripple or the panel may make the brightest pixel brighter. Chosen."""
@@ -142,3 +250,49 @@ class OnOffEffect(Effect):
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         return self.error_bound_if_omitted(s)
+
+
+def forced_level(effects: Sequence[Effect], s: Situation, name: str, request: str | bool) -> int:
+    """Return the level to plan for a forced effect: finest for True, off for False, or as named.
+
+    Raises ValueError for an effect or a level that doesn't exist.
+    """
+    named = {one.name: one for one in effects}
+    if name not in named:
+        raise ValueError(f"effect {name!r} is unknown; choose among {', '.join(named)}")
+    one = named[name]
+    if isinstance(request, bool):
+        finest = one.finest_level(s) if one.is_present(s) else len(one.levels) - 1
+        return finest if request else 0
+    if request not in one.levels:
+        raise ValueError(
+            f"effect {name!r} has no level {request!r}; choose among {', '.join(one.levels)}"
+        )
+    return one.levels.index(request)
+
+
+def resolve_forced_levels(
+    effects: Sequence[Effect], forced_levels: Mapping[str, int]
+) -> dict[str, int]:
+    """Return the planned levels of forced effects and of effects that these switch off.
+
+    Effects that don't occur are left out. An effect that requires one that is forced off is off as
+    well. Raises ValueError if such an effect is forced on.
+    """
+    there = {one.name for one in effects}
+    found = {name: level for name, level in forced_levels.items() if name in there}
+    while falling := [one for one in effects if _lacks_requirement(one, found)]:
+        for one in falling:
+            if found.get(one.name, 0):
+                off = next(name for name in one.requires if found.get(name) == 0)
+                raise ValueError(
+                    f"effect {one.name!r} is forced on, and requires {off!r}, which is forced "
+                    "off; change one of the two"
+                )
+            found[one.name] = 0
+    return found
+
+
+def _lacks_requirement(one: Effect, found: Mapping[str, int]) -> bool:
+    """Whether a planned effect may be on although an effect that it requires is forced off."""
+    return found.get(one.name) != 0 and any(found.get(name) == 0 for name in one.requires)

@@ -7,9 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
-from simulator.planning.bound import Bound, MinimumNorms
-from simulator.planning.effect import DecidedBy, Effect
-from simulator.planning.forcing import forced_level
+from simulator.planning.effect import Bound, DecidedBy, Effect, MinimumNorms, forced_level
 from simulator.planning.ladder import Ladder
 from simulator.recipe import Recipe
 from simulator.situation import Situation

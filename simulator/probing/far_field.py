@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, lru_cache
+from typing import TypeVar
 
 import numpy as np
 import scipy.fft
 import scipy.sparse
 import torch
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
+from optics.caching import ByteCache
+from optics.camera import Camera
+from optics.camera.pupil import object_to_lens_distance, pupil_amplitude
 from optics.fourier import fft
+from optics.validation import as_number
+from optics.zernike import zernike
 
 Array = NDArray[np.float64]
 Light = NDArray[np.float32]
@@ -205,3 +214,177 @@ def _ring_sums(samples: int, steps: int) -> scipy.sparse.csr_array:
     ring = np.minimum(np.ceil(away - 1e-9), steps).astype(int)
     ones = np.ones(samples, np.float32)
     return scipy.sparse.csr_array((ones, (ring, sample)), shape=(steps + 1, samples))
+
+
+def side_order_kernel(
+    far: FarField, period: float, cell: float, lowest: int, highest: int, fade: float = 0.0
+) -> Array:
+    """Return how a probed far field spreads a point's light over side orders of the panel.
+
+    lowest, highest: range of the orders' numbers: of the larger of both along y and x. fade: metres
+    over which the order below the lowest fades into it, at most a period. See order_kernel() for
+    all else.
+    """
+    outer = order_kernel(far, period, cell, highest)
+    inner = order_kernel(far, period, cell, lowest - 1, min(fade, period))
+    outer[_middle(outer, inner)] -= inner
+    return outer
+
+
+def order_kernel(
+    far: FarField,
+    period: float,
+    cell: float,
+    highest: int,
+    fade: float = 0.0,
+    reach: float = math.inf,
+) -> Array:
+    """Return how a probed far field spreads a point's light over the panel's diffraction orders.
+
+    Parameters
+    ----------
+    far : FarField
+        The far field; all orders are copies of it, times the envelope of one pixel of the panel.
+    period : float
+        Distance between two orders on the sensor, metres.
+    cell : float
+        Side of a cell, metres.
+    highest : int
+        Largest number of an order along y or x.
+    fade : float, default 0.0
+        Metres over which the outermost orders fade out, half of them in the next ones.
+    reach : float, default inf
+        Metres to either side beyond which light isn't needed.
+
+    Returns
+    -------
+    numpy.ndarray
+        Share of the point's light in each cell, (cells, cells), with the point's image in the
+        middle cell of an odd number.
+    """
+    half = math.ceil(min((highest + 0.5) * period + fade / 2, reach) / cell)
+    along = [
+        _cells_of_samples(far, axis, period / cell, highest, half, fade / period) for axis in (0, 1)
+    ]
+    return _in_cells(far, *along)
+
+
+def _middle(outer: Array, inner: Array) -> tuple[slice, slice]:
+    """Return the part of a probed far field's kernel that a smaller one covers."""
+    more = (len(outer) - len(inner)) // 2
+    part = slice(more, len(outer) - more)
+    return part, part
+
+
+def cut_kernel(kernel: Array, half: tuple[int, int]) -> Array:
+    """Cut a probed far field's kernel to `half` cells (y, x) on each side of its middle."""
+    middle = len(kernel) // 2
+    y, x = (min(cells, middle) for cells in half)
+    return kernel[middle - y : middle + y + 1, middle - x : middle + x + 1]
+
+
+def _in_cells(far: FarField, down: csr_array, across: csr_array) -> Array:
+    """Sum a probed far field's light in cells, by the samples of both axes that belong to each."""
+    return np.asarray(across @ (down @ far.light).T).T.astype(np.float64)
+
+
+def _cells_of_samples(
+    far: FarField, axis: int, cells_per_period: float, most: int, half: int, fade: float
+) -> csr_array:
+    """Return the envelope of each sample of a probed far field in each cell, (cells, samples).
+
+    Every sample stands for one place in each order from -most to most along the axis. fade: share
+    of a period over which the outermost orders fade into the next ones.
+    """
+    samples = far.light.shape[axis]
+    last = most + math.ceil(fade / 2)
+    orders = np.arange(-last, last + 1)
+    places = np.fft.fftfreq(samples) + orders[:, None]
+    envelopes = np.stack([far.envelope(axis, int(order)) for order in orders])
+    if fade:
+        envelopes *= np.clip(0.5 + (most + 0.5 - np.abs(places)) / fade, 0, 1)
+    cells = np.rint(places * cells_per_period).astype(np.intp) + half
+    inside = (cells >= 0) & (cells <= 2 * half)
+    sample = np.broadcast_to(np.arange(samples), cells.shape)
+    entries = envelopes[inside].astype(np.float32), (cells[inside], sample[inside])
+    return csr_array(entries, shape=(2 * half + 1, samples))
+
+
+T = TypeVar("T")
+
+
+class LensProbe:
+    """The effect of a camera's lens and stop at a wavelength, for points at several distances.
+
+    wavelength, nearest: metres. nearest: the least distance of a point; the stop's shadow on the
+    panel is computed for its light. cache: stores the results, which other patterns share.
+    samples_per_spot: of far fields.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        wavelength: float,
+        nearest: float,
+        cache: ByteCache,
+        samples_per_spot: float = 2,
+    ) -> None:
+        self._camera, self._wavelength, self._nearest = camera, wavelength, nearest
+        self._cache, self._samples_per_spot = cache, samples_per_spot
+
+    @property
+    def aperture_share(self) -> torch.Tensor:
+        """Return the share of each panel pixel that the probed lens' stop leaves open.
+
+        The shape is (rows, columns).
+        """
+        return self._from_cache(self._compute_aperture_share, ())
+
+    def path(self, distance: float) -> torch.Tensor:
+        """Return the optical path that the probed lens adds to light on the panel, metres.
+
+        The light comes from a point at `distance`.
+        """
+        return self._from_cache(self._compute_path, (distance,))
+
+    def lens_phase(self, distance: float) -> torch.Tensor:
+        """Return the phase that the probed lens adds to a point's light on the panel, radians."""
+        return 2 * math.pi / self._wavelength * self.path(distance)
+
+    def field(self, distance: float) -> torch.Tensor:
+        """Return uniform light's field on the panel behind the probed lens and stop, complex64."""
+        return self._from_cache(self._compute_field, (distance, self._wavelength))
+
+    def unmodulated_far_field(self, distance: float) -> FarField:
+        """Return the probed far field of light that the panel's pattern doesn't modulate."""
+        return self._from_cache(self._compute_unmodulated_far_field, (distance, self._wavelength))
+
+    def _from_cache(self, find: Callable[..., T], of: tuple[float, ...]) -> T:
+        """Return a result of the lens probe from the cache, or compute it."""
+        causes = (find.__name__, self._camera, self._nearest, self._samples_per_spot, *of)
+        return self._cache.get(causes, lambda: find(*of[:1]))
+
+    def _compute_aperture_share(self) -> torch.Tensor:
+        camera = self._camera
+        spread = 1 + as_number(camera.separation) / self._nearest
+        lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
+        return pupil_amplitude(replace(camera, lens=lens, separation=0.0))
+
+    def _compute_path(self, distance: float) -> torch.Tensor:
+        camera, lens = self._camera, self._camera.lens
+        spread = 1 + as_number(camera.separation) / distance
+        vergence = 1 / object_to_lens_distance(camera, distance) - 1 / lens.focus_distance
+        y, x = camera.panel.plane.mesh()
+        bent = spread * lens.image_distance / as_number(camera.ray_matrix_b) * vergence
+        path = bent / 2 * (y**2 + x**2)
+        radius = as_number(lens.stop_diameter) / 2 / spread
+        for n, m, strength in lens.aberrations:
+            path = path + as_number(strength) * zernike(n, m, y / radius, x / radius)
+        return torch.where(self.aperture_share > 0, path, 0.0)
+
+    def _compute_field(self, distance: float) -> torch.Tensor:
+        return torch.polar(self.aperture_share, self.lens_phase(distance)).to(torch.complex64)
+
+    def _compute_unmodulated_far_field(self, distance: float) -> FarField:
+        side = math.sqrt(self._camera.panel.fill_factor)
+        return FarField(self.field(distance), side, self._samples_per_spot)

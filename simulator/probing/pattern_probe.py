@@ -23,9 +23,7 @@ from optics.validation import as_number
 from simulator.focus import defocused
 from simulator.panel_at_wavelength import modulator_at
 from simulator.panel_content import PanelContent
-from simulator.probing.far_field import FarField
-from simulator.probing.lens_probe import LensProbe
-from simulator.probing.order_kernel import order_kernel, side_order_kernel
+from simulator.probing.far_field import FarField, LensProbe, order_kernel, side_order_kernel
 from simulator.probing.transfer_bounds import TransferBounds, largest_near, rings
 
 Array = NDArray[np.float64]

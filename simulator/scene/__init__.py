@@ -1,15 +1,14 @@
 """Scenes for the simulated camera: targets with distance, size, spectrum and radiance."""
 
-from simulator.scene.artificial_star import Pinhole, Star
 from simulator.scene.colours import basis_of, mix_reflectances, primaries
 from simulator.scene.cube import Cube
-from simulator.scene.dark import Dark
+from simulator.scene.disc import Pinhole, Star
 from simulator.scene.display import Display, display_primaries
 from simulator.scene.drawable import Drawable, UniformLight
 from simulator.scene.flat import Flat
 from simulator.scene.photograph import PhotographPrint
 from simulator.scene.relief import Relief, distances_of
-from simulator.scene.scene import Scene
+from simulator.scene.scene import Dark, Scene
 from simulator.scene.sheets import Sheet, Sheets
 from simulator.scene.target import Layer, Part, Target
 

@@ -1,9 +1,10 @@
-"""The picture of a disc, such as a pinhole, which may be much smaller than a pixel."""
+"""Draw discs of light, among them an artificial star."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -13,6 +14,7 @@ from optics.plane import Plane
 from optics.validation import require_positive, require_size
 from simulator.scene.drawable import STILL, Drawable, Shift
 from simulator.scene.polygons import polygon_coverage
+from simulator.scene.target import Layer, Part, Target
 
 
 @dataclass(frozen=True)
@@ -74,3 +76,68 @@ def _holds(plane: Plane, y: float, x: float, reach: float) -> bool:
     """Return whether a plane on the axis holds a scene's disc of radius `reach` around (y, x)."""
     halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
     return all(abs(p) + reach <= half for p, half in zip((y, x), halves, strict=True))
+
+
+@dataclass(frozen=True)
+class Star(Target):
+    """Scene target that is an artificial star: an illuminated pinhole (thesis §3.4).
+
+    Parameters
+    ----------
+    diameter : float
+        Diameter of the pinhole in metres, positive.
+    distance : float
+        Distance from the panel in metres, positive.
+    radiance : float
+        Spectral radiance of the pinhole, W / (sr m² m), not negative.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the pinhole relative to the axis, metres on the object. The target
+        appears upright in the picture, with y down the rows.
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
+        See `Target`.
+
+    Raises
+    ------
+    ValueError
+        If a length isn't positive, the radiance is negative, or an offset isn't finite.
+    """
+
+    diameter: float
+    distance: float
+    radiance: float
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        Disc(self.diameter, self.offset)
+
+    @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        return (
+            Layer(
+                self.distance, (Part(self.reflected_radiance(), Disc(self.diameter, self.offset)),)
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class Pinhole(Star):
+    """Scene target that is a pinhole, lit from behind through the filter (thesis §5.6).
+
+    Parameters
+    ----------
+    diameter : float, default 1e-3
+        Diameter of the pinhole in metres, positive.
+    distance : float, default 2.0
+        Distance from the panel in metres, positive.
+    radiance : float, default 1e9
+        Spectral radiance of the pinhole, W / (sr m² m), not negative.
+    offset : tuple of float, default (0.0, 0.0)
+        Position (y, x) of the pinhole relative to the axis, metres on the object.
+    light, lamp, velocity, polarisation_angle, speckle, name : optional
+        See `Target`.
+    """
+
+    diameter: float = 1e-3
+    distance: float = 2.0
+    radiance: float = 1e9

@@ -18,8 +18,7 @@ from optics.validation import require_positive
 from simulator.scene.colours import Basis
 from simulator.scene.drawable import STILL, Drawable, Shift
 from simulator.scene.photograph import require_colours
-from simulator.scene.pixel_picture import edges
-from simulator.scene.resampling import window_matrix
+from simulator.scene.pixel_picture import edges, window_matrix
 from simulator.scene.target import Layer, Part, Target
 
 PEAKS: Sequence[tuple[float, float]] = ((610e-9, 35e-9), (540e-9, 40e-9), (455e-9, 22e-9))

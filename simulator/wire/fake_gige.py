@@ -24,10 +24,40 @@ from drivers.hosted.child_process import ChildProcess
 from drivers.hosted.message_socket import LineClosed, MessageTimeout
 from drivers.interfaces import Clock
 from simulator.wire.camera_faults import CameraFault
-from simulator.wire.camera_features import FEATURES, apply_features, register_of
-from simulator.wire.camera_xml import genicam_xml
+from simulator.wire.camera_xml import FEATURES, apply_features, genicam_xml, register_of
 from simulator.wire.gige_process import HEADER_BYTES, GigERegister
-from simulator.wire.packing import pack_pixels
+
+
+def pack_pixels(image: NDArray[np.uint16], form: PixelFormat) -> NDArray[np.uint8]:
+    """Pack a picture's pixels into bytes for the simulated GigE wire.
+
+    Numbers are limited to the format's full scale.
+    """
+    pixels = np.minimum(image.reshape(-1), form.full_scale).astype(np.uint16)
+    match form.layout:
+        case "bytes":
+            return pixels.astype(np.uint8)
+        case "words":
+            return pixels.astype("<u2").view(np.uint8)
+        case "packed":
+            return _pack_pairs(pixels, form.bits - 8)
+        case "p":
+            return _pack_bit_stream(pixels, form.bits)
+
+
+def _pack_pairs(pixels: NDArray[np.uint16], extra: int) -> NDArray[np.uint8]:
+    count = pixels.size
+    even = np.append(pixels, np.zeros(count % 2, np.uint16)).reshape(-1, 2)
+    low = even & (1 << extra) - 1
+    groups = np.stack([even[:, 0] >> extra, low[:, 1] << 4 | low[:, 0], even[:, 1] >> extra], 1)
+    return groups.astype(np.uint8).reshape(-1)[: -(-count * 12 // 8)]
+
+
+def _pack_bit_stream(pixels: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
+    two_bytes = pixels.astype("<u2").view(np.uint8).reshape(-1, 2)
+    ones = np.unpackbits(two_bytes, axis=1, bitorder="little")[:, :bits]
+    return np.packbits(ones.reshape(-1), bitorder="little")
+
 
 RenderImage = Callable[[float, float], NDArray[np.uint16]]
 """Function that renders the sensor's picture (rows, columns) from an exposure in seconds and a gain

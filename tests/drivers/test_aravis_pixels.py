@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.aravis.pixel_formats import FORMATS, PixelFormat, unpack
-from simulator.wire.packing import pack_pixels
+from simulator.wire.fake_gige import pack_pixels
 
 
 def bit(data: NDArray[np.uint8], index: int) -> int:

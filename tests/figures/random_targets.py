@@ -29,8 +29,8 @@ from simulator.scene import (
     UniformLight,
     display_primaries,
 )
-from simulator.scene.bricks import brick
 from simulator.scene.charts import checker, siemens_star, slanted_edge, usaf_1951
+from simulator.scene.polygons import brick
 
 _NODES = tuple(float(w) for w in np.linspace(380e-9, 780e-9, 9))
 

@@ -13,7 +13,7 @@ from figures.wheel_commands import WHEEL, slots_nm
 from figures.wire_case import Command, Rng, WireCase, serial
 from simulator.machines.colorimetry import tristimulus
 from simulator.machines.cs2000 import CS2000Machine
-from simulator.machines.cs2000_optics import WAVELENGTHS
+from simulator.machines.cs2000_settings import WAVELENGTHS
 from simulator.machines.thorlabs_wheel import ThorlabsWheelMachine
 from simulator.machines.varispec import VariSpecMachine
 

@@ -17,7 +17,7 @@ from figures import Figure
 from figures.where import PACKAGES
 from labapp.bench.opening import DRIVER_GROUP
 from simulator.screens import NoXServer, xvfb
-from simulator.screens.authority import authority_file
+from simulator.screens.server import authority_file
 
 _REPEATS = 5
 _HELP_GOAL, _WINDOW_GOAL = 0.5, 2.5

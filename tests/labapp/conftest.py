@@ -21,8 +21,7 @@ from labapp.common.speed import save_speed
 from labapp.pictures.report.record_analysis import RecordAnalysis
 from labapp.studies.demo import run_first_light
 from optics.accuracy import MachineSpeed
-from simulator.caching import Cache
-from simulator.imaging import Imaging, picture_key
+from simulator.imaging import Cache, Imaging, picture_key
 from simulator.planning import EffectPlan
 from simulator.situation import Situation
 

@@ -17,7 +17,7 @@ from simulator.effects.sensor_effects import (
     ReadNoise,
 )
 from simulator.effects.shot_noise import ShotNoise
-from simulator.probing.radial import RadialProfile
+from simulator.probing.sampled_frequencies import RadialProfile
 from simulator.recipe import Recipe
 from simulator.situation import SituationCache
 

@@ -13,8 +13,8 @@ from optics.caching import ByteCache
 from optics.camera import Camera, Lens
 from optics.camera.pupil import pupil_phase
 from optics.light import Band
-from simulator.effects.axial_colour import AxialColour
 from simulator.effects.band_effects import Bandwidth
+from simulator.effects.focus_effects import AxialColour
 from simulator.effects.picture_norms import minimum_norms
 from simulator.focus import focus_range, focus_shifts
 from simulator.imaging import Imaging

@@ -33,11 +33,10 @@ from optics.sensor import Mosaic
 from simulator.effects.depths import DepthLayers
 from simulator.effects.depths import _gain as depths_gain
 from simulator.effects.mosaic import ColourFilters
-from simulator.effects.moving import Motion
-from simulator.effects.occlusion import Occlusion
+from simulator.effects.moving import Motion, Occlusion
 from simulator.effects.pixel_aperture import PixelAperture
 from simulator.effects.time_effects import LampFlicker, RollingShutter
-from simulator.probing.rates import electron_rates
+from simulator.probing.picture_probe import electron_rates
 from simulator.scene import Flat, Sheet, Sheets, Star
 from simulator.scene.polygons import Polygons, rectangle
 

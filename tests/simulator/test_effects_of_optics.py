@@ -27,10 +27,9 @@ from optics.light import Band, Waveform
 from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
 from simulator.effects.band_effects import Bandwidth
-from simulator.effects.distortion import Distortion
 from simulator.effects.field_effects import FieldPosition
+from simulator.effects.image_place import Distortion, LateralColour
 from simulator.effects.interference import Interference
-from simulator.effects.lateral_colour import LateralColour
 from simulator.effects.lens_ghosts import LensGhosts
 from simulator.effects.picture_norms import minimum_norms
 from simulator.effects.rendering_work import rendering_operations

@@ -16,7 +16,7 @@ from optics.sensor import Mosaic
 from simulator.effects.mosaic import ColourFilters
 from simulator.effects.pixel_aperture import PixelAperture
 from simulator.effects.time_effects import RollingShutter
-from simulator.probing.rates import electron_rates
+from simulator.probing.picture_probe import electron_rates
 
 FINER = 16
 SIDE = 24

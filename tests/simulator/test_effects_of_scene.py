@@ -25,8 +25,7 @@ from sweeps import some
 
 from optics.light import Waveform
 from simulator.effects.depths import DepthLayers
-from simulator.effects.moving import Motion
-from simulator.effects.occlusion import Occlusion
+from simulator.effects.moving import Motion, Occlusion
 from simulator.effects.time_effects import LampFlicker
 from simulator.scene import Flat, Sheet, Sheets, Star
 from simulator.scene.polygons import Polygons, rectangle

@@ -18,8 +18,7 @@ from simulator.effects.landed_light import landed_light
 from simulator.imaging import Imaging
 from simulator.mount import Mount
 from simulator.panel_content import PanelContent
-from simulator.probing.far_field import FarField
-from simulator.probing.order_kernel import order_kernel
+from simulator.probing.far_field import FarField, order_kernel
 from simulator.scene import Star
 from simulator.situation import Situation
 

@@ -20,10 +20,10 @@ from small_bench.world import (
 from sweeps import some
 
 import optics.slm.modulator
-import simulator.exposure_fields
+import simulator.formation.kernels
 from optics.psf import PSFOperator, modulated_psf
 from optics.slm import Modulator, grey_to_phase
-from simulator.exposure_fields import exposure_fields
+from simulator.formation.kernels import exposure_fields
 from simulator.panel_content import PanelContent, shares_of_time, spans_of_time
 
 WAVELENGTH = 550e-9
@@ -195,7 +195,7 @@ def test_a_crystal_that_is_at_once_is_not_followed(monkeypatch):
         raise AssertionError("called for nothing")
 
     for name in ("first_start_phase", "relaxed_phase"):
-        monkeypatch.setattr(simulator.exposure_fields, name, never)
+        monkeypatch.setattr(simulator.formation.kernels, name, never)
         monkeypatch.setattr(optics.slm.modulator, name, never)
     for name in ("time_nodes", "time_node_count", "flicker_nodes"):
         monkeypatch.setattr(optics.slm.modulator, name, never)

@@ -20,9 +20,8 @@ from optics.psf import PSFOperator
 from optics.slm import phase_to_grey
 from optics.zernike import zernike
 from simulator.formation.rays import RayOperator
-from simulator.mount import Mount
+from simulator.mount import Mount, shift_aberrations
 from simulator.scene import Scene, Star
-from simulator.shifted_aberrations import shift_aberrations
 
 WAVELENGTH = 550e-9
 SHIFT = (0.11e-3, -0.19e-3)

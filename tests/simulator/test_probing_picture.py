@@ -10,9 +10,8 @@ from optics.camera.system_mtf import electron_rate
 from optics.light import Band, Spectrum, halogen
 from optics.plane import Plane
 from optics.sensor import Mosaic
-from simulator.probing.picture_probe import MARGIN, PictureProbe
-from simulator.probing.radial import RadialProfile
-from simulator.probing.rates import electron_rates
+from simulator.probing.picture_probe import MARGIN, PictureProbe, electron_rates
+from simulator.probing.sampled_frequencies import RadialProfile
 from simulator.scene import Cube, Dark, Flat, PhotographPrint, Sheet, Sheets, Star, UniformLight
 from simulator.scene.merging import merge_pictures
 from simulator.scene.pixel_picture import PixelPicture

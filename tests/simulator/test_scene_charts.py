@@ -6,7 +6,6 @@ import torch
 
 from optics.light import Spectrum
 from optics.plane import Plane
-from simulator.scene.bricks import brick
 from simulator.scene.charts import (
     checker,
     line_pairs,
@@ -15,6 +14,7 @@ from simulator.scene.charts import (
     slanted_edge,
     usaf_1951,
 )
+from simulator.scene.polygons import brick
 
 WIDE = Plane((200, 200), (1e-5, 1e-5))
 

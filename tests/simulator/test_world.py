@@ -24,7 +24,6 @@ from small_bench.world import (
 
 import optics.slm
 import optics.slm.modulator
-import simulator.exposure_fields
 import simulator.formation.kernels
 import simulator.formation.sample_grid
 import simulator.mount
@@ -251,7 +250,7 @@ def test_what_the_panel_has_not_got_costs_nothing(monkeypatch):
     monkeypatch.setattr(optics.slm.modulator, "time_nodes", never)
     monkeypatch.setattr(optics.slm.PanelMap, "at_pixels", never)
     monkeypatch.setattr(optics.slm.PhaseResponse, "at", never)
-    monkeypatch.setattr(simulator.exposure_fields, "first_start_phase", never)
+    monkeypatch.setattr(simulator.formation.kernels, "first_start_phase", never)
     there = {"illumination", "front reflection", "panel response", "neighbour coupling",
              "flicker", "jitter", "gap light", "flatness", "liquid-crystal response"}  # fmt: skip
     absent = [effect for effect in EFFECTS if effect.name in there]

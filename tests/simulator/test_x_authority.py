@@ -12,14 +12,14 @@ import pytest
 
 from drivers.x11 import XConnection, XError
 from simulator.screens import NoXServer, xvfb
-from simulator.screens.authority import (
+from simulator.screens.server import (
     Entry,
     authority_file,
     published_cookie,
     read_entries,
+    running_server,
     server_cookie,
 )
-from simulator.screens.server import running_server
 
 COOKIE = bytes(range(16))
 
@@ -127,7 +127,7 @@ def test_a_lock_that_a_killed_program_has_left_is_broken_and_another_is_waited_f
     made, lock = (authority.with_name(f"authority-{end}") for end in "cl")
     made.touch()
     lock.touch()
-    monkeypatch.setattr("simulator.screens.authority._LOCK_TIMEOUT", 0.1)
+    monkeypatch.setattr("simulator.screens.server._LOCK_TIMEOUT", 0.1)
     with pytest.raises(OSError, match="locked by another program"), published_cookie(":1", COOKIE):
         pass
     now = time.time

@@ -34,7 +34,7 @@ from labapp.window import theme
 from labapp.window.alignment_panel import AlignmentPanel
 from optics.accuracy import MachineSpeed
 from simulator.screens import NoXServer, xvfb
-from simulator.screens.authority import authority_file
+from simulator.screens.server import authority_file
 
 _INSTALL = "sudo apt-get install xvfb libegl1 libxkbcommon-x11-0 libxcb-cursor0 libxcb-icccm4"
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from simulator.machines.cs2000 import CS2000Machine
-from simulator.machines.cs2000_optics import WAVELENGTHS
+from simulator.machines.cs2000_settings import WAVELENGTHS
 from simulator.wire import SimulatedLine
 from simulator.wire.pty import PtyLine
 

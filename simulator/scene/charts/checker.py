@@ -9,9 +9,9 @@ import numpy as np
 from optics.light.spectrum import Spectrum
 from optics.validation import require_positive
 from simulator.scene.colours import extend_to_silicon_range
+from simulator.scene.cube import factorise_spectra
 from simulator.scene.polygons import Polygons, rectangle
 from simulator.scene.sheets import PaintedPicture
-from simulator.scene.spectral_factorisation import factorise_spectra
 
 
 def checker(

@@ -1,0 +1,178 @@
+"""Effects that move the focus: the lens' drift with time, and its colours."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simulator.effects.colour_changes import Which, mean_change_bound
+from simulator.effects.electron_bounds import (
+    light_norm_bound,
+    max_light_seconds,
+    relative_light_change,
+    sensor_error_bound,
+)
+from simulator.effects.likely_errors import LightEffect
+from simulator.effects.pupil_rim import rim_displacement
+from simulator.effects.result_cache import cached_across_exposures
+from simulator.focus import focus_range
+from simulator.planning import Bound, OnOffEffect
+from simulator.situation import Situation
+
+Array = NDArray[np.float64]
+
+_MARGIN, _SPREAD = 1.3, 1.1
+"""Factor of the change that the far field tells, and of the frequencies near which it is looked
+for, from audits: the panel's effects may change a PSF, and its wavelength isn't the band's."""
+
+
+def far_field_change(s: Situation, number: int, k: Array, apart: float) -> Array:
+    """Bound how a focus changes transfer functions near frequencies k, (frequencies,).
+
+    number: of the focus, as for PatternProbe.focus_change(). apart: ratio of wavelengths by which
+    light may differ from the band's centre.
+    """
+    return _MARGIN * apart**2 * s.pattern_probe.focus_change(number, k, _SPREAD * apart)
+
+
+class FocusShift(OnOffEffect, LightEffect):
+    """An effect by which light is focused beside the sensor."""
+
+    @abstractmethod
+    def change_rate(self, s: Situation) -> float:
+        """Bound the change of the light, L2 norm in electrons per second."""
+
+    def estimated_error_if_omitted(self, s: Situation) -> float:
+        return 0.5 * relative_light_change(s, self._change(s))
+
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
+        how = f"audited ×{_MARGIN:g}: phases over the pupil, and transfer functions out of focus"
+        return sensor_error_bound(s, self._change(s), how)
+
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
+        rows, columns = s.camera.panel.shape
+        return 60.0 * rows * columns if levels[self.name] else 0.0
+
+    def _change(self, s: Situation) -> float:
+        """Bound the L2 norm of the electrons that the shift moves."""
+        return min(self.change_rate(s) * max_light_seconds(s), 2 * light_norm_bound(s))
+
+
+class FocusDrift(FocusShift):
+    name = "focus drift"
+    likely_shares = (0.8,)
+    recipe_field = "focus_drift"
+    physics = "lens and mount expand as they warm up, and carry the image away from the sensor"
+    source = "Newton's law of cooling; defocus as for depth layers, Hopkins 1955"
+
+    def is_present(self, s: Situation) -> bool:
+        return bool(s.focus_drift) and not s.picture_probe.is_dark
+
+    def explain(self, s: Situation) -> str:
+        blur = 2 * rim_displacement(s, s.focus_drift) / s.camera.sensor.pitch
+        return (
+            f"the image has drifted {s.focus_drift * 1e6:.3g} µm behind the sensor, and is blurred "
+            f"over {blur:.2g} pixels"
+        )
+
+    def change_rate(self, s: Situation) -> float:
+        what = f"{self.name} {s.focus_drift}"
+        return cached_across_exposures(s, what, lambda: _change_rate(s))
+
+
+def _change_rate(s: Situation) -> float:
+    """Bound the focus drift effect's change of the light, L2 norm in electrons per second.
+
+    The drift turns phases of two points of the pupil by 2π k ρ at most, where ρ is how far it moves
+    light from the rim. Where colour doesn't shift the focus, too, transfer functions change as the
+    far field tells it, at the ends of the band by as much more as the wavelength is less (audited).
+    """
+    moved, probe = rim_displacement(s, s.focus_drift), s.pattern_probe
+    low, high = s.band.support
+    apart = max(s.wavelength / low, high / s.wavelength)
+    # Light that leaks has wavelengths that aren't probed.
+    known = not (s.camera.lens.axial_colour or s.band.leak) and s.focus_drift in probe.foci
+
+    def gain(k: Array) -> Array:
+        found = np.minimum(2 * np.pi * k * moved, 2.0)
+        if known:
+            number = probe.foci.index(s.focus_drift)
+            change = far_field_change(s, number, k.ravel(), apart).reshape(k.shape)
+            found = np.minimum(found, change)
+        return np.asarray(found)
+
+    return s.picture_probe.change_bound([gain] * len(s.picture_probe.distances))
+
+
+_BOTH: tuple[Which, Which] = ("band", "leak")
+
+
+class AxialColour(FocusShift):
+    name = "axial colour"
+    likely_shares = (0.4,)
+    recipe_field = "axial_colour"
+    physics = "the lens' glass focuses each wavelength at another distance"
+    source = "Kingslake, Lens Design Fundamentals, chapter 4"
+
+    def is_present(self, s: Situation) -> bool:
+        return bool(s.camera.lens.axial_colour) and not s.picture_probe.is_dark
+
+    def explain(self, s: Situation) -> str:
+        lens, pitch = s.camera.lens, s.camera.sensor.pitch
+        most = max(focus_range(lens, *s.band.support), key=abs)
+        return (
+            f"light of the band is focused up to {most * 1e6:.3g} µm behind the sensor, and "
+            f"blurred over {2 * rim_displacement(s, most) / pitch:.2g} pixels"
+        )
+
+    def change_rate(self, s: Situation) -> float:
+        return cached_across_exposures(s, self.name, lambda: _axial_colour_change_rate(s))
+
+
+def _axial_colour_change_rate(s: Situation) -> float:
+    """Bound the axial colour effect's change of the light, L2 norm in electrons per second.
+
+    The transfer function is a sum over pairs of points of the pupil, whose phases a shift of focus
+    turns against each other by 2π k ρ at most, where ρ is how far it moves light from the rim. It
+    changes no more than in a focus beyond, as the far field tells it (audited).
+    """
+
+    probe = s.picture_probe
+
+    def gain(k: Array) -> Array:
+        flat = k.ravel()
+        probed = {which: _changes_beyond(s, flat, which) for which in _BOTH}
+
+        def at(wavelength: float, which: Which) -> Array:
+            return _turned(s, flat, s.camera.lens.focus_shift(wavelength), probed[which])
+
+        found = mean_change_bound(s, flat.shape, at)
+        return np.asarray(np.minimum(found, 2.0).reshape(k.shape))
+
+    return probe.change_bound([gain] * len(probe.distances))
+
+
+def _turned(s: Situation, k: Array, shift: float, probed: list[tuple[float, Array]]) -> Array:
+    """Bound the change of a transfer function by axial colour's shift of focus, (frequencies,)."""
+    found = np.minimum(2 * np.pi * rim_displacement(s, shift) * k, 2.0)
+    for focus, change in probed:
+        if shift * focus > 0 and abs(shift) <= abs(focus) * (1 + 1e-9):
+            found = np.minimum(found, change)
+    return found
+
+
+def _changes_beyond(s: Situation, k: Array, which: Which) -> list[tuple[float, Array]]:
+    """Return the foci that were probed for axial colour, and the transfer functions' changes there.
+
+    Light of another wavelength than the band's centre has its transfer function at other
+    frequencies, and its phase is larger by as much.
+    """
+    if s.focus_drift:
+        return []  # The foci were probed against one that doesn't drift.
+    probe, ends = s.pattern_probe, s.band.support if which == "band" else s.band.leak_range
+    apart = max(s.wavelength / ends[0], ends[1] / s.wavelength, 1.0)
+    foci = probe.foci if which == "band" else (*probe.foci, *probe.leaked_foci)
+    return [(focus, far_field_change(s, number, k, apart)) for number, focus in enumerate(foci)]
