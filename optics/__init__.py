@@ -4,9 +4,26 @@ Import what you need from each module. This package doesn't depend on files, dev
 and importing it loads nothing else.
 """
 
+from __future__ import annotations
+
 import sys
+from collections.abc import Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 
-from optics.moved import MovedModules
 
-# First, for a folder that an old module left behind is a module, too, though an empty one.
-sys.meta_path.insert(0, MovedModules())
+class _OldNames:
+    """Looks names of modules that aren't there up among those that stand elsewhere now."""
+
+    @staticmethod
+    def find_spec(
+        name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if not name.startswith("optics.") or name == "optics.moved":
+            return None
+        from optics.moved import find_moved
+
+        return find_moved(name)
+
+
+sys.meta_path.append(_OldNames)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
-from importlib.abc import Loader, MetaPathFinder
+from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec, spec_from_loader
 from types import ModuleType
@@ -29,21 +28,20 @@ _NEW = {
 }
 
 
-class MovedModules(MetaPathFinder):
-    """Finds an old name's module where it stands now, or says where to look for what it held."""
+def find_moved(name: str) -> ModuleSpec | None:
+    """Return the specification of a module under an old name; None if it never had that name.
 
-    def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        if name in _NEW:
-            return spec_from_loader(name, _Forwarding(_NEW[name]))
-        room, _, module = name.rpartition(".")
-        if room not in _NEW:
-            return None
-        new = f"{_NEW[room]}.{module}"
-        if find_spec(new) is None:
-            raise ModuleNotFoundError(f"{name} is no more; look in {_NEW[room]}", name=name)
-        return spec_from_loader(name, _Forwarding(new))
+    Raises ModuleNotFoundError, with the package to look in, for a module that was divided.
+    """
+    if name in _NEW:
+        return spec_from_loader(name, _Forwarding(_NEW[name]))
+    room, _, module = name.rpartition(".")
+    if room not in _NEW:
+        return None
+    new = f"{_NEW[room]}.{module}"
+    if find_spec(new) is None:
+        raise ModuleNotFoundError(f"{name} is no more; look in {_NEW[room]}", name=name)
+    return spec_from_loader(name, _Forwarding(new))
 
 
 class _Forwarding(Loader):

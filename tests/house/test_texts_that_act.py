@@ -28,6 +28,7 @@ DOORS = {
     "labapp/window/frame_memory.py: pickle.loads": "messages of the window's engine",
     "optics/inverse/__init__.py: importlib.import_module": "a module in a list of names",
     "optics/inverse/choice.py: import_module": "a method in a list of names",
+    "optics/moved.py: importlib.import_module": "the name that a module of ours has now",
 }
 """Where names become code or objects, with what the name can be."""
 
