@@ -33,14 +33,9 @@ from optics.validation import accepts_numpy, require_finite, require_share
 class BeamSettings:
     """Tune how finely the beam is computed.
 
-    Attributes
-    ----------
-    tol : float
-        Relative error allowed for each propagation; far below what a picture shows.
-    max_stop_samples : int
-        Largest number of samples across the stop; chosen.
-    min_stretch : float
-        Smallest value of the stretch m; chosen so small that a picture doesn't show the
+    tol: relative error allowed for each propagation; far below what a picture shows.
+    max_stop_samples: largest number of samples across the stop; chosen.
+    min_stretch: smallest value of the stretch m; chosen so small that a picture doesn't show the
         difference from the focus, where m is 0.
     """
 
@@ -65,14 +60,14 @@ def beam_irradiance(
     unmodulated: float | None = None,
     progress: Progress | None = None,
 ) -> torch.Tensor:
-    """Compute the irradiance of the camera's light beam across its axis, (depths, columns).
+    """Compute the irradiance on a line across the axis at each depth, (depths, columns).
 
-    The result has one line across the axis per depth. The light comes from one point. phase:
-    radians on the panel's pixels; None is a constant. distance: metres from the object to the
-    panel, inf allowed. depths: metres behind the panel, more than 0. sample_row: one row of
-    samples, whose x is metres from the axis; at each depth the row has the y of the ray through the
-    lens' centre. field: (y, x) metres on the sensor, the position of the point's image.
-    unmodulated: share of light that ignores the phase; the panel's own share if None.
+    The light comes from one point. phase: radians on the panel's pixels; None is a constant.
+    distance: metres from the object to the panel, inf allowed. depths: metres behind the panel,
+    more than 0. sample_row: one row of samples, whose x is metres from the axis; at each depth the
+    row has the y of the ray through the lens' centre. field: (y, x) metres on the sensor, the
+    position of the point's image. unmodulated: share of light that ignores the phase; the panel's
+    own share if None.
 
     Values are irradiances relative to that on the panel. They are meant for pictures: behind a
     stop that stands apart from the panel, the light is sampled about once per panel pixel, and
@@ -105,10 +100,9 @@ def beam_irradiance(
 
 
 def _panel_fields(camera: Camera, phase: torch.Tensor | None) -> torch.Tensor:
-    """Return the optical field of the camera's beam on the panel, (1 or 2, rows, columns).
+    """Return the field on the panel with its pattern, and without it, (1 or 2, rows, columns).
 
-    The first field has the pattern's phase. The second field is without it, and is left out if
-    `phase` is None.
+    Without a pattern both are the same, and one is returned.
     """
     straight = torch.ones(camera.panel.shape, dtype=torch.complex64)
     if phase is None:
@@ -140,17 +134,14 @@ class _BeamPath:
         self.stop_plane = Plane((count, count), (pitch, pitch))
 
     def _row_at_depth(self, across: Plane, depth: float) -> Plane:
-        """Return the row of samples across the camera's beam at a depth.
-
-        The row has the y of the ray through the lens' centre.
-        """
+        """Return the row of samples at a depth, at the y of the ray through the lens' centre."""
         y = self._chief_ray_slopes[0] * (depth - self._camera.separation)
         return replace(across, centre=(y, across.centre[1]))
 
     def field_before_lens(
         self, entering: torch.Tensor, depth: float, across: Plane, wavelength: float
     ) -> torch.Tensor:
-        """Compute the camera beam's field between panel and lens, on a row of samples."""
+        """Compute the field between panel and lens, on a row of samples."""
         panel = self._camera.panel
         cells = (panel.active_side, panel.active_side)
         target = self._row_at_depth(across, depth)
@@ -159,12 +150,12 @@ class _BeamPath:
         )
 
     def _step_to_depth(self, depth: float) -> _PropagationStep:
-        """Return the beam's propagation step from the panel to a plane before the camera's lens."""
+        """Return the step from the panel to a plane before the lens."""
         moved = [slope * depth for slope in self._panel_ray_slopes]
         return _PropagationStep(depth, 1 + depth / self._distance, (moved[0], moved[1]))
 
     def field_behind_stop(self, entering: torch.Tensor, wavelength: float) -> torch.Tensor:
-        """Compute the camera beam's field just behind the lens, on the grid of its stop."""
+        """Compute the field just behind the lens, on the grid of its stop."""
         camera, lens = self._camera, self._camera.lens
         if camera.separation:
             way = self._step_to_depth(camera.separation)
@@ -187,7 +178,7 @@ class _BeamPath:
     def field_behind_lens(
         self, wave: torch.Tensor, depth: float, across: Plane, wavelength: float
     ) -> torch.Tensor:
-        """Compute the camera beam's field behind the lens, on the row of samples at a depth."""
+        """Compute the field behind the lens, on the row of samples at a depth."""
         way = depth - self._camera.separation
         stretch = 1 + self._vergence * way
         if abs(stretch) < _SETTINGS.min_stretch:
@@ -205,9 +196,10 @@ class _BeamPath:
 
 @dataclass(frozen=True)
 class _PropagationStep:
-    """Describe one free-space propagation step of the beam.
+    """One step through free space.
 
-    distance: metres along the axis. stretch: factor by which the rays spread over that distance.
+    distance: metres along the axis.
+    stretch: factor by which the rays spread over that distance.
     displacement: metres along (y, x) by which the rays' slope moves them.
     """
 
@@ -224,10 +216,10 @@ def _propagate_flat_wave(
     step: _PropagationStep,
     wavelength: float,
 ) -> torch.Tensor:
-    """Propagate the camera's beam by one step, as a wave without its curvature and slope.
+    """Propagate a wave without its curvature and slope by one step, to the target's samples.
 
-    The result is on the target's samples. cells: the sides (y, x) of the squares that the samples
-    stand for, in metres. With None the wave has only the frequencies that its samples resolve.
+    cells: the sides (y, x) of the squares that the samples stand for, in metres. With None the wave
+    has only the frequencies that its samples resolve.
     """
     plane = _scaled_target_plane(target, step)
     distance = step.distance / step.stretch
@@ -240,7 +232,7 @@ def _propagate_flat_wave(
 
 
 def _scaled_target_plane(target: Plane, step: _PropagationStep) -> Plane:
-    """Return the beam's target plane in the coordinates of the wave without curvature.
+    """Return the target plane in the coordinates of the wave without curvature.
 
     The coordinates rise from sample to sample.
     """

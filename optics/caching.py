@@ -48,11 +48,11 @@ class ByteCache:
 
     @property
     def bytes(self) -> int:
-        """The bytes of all optical results in the cache."""
+        """The bytes of all results together."""
         return self._bytes
 
     def get(self, key: Hashable, compute: Callable[[], T]) -> T:
-        """Return the cached optical result of a key, or compute and cache it."""
+        """Return the result of a key, or compute and keep it."""
         with self._lock:
             if key in self._entries:
                 self._entries.move_to_end(key)
@@ -81,7 +81,7 @@ class ByteCache:
 
 
 def byte_limited_cache(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorate an optical computation with a cache of its results, of at most `limit` bytes.
+    """Decorate a function with a cache of its results, of at most `limit` bytes.
 
     The cache lives as long as the process. It is for results that follow from a few numbers
     alone. Results that belong to an object (a bench, a picture) are kept by that object instead,
@@ -101,7 +101,7 @@ def byte_limited_cache(limit: int) -> Callable[[Callable[P, T]], Callable[P, T]]
 
 
 def result_bytes(value: object) -> int:
-    """Estimate the bytes that a cached result of the optics takes in memory.
+    """Estimate the bytes that a result takes in memory.
 
     Arrays count with their size, and objects with an Account with the bytes that it states. Any
     other object counts as 1 KiB.

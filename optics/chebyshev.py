@@ -43,24 +43,18 @@ class ChebyshevExpansion:
         self._column_polynomials = self._polynomials(1, slice(None))
 
     def _polynomials(self, axis: int, part: slice) -> torch.Tensor:
-        """Evaluate Chebyshev polynomials of all orders on one axis of a plane, (samples, orders).
-
-        part: the samples of the axis.
-        """
+        """Evaluate the polynomials of all orders at samples of one axis, (samples, orders)."""
         middle, half = self._spans[axis]
         place = ((self._lines[axis][part] - middle) / half).clamp(-1, 1)
         return torch.cos(torch.acos(place)[:, None] * self._order)
 
     def rows(self, part: slice) -> torch.Tensor:
-        """Evaluate the Chebyshev expansion on rows of an optical plane, (rows, columns).
-
-        The values are float64.
-        """
+        """Evaluate the sum on rows of the plane, (rows, columns), float64."""
         return self._polynomials(0, part) @ self.coefficients @ self._column_polynomials.T
 
     @property
     def tail_share(self) -> float:
-        """The share of the highest quarter of Chebyshev orders in the sum of coefficients.
+        """The share of the highest quarter of orders in the sum of coefficients.
 
         It estimates the share that orders beyond the expansion would have.
         """
@@ -73,10 +67,9 @@ class ChebyshevExpansion:
 def expand_in_chebyshev(
     function: Callable[[torch.Tensor, torch.Tensor], torch.Tensor], plane: Plane
 ) -> ChebyshevExpansion | None:
-    """Expand a smooth function, such as a lens' phase, in Chebyshev polynomials over a plane.
+    """Expand a smooth function, such as a lens' phase, over a plane, exact to rounding error.
 
-    The expansion is exact to rounding error, and takes few nodes. Returns None for a function that
-    isn't smooth enough for 64 nodes per axis.
+    Few nodes are taken. Returns None for a function that isn't smooth enough for 64 nodes per axis.
     """
     for nodes in (8, 12, 16, 24, 32, 48, 64):
         found = ChebyshevExpansion(function, plane, nodes)
@@ -87,6 +80,6 @@ def expand_in_chebyshev(
 
 
 def _centre_and_half_span(line: torch.Tensor, pitch: float) -> tuple[float, float]:
-    """Return middle and half span of an optical plane's samples along an axis, in metres."""
+    """Return middle and half span of samples, in metres; half span is a pitch for one sample."""
     low, high = float(line.min()), float(line.max())
     return (low + high) / 2, (high - low) / 2 or pitch

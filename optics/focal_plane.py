@@ -75,7 +75,7 @@ def focal_field(
 
 
 def _require_no_aliasing(pupil: Plane, image: Plane, scale: float, axis: int) -> None:
-    """Raise ValueError for a focal plane wider than the period of the sampled transform."""
+    """Raise ValueError for a plane wider than the period of the sampled transform."""
     half = scale / pupil.pitch[axis] / 2
     reach = float(image.coordinates(axis).abs().max())
     if reach > half * (1 + 1e-9):

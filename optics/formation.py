@@ -19,27 +19,21 @@ from optics.validation import accepts_numpy, require_finite
 
 
 def rfft2_frequencies(plane: Plane) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return an optical plane's spatial frequencies (y, x) for rfft2, cycles per metre.
-
-    The frequencies are float64.
-    """
+    """Return a plane's spatial frequencies (y, x) for rfft2, cycles per metre, float64."""
     fy = torch.fft.fftfreq(plane.shape[0], plane.pitch[0], dtype=torch.float64)
     fx = torch.fft.rfftfreq(plane.shape[1], plane.pitch[1], dtype=torch.float64)
     return fy[:, None], fx[None, :]
 
 
 def spectrum_of_samples(light: torch.Tensor) -> torch.Tensor:
-    """Compute the rfft2 spectrum of light on an optical plane, for incoherent imaging.
-
-    light: (..., rows, columns), with the origin at n // 2.
-    """
+    """Compute the rfft2 spectrum of light (..., rows, columns) whose origin is at n // 2."""
     return rfft2(origin_to_corner(light))
 
 
 def spectrum_of_disc(plane: Plane, diameter: float, total: float = 1.0) -> torch.Tensor:
-    """Compute the rfft2 spectrum of a uniform disc of light on an optical plane.
+    """Compute the rfft2 spectrum of a uniform disc at the origin, of `total` light.
 
-    The disc lies at the origin and has `total` light. diameter: metres.
+    diameter: metres.
     """
     if not 0 <= diameter < math.inf:
         raise ValueError(f"diameter is {diameter:g} m; it can't be negative")
@@ -59,13 +53,12 @@ def form_image(
     *,
     pixel_aperture: bool = True,
 ) -> torch.Tensor:
-    """Compute the light on each sensor pixel in incoherent imaging of an object by a PSF.
+    """Compute the light on each sensor pixel in incoherent imaging, (rows, columns) of `shape`.
 
-    The result is (rows, columns) of `shape`. spectrum: of the object's geometric image on `plane`,
-    which has `samples_per_pixel` samples per pixel. psf: (rows, columns) with the same pitch as the
-    plane, origin at n // 2, no larger than the plane. The picture wraps around the plane's edges,
-    so the plane needs a margin of half a PSF around `shape`. Raises ValueError for a spectrum or
-    PSF that doesn't fit.
+    spectrum: of the object's geometric image on `plane`, which has `samples_per_pixel` samples per
+    pixel. psf: (rows, columns) with the same pitch as the plane, origin at n // 2, no larger than
+    the plane. The picture wraps around the plane's edges, so the plane needs a margin of half a PSF
+    around `shape`. Raises ValueError for a spectrum or PSF that doesn't fit.
     """
     expected = (plane.shape[0], plane.shape[1] // 2 + 1)
     if spectrum.shape[-2:] != expected:
@@ -124,10 +117,7 @@ def form_coherent_image(
 
 
 def _require_broadcastable_fields(field: torch.Tensor, amplitude_psf: torch.Tensor) -> None:
-    """Raise ValueError unless both fields of coherent imaging are finite and broadcast.
-
-    Their leading axes must be alike, or 1.
-    """
+    """Raise ValueError unless both fields are finite and their leading axes are alike, or 1."""
     for name, wave in (("field", field), ("amplitude_psf", amplitude_psf)):
         if wave.ndim < 2 or wave.numel() == 0:
             raise ValueError(f"{name} is {tuple(wave.shape)}; give (..., rows, columns)")

@@ -1,4 +1,4 @@
-"""Compute nodes and weights of Gauss-Legendre quadrature, once for each count."""
+"""Nodes and weights of Gauss-Legendre quadrature, computed once for each count."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @cache
 def gauss_legendre(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return nodes in [-1, 1] and weights of Gauss-Legendre quadrature for optical integrals.
+    """Return nodes in [-1, 1] and weights of Gauss-Legendre quadrature.
 
     The rule is exact for polynomials up to degree 2 count - 1, and its weights sum to 2. All
     callers share the arrays, which are read-only. Raises ValueError if count is less than 1.

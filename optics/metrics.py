@@ -1,4 +1,4 @@
-"""Compute figures of merit of PSFs and pictures, each defined once."""
+"""Figures of merit of PSFs and pictures, each defined once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optics.validation import accepts_numpy, require_finite, require_positive
 
 
 def _require_same_shape_and_finite(**pictures: torch.Tensor) -> None:
-    """Raise ValueError unless two pictures for an image metric are finite and of one shape."""
+    """Raise ValueError unless two pictures are finite and of one shape."""
     (first, a), (second, b) = pictures.items()
     if a.shape != b.shape:
         raise ValueError(
@@ -22,14 +22,14 @@ def _require_same_shape_and_finite(**pictures: torch.Tensor) -> None:
 
 
 def _require_bright_target(target: torch.Tensor) -> None:
-    """Raise ValueError for a target without light, for which image metrics aren't defined."""
+    """Raise ValueError for a target without light, to which no PSF can be compared."""
     if not float(target.max()) > 0:
         raise ValueError("target is dark; it must be positive somewhere")
 
 
 @accepts_numpy
 def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> float:
-    """Compute the efficiency metric of a PSF: the share of light where the target isn't dark.
+    """Compute the share of a point's light that falls where the target isn't dark.
 
     The target isn't dark where it exceeds 2 % of its peak. total: all light of the point source.
     """
@@ -43,7 +43,7 @@ def efficiency(psf: torch.Tensor, target: torch.Tensor, total: float = 1.0) -> f
 def speckle_contrast(
     psf: torch.Tensor, target: torch.Tensor, noise: torch.Tensor | None = None
 ) -> float:
-    """Compute the speckle contrast metric of a PSF: standard deviation over mean of PSF / target.
+    """Compute the speckle contrast of a PSF: standard deviation over mean of PSF / target.
 
     Only samples at which the target exceeds half its peak count. noise: variance of a measured
     PSF's samples by the camera's noise, which is taken out of the measured variance.
@@ -65,7 +65,7 @@ def speckle_contrast(
 
 @accepts_numpy
 def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
-    """Compute the image metric NRMSE, ``|PSF - c target| / |c target|`` with the best factor c."""
+    """Compute the NRMSE, ``|PSF - c target| / |c target|`` with the best factor c."""
     _require_same_shape_and_finite(psf=psf, target=target)
     _require_bright_target(target)
     seen, wanted = psf.to(torch.float64), target.to(torch.float64)
@@ -77,10 +77,7 @@ def scaled_nrmse(psf: torch.Tensor, target: torch.Tensor) -> float:
 
 @accepts_numpy
 def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
-    """Compute the image metric ``|value - reference| / |reference|``, a relative L2 error.
-
-    No scale is fitted.
-    """
+    """Compute ``|value - reference| / |reference|``, a relative L2 error without a fitted scale."""
     _require_same_shape_and_finite(value=value, reference=reference)
     if not reference.any():
         raise ValueError(
@@ -92,7 +89,7 @@ def relative_error(value: torch.Tensor, reference: torch.Tensor) -> float:
 
 @accepts_numpy
 def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> float:
-    """Compute an image metric, the peak signal-to-noise ratio in dB; infinite for equal images."""
+    """Compute the peak signal-to-noise ratio in dB; infinite for equal images."""
     _require_same_shape_and_finite(image=image, reference=reference)
     require_positive("peak", peak, "")
     error = float(((image.to(torch.float64) - reference.to(torch.float64)) ** 2).mean())
@@ -101,7 +98,7 @@ def psnr(image: torch.Tensor, reference: torch.Tensor, peak: float = 1.0) -> flo
 
 @accepts_numpy
 def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) -> float:
-    """Compute the mean SSIM metric of two images (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
+    """Compute the mean SSIM of two images (Wang et al. 2004, doi 10.1109/TIP.2003.819861).
 
     The window is a Gaussian of sigma 1.5, cut at 3.5 sigma. K1 is 0.01 and K2 is 0.03. The
     statistics are those of a population, averaged where the window lies inside the picture. Raises
@@ -118,7 +115,7 @@ def ssim(image: torch.Tensor, reference: torch.Tensor, data_range: float = 1.0) 
 def structural_similarity(
     images: torch.Tensor, references: torch.Tensor, data_range: float = 1.0
 ) -> torch.Tensor:
-    """Compute the mean SSIM metric of each of many images; differentiable, as `ssim` isn't.
+    """Compute the mean SSIM of each of many images; differentiable, as `ssim` isn't.
 
     Parameters
     ----------
@@ -138,7 +135,7 @@ def structural_similarity(
 def similarity_map(
     images: torch.Tensor, references: torch.Tensor, data_range: float = 1.0
 ) -> torch.Tensor:
-    """Compute the SSIM metric of many images wherever its window lies inside the picture.
+    """Compute the SSIM of many images wherever its window lies inside the picture.
 
     Parameters
     ----------
@@ -173,7 +170,7 @@ def similarity_map(
 
 @accepts_numpy
 def spectral_angle(image: torch.Tensor, reference: torch.Tensor, least_norm: float = 0.1) -> float:
-    """Compute the mean spectral angle between two pictures of many bands, an image metric.
+    """Compute the mean angle between the spectra of two pictures of many bands.
 
     The angle of a pixel is that between its two spectra as vectors, so that brightness doesn't
     matter. It is computed without an arccosine, which would lose small angles.
@@ -222,10 +219,7 @@ def spectral_angle(image: torch.Tensor, reference: torch.Tensor, least_norm: flo
 
 
 def crop_central_share(image: torch.Tensor, share: float = 0.9) -> torch.Tensor:
-    """Crop an image to its central part before an image metric compares it.
-
-    share: the part's side over the image's, along each axis.
-    """
+    """Crop an image to its central part, whose sides are a share of the image's."""
     if not 0 < share <= 1:
         raise ValueError(f"share is {share:g}; it must lie within 0 to 1, and not be 0")
     rows, columns = image.shape[-2:]

@@ -37,18 +37,13 @@ SlitPhase = Callable[[torch.Tensor], torch.Tensor]
 class OverlapSettings:
     """Tune the quadrature of pupil overlap integrals.
 
-    Attributes
-    ----------
-    probes : int
-        Number of values on which a node count is tested; chosen.
-    coarse_nodes : int
-        Nodes of the first evaluation of a phase, which tells how steep the phase is; chosen.
-    subinterval_nodes : int
-        Most nodes of one Gauss-Legendre rule. Rules of thousands of nodes take longer to compute
-        than to use, so that longer ones are composed of these.
-    chunk_nodes : int
-        Nodes, of all values together, that are in memory at a time. They fit a processor's cache,
-        and torch uses one thread for them (see optics.threads).
+    probes: number of values on which a node count is tested. Chosen.
+    coarse_nodes: nodes of the first evaluation of a phase, which tells how steep the phase is.
+        Chosen.
+    subinterval_nodes: most nodes of one Gauss-Legendre rule. Rules of thousands of nodes take
+        longer to compute than to use, so that longer ones are composed of these.
+    chunk_nodes: nodes, of all values together, that are in memory at a time. They fit a processor's
+        cache, and torch uses one thread for them (see optics.threads).
     """
 
     probes: int = 32
@@ -84,7 +79,7 @@ def transfer_function(psf: torch.Tensor, plane: Plane) -> torch.Tensor:
 
 @accepts_numpy
 def modulation_transfer(transfer: torch.Tensor) -> torch.Tensor:
-    """Compute the MTF, the modulus of an optical transfer function, real, of any shape.
+    """Compute the MTF, the modulus of a transfer function, real, of any shape.
 
     Its gradient is zero where the transfer function is zero, and finite everywhere.
     """
@@ -181,7 +176,7 @@ def defocused_transfer_function(
 
 
 class _Integral(ABC):
-    """Base class of OTF integrals: sums of amplitude x exp(i turn) over Gauss-Legendre nodes.
+    """Base class of integrals: sums of amplitude x exp(i turn) over Gauss-Legendre nodes.
 
     The parameters are vectors of one length, and each of their entries gives one value. At most
     `max_nodes` nodes are used along each of the `dimensions`.
@@ -200,14 +195,14 @@ class _Integral(ABC):
         """
 
     def half_phase_range(self, *parameters: torch.Tensor) -> torch.Tensor:
-        """Estimate half the phase range of an OTF integrand for each value, in radians."""
+        """Estimate half the range of the integrand's phase for each value, in radians."""
         _, turn = self(_SETTINGS.coarse_nodes, *parameters)
         assert turn is not None
         turn = turn.flatten(1)
         return (turn.amax(1) - turn.amin(1)) / 2
 
     def integrate(self, tol: float, *parameters: torch.Tensor) -> torch.Tensor:
-        """Compute the OTF integral's value for each entry, with as many nodes as `tol` needs."""
+        """Compute the integral for each entry, with as many nodes as `tol` needs."""
         if parameters[0].numel() == 0:
             return parameters[0].to(torch.complex128)
         with torch.no_grad():
@@ -215,10 +210,10 @@ class _Integral(ABC):
         return self._values(nodes, parameters)
 
     def _find_node_count(self, tol: float, parameters: tuple[torch.Tensor, ...]) -> int:
-        """Find the node count at which an OTF integral keeps `tol`.
+        """Find a node count whose doubling changes no probe by more than half of `tol`.
 
-        Twice as many nodes change no probe by more than `tol`. The search begins with half a node
-        per radian and a few more. The probes range from the smoothest integrand to the steepest.
+        The search begins with half a node per radian and a few more. The probes range from the
+        smoothest integrand to the steepest.
         """
         steepness = self._map_in_chunks(self.half_phase_range, _SETTINGS.coarse_nodes, parameters)
         count = steepness.numel()
@@ -243,7 +238,7 @@ class _Integral(ABC):
             nodes = min(math.ceil(1.25 * nodes), self.max_nodes)
 
     def _values(self, nodes: int, parameters: tuple[torch.Tensor, ...]) -> torch.Tensor:
-        """Sum the OTF integrand over a number of nodes, one value for each entry."""
+        """Sum the integrand over a number of nodes, one value for each entry."""
 
         def values(*portion: torch.Tensor) -> torch.Tensor:
             amplitude, turn = self(nodes, *portion)
@@ -267,7 +262,7 @@ class _Integral(ABC):
         nodes: int,
         parameters: tuple[torch.Tensor, ...],
     ) -> torch.Tensor:
-        """Apply a function to an OTF integral's parameters in chunks, to bound the memory."""
+        """Apply a function to the parameters in chunks, to bound the memory."""
         size = max(1, _SETTINGS.chunk_nodes // nodes**self.dimensions)
         portions = zip(*(torch.split(p, size) for p in parameters), strict=True)
         return torch.cat([function(*portion) for portion in portions])
@@ -330,9 +325,9 @@ class _AberratedOverlap(_Integral):
 
 
 def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return angle, reach and weight of an OTF integral's nodes in the overlap of two pupils.
+    """Return angle, reach and weight of nodes in the overlap of two stops.
 
-    The pupils are stops of radius 1, 2 v apart. sin(angle) is the position across the shift; along
+    The stops have radius 1 and are 2 v apart. sin(angle) is the position across the shift; along
     the shift the overlap reaches cos(angle) - v to either side. As a function of this angle the
     integrand has no square root, neither at the ends of the overlap nor where the stops coincide,
     so that the sums converge spectrally. The weights are those of an integral over a stop of area
@@ -346,10 +341,7 @@ def _overlap_nodes(v: torch.Tensor, nodes: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def _defocus_phase_difference(defocus: float, v: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
-    """Return the defocus phase difference of the two pupils that overlap in an OTF, in radians.
-
-    The pupils lie 2 v apart; `along` is the position along that shift.
-    """
+    """Return the defocus difference of two pupils 2 v apart, `along` that shift, in radians."""
     return -4 * defocus * v * along
 
 
@@ -388,10 +380,7 @@ def _subinterval_rule(nodes: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _composite_rule(nodes: int, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return a composite Gauss-Legendre rule for OTF integrals: nodes from -1 to 1, and weights.
-
-    The rule has at least `nodes` nodes, in equal subintervals.
-    """
+    """Return Gauss-Legendre nodes, at least `nodes` in equal parts of -1 to 1, and weights."""
     parts = math.ceil(nodes / _SETTINGS.subinterval_nodes)
     points, weights = _subinterval_rule(math.ceil(nodes / parts))
     middle = (2 * torch.arange(parts, dtype=torch.float64) + 1) / parts - 1
@@ -400,7 +389,7 @@ def _composite_rule(nodes: int, device: torch.device) -> tuple[torch.Tensor, tor
 
 
 def _evaluate_phase(phase: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
-    """Return a pupil phase at the OTF's nodes as float64, or raise ValueError if it isn't valid.
+    """Return a caller's phase as float64, or raise ValueError if it isn't valid.
 
     phase: what the caller's phase function returned for the positions `at`.
     """
@@ -419,10 +408,7 @@ def _evaluate_phase(phase: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
 
 
 def _broadcast_pair(**numbers: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Broadcast two arguments of an OTF to one shape in float64, without gradients.
-
-    Both arguments must be finite.
-    """
+    """Broadcast two arguments to one shape in float64, without gradients; both must be finite."""
     (first, a), (second, b) = (
         (name, torch.as_tensor(value).detach().to(torch.float64)) for name, value in numbers.items()
     )
@@ -439,7 +425,7 @@ def _broadcast_pair(**numbers: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor
 
 
 def _scatter_to_mask(values: torch.Tensor, inside: torch.Tensor) -> torch.Tensor:
-    """Put OTF values where the mask `inside` is true, in their order, and exact zeros elsewhere."""
+    """Put values where the mask `inside` is true, in their order, and exact zeros elsewhere."""
     zeros = torch.zeros(inside.numel(), dtype=torch.complex128, device=inside.device)
     where = torch.nonzero(inside.flatten(), as_tuple=True)
     return zeros.index_put(where, values).reshape(inside.shape)

@@ -45,26 +45,17 @@ class Plane:
             raise ValueError(f"centre {centre} m must be finite in each axis")
 
     def coordinates(self, axis: int) -> torch.Tensor:
-        """Return positions of an optical plane's samples along axis 0 (y) or 1 (x), metres.
-
-        The positions are float64.
-        """
+        """Return the samples' positions along axis 0 (y) or 1 (x), metres, float64."""
         n = self.shape[axis]
         index = torch.arange(n, dtype=torch.float64) - n // 2
         return index * self.pitch[axis] + self.centre[axis]
 
     def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return an optical plane's sample positions (y, x) as a column and a row, in metres.
-
-        The column and the row broadcast to the plane's shape.
-        """
+        """Return the samples' positions (y, x) as a column and a row that broadcast, in metres."""
         return self.coordinates(0)[:, None], self.coordinates(1)[None, :]
 
     def with_finer_pitch(self, factor: int) -> Plane:
-        """Return an optical plane of the same centre and size with more samples.
-
-        The new plane has `factor` times as many samples per axis.
-        """
+        """Return a plane of the same centre and size with `factor` times the samples per axis."""
         if factor < 1:
             raise ValueError(f"factor is {factor}; a finer plane needs at least 1")
         return Plane(
@@ -75,7 +66,6 @@ class Plane:
 
 
 def _is_whole(count: object) -> bool:
-    """Tell whether an optical plane's number of samples is one."""
     return isinstance(count, (int, np.integer)) and not isinstance(count, bool)
 
 
@@ -95,25 +85,18 @@ class RectilinearGrid:
         return self.y.numel(), self.x.numel()
 
     def coordinates(self, axis: int) -> torch.Tensor:
-        """Return positions of an optical grid's samples along axis 0 (y) or 1 (x), metres.
-
-        The positions are float64.
-        """
+        """Return the samples' positions along axis 0 (y) or 1 (x), metres, float64."""
         return self.x if axis else self.y
 
     def mesh(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return an optical grid's sample positions (y, x) as a column and a row, in metres.
-
-        The column and the row broadcast to the grid's shape.
-        """
+        """Return the samples' positions (y, x) as a column and a row that broadcast, in metres."""
         return self.y[:, None], self.x[None, :]
 
 
 def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Crop samples of an optical plane around its origin, which stays at n // 2.
+    """Crop the last two axes around the origin, which stays at n // 2.
 
-    The rows and columns are the last two axes. Raises ValueError if `shape` is larger than the
-    array.
+    Raises ValueError if `shape` is larger than the array.
     """
     rows, columns = array.shape[-2:]
     if shape[0] > rows or shape[1] > columns:
@@ -123,10 +106,7 @@ def centred_crop(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def centred_pad(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Pad samples of an optical plane with zeros; the origin stays at n // 2.
-
-    The rows and columns are the last two axes.
-    """
+    """Pad the last two axes with zeros; the origin stays at n // 2."""
     rows, columns = array.shape[-2:]
     if shape[0] < rows or shape[1] < columns:
         raise ValueError(f"cannot pad {(rows, columns)} to the smaller shape {shape}")
@@ -136,10 +116,10 @@ def centred_pad(array: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
 
 
 def origin_to_corner(array: torch.Tensor) -> torch.Tensor:
-    """Move an optical plane's origin from n // 2 to index 0 on the last two axes, as FFTs need."""
+    """Move the origin from n // 2 to index 0 on the last two axes, as FFTs need."""
     return torch.fft.ifftshift(array, dim=(-2, -1))
 
 
 def origin_to_centre(array: torch.Tensor) -> torch.Tensor:
-    """Move an optical plane's origin from index 0 to n // 2 on the last two axes."""
+    """Move the origin from index 0 to n // 2 on the last two axes."""
     return torch.fft.fftshift(array, dim=(-2, -1))

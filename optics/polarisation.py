@@ -44,10 +44,10 @@ def linear_jones_vector(angle: Scalar) -> torch.Tensor:
 
 
 def diattenuator_matrix(angle: Scalar, along: torch.Tensor, across: torch.Tensor) -> torch.Tensor:
-    """Return the Jones matrix of an optical part that attenuates two polarisations differently.
+    """Return the Jones matrix of a part that attenuates two polarisations differently, (2, 2).
 
-    The matrix is (2, 2) complex128. along, across: amplitude factors of light polarised along the
-    element's axis, which is at `angle`, and across it. There is no delay between the two.
+    It is complex128. along, across: amplitude factors of light polarised along the part's axis,
+    which is at `angle`, and across it. There is no delay between the two.
     """
     forth, aside = linear_jones_vector(angle), linear_jones_vector(_as_float64(angle) + math.pi / 2)
     return along * torch.outer(forth, forth) + across * torch.outer(aside, aside)
@@ -71,7 +71,7 @@ class SourcePolarisation:
 
     @property
     def incoherent_components(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """The two incoherent waves of polarised light: shares of the power and Jones vectors."""
+        """The two incoherent waves: shares of the power and Jones vectors."""
         degree = _as_float64(self.degree)
         across = _as_float64(self.angle) + math.pi / 2
         return [
@@ -151,7 +151,7 @@ class BeamSplitter:
                 )
 
     def jones_matrix(self, port: Literal["transmitted", "reflected"]) -> torch.Tensor:
-        """Return the Jones matrix of a beam splitter for transmitted or for reflected light."""
+        """Return the Jones matrix for transmitted or for reflected light."""
         p, s = self.transmitted if port == "transmitted" else self.reflected
         return diattenuator_matrix(
             self.angle, torch.sqrt(_as_float64(p)), torch.sqrt(_as_float64(s))
@@ -159,7 +159,7 @@ class BeamSplitter:
 
 
 class PathEffect(NamedTuple):
-    """Hold the effect of a polarised path, panel included, as 0-d tensors.
+    """What a path of polarising elements does to light, panel included, as 0-d tensors.
 
     transmission: share of the power that passes if neither the panel nor other parts absorb.
     unmodulated: share of the passed power that the panel doesn't modulate. interference:
@@ -202,7 +202,7 @@ class PolarisedPath:
 
     @property
     def jones_to_panel(self) -> torch.Tensor:
-        """The Jones matrix of polariser and beam splitter, from the object to the panel."""
+        """The Jones matrix from the object to the panel: polariser and beam splitter."""
         way = [] if self.splitter is None else [self.splitter.jones_matrix(self.first)]
         return _jones_product(
             [*([] if self.polariser is None else [self.polariser.jones_matrix]), *way]
@@ -210,7 +210,7 @@ class PolarisedPath:
 
     @property
     def jones_from_panel(self) -> torch.Tensor:
-        """The Jones matrix of beam splitter and analyser, from the panel to the lens."""
+        """The Jones matrix from the panel to the lens: beam splitter and analyser."""
         back: Literal["transmitted", "reflected"]
         back = "reflected" if self.first == "transmitted" else "transmitted"
         way = [] if self.splitter is None else [self.splitter.jones_matrix(back)]
@@ -219,7 +219,7 @@ class PolarisedPath:
         )
 
     def effect(self) -> PathEffect:
-        """Compute the effect of polarising optics around the panel on the light, by Jones calculus.
+        """Compute what the elements and the panel do to the light, by Jones calculus.
 
         The panel modulates one axis only. Its Jones matrix is diag(exp(i pattern), 1). Let G = Σ
         share · m m† be the coherency matrix of the light that falls on it, L the Jones matrix
@@ -246,7 +246,7 @@ class PolarisedPath:
 
 
 def _jones_product(matrices: Sequence[torch.Tensor]) -> torch.Tensor:
-    """Multiply Jones matrices of optical elements in the order in which light meets them."""
+    """Multiply Jones matrices in the order in which light meets them."""
     whole = torch.eye(2, dtype=torch.complex128)
     for matrix in matrices:
         whole = matrix @ whole

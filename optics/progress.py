@@ -34,18 +34,18 @@ class Progress:
         self._pause_event = threading.Event()
 
     def report(self, fraction: float, message: str = "") -> None:
-        """Report a long optical computation's progress; raise Cancelled if it should stop."""
+        """Report how far the computation is; raise Cancelled if it should stop."""
         self.raise_if_cancelled()
         if self._listener is not None:
             self._listener(min(max(fraction, 0.0), 1.0), message)
 
     def tell(self, message: str) -> None:
-        """Tell a person at once what the long optical computation needs of them."""
+        """Tell a person at once what the computation needs of them."""
         if self._teller is not None:
             self._teller(message)
 
     def raise_if_cancelled(self) -> None:
-        """Raise Cancelled if the long optical computation should stop."""
+        """Raise Cancelled if the computation should stop."""
         if self.is_cancelled:
             raise Cancelled("cancelled")
 
@@ -58,10 +58,7 @@ class Progress:
 
     @property
     def is_paused(self) -> bool:
-        """Whether the long optical computation should pause until `resume()`.
-
-        The computation pauses at the next place where it can.
-        """
+        """Whether the computation should pause at the next place where it can, until `resume()`."""
         return self._pause_event.is_set()
 
     def pause(self) -> None:
@@ -71,7 +68,7 @@ class Progress:
         self._pause_event.clear()
 
     def part(self, start: float, stop: float) -> Progress:
-        """Return the Progress of one part of an optical computation, from `start` to `stop`."""
+        """Return the Progress of one part of the computation, from `start` to `stop`."""
         part = Progress(
             lambda f, m: self.report(start + f * (stop - start), m),
             teller=self._teller,

@@ -13,24 +13,15 @@ _UNITS = {"nm": 1e-9, "µm": 1e-6, "mm": 1e-3}
 
 @dataclass(frozen=True)
 class QuantityRange:
-    """Describe which sizes an optical quantity can have. Ranges are chosen.
+    """The sizes that a quantity can have. Ranges are chosen.
 
-    Attributes
-    ----------
-    least, most : float
-        The range of its size, in `unit`.
-    unit : str
-        "m", or "" for a ratio.
-    usual : tuple of float
-        The sizes that are usual, by which a number in another unit is recognised.
-    units : tuple of str
-        Other units in which people give it.
-    example : str
-        What to give, for the message.
-    zero : bool
-        Whether it may be zero.
-    beyond : tuple of str
-        Words for sizes below and above the range; the limits, if empty.
+    least, most: the range of its size, in `unit`.
+    unit: "m", or "" for a ratio.
+    usual: the sizes that are usual, by which a number in another unit is recognised.
+    units: other units in which people give it.
+    example: what to give, for the message.
+    zero: whether it may be zero.
+    beyond: words for sizes below and above the range; the limits, if empty.
     """
 
     least: float
@@ -94,7 +85,7 @@ RANGES = {
 
 
 def ask_about_unit(quantity: str, value: float) -> str:
-    """Return a question for an optical number that is usual in another unit than metres, or "".
+    """Return a question about a number that is usual in another unit, or "" for other numbers.
 
     A number that was converted twice, or by another unit, is asked about, too.
     """
@@ -110,7 +101,7 @@ def ask_about_unit(quantity: str, value: float) -> str:
 
 
 def refuse_size(quantity: str, name: str, value: float) -> str:
-    """Return the sentence that refuses an optical number beyond its quantity's range, or "".
+    """Return the sentence that refuses a number beyond its quantity's range, or "" if it is within.
 
     The sentence names the argument, its value and what to give. value: finite.
     """

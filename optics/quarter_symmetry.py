@@ -37,10 +37,7 @@ def quarter_distances(
 
 
 def crop_quarter(array: torch.Tensor) -> torch.Tensor:
-    """Crop the quarter of an array of samples that lies at or behind their centre on both axes.
-
-    The rows and columns are the last two axes.
-    """
+    """Crop the last two axes to the quarter that lies at or behind the samples' centre on both."""
     rows, columns = array.shape[-2:]
     return array[..., rows // 2 :, columns // 2 :]
 

@@ -119,8 +119,9 @@ class SpeckleGrain:
     The field's correlation is the Fourier transform of the pupil's light (Van Cittert and Zernike),
     as wide as the sharpest PSF: about wavelength times f-number.
 
-    light: (rows, columns), the pupil's light on cells that are `cell` metres apart, the axis at
-    n // 2. lever: wavelength times image distance in m².
+    light: the pupil's light on cells, (rows, columns), the axis at n // 2.
+    cell: side of a cell, metres.
+    lever: wavelength times image distance, m².
     """
 
     light: Array

@@ -13,7 +13,7 @@ R = TypeVar("R")
 
 
 def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate an optical computation of many small tensor operations to run on one torch thread.
+    """Decorate a function of many small tensor operations to run on one torch thread.
 
     torch synchronises its threads at the end of every operation, and they spin while they wait.
     With another busy process on the machine, two threads were measured to be three to forty times
@@ -33,7 +33,7 @@ def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def in_full_precision(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate an optical computation to run without torch's mixed precision (autocast).
+    """Decorate a function to run without torch's mixed precision (autocast).
 
     Under autocast torch would multiply in half precision, whose three digits are too few here.
     """

@@ -35,7 +35,7 @@ def _require_plain_array(value: np.ndarray[Any, Any]) -> None:
 
 
 def require_unmasked(*given: Any) -> None:
-    """Raise ValueError for masked values in an optical function's arrays, or in lists of them.
+    """Raise ValueError for masked values in arrays, or in lists of them.
 
     numpy and torch pass over a mask without a word when they convert an array.
     """
@@ -75,7 +75,7 @@ def _to_numpy(value: Any) -> Any:
 
 
 def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate an optical function of tensors to accept and return numpy arrays.
+    """Decorate a function of tensors to accept and return numpy arrays.
 
     The function returns numpy arrays if one of its arguments is a numpy array. Otherwise it is
     called unchanged, so that gradients propagate. Results are converted if they are tensors or
@@ -96,24 +96,18 @@ def accepts_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def as_floating_point(value: torch.Tensor) -> torch.Tensor:
-    """Return an optical tensor in single or double precision; half precision becomes single.
-
-    Integer tensors become float32.
-    """
+    """Return a tensor in single or double precision; integers and half precision become single."""
     kept = value.dtype in (torch.float32, torch.float64)
     return value if kept else value.to(torch.float32)
 
 
 def as_number(value: Any) -> float:
-    """Convert an optical parameter (a number or 0-d tensor) to a float without its derivative."""
+    """Convert a number or 0-d tensor to a float without its derivative."""
     return float(value.detach() if isinstance(value, torch.Tensor) else value)
 
 
 def to_plain_numbers(value: Any) -> Any:
-    """Replace every 0-d tensor in an optical value, such as a camera or a lens, by a float.
-
-    Tensors inside dataclasses and tuples are replaced too.
-    """
+    """Replace every 0-d tensor in a value by a float, also inside dataclasses and tuples."""
     if isinstance(value, (float, int, str)) or value is None:
         # Most values need nothing; np.float64 is a float too.
         return value
@@ -131,7 +125,7 @@ def to_plain_numbers(value: Any) -> Any:
 
 
 def needs_gradient(value: object) -> bool:
-    """Tell whether an optical parameter is a tensor that requires a gradient."""
+    """Tell whether a value is a tensor that requires a gradient."""
     if not isinstance(value, torch.Tensor):
         return False
     require_reverse_mode(value)
@@ -139,7 +133,7 @@ def needs_gradient(value: object) -> bool:
 
 
 def records_gradient(*values: torch.Tensor) -> bool:
-    """Tell whether an optical operation on these tensors must record derivatives."""
+    """Tell whether an operation on these tensors must record derivatives."""
     for value in values:
         require_reverse_mode(value)
     return torch.is_grad_enabled() and any(value.requires_grad for value in values)
@@ -169,7 +163,7 @@ def require_reverse_mode(value: torch.Tensor) -> None:
 def require_unchanged_attributes(
     names: Iterable[str], at_planning: object, now: object, kind: str
 ) -> None:
-    """Raise ValueError if an optical computation's attributes changed since it was planned.
+    """Raise ValueError if attributes have changed since an operator was planned.
 
     kind: what kind of operator it is, for the message.
     """
@@ -217,20 +211,20 @@ def require_tolerance(tol: Any) -> None:
 
 
 def require_positive(name: str, value: Any, unit: str) -> None:
-    """Raise ValueError for an optical parameter that isn't positive and finite."""
+    """Raise ValueError for a value that isn't positive and finite."""
     value = as_number(value)
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"{name} is {value:g}{unit and ' '}{unit}; it must be positive and finite")
 
 
 def require_wavelength(name: str, value: Any) -> None:
-    """Raise ValueError for an optical parameter that is no wavelength of light in metres."""
+    """Raise ValueError for a value that is no wavelength of light in metres."""
     require_positive(name, value, "m")
     require_size("wavelength", name, value)
 
 
 def require_size(quantity: str, name: str, value: Any) -> None:
-    """Raise an error for an optical parameter that is no number in the range of its quantity.
+    """Raise an error for a value that is no number in the range of its quantity.
 
     quantity: one of `optics.quantity_ranges.RANGES`. The message asks about a number that would be
     usual in another unit.
@@ -244,16 +238,13 @@ def require_size(quantity: str, name: str, value: Any) -> None:
 
 
 def require_count(name: str, value: int) -> None:
-    """Raise ValueError for a count below 1 in an optical function's arguments."""
+    """Raise ValueError for a count below 1."""
     if not value >= 1:
         raise ValueError(f"{name} is {value}; at least 1 is needed")
 
 
 def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor | None) -> None:
-    """Raise ValueError for optical arguments whose shape isn't that of a picture.
-
-    An argument of None is allowed.
-    """
+    """Raise ValueError for arguments whose shape isn't that of a picture; None is allowed."""
     for other, given in others.items():
         if given is not None and given.shape != picture.shape:
             raise ValueError(
@@ -263,32 +254,26 @@ def require_same_shape(name: str, picture: torch.Tensor, **others: torch.Tensor 
 
 
 def require_share(name: str, value: Any) -> None:
-    """Raise ValueError for an optical parameter that isn't a share between 0 and 1."""
+    """Raise ValueError for a value that isn't a share between 0 and 1."""
     value = as_number(value)
     if not 0 <= value <= 1:
         raise ValueError(f"{name} is {value:g}; it is a share and must lie between 0 and 1")
 
 
 def rounded_up(value: float) -> str:
-    """Format a number for an optical error message of "at least": three digits, rounded up.
-
-    value: positive.
-    """
+    """Format a positive number for "at least": three digits, rounded up."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.3g}"
 
 
 def rounded_down(value: float) -> str:
-    """Format a number for an optical error message of "at most": three digits, rounded down.
-
-    value: positive.
-    """
+    """Format a positive number for "at most": three digits, rounded down."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / unit * (1 + 1e-12)) * unit:.3g}"
 
 
 def require_finite(name: str, value: torch.Tensor) -> None:
-    """Raise ValueError for NaN or infinite entries of an optical argument, with their count."""
+    """Raise ValueError for NaN or infinite entries, with their count."""
     # A sum is quick to compute, and it isn't finite if any entry is NaN or infinite.
     if bool(torch.isfinite(value.detach().sum())):
         return

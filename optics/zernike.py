@@ -1,4 +1,4 @@
-"""Compute Zernike polynomials over a unit disc, normalised to a root mean square of one."""
+"""Zernike polynomials over a unit disc, normalised to a root mean square of one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def zernike(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
 
 
 def _is_large_mesh(n: int, y: torch.Tensor, x: torch.Tensor) -> bool:
-    """Tell whether a Zernike polynomial's points are a column and a row of many more than n.
+    """Tell whether n is 10 at most and the points are a column and a row of many more than n.
 
     Polynomials of a degree above ten lose digits by interpolation.
     """
@@ -36,7 +36,7 @@ def _is_large_mesh(n: int, y: torch.Tensor, x: torch.Tensor) -> bool:
 
 
 def _zernike_on_mesh(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Compute a Zernike polynomial on a mesh by interpolation, which is exact for a polynomial.
+    """Compute values on a mesh by interpolation, which is exact for a polynomial.
 
     It takes n + 1 products for each point of the mesh, a twentieth of the time of the recurrence.
     """
@@ -47,7 +47,7 @@ def _zernike_on_mesh(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.
 
 
 def _chebyshev_nodes(count: int, places: torch.Tensor) -> torch.Tensor:
-    """Return Chebyshev nodes for a Zernike polynomial's interpolation over its places.
+    """Return Chebyshev nodes for the interpolation over places.
 
     They reach a little beyond the unit disc at most. Farther out polynomials grow fast, and digits
     inside would be lost.
@@ -61,10 +61,7 @@ def _chebyshev_nodes(count: int, places: torch.Tensor) -> torch.Tensor:
 
 
 def _lagrange_basis(nodes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
-    """Return the polynomials that are 1 at one node of a Zernike polynomial's and 0 at others.
-
-    The result is (places, nodes).
-    """
+    """Return the polynomials that are 1 at one node and 0 at the others, (places, nodes)."""
     flat = places.reshape(-1, 1)
     columns = []
     for number in range(nodes.numel()):
@@ -74,7 +71,7 @@ def _lagrange_basis(nodes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
 
 
 def _zernike_at_points(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Compute a Zernike polynomial by its recurrence, at points that broadcast."""
+    """Compute values by the recurrence, at points that broadcast."""
     order = abs(m)
     r2 = y * y + x * x
     radial = (-1) ** ((n - order) // 2) * _jacobi((n - order) // 2, order, 1 - 2 * r2)
@@ -88,10 +85,7 @@ def _zernike_at_points(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torc
 
 
 def _jacobi(degree: int, a: int, t: torch.Tensor) -> torch.Tensor:
-    """Compute a Zernike polynomial's radial part, the Jacobi polynomial P(degree; a, 0), at t.
-
-    The recurrence is that of Abramowitz and Stegun 22.7.1.
-    """
+    """Compute the Jacobi polynomial P(degree; a, 0) at t (Abramowitz and Stegun 22.7.1)."""
     before, now = torch.ones_like(t), (a + 2) * (t - 1) / 2 + a + 1
     if degree == 0:
         return before

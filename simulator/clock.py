@@ -23,11 +23,11 @@ class VirtualClock:
         self._lock = threading.Lock()
 
     def now(self) -> float:
-        """Return the simulation's virtual time in seconds."""
+        """Return the virtual time in seconds."""
         return self._time
 
     def wait_until(self, time_: float, cancelled: Callable[[], bool]) -> None:
-        """Wait until the simulation's time is `time_`, or soon after `cancelled()` turns true."""
+        """Wait until the virtual time is `time_`, or soon after `cancelled()` turns true."""
         started, at_start = time.monotonic(), self._time
         while self._time < time_ and not cancelled():
             left = (time_ - self._time) / self._speed
@@ -39,6 +39,6 @@ class VirtualClock:
             self._reach(time_ if left == 0 else min(time_, at_start + passed))
 
     def _reach(self, time_: float) -> None:
-        """Advance the simulation's time to `time_`, never backwards."""
+        """Advance the time to `time_`, never backwards."""
         with self._lock:
             self._time = max(self._time, time_)

@@ -1,4 +1,4 @@
-"""Predict pictures on larger pixels in a fraction of a second, before an exact one is simulated."""
+"""Pictures on larger pixels, predicted in a fraction of a second before an exact one."""
 
 from __future__ import annotations
 
@@ -52,25 +52,10 @@ class CoarsePictures:
 
     @single_threaded
     def predict(self, s: Situation, check: Callable[[], None] = lambda: None) -> torch.Tensor:
-        """Predict the mean electrons of each pixel, averaged over a coarse picture's larger pixels.
+        """Return mean electrons on a pixel, float32, one number for each larger pixel.
 
-        Parameters
-        ----------
-        s : Situation
-            The simulated situation; its sensor has no colour filters.
-        check : Callable, optional
-            Function without arguments that is called between the steps. It may raise.
-
-        Returns
-        -------
-        torch.Tensor
-            Electrons on a pixel of the sensor, float32, one number for each square of
-            `pixels_joined` pixels.
-
-        Raises
-        ------
-        ValueError
-            For a sensor with colour filters.
+        check: is called between the steps, and may raise. Raises ValueError for a sensor with
+        colour filters.
         """
         if s.camera.sensor.colour is not None:
             raise ValueError("the sensor has colour filters: coarse pictures are grey")
@@ -80,7 +65,7 @@ class CoarsePictures:
         return light / joined**2
 
     def _recipe(self, s: Situation) -> Recipe:
-        """Return the recipe that renders a coarse simulated picture.
+        """Return the recipe of a coarse picture.
 
         Samples of the PSF are as far apart as its field's may be, twice as far as its irradiance's:
         what overlaps then in its spectrum are only frequencies that a coarse pixel averages away.
@@ -94,12 +79,12 @@ class CoarsePictures:
 
 
 def pixels_joined(camera: Camera) -> int:
-    """Return how many pixels of the sensor a coarse simulated picture joins along each axis."""
+    """Return how many of the sensor's pixels a coarse pixel joins along each axis."""
     return math.ceil(math.sqrt(math.prod(camera.sensor.shape) / _PIXELS))
 
 
 def psf_window(s: Situation) -> int:
-    """Return the side of a PSF's window in sensor pixels, by the slope of the simulated pattern.
+    """Return the side of a PSF's window in sensor pixels, by the slope of the pattern.
 
     A step of 2π per panel pixel sends light into the next order, which is λ b / pitch away from
     this one on the sensor, with the ray matrix' element b: geometric optics of the same wavefront.
@@ -119,7 +104,7 @@ def psf_window(s: Situation) -> int:
 
 
 def _with_larger_pixels(camera: Camera, joined: int) -> Camera:
-    """Return a camera whose simulated sensor has pixels as large as a square of `joined` ones."""
+    """Return a camera whose pixels are as large as a square of `joined` ones."""
     sensor = camera.sensor
     rows, columns = sensor.shape
     return replace(

@@ -10,27 +10,11 @@ from numpy.typing import NDArray
 def convolve_valid(
     picture: NDArray[np.floating], kernel: NDArray[np.floating]
 ) -> NDArray[np.floating]:
-    """Convolve a simulated picture with a kernel by Fourier transforms, without its borders.
+    """Convolve a picture with a kernel by Fourier transforms, without the picture's borders.
 
     The same as `scipy.signal.fftconvolve` with mode "valid", whose package takes half a second to
-    load, which the first picture needn't wait for.
-
-    Parameters
-    ----------
-    picture : ndarray, shape (rows, columns)
-        The picture.
-    kernel : ndarray, shape (p, q)
-        The kernel, not larger than the picture.
-
-    Returns
-    -------
-    ndarray, shape (rows - p + 1, columns - q + 1)
-        The sum of the kernel's products at each place where the picture covers it.
-
-    Raises
-    ------
-    ValueError
-        If the kernel is larger than the picture.
+    load, which the first picture needn't wait for. Of (rows, columns) and (p, q), it returns (rows
+    - p + 1, columns - q + 1). Raises ValueError for a kernel larger than the picture.
     """
     if any(small > large for small, large in zip(kernel.shape, picture.shape, strict=True)):
         raise ValueError(f"kernel has shape {kernel.shape}: larger than picture, {picture.shape}")

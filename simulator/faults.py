@@ -1,4 +1,4 @@
-"""Scripted faults of simulated devices: which device fails, at which frame, and how."""
+"""Scripted faults of devices: which device fails, at which frame, and how."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _EVER = math.inf
 
 @dataclass(frozen=True)
 class Fault:
-    """A scripted fault of a simulated device.
+    """One fault in a script.
 
     device: the device's role on the bench. frame: index of the planned frame from which on the
     fault can occur; it occurs at the device's next call. times: number of calls that fail.
@@ -94,7 +94,7 @@ class FaultScript:
         """Index of the planned frame that the bench takes now."""
 
     def take_fault(self, role: str, frame: bool) -> Fault | None:
-        """Return the fault that the simulator's script makes occur in a device's call, or None.
+        """Return the fault that occurs in a device's call, or None.
 
         frame: whether the call asks a camera for a frame.
         """
@@ -107,29 +107,20 @@ class FaultScript:
         return None
 
     def put_off(self, fault: Fault) -> None:
-        """Put off a fault of the simulator's script to the next call.
-
-        This is for a fault that can't occur in the present call.
-        """
+        """Put off to the next call a fault that can't occur in the present one."""
         next(pending for pending in self._pending if pending.fault is fault).left += 1
 
     @property
     def is_unused(self) -> bool:
-        """Return whether no fault of the simulator's script has occurred yet."""
+        """Return whether no fault has occurred yet."""
         return all(pending.left == pending.fault.times for pending in self._pending)
 
     def unplug(self, role: str, until: float) -> None:
-        """Disconnect the device of a role in the simulator's fault script.
-
-        until: time of the bench's clock.
-        """
+        """Disconnect the device of a role until a time of the bench's clock."""
         self._away_until[role] = until
 
     def is_away(self, role: str, now: float) -> bool:
-        """Return whether the device of a role is disconnected in the simulator's fault script.
-
-        now: time of the bench's clock.
-        """
+        """Return whether the device of a role is disconnected now, by the bench's clock."""
         return now < self._away_until.get(role, -_EVER)
 
 
@@ -145,12 +136,12 @@ class FaultInjector:
         self._unplugged = False
 
     def require_plugged(self) -> None:
-        """Raise DeviceError if the simulator's fault script has unplugged the device to open."""
+        """Raise DeviceError if the device to open is unplugged."""
         if self._script.is_away(self._role, self._clock.now()):
             raise self._error("open", "there is no such device", "Plug it in")
 
     def begin(self, command: str, reply_time: float, *, frame: bool = False) -> Fault | None:
-        """Cause the fault that the simulator's script has for a device's call, if it has one.
+        """Cause the fault that the script has for a call, if it has one.
 
         Returns the fault if the call goes on in spite of it. Raises DeviceError if the call fails.
         """
@@ -179,29 +170,23 @@ class FaultInjector:
         raise self._error(command, "the device answers ERROR", "Switch it off and on")
 
     def put_off(self, fault: Fault) -> None:
-        """Put off a fault of the simulator's script to the device's next call.
-
-        This is for a fault that can't occur in the present call.
-        """
+        """Put off to the device's next call a fault that can't occur in the present one."""
         self._script.put_off(fault)
 
     def kill(self) -> None:
-        """Mark the simulator's device under fault injection as killed, and end a hanging call."""
+        """Mark the device as killed, and end a hanging call."""
         self._killed.set()
 
     @property
     def is_killed(self) -> bool:
-        """Return whether the simulator's device under fault injection was killed."""
+        """Return whether the device was killed."""
         return self._killed.is_set()
 
     def require_alive(self, command: str) -> None:
-        """Raise DeviceError if the simulator's device under fault injection was killed.
-
-        Nothing waits for the reply of a killed device any more.
-        """
+        """Raise DeviceError if the device was killed; nothing waits for its reply any more."""
         if self.is_killed:
             raise self._error(command, "the device was killed", "Open it again")
 
     def _error(self, command: str, reply: str, remedy: str) -> DeviceError:
-        """Return the DeviceError that a fault of the simulator's script raises."""
+        """Return the DeviceError that a fault raises."""
         return DeviceError(self._model, command, reply, remedy)

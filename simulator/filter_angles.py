@@ -14,7 +14,7 @@ from optics.plane import Plane
 
 
 def largest_squared_sine(camera: Camera) -> float:
-    """Return sin² of the angle at which light of a rendered frame's corner passes the filter.
+    """Return sin² of the angle at which light of the frame's corner passes the filter.
 
     A point's light comes to the lens along its chief ray, whose angle is the same on both sides of
     the lens' middle. What is nearer than infinity also comes from the sides of the lens, by an
@@ -31,14 +31,14 @@ def largest_squared_sine(camera: Camera) -> float:
 
 
 def squared_sines(camera: Camera, plane: Plane) -> torch.Tensor:
-    """Return sin² of the angle of a rendered plane's light at the filter, (rows, columns)."""
+    """Return sin² of the angle at the filter by the light's place, (rows, columns)."""
     y, x = plane.mesh()
     squared = y**2 + x**2
     return squared / (squared + camera.lens.image_distance**2)
 
 
 def some_angles(camera: Camera, band: Band, count: int) -> list[float]:
-    """Return values of sin² over a rendered frame for a filter's band, that of the axis first.
+    """Return values of sin² at the filter over the frame, that of the axis first.
 
     They are evenly spaced, or that of the axis alone for a band that doesn't shift.
     """
@@ -49,7 +49,7 @@ def some_angles(camera: Camera, band: Band, count: int) -> list[float]:
 
 
 def angle_nodes(greatest: float, count: int) -> list[float]:
-    """Return values of sin² for which a filter's band is rendered, from 0 to the greatest.
+    """Return values of sin² between which a filter's band is interpolated, from 0 to the greatest.
 
     They are Chebyshev points of the second kind; a single one is that of the axis.
     """

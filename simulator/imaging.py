@@ -1,4 +1,4 @@
-"""Plan the effects of a situation, compute its picture, and keep results for later pictures."""
+"""Effect plans and pictures of situations, with results that are kept for later pictures."""
 
 from __future__ import annotations
 
@@ -37,10 +37,7 @@ T = TypeVar("T")
 
 
 class Cache:
-    """Keep the `size` most recently used results under hashable keys.
-
-    Threads may share one cache.
-    """
+    """Keep the `size` most recently used results under hashable keys, for several threads."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -48,7 +45,7 @@ class Cache:
         self._lock = threading.Lock()
 
     def get(self, key: Hashable, compute: Callable[[], T]) -> T:
-        """Return the simulation result kept under `key`, or compute and keep it."""
+        """Return the result under `key`, or compute and keep it."""
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
@@ -63,12 +60,12 @@ class Cache:
         return result
 
     def __contains__(self, key: Hashable) -> bool:
-        """Return whether a simulation result is kept under `key`."""
+        """Return whether a result is kept under `key`."""
         with self._lock:
             return key in self._kept
 
     def clear(self) -> None:
-        """Remove all simulation results from the cache."""
+        """Remove all results."""
         with self._lock:
             self._kept.clear()
 
@@ -76,8 +73,8 @@ class Cache:
 _MACHINE = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 _LEAST_MEMORY, _MEMORY_PER_PIXEL = 560 << 20, 85
-"""Bytes that simulated pictures may keep for later ones: of any sensor, and for each pixel. Chosen:
-more of them saved little in the bundled plans."""
+"""Bytes that pictures may keep for later ones: of any sensor, and for each pixel. Chosen: more of
+them saved little in the bundled plans."""
 
 _STREAMS_SHARE = 2
 """Share of the memory, one over this, that frame simulators of pictures may take. Chosen."""
@@ -133,10 +130,7 @@ class Imaging:
         self._pictures, self._patterns = Cache(4), Cache(3)
 
     def with_tolerance(self, tol: float) -> Imaging:
-        """Return a copy of the simulator's Imaging with another tolerance and no forced effects.
-
-        The copy shares the caches.
-        """
+        """Return a copy with another tolerance and no forced effects, which shares the caches."""
         require_tolerance(tol)
         other = copy.copy(self)
         other.tol, other.forced = tol, {}
@@ -144,21 +138,21 @@ class Imaging:
 
     @property
     def memory(self) -> int:
-        """Return the bytes of light, spectra and PSFs that the simulator keeps at most."""
+        """Return the bytes of light, spectra and PSFs that are kept at most."""
         return self._cache.limit + self._streams.limit
 
     @property
     def kept_bytes(self) -> int:
-        """Return the bytes of light, spectra and PSFs that the simulator keeps now."""
+        """Return the bytes of light, spectra and PSFs that are kept now."""
         return self._cache.bytes + self._streams.bytes
 
     def forget(self) -> None:
-        """Empty the simulator's caches of pictures and plans; they are computed again if needed."""
+        """Empty the caches of pictures and plans; they are computed again if needed."""
         for cache in (self._cache, self._plans, self._streams, self._pictures, self._patterns):
             cache.clear()
 
     def force(self, forced: Mapping[str, str | bool], s: Situation) -> None:
-        """Force effects on, off or to a level in the next simulated pictures, whatever the error.
+        """Force effects on, off or to a level in the next pictures, whatever the error.
 
         Raises ValueError for an effect that doesn't exist, for a level that it doesn't have, or for
         an effect that is on and requires one that is off. No plan is computed for this check.
@@ -168,7 +162,7 @@ class Imaging:
         self.forced = dict(forced)
 
     def plan(self, s: Situation) -> EffectPlan:
-        """Return the simulator's effect plan of a situation, from the cache if possible.
+        """Return the effect plan of a situation, from the cache if possible.
 
         Raises ValueError for a filter wavelength at which the panel's phase range isn't known.
         """
@@ -180,7 +174,7 @@ class Imaging:
         )
 
     def is_planned(self, s: Situation) -> bool:
-        """Return whether the effect plan of a simulated situation is in the cache."""
+        """Return whether the effect plan of a situation is in the cache."""
         return self._plan_key(s) in self._plans
 
     def _plan_key(self, s: Situation) -> Hashable:
@@ -194,7 +188,7 @@ class Imaging:
         forced: Mapping[str, str | bool],
         decided_by: DecidedBy,
     ) -> EffectPlan:
-        """Compute the simulator's effect plan of a situation, and time it."""
+        """Compute the effect plan of a situation, and time it."""
         self.plan_count += 1
         began = time.thread_time()
         max_phase(s.camera.panel, s.wavelength)
@@ -205,10 +199,7 @@ class Imaging:
         return plan
 
     def _attach_probes(self, s: Situation, decided_by: DecidedBy) -> None:
-        """Attach the cached probes of picture and pattern to the simulator's situation.
-
-        The probes don't depend on the exposure time.
-        """
+        """Attach cached probes of picture and pattern, which don't depend on the exposure time."""
         picture = self._pictures.get(
             (s.target, s.camera, s.band, s.picture_probe.shift), lambda: s.picture_probe
         )
@@ -240,13 +231,13 @@ class Imaging:
     def electrons(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> torch.Tensor:
-        """Simulate the mean number of electrons that light frees on each pixel, (rows, columns)."""
+        """Return the mean number of electrons that light frees on each pixel, (rows, columns)."""
         return expected_electrons(s, recipe, self._cache, self.ledger, check)
 
     def picture_moments(
         self, s: Situation, recipe: Recipe, check: Callable[[], None] = lambda: None
     ) -> PictureMoments:
-        """Return mean and variance of every pixel in a situation's simulated picture."""
+        """Return mean and variance of every pixel in a situation's picture."""
         electrons = self.electrons(s, recipe, check)
         stages = asdict(recipe.stages)
         if recipe.speckle:
@@ -273,7 +264,7 @@ class Imaging:
 
 
 def default_memory(camera: Camera) -> int:
-    """Return the bytes that a camera's simulated pictures may keep for later ones.
+    """Return the bytes that a camera's pictures may keep for later ones.
 
     It is at most a quarter of the machine's memory: 0.6 GB for a sensor of 768 x 512 pixels, 1.0 GB
     for one of 2448 x 2048.
@@ -283,7 +274,7 @@ def default_memory(camera: Camera) -> int:
 
 
 def _samples_per_spot(s: Situation) -> float:
-    """Return the samples of far fields in each diffraction spot that the simulator's plans need.
+    """Return the samples of far fields in each diffraction spot that plans need.
 
     Fewer samples hide the transfer function near the cut-off, where few pictures have any light.
     """
@@ -297,7 +288,7 @@ def _samples_per_spot(s: Situation) -> float:
 
 
 def picture_key(s: Situation) -> Hashable:
-    """Return a cache key of all that a situation's simulated picture depends on.
+    """Return a cache key of all that a situation's picture depends on.
 
     The start of the exposure is part of it only if the picture depends on it.
     """
@@ -318,7 +309,7 @@ def picture_key(s: Situation) -> Hashable:
 
 
 def _depends_on_start(s: Situation) -> bool:
-    """Return whether a situation's simulated picture depends on when the exposure begins.
+    """Return whether a picture depends on when the exposure begins.
 
     It does if the lamp changes with time, or if the panel's video does and the exposure doesn't see
     all of its frames equally. A rolling shutter's rows see them equally but for rounding.

@@ -1,4 +1,4 @@
-"""Count the operations and bytes of the simulator's pictures, by effect."""
+"""Counts of the operations and bytes that pictures take, by effect."""
 
 from __future__ import annotations
 
@@ -19,9 +19,7 @@ class Ledger:
         self._lock = threading.Lock()
 
     def add(self, effect: str, operations: float, bytes: int = 0) -> None:
-        """Add an effect's operations and bytes to the simulator's counts.
-
-        The simulator counts floating-point operations, and the bytes of new arrays.
+        """Add an effect's floating-point operations, and the bytes of new arrays.
 
         operations: approximate number. Raises ValueError for numbers that are negative or not
         finite.
@@ -36,23 +34,23 @@ class Ledger:
 
     @property
     def effects_called(self) -> frozenset[str]:
-        """Return the names of the effects whose code the simulator called."""
+        """Return the names of the effects whose code was called."""
         with self._lock:
             return frozenset(self._operations)
 
     @property
     def operations(self) -> float:
-        """Return the number of operations that the simulator counted for all effects."""
+        """Return the number of operations of all effects."""
         with self._lock:
             return math.fsum(self._operations.values())
 
     @property
     def bytes(self) -> int:
-        """Return the bytes of all arrays that the simulator made, also of those since deleted."""
+        """Return the bytes of all new arrays, also of those since deleted."""
         with self._lock:
             return sum(self._bytes.values())
 
     def operations_of(self, effect: str) -> float:
-        """Return how many operations the simulator counted for one effect; 0 without an entry."""
+        """Return the number of one effect's operations; 0 without an entry."""
         with self._lock:
             return self._operations.get(effect, 0.0)

@@ -94,26 +94,26 @@ class Mount:
 
     @property
     def is_aligned(self) -> bool:
-        """Return whether the simulator's panel and sensor are aligned, not mirrored or rotated."""
+        """Return whether panel and sensor are aligned, not mirrored or rotated."""
         return not (self.flip_x or self.flip_y or self.rotation % (2 * math.pi))
 
     @property
     def is_centred(self) -> bool:
-        """Return whether the middle of the simulator's panel lies on the lens' axis."""
+        """Return whether the panel's middle lies on the lens' axis."""
         return not any(self.shift)
 
     @property
     def _quarters(self) -> int:
-        """Return the simulator's panel rotation as the nearest number of quarter turns."""
+        """Return the rotation as the nearest number of quarter turns."""
         return round(self.rotation / (math.pi / 2))
 
     @property
     def _rest(self) -> float:
-        """Return the simulator's panel rotation beyond its quarter turns, in radians."""
+        """Return the rotation beyond its quarter turns, in radians."""
         return self.rotation - self._quarters * math.pi / 2
 
     def lens_in_panel_axes(self, lens: Lens) -> Lens:
-        """Return the lens, aligned with the sensor, as seen in the simulator's panel axes.
+        """Return a lens that is aligned with the sensor as seen in the panel's axes.
 
         Raises ValueError for a shifted panel before a lens that isn't thin, whose phase isn't
         quadratic.
@@ -138,13 +138,13 @@ class Mount:
         )
 
     def camera_in_panel_axes(self, camera: Camera) -> Camera:
-        """Return the camera with its lens as seen in the simulator's panel axes."""
+        """Return a camera with its lens as seen in the panel's axes."""
         if self.is_aligned and self.is_centred:
             return camera
         return replace(camera, lens=self.lens_in_panel_axes(camera.lens))
 
     def _shape(self, shape: Shape, away: Point, radius: float) -> Shape:
-        """Transform a shape of the lens' stop to the axes of the simulator's mounted panel.
+        """Transform a shape of the lens' stop to the panel's axes.
 
         away: (y, x) from the lens' axis to the panel's middle. radius: that of the disc in whose
         radii the result is. Both are in stop radii.
@@ -159,27 +159,24 @@ class Mount:
         return Circle(shape.radius / radius, place(shape.centre))
 
     def _point(self, point: Point) -> Point:
-        """Transform a point (y, x) on the sensor to the axes of the simulator's mounted panel.
-
-        The point is rotated first and then mirrored.
-        """
+        """Transform a point (y, x) on the sensor to the panel's axes: rotate first, then mirror."""
         y, x = self.to_panel_axes(*(np.asarray(one) for one in point))
         return float(y), float(x)
 
     def to_panel_axes(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """Transform coordinates or frequencies on the sensor to the simulator's panel axes."""
+        """Transform coordinates or frequencies on the sensor to the panel's axes."""
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         y, x = y * cos - x * sin, x * cos + y * sin
         return (-y if self.flip_y else y), (-x if self.flip_x else x)
 
     def places_on_sensor(self, y: Array, x: Array) -> tuple[Array, Array]:
-        """Transform coordinates in the simulator's panel axes to those of the sensor."""
+        """Transform coordinates in the panel's axes to those of the sensor."""
         y, x = (-y if self.flip_y else y), (-x if self.flip_x else x)
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         return y * cos + x * sin, x * cos - y * sin
 
     def _aberrations(self, lens: Lens) -> tuple[tuple[int, int, float], ...]:
-        """Return the lens' Zernike coefficients in the axes of the simulator's mounted panel.
+        """Return the lens' Zernike coefficients in the panel's axes.
 
         Rotation mixes the cosine and sine terms of the same degree and order. The panel's angle t
         is the lens' angle c + s t.
@@ -196,7 +193,7 @@ class Mount:
         return tuple((n, m, path) for (n, m), path in turned.items())
 
     def place_in_panel_axes(self, place: Point, camera: Camera, distance: float) -> Point:
-        """Transform the place of a point's image to the axes of the simulator's mounted panel.
+        """Transform the place of a point's image to the panel's axes.
 
         place: metres (y, x) on the sensor. distance: metres from the point to the panel. The result
         is the place at which a lens before the panel's middle would image the point.
@@ -206,7 +203,7 @@ class Mount:
         return self._point((y, x))
 
     def image_shift(self, camera: Camera, distance: float) -> Point:
-        """Return how far a shift of the simulator's panel moves a point's image, metres (y, x).
+        """Return how far the panel's shift moves a point's image, metres (y, x).
 
         The point is `distance` metres from the panel. Every ray of a point out of focus lands
         beside the image by its height at the lens times image distance times defocus in dioptres.
@@ -220,11 +217,11 @@ class Mount:
         return self.shift[0] * scale, self.shift[1] * scale
 
     def image_shift_in_panel_axes(self, camera: Camera, distance: float) -> Point:
-        """Return the shift of a point's image in the axes of the simulator's panel, metres."""
+        """Return the shift of a point's image in the panel's axes, metres (y, x)."""
         return self._point(self.image_shift(camera, distance))
 
     def plane_in_panel_axes(self, plane: Plane) -> Plane:
-        """Return the plane in the axes of the simulator's panel on which to compute a PSF.
+        """Return the plane in the panel's axes on which to compute a PSF.
 
         plane: the square plane around the axis on which the PSF is needed in the sensor's axes. The
         result has the same number of samples on both sides of the origin.
@@ -236,7 +233,7 @@ class Mount:
         return replace(plane, shape=(side + 1 - side % 2,) * 2)
 
     def to_sensor_axes(self, psf: torch.Tensor, plane: Plane) -> torch.Tensor:
-        """Resample a simulated PSF from the mounted panel's axes onto a plane in the sensor's axes.
+        """Resample a PSF from the panel's axes onto a plane in the sensor's axes.
 
         psf: a PSF on `plane_in_panel_axes(plane)`. The result is (rows, columns).
         """
@@ -250,7 +247,7 @@ class Mount:
 
 
 def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Tensor:
-    """Resample a square PSF by its Fourier series, for the simulator's rotated panel."""
+    """Rotate a square PSF by its Fourier series, and resample it."""
     side, pitch = psf.shape[-1], plane.pitch[0]
     fading = _fading(side).to(psf)
     spectrum = origin_to_corner(psf * fading[:, None] * fading).to(torch.complex128)
@@ -272,9 +269,9 @@ def _resample_rotated(psf: torch.Tensor, angle: float, plane: Plane) -> torch.Te
 
 
 def _fading(side: int) -> torch.Tensor:
-    """Return the window that fades a simulated PSF to 0 at both ends of a side, before rotation.
+    """Return the window that fades a PSF to 0 at both ends of a side.
 
-    The window is 1 inside. Its ramps are those of the Vorbis window, whose spectrum decays fast.
+    It is 1 inside. Its ramps are those of the Vorbis window, whose spectrum decays fast.
     """
     ramp = torch.linspace(0, 1, _FADE_SAMPLES + 1, dtype=torch.float64)
     for _ in range(2):

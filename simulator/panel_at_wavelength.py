@@ -10,17 +10,16 @@ from optics.slm.panel import max_phase
 
 
 def phase_range_wavelengths(panel: Panel) -> tuple[float, float]:
-    """Return the shortest and longest wavelength (m) at which the simulator's panel table holds.
+    """Return the shortest and longest wavelength (m) at which the table of phase ranges holds.
 
-    The table of phase ranges is used from 0.9 times its shortest wavelength to 1.15 times its
-    longest one.
+    The table is used from 0.9 times its shortest wavelength to 1.15 times its longest one.
     """
     known = [wavelength for wavelength, _ in panel.max_phase]
     return 0.9 * min(known), 1.15 * max(known)
 
 
 def panel_at(panel: Panel, wavelength: float) -> Panel:
-    """Return the simulator's panel for light of any wavelength.
+    """Return the panel for light of any wavelength.
 
     Beyond the panel's table, the optical path is that at the table's end. A liquid crystal's
     birefringence, and so the phase, changes by a few per cent there.
@@ -35,7 +34,7 @@ def panel_at(panel: Panel, wavelength: float) -> Panel:
 def substitute_panel(
     panel: Panel, known_wavelength: float, wavelength: float, factor: float
 ) -> Panel:
-    """Return a simulator's panel that acts at `wavelength` like `panel` at `known_wavelength`.
+    """Return a panel that acts at `wavelength` like `panel` at `known_wavelength`.
 
     factor: multiplies the phase.
     """
@@ -47,5 +46,5 @@ def substitute_panel(
 
 
 def modulator_at(panel: Panel, wavelength: float) -> Modulator:
-    """Return the modulator of the simulator's panel for any wavelength in metres."""
+    """Return the panel's modulator for any wavelength in metres."""
     return Modulator(panel_at(panel, wavelength), wavelength)

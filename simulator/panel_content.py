@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 def picture_name(grey: NDArray[np.uint8]) -> str:
-    """Return a pattern's name in the simulator; the same grey levels have the same name."""
+    """Return a pattern's name; the same grey levels have the same name."""
     return hashlib.sha256(grey.tobytes()).hexdigest()
 
 
@@ -65,7 +65,7 @@ class PanelContent:
 
     @staticmethod
     def of(video: NDArray[np.uint8], frame_time: float) -> PanelContent:
-        """Return the simulator's panel content for a video, (frames, rows, columns)."""
+        """Return the content that is a video, (frames, rows, columns)."""
         # Names are hashes, computed once per video and not once per exposure.
         names = tuple(picture_name(grey) for grey in video)
         pictures: dict[str, NDArray[np.uint8]] = {}
@@ -77,16 +77,16 @@ class PanelContent:
 
     @property
     def first(self) -> NDArray[np.uint8]:
-        """Return the grey levels of the first frame that the simulator's panel shows."""
+        """Return the first frame's grey levels."""
         return self.pictures[self.names[0]]
 
     @property
     def is_changing(self) -> bool:
-        """Return whether the simulator's panel shows more than one picture."""
+        """Return whether there is more than one picture."""
         return len(self.pictures) > 1
 
     def covers_whole_periods(self, seconds: float) -> bool:
-        """Return whether a simulated exposure sees all frames of the panel's video equally.
+        """Return whether an exposure sees all frames of the video equally.
 
         This also holds for an exposure of zero length. An exposure may differ from whole periods of
         the video by 1e-4, because cameras count whole microseconds.
@@ -96,7 +96,7 @@ class PanelContent:
         return n == 1 or seconds == 0 or abs(periods - round(periods)) <= 1e-4 * round(periods)
 
     def picture_shares(self, start: float, seconds: float) -> PictureShares:
-        """Return the share of a simulated exposure in which the panel shows each picture, by name.
+        """Return the share of an exposure in which each picture is shown, by name.
 
         start, seconds: of the exposure. An exposure of zero length has the shares of a whole
         period.
@@ -114,10 +114,7 @@ class PanelContent:
         return PictureShares(tuple((name, share / total) for name, share in mixed.items()))
 
     def frame_sequence(self, start: float, seconds: float) -> FrameSequence:
-        """Return the video on the simulator's panel, and the spans of it that an exposure sees.
-
-        The frames and spans are in the video's order.
-        """
+        """Return the video, and the spans of it that an exposure sees, in the video's order."""
         n, frame_time = len(self.names), self.frame_time
         if self.covers_whole_periods(seconds):
             spans = [(k, 0.0, 1.0, 1 / n) for k in range(n)]
@@ -131,13 +128,13 @@ class PanelContent:
 
 
 def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
-    """Return the share of a simulated exposure in which each of a video's `n` frames is shown.
+    """Return the share of an interval in which each of a video's `n` frames is shown.
 
     The frames are shown in turn for one unit of time each.
     """
 
     def shown_until(time: float) -> NDArray[np.float64]:
-        """Return how long the simulator shows each video frame between 0 and `time`."""
+        """Return how long each frame is shown between 0 and `time`."""
         rounds, rest = divmod(time, n)
         return rounds + np.clip(rest - np.arange(n), 0, 1)
 
@@ -146,7 +143,7 @@ def shares_of_time(n: int, start: float, length: float) -> tuple[float, ...]:
 
 
 def spans_of_time(n: int, start: float, length: float) -> list[tuple[int, float, float, float]]:
-    """Return the parts of the simulator's video of `n` frames that an exposure sees.
+    """Return the parts of a video's `n` frames that an interval sees.
 
     The frames are shown in turn for one unit of time each. Each part is (frame, begin, end, share
     of the interval), in the frames' order; the shares add up to one.

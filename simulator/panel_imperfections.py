@@ -1,4 +1,4 @@
-"""Imperfections of a virtual bench's panel: phase response, flatness and illumination."""
+"""Imperfections of a panel: phase response, flatness and illumination."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optics.zernike import zernike
 
 
 def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float) -> PhaseResponse:
-    """Return a nonlinear phase response of the simulator's panel.
+    """Return a phase response that bends and wiggles over the grey levels.
 
     The phase is `highest` times (x^gamma + wiggle sin 2πx), where x runs from 0 to 1 over the grey
     levels. highest: share of the panel's highest phase at the last level. Raises ValueError for a
@@ -26,9 +26,7 @@ def nonlinear_response(levels: int, gamma: float, wiggle: float, highest: float)
 
 
 def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> PanelMap:
-    """Return the flatness of the simulator's panel as a sum of Zernike polynomials.
-
-    The polynomials are defined on the panel's circumscribed circle.
+    """Return a panel's flatness as a sum of Zernike polynomials on its circumscribed circle.
 
     terms: (degree n, order m, metres rms) of each polynomial.
     """
@@ -41,7 +39,7 @@ def flatness_map(panel: Panel, terms: Iterable[tuple[int, int, float]]) -> Panel
 
 
 def illumination_map(panel: Panel, radius: float, centre: tuple[float, float]) -> PanelMap:
-    """Return a Gaussian beam's irradiance on the simulator's panel, 1 at its centre.
+    """Return a Gaussian beam's irradiance on a panel, 1 at its centre.
 
     radius: to 1/e² of the peak, in metres. centre: (y, x) in metres.
     """

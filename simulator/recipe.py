@@ -87,7 +87,7 @@ class Recipe:
 
     @staticmethod
     def minimal(s: Situation) -> Recipe:
-        """Return the simulation recipe of the simplest picture of a situation.
+        """Return the recipe of the simplest picture of a situation.
 
         It has an ideal panel and lens, one wavelength, place and time, and a sensor that counts
         electrons.
@@ -96,13 +96,13 @@ class Recipe:
 
     @property
     def light_samples_per_pixel(self) -> int:
-        """Return the samples of blurred light along a pixel, by a simulation recipe."""
+        """Return the samples of blurred light along a pixel."""
         drawn = self.picture_samples_per_pixel or self.samples_per_pixel
         return light_samples(self.samples_per_pixel, drawn, occlusion=self.occlusion)
 
     @property
     def stages(self) -> Stages:
-        """Return which of the sensor's stages a simulation recipe includes."""
+        """Return which of the sensor's stages are included."""
         return Stages(
             self.dark_current,
             self.fixed_pattern,
@@ -113,12 +113,12 @@ class Recipe:
         )
 
     def with_changes(self, **changes: object) -> Recipe:
-        """Return a simulation recipe with some fields changed."""
+        """Return a recipe with some fields changed."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
 
 def light_samples(of_psf: int, of_picture: int, *, occlusion: bool) -> int:
-    """Return the samples of blurred light in a pixel along each axis, for a simulation recipe.
+    """Return the samples of blurred light in a pixel along each axis.
 
     Where light is multiplied by what hides it, both need all their detail.
     """

@@ -65,37 +65,33 @@ class Situation:
 
     @property
     def wavelength(self) -> float:
-        """Return the centre of the filter's band in a simulated situation, in metres."""
+        """Return the centre of the filter's band, in metres."""
         return self.band.centre
 
     @property
     def interference(self) -> complex:
-        """Return how strongly unmodulated light interferes in a simulated situation; 0 without."""
+        """Return how strongly unmodulated light interferes; 0 where the path isn't known."""
         return complex(self.path.interference) if self.path is not None else 0j
 
     @property
     def exposure_span(self) -> float:
-        """Return the seconds over which the sensor's rows are exposed in a simulated situation.
-
-        The time runs from the start of the first row's exposure to the end of the last row's.
-        """
+        """Return the seconds from the first row's start of exposure to the last row's end."""
         return frame_duration(self.camera.sensor, self.exposure)
 
     @property
     def image_motion(self) -> float:
-        """Return how far a moving target's image travels at most in a simulated situation.
+        """Return how far a moving target's image travels at most, metres on the sensor.
 
-        The distance is in metres on the sensor, for the nearest part of the target.
+        It is that of the nearest part of the target.
         """
         scale = self.camera.magnification(min(self.picture_probe.distances))
         return math.hypot(*self.target.velocity) * scale * self.exposure_span
 
     @property
     def image_shift(self) -> float:
-        """Return how far a shift of the panel moves images at most in a simulated situation.
+        """Return how far a shift of the panel moves images at most, metres on the sensor.
 
-        The distance is in metres on the sensor, for the part of the target that is farthest from
-        focus.
+        It is that of the part of the target that is farthest from focus.
         """
         distances = {min(self.picture_probe.distances), max(self.picture_probe.distances)}
         moved = max(math.hypot(*self.mount.image_shift(self.camera, one)) for one in distances)
@@ -104,16 +100,13 @@ class Situation:
 
     @property
     def focus_drift(self) -> float:
-        """Return how far a simulated situation's focus has drifted, metres behind the sensor.
-
-        It is that in the middle of the exposure.
-        """
+        """Return the drift of focus in the middle of the exposure, metres behind the sensor."""
         middle = self.exposure_start + self.exposure / 2
         return drifted_focus(self.camera, middle, self.wavelength)
 
     @property
     def foci(self) -> tuple[float, ...]:
-        """Return where the lens of a simulated situation may form images, metres behind the sensor.
+        """Return where the lens may form images, metres behind the sensor.
 
         They are those of the band's light, and the focus of a lens that is the same for all light.
         """
@@ -122,13 +115,13 @@ class Situation:
 
     @property
     def leaked_foci(self) -> tuple[float, ...]:
-        """Return such places for light that leaks through a simulated situation's filter."""
+        """Return the foci of light that leaks through the filter, metres behind the sensor."""
         lens, drift = self.camera.lens, self.focus_drift
         return leaked_focus_shifts(lens, self.band, self._distances_to_lens, drift)
 
     @property
     def _distances_to_lens(self) -> Iterator[float]:
-        """Yield the distances from a simulated situation's target to the lens, in metres.
+        """Yield the layers' distances to the lens, in metres.
 
         Only a lens whose focus shifts needs them.
         """
@@ -137,7 +130,7 @@ class Situation:
 
     @property
     def picture_probe(self) -> PictureProbe:
-        """Return the probe of the target's unblurred picture in a simulated situation."""
+        """Return the probe of the target's unblurred picture."""
         if self.cache.picture_probe is None:
             middle = self.exposure / 2
             shift = (self.target.velocity[0] * middle, self.target.velocity[1] * middle)
@@ -147,7 +140,7 @@ class Situation:
 
     @property
     def pattern_probe(self) -> PatternProbe:
-        """Return the probe of the shown pattern's or video's PSFs in a simulated situation."""
+        """Return the probe of the shown pattern's or video's PSFs."""
         if self.cache.pattern_probe is None:
             self.cache.pattern_probe = PatternProbe(
                 self.mount.camera_in_panel_axes(self.camera),
@@ -161,15 +154,14 @@ class Situation:
 
     @property
     def ideal_panel(self) -> Panel:
-        """Return the panel of a simulated situation without any of its effects."""
+        """Return the panel without any of its effects."""
         return panel_without_effects(self.camera.panel)
 
     @property
     def coarsest_sampling(self) -> int:
-        """Return the fewest samples along a pixel that suffice in a simulated situation.
+        """Return the fewest samples along a pixel that suffice, with 5 % to spare.
 
-        The samples resolve the finest fringe of the light, which is that of the shortest
-        wavelength. 5 % more samples than necessary are taken.
+        They resolve the finest fringe of the light, which is that of the shortest wavelength.
         """
         shortest = self.band.support[0]
         if self.band.shifts_with_angle:

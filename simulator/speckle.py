@@ -1,4 +1,4 @@
-"""The speckle of a simulated situation: its variance, and the pattern that stays with the scene."""
+"""Speckle of a situation: its variance, and the pattern that stays with the scene."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ more samples a pixel shares few grains with its neighbours."""
 
 
 def speckle_variance(s: Situation) -> float:
-    """Return the simulated speckle's variance over the mean squared on each pixel, 0 without any.
+    """Return the variance on each pixel over the mean squared, 0 without speckle.
 
     Places in the field and colour channels are taken to be alike.
     """
@@ -37,7 +37,7 @@ def speckle_variance(s: Situation) -> float:
 
 
 def speckle_pattern(s: Situation) -> torch.Tensor:
-    """Draw the simulated factor on each pixel's light, (rows, columns) float32, of mean 1.
+    """Draw the factor on each pixel's light, (rows, columns) float32, of mean 1.
 
     It stays the same for a scene's target, the sensor, what the panel shows and the wavelength,
     from frame to frame and at any exposure. A seed from these decides it.
@@ -58,7 +58,7 @@ def speckle_pattern(s: Situation) -> torch.Tensor:
 def moments_with_speckle(
     s: Situation, electrons: torch.Tensor, **switches: Any
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return mean and variance of simulated pixels over all speckle patterns of their variance.
+    """Return the pixels' mean and variance over all speckle patterns of one variance.
 
     A gamma distribution of the light is integrated at the two points that have its first three
     moments, which is exact where nothing clips.
@@ -85,7 +85,7 @@ def _two_points(variance: float) -> list[tuple[float, float]]:
 
 
 def _of_spectrum(s: Situation) -> float:
-    """Return 1/M of the simulated light's spectrum, as the sensor sees it through the filter."""
+    """Return 1/M of the light's spectrum, as the sensor sees it through the filter."""
     surface = s.target.speckle
     assert surface is not None
     parts = [part for layer in s.target.layers for part in layer.parts]
@@ -102,7 +102,7 @@ def _of_spectrum(s: Situation) -> float:
 
 
 def _grain(s: Situation) -> SpeckleGrain:
-    """Return the simulated speckle's grain, from the light that the stop leaves on the panel."""
+    """Return the speckle's grain, from the light that the stop leaves on the panel."""
     # It doesn't depend on the pattern.
     known, causes = s.picture_probe.results, ("speckle grain", s.camera, s.mount, s.wavelength)
     if causes not in known:
@@ -119,7 +119,7 @@ def _grain(s: Situation) -> SpeckleGrain:
 
 
 def _summed(light: np.ndarray, count: int) -> np.ndarray:
-    """Return the simulated pupil's light on cells of several pixels of the panel."""
+    """Return the pupil's light on cells of several pixels of the panel."""
     rows, columns = (-(-n // count) for n in light.shape)
     whole = np.zeros((rows * count, columns * count))
     down, across = ((n * count - m) // 2 for n, m in zip((rows, columns), light.shape, strict=True))
@@ -128,7 +128,7 @@ def _summed(light: np.ndarray, count: int) -> np.ndarray:
 
 
 def _in_sensor_axes(s: Situation, light: np.ndarray) -> np.ndarray:
-    """Return the simulated pupil's light in the axes of the sensor: the nearest cell of each."""
+    """Return the pupil's light in the axes of the sensor: the nearest cell of each."""
     if s.mount.is_aligned:
         return light
     side = int(np.ceil(np.hypot(*light.shape)))
@@ -140,6 +140,6 @@ def _in_sensor_axes(s: Situation, light: np.ndarray) -> np.ndarray:
 
 
 def _path(s: Situation) -> tuple[float, float]:
-    """Return the path on the sensor that a moving object's simulated speckle takes, metres."""
+    """Return the path on the sensor that a moving object's speckle takes, metres."""
     scale = s.camera.magnification(s.target.distance) * s.exposure
     return s.target.velocity[0] * scale, s.target.velocity[1] * scale

@@ -1,4 +1,4 @@
-"""Draw frames of a picture that doesn't change: only the sensor's noise differs between them."""
+"""Frames of a picture that doesn't change: only the sensor's noise differs between them."""
 
 from __future__ import annotations
 
@@ -21,28 +21,21 @@ from simulator.recipe import Recipe
 
 @dataclass(frozen=True)
 class FrameSimulationSettings:
-    """Tune how the noise of simulated frames is drawn.
+    """Tune how noise is drawn.
 
-    Attributes
-    ----------
-    block_pixels : int
-        Pixels that are drawn together, with a seed of their own. Chosen so that they stay in a
-        core's memory, and torch doesn't divide them among threads.
-    min_read_noise : float
-        Electrons of read noise from which on the whole numbers of electrons can't be seen:
-        e^(-π²/2) of a step is left.
-    clipping_sigmas : float
-        Standard deviations from the full well at which a pixel surely is, or isn't, full. Chosen.
-    min_merged_electrons : float
-        Mean electrons from which on a normal distribution with the right third moment stands for
-        shot and read noise together: their distributions differ by 6e-5.
-    min_skewed_electrons : float
-        Mean electrons from which on a skewed normal distribution replaces Poisson's: they differ
-        by 1e-8, and by 1e-6 together with read noise.
-    max_scattered_share : float
-        Share of a block's pixels up to which those that must be drawn stage by stage are drawn
-        once more, together with such pixels of other blocks. Above, all of the block are drawn
-        stage by stage, which takes three times as long (measured).
+    block_pixels: pixels that are drawn together, with a seed of their own. Chosen so that they stay
+        in a core's memory, and torch doesn't divide them among threads.
+    min_read_noise: electrons of read noise from which on the whole numbers of electrons can't be
+        seen: e^(-π²/2) of a step is left.
+    clipping_sigmas: standard deviations from the full well at which a pixel surely is, or isn't,
+        full. Chosen.
+    min_merged_electrons: mean electrons from which on a normal distribution with the right third
+        moment stands for shot and read noise together: their distributions differ by 6e-5.
+    min_skewed_electrons: mean electrons from which on a skewed normal distribution replaces
+        Poisson's: they differ by 1e-8, and by 1e-6 together with read noise.
+    max_scattered_share: share of a block's pixels up to which those that must be drawn stage by
+        stage are drawn once more, together with such pixels of other blocks. Above, all of the
+        block are drawn stage by stage, which takes three times as long (measured).
     """
 
     block_pixels: int = 1 << 15
@@ -102,11 +95,11 @@ class FrameSimulator:
 
     @property
     def bytes(self) -> int:
-        """Return the bytes of memory that the frame simulator keeps."""
+        """Return the bytes of memory that are kept."""
         return sum(block.bytes for block in self._blocks + self._scattered)
 
     def frame(self, generator: torch.Generator) -> NDArray[np.uint16]:
-        """Simulate one raw frame of an unchanged picture, (rows, columns) of digital numbers.
+        """Draw one raw frame, (rows, columns) of digital numbers.
 
         The frame depends on the generator's state alone, and advances it.
         """
@@ -117,7 +110,7 @@ class FrameSimulator:
         return image.reshape(self._shape)
 
     def _draw(self, image: NDArray[np.uint16], blocks: list[tuple[_Block, int]]) -> None:
-        """Draw blocks of pixels of a simulated frame, each with its seed."""
+        """Draw blocks of pixels, each with its seed."""
 
         def draw(some: list[tuple[_Block, int]]) -> None:
             for block, seed in some:
@@ -133,13 +126,13 @@ class FrameSimulator:
 
 
 def _parts(count: int) -> list[slice]:
-    """Return the slices of a simulated frame's pixels whose noise is drawn together."""
+    """Return the slices of pixels whose noise is drawn together."""
     step = _SETTINGS.block_pixels
     return [slice(start, start + step) for start in range(0, count, step)]
 
 
 def _offsets(held: CollectedCharge) -> torch.Tensor | None:
-    """Return the pixels' own offsets in a simulated frame, in electrons, or None without any."""
+    """Return the pixels' own offsets, in electrons, or None without any."""
     return None if isinstance(held.offset, float) else held.offset.flatten()
 
 
@@ -219,7 +212,7 @@ class _Stepwise:
         return held.div_(self._gain).add_(self._black)
 
     def _electrons(self, generator: torch.Generator) -> torch.Tensor:
-        """Draw the electrons of each pixel of a simulated frame, with shot noise."""
+        """Draw the electrons of each pixel, with shot noise."""
         if len(self._few) == len(self._mean):
             return torch.poisson(self._mean, generator=generator)
         noise = torch.empty_like(self._mean).normal_(generator=generator)
@@ -234,7 +227,7 @@ _Way = _Still | _Normal | _Stepwise
 
 @dataclass(frozen=True)
 class _Block:
-    """Hold pixels of simulated frames that are drawn together, and the way they are drawn.
+    """Pixels that are drawn together, and the way they are drawn.
 
     where: their indices in the flat picture.
     """
@@ -249,21 +242,21 @@ class _Block:
 
 
 def _poisson_limit(stages: Stages) -> float:
-    """Return the mean electron number at which the frame simulator stops drawing Poisson noise."""
+    """Return the mean electron number from which on Poisson noise isn't drawn as such."""
     return _SETTINGS.min_skewed_electrons if stages.shot == "Poisson" else FEW_ELECTRONS
 
 
 def _shot(stages: Stages) -> Literal["Gaussian", "skewed"]:
-    """Return which distribution the frame simulator draws for many electrons, not Poisson's."""
+    """Return the distribution that is drawn for many electrons instead of Poisson's."""
     return "Gaussian" if stages.shot == "Gaussian" else "skewed"
 
 
 def _choose_way(
     mean: torch.Tensor, offset: torch.Tensor | None, sensor: Sensor, stages: Stages
 ) -> tuple[_Way, torch.Tensor]:
-    """Return the frame simulator's fastest way to draw pixels as accurately as stage by stage.
+    """Return the fastest way to draw pixels as accurately as stage by stage.
 
-    And the places of those among them for which it isn't accurate: few, or none.
+    With it come the places of those among them for which it isn't accurate: few, or none.
     """
     read = sensor.read_noise if stages.read_noise else 0.0
     chancy = stages.shot != "none"
@@ -293,7 +286,7 @@ def _choose_way(
 def _can_merge_noises(
     mean: torch.Tensor, reach: torch.Tensor, read: float, sensor: Sensor, stages: Stages
 ) -> torch.Tensor:
-    """Return for which pixels the frame simulator may draw shot and read noise as one noise.
+    """Return for which pixels shot and read noise may be drawn as one noise.
 
     These pixels have many electrons, enough read noise to hide their whole numbers, and surely no
     full well.

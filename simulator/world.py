@@ -33,7 +33,7 @@ TYPICAL_EXPOSURE = 0.01
 
 
 def countable_exposure(exposure: float) -> float:
-    """Return the exposure time in seconds that a simulated camera takes for the given one.
+    """Return the exposure time in seconds that a camera takes for the given one.
 
     Cameras count whole microseconds. An exposure that is too short for any stays as it is.
     """
@@ -87,9 +87,7 @@ class World:
         self.force(forced or {})
 
     def force(self, forced: Mapping[str, str | bool]) -> None:
-        """Force effects of the simulator on (True), off (False) or to a named level.
-
-        Effects are forced whatever error that causes.
+        """Force effects on (True), off (False) or to a named level, whatever error that causes.
 
         Raises ValueError at once, not with the first picture, for an effect that doesn't exist, for
         a level that it doesn't have, or for an effect that is on and requires one that is off.
@@ -97,12 +95,12 @@ class World:
         self.imaging.force(forced, self.situation())
 
     def forget(self) -> None:
-        """Remove the simulator's computed pictures and intermediate results from the caches."""
+        """Remove computed pictures and intermediate results from the caches."""
         self.imaging.forget()
 
     @property
     def wavelength(self) -> float:
-        """Return the centre of the band that the simulator's filter transmits, in metres."""
+        """Return the centre of the filter's band, in metres."""
         return self.band.centre
 
     @wavelength.setter
@@ -111,7 +109,7 @@ class World:
 
     @property
     def bandwidth(self) -> float:
-        """Return the full width at half maximum of the simulator's filter band in metres."""
+        """Return the full width at half maximum of the filter's band in metres."""
         return self.band.fwhm
 
     @bandwidth.setter
@@ -121,7 +119,7 @@ class World:
     def begin_frame(
         self, run: int, step: int, frame: int, *, index: int = 0, start_time: float = 0
     ) -> None:
-        """Begin a frame of a run on the simulator; these numbers alone set its noise and its time.
+        """Begin a frame of a run; these numbers alone set its noise and its time.
 
         index: of the planned frame. start_time: seconds of the plan at which its exposure begins.
         """
@@ -129,17 +127,14 @@ class World:
         self.faults.frame, self._exposure_start = index, start_time
 
     def random_generator(self) -> torch.Generator:
-        """Return the random generator for one picture of the simulator, a new one at each call."""
+        """Return the random generator for one picture, a new one at each call."""
         state = np.random.SeedSequence([*self._seed, self._draws]).generate_state(2)
         self._draws += 1
         return torch.Generator().manual_seed(int(state[0]) << 31 ^ int(state[1]))
 
     @property
     def grey(self) -> NDArray[np.uint8]:
-        """Return the grey levels (rows, columns) on the simulator's panel.
-
-        For a video they are the grey levels of its first frame.
-        """
+        """Return the panel's grey levels (rows, columns); for a video, those of its first frame."""
         return self._panel_content.first
 
     @grey.setter
@@ -147,14 +142,14 @@ class World:
         self.play(grey[None], math.inf)
 
     def play(self, video: NDArray[np.uint8], frame_time: float) -> None:
-        """Show a video's frames in turn on the simulator's panel, each for `frame_time` seconds.
+        """Show a video's frames in turn on the panel, each for `frame_time` seconds.
 
         video: (n, rows, columns).
         """
         self._panel_content = PanelContent.of(video, frame_time)
 
     def situation(self, exposure: float = TYPICAL_EXPOSURE) -> Situation:
-        """Return the situation of a picture that the simulator takes now.
+        """Return the situation of a picture that is taken now.
 
         Raises ValueError for an exposure in seconds that isn't positive and finite.
         """
@@ -180,7 +175,7 @@ class World:
         bandwidth: float | None = None,
         gain_db: float | None = None,
     ) -> EffectPlan:
-        """Return the simulator's effect plan for a pattern or video on its panel.
+        """Return the effect plan for a pattern or video on the panel.
 
         A video is (n, rows, columns) and is shown at the panel's frame rate. exposure: as a camera
         is asked for it. target, bandwidth, gain_db: the present ones if None. Nothing is rendered.
@@ -199,22 +194,20 @@ class World:
         return self.imaging.plan(asked)
 
     def _true_band(self, band: Band) -> Band:
-        """Return a simulated filter's band with the effective index that it really has."""
+        """Return a filter's band with the effective index that it really has."""
         if self._effective_index is None:
             return band
         return replace(band, effective_index=self._effective_index)
 
     def _amplified_camera(self, gain_db: float) -> Camera:
-        """Return the simulated camera with a gain in decibels beyond its description's."""
+        """Return the camera with a gain in decibels beyond its description's."""
         if not gain_db:
             return self.camera
         sensor = sensor_as_read(self.camera.sensor, amplification_db=gain_db)
         return replace(self.camera, sensor=sensor)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the radiance of the simulator's target through the filter, W/(sr m² m).
-
-        The white parts of the target have this radiance.
+        """Return the radiance of the target's white parts through the filter, W/(sr m² m).
 
         wavelengths: metres, (n,). The filter's transmission is 1 at its peak.
         """
@@ -225,7 +218,7 @@ class World:
     def electron_rates(
         self, exposure: float = TYPICAL_EXPOSURE, check: Callable[[], None] = lambda: None
     ) -> tuple[torch.Tensor, EffectPlan]:
-        """Return the simulator's photo-electrons per second on each pixel, and the effect plan.
+        """Return the photo-electrons per second on each pixel, and the effect plan.
 
         The rates are (rows, columns) float32, means over an exposure in seconds; the exposure
         matters when anything changes with time. check: is called between the steps of a long
@@ -238,14 +231,13 @@ class World:
     def stream(
         self, exposure: float, check: Callable[[], None] = lambda: None
     ) -> tuple[FrameSimulator, EffectPlan]:
-        """Return a frame simulator for the simulator's present situation, and the effect plan."""
+        """Return a frame simulator for the present situation, and the effect plan."""
         s, plan = self._situation_and_plan(exposure, check)
         return self.imaging.stream(s, plan, check), plan
 
     def _situation_and_plan(
         self, exposure: float, check: Callable[[], None]
     ) -> tuple[Situation, EffectPlan]:
-        """Return the simulator's present situation at an exposure, and its effect plan."""
         s = self.situation(exposure)
         check()
         plan = self.imaging.plan(s)

@@ -86,11 +86,11 @@ class Account:
 
     @property
     def error(self) -> float:
-        """The accuracy account's relative L2 error, predicted from sampling and arithmetic."""
+        """The relative L2 error, predicted from sampling and arithmetic."""
         return self.sampling_error.value + self.arithmetic.value
 
     def with_cpu_spent(self, cpu_seconds: float) -> Account:
-        """Return a copy of the accuracy account with the processor time spent, in seconds."""
+        """Return a copy with the processor time spent, in seconds."""
         return replace(self, cpu_spent=cpu_seconds)
 
 
@@ -111,7 +111,7 @@ class Result(Generic[T]):
 
 
 def account_as_dict(account: Account) -> dict[str, Any]:
-    """Convert an account of a result's accuracy and cost to plain data, for tables and files.
+    """Convert an account to plain data, for tables and files.
 
     Parameters
     ----------

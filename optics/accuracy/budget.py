@@ -65,7 +65,7 @@ class MachineSpeed:
 
 @dataclass(frozen=True)
 class Budget:
-    """State a computation's budget: memory, processor time, the machine's speed, and its calls.
+    """What a computation may use: memory, processor time, the machine's speed, and its calls.
 
     What is predicted to need more memory or time is refused before it is begun.
 

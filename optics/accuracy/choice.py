@@ -48,14 +48,14 @@ class CandidateMethod(ABC):
     @property
     @abstractmethod
     def bytes(self) -> int:
-        """The size in bytes of a candidate method's largest arrays, part of its predicted cost."""
+        """The size of the largest arrays, in bytes."""
 
     @abstractmethod
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict a candidate method's cost per call, in processor seconds at a machine's speed."""
+        """Predict the processor time of a call at a machine's speed, in seconds."""
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict a candidate method's cost before its calls, in seconds at a machine's speed.
+        """Predict the processor time before the calls at a machine's speed, in seconds.
 
         It is the processor time of `prepare()` and of what the first call computes for all later
         ones. Zero unless a method states more.
@@ -63,14 +63,12 @@ class CandidateMethod(ABC):
         return 0.0
 
     def total_seconds(self, budget: Budget) -> float:
-        """Predict a candidate method's cost of planning and all of a budget's calls, in seconds."""
+        """Predict the processor time of planning and all of a budget's calls, in seconds."""
         planning = self.planning_seconds(budget.speed)
         return planning + budget.calls * self.cpu_seconds(budget.speed)
 
     def prepare(self) -> None:  # noqa: B027 (many methods prepare nothing)
-        """Prepare a candidate method, or raise ToleranceError if it misses its tolerance.
-
-        The preparation computes what is reused between calls.
+        """Compute what is reused between calls, or raise ToleranceError if the tolerance is missed.
 
         Raises
         ------
@@ -83,7 +81,7 @@ O = TypeVar("O", bound=CandidateMethod)  # noqa: E741
 
 
 def select_methods(methods: Collection[str], method: str | None, what: str = "") -> list[str]:
-    """List the names of all methods to choose from by accuracy and cost, or the requested one.
+    """List the names of all methods, or the requested one alone.
 
     Parameters
     ----------
@@ -158,10 +156,10 @@ class MethodChoice(Generic[O]):
         self.candidates: list[O] = [offer for _, offer in sorted(found, key=lambda one: one[0])]
 
     def _affordable_seconds(self, offer: O) -> float:
-        """Predict the time of a candidate method's plan and all calls, in seconds.
+        """Predict the time of planning and all calls, in seconds.
 
-        Raises ToleranceError if it is beyond the budget of memory, or the plan and one call are
-        beyond that of time.
+        Raises ToleranceError if the method is beyond the budget of memory, or the plan and one call
+        are beyond that of time.
         """
         what, budget = f"{self._what} by {offer.name}", self._budget
         require_memory(what, offer.bytes, budget.memory, self._remedy)
@@ -184,7 +182,7 @@ class MethodChoice(Generic[O]):
         return self.candidates[0].total_seconds(self._budget)
 
     def prepared_candidates(self) -> Iterator[O]:
-        """Yield the candidate methods that keep their tolerance, the cheapest first.
+        """Yield the candidates that keep their tolerance, the cheapest first.
 
         Each is prepared only when the iteration reaches it. One that proves to be dearer than the
         next one comes last.
@@ -209,7 +207,7 @@ class MethodChoice(Generic[O]):
                 yield offer
 
     def refusal(self, tol: float) -> ValueError:
-        """Return the error that says why no candidate method keeps a tolerance.
+        """Return the error that says why no candidate keeps a tolerance.
 
         Its message names the tolerance that could be kept, or what the candidates need.
         """
@@ -274,7 +272,7 @@ class IterationOption:
 
 
 def best_within(budget: float, settings: Sequence[IterationOption]) -> IterationOption:
-    """Choose, by predicted cost, the iterative method that gains most within a time budget.
+    """Choose the iterative method that gains most within a time budget, by predicted times.
 
     Parameters
     ----------

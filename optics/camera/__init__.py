@@ -1,6 +1,6 @@
-"""Describe a camera: panel, lens with its stop, and sensor.
+"""A camera as data, and what its optics alone determines.
 
-`camera` holds the description; `stop` the shapes of stops; `stop_areas`, `stop_rows` and
+`camera` holds panel, lens and sensor; `stop` the shapes of stops; `stop_areas`, `stop_rows` and
 `stop_nodes` what of them is open, and quadrature over it; `pupil` the wave in the stop; and
 `system_mtf` the sharpness and light that the optics predicts.
 """

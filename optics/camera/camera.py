@@ -1,4 +1,4 @@
-"""Describe a camera as data: panel, lens with its errors, and sensor."""
+"""A camera as data: panel, lens with its errors, and sensor."""
 
 from __future__ import annotations
 
@@ -31,9 +31,12 @@ first are right to 1e-6, and each step squares that."""
 class RadialDistortion:
     """Brown's model: a point at height r is imaged at r (1 + k1 t² + k2 t⁴), t = r / distance.
 
-    coefficients: k1 and k2. distance: from the lens to the sensor in metres, so that k1 and k2 are
-    those that OpenCV's calibration finds. Beyond the height at which the image would fold back, it
-    stays there. Brown 1971, Close-range camera calibration.
+    coefficients: k1 and k2.
+    distance: from the lens to the sensor in metres, so that k1 and k2 are those that OpenCV's
+        calibration finds.
+
+    Beyond the height at which the image would fold back, it stays there. Brown 1971, Close-range
+    camera calibration.
     """
 
     def __init__(self, coefficients: Sequence[float], distance: float) -> None:
@@ -65,7 +68,7 @@ class RadialDistortion:
         return found
 
     def area_gain(self, height: Array) -> Array:
-        """Return how much larger areas at undistorted heights are imaged than without it."""
+        """Return by how much areas at undistorted heights, metres, are enlarged."""
         u = (np.minimum(height, self.fold) / self.distance) ** 2
         radial = 1 + 3 * self.k1 * u + 5 * self.k2 * u**2
         return np.asarray((1 + self.k1 * u + self.k2 * u**2) * np.maximum(radial, 0))
@@ -82,7 +85,7 @@ the image changes, too."""
 
 @dataclass(frozen=True)
 class Lens:
-    """Describe a lens with its stop.
+    """A lens with its stop.
 
     Lengths and aberrations may be 0-d tensors: a PSF is differentiable in them.
 
@@ -199,7 +202,7 @@ class Lens:
 
     @property
     def radial_distortion(self) -> RadialDistortion | None:
-        """The camera lens' distortion of image heights; None for a lens that doesn't distort."""
+        """How image heights are distorted; None without distortion."""
         if not any(self.distortion):
             return None
         return RadialDistortion(self.distortion, as_number(self.image_distance))
@@ -210,7 +213,7 @@ class Lens:
         return colour_curve_at("axial_colour", self.axial_colour, wavelength, most)
 
     def image_scale(self, wavelength: float) -> float:
-        """Return how much larger than by `magnification` the lens images light of a wavelength."""
+        """Return how much larger than by `magnification` light of a wavelength is imaged."""
         curve = self.lateral_colour
         return 1 + colour_curve_at("lateral_colour", curve, wavelength, MAX_SCALE_CHANGE)
 
@@ -234,12 +237,12 @@ class Lens:
 
     @property
     def stop_diameter(self) -> float:
-        """The diameter in metres of the lens model's stop: focal length over f-number."""
+        """The stop's diameter in metres: focal length over f-number."""
         return self.focal_length / self.f_number
 
     @property
     def image_distance(self) -> float:
-        """The distance in metres from the camera's lens to its sensor.
+        """The distance in metres from the lens to the sensor.
 
         It follows from the thin-lens equation at `focus_distance`.
         """
@@ -247,7 +250,7 @@ class Lens:
 
     @property
     def image_numerical_aperture(self) -> float:
-        """The lens' numerical aperture on the image side, from the steepest ray behind it.
+        """The numerical aperture on the image side, from the steepest ray behind the lens.
 
         It is the sine of that ray's angle to the axis. For a thin lens it is the tangent, which is
         the same to paraxial order.
@@ -256,18 +259,18 @@ class Lens:
 
     @property
     def has_quadratic_phase(self) -> bool:
-        """Whether the lens model's phase is quadratic: a thin lens without aberrations."""
+        """Whether the phase is quadratic: a thin lens without aberrations."""
         return self.kind == "thin" and not self.aberrations
 
     @property
     def has_clear_stop(self) -> bool:
-        """Whether the lens model has an unobstructed, circular stop."""
+        """Whether the stop is an unobstructed circle."""
         return self.stop == Stop(Circle())
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Describe a programmable camera: a panel in front of a lens in front of a sensor.
+    """A programmable camera: a panel in front of a lens in front of a sensor.
 
     Parameters
     ----------
@@ -384,7 +387,7 @@ class Camera:
 
     @property
     def ray_matrix_b(self) -> float:
-        """The camera's ray-matrix element B: metres on the sensor per unit slope at the panel.
+        """The ray-matrix element B: metres on the sensor per unit slope at the panel.
 
         It is the element B of the ray matrix from panel to sensor, z1 + z2 - z1 z2 / f (thesis Fig.
         5.2), which with the thin-lens equation is z2 (1 - z1 / focus_distance). It equals
@@ -395,7 +398,7 @@ class Camera:
         return lens.image_distance * (1 - self.separation / lens.focus_distance)
 
     def magnification(self, distance: float) -> float:
-        """Compute the camera lens' magnification, metres on the sensor per metre at an object.
+        """Compute the magnification, metres on the sensor per metre at an object.
 
         The object is `distance` metres from the panel; for ``math.inf`` the magnification is 0. It
         is the magnification along the chief ray, through the middle of the lens. The image is

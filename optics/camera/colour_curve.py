@@ -18,7 +18,8 @@ linearly; beyond the ends the curve goes on as straight as between its last two 
 def require_colour_curve(name: str, curve: ColourCurve, most: float, unit: str) -> None:
     """Raise ValueError unless a curve is empty, or has wavelengths that rise and finite values.
 
-    most: largest size of a value. unit: of the values, for the message.
+    most: largest size of a value.
+    unit: of the values, for the message.
     """
     if not curve:
         return

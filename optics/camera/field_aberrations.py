@@ -1,4 +1,4 @@
-"""Aberrations of a lens that grow from the axis to the edge of its field (Seidel's)."""
+"""Aberrations that grow from the axis to the edge of a lens' field (Seidel's)."""
 
 from __future__ import annotations
 
@@ -16,32 +16,21 @@ ZernikeTerms = tuple[tuple[int, int, float], ...]
 
 @dataclass(frozen=True)
 class FieldAberrations:
-    """Describe a lens' wavefront by Seidel's coefficients at the edge of its field.
+    """A wavefront by Seidel's coefficients at the edge of the field.
 
     At the relative image height H, a vector in the direction of the point's image, the optical path
-    at the pupil's place v, a vector in stop radii, is W131 v² (v·H) + W222 (v·H)² + W220 v² H².
-    It is relative to the point's paraxial image, so that coma moves the middle of the light. With
-    positive coefficients, coma points outwards, and light off the axis meets behind the sensor.
+    at the pupil's place v, a vector in stop radii, is W131 v² (v·H) + W222 (v·H)² + W220 v² H². It
+    is relative to the point's paraxial image, so that coma moves the middle of the light. With
+    positive coefficients, coma points outwards, and light off the axis meets behind the sensor
+    (Welford 1986, Aberrations of Optical Systems, chapters 7 and 8).
 
-    Parameters
-    ----------
-    height : float
-        Image height in metres at which the coefficients hold.
-    coma : float, optional
-        W131 in metres of optical path.
-    astigmatism : float, optional
-        W222 in metres: the difference of tangential and sagittal focus.
-    curvature : float, optional
-        W220 in metres: the curvature of the sagittal field.
+    height: image height in metres at which the coefficients hold.
+    coma: W131 in metres of optical path.
+    astigmatism: W222 in metres: the difference of tangential and sagittal focus.
+    curvature: W220 in metres: the curvature of the sagittal field.
 
-    Raises
-    ------
-    ValueError
-        If the height isn't positive, or a coefficient isn't finite or is too large to be meant.
-
-    References
-    ----------
-    Welford 1986, Aberrations of Optical Systems, chapters 7 and 8.
+    Raises ValueError if the height isn't positive, or a coefficient isn't finite or is too large to
+    be meant.
     """
 
     height: float

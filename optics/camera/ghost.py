@@ -1,4 +1,4 @@
-"""Ghosts of a lens: dim, defocused copies of the picture, by reflection between two surfaces."""
+"""Dim, defocused copies of the picture, by reflection between two surfaces of a lens."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SMALLEST, _LARGEST = 1e-3, 1e3
 
 @dataclass(frozen=True)
 class Ghost:
-    """Describe one ghost of a lens, to paraxial order.
+    """One ghost of a lens, to paraxial order.
 
     Light that two surfaces reflect once each goes through the lens a second time with another ray
     matrix. A point at image height r then makes a disc around the height `magnification` times r:
@@ -65,17 +65,17 @@ class Ghost:
 
     @property
     def brightness(self) -> float:
-        """The ghost's light on a pixel over the picture's, where the object is even and wide."""
+        """Light on a pixel over the picture's, where the object is even and wide."""
         return self.share / self.magnification**2
 
 
 def total_share(ghosts: Sequence[Ghost]) -> float:
-    """Return the share of the light that all ghosts of a lens take from the picture."""
+    """Return the share of the light that all ghosts take from the picture."""
     return sum(one.share for one in ghosts)
 
 
 def require_ghosts(ghosts: Sequence[Ghost]) -> None:
-    """Raise ValueError if ghosts of a lens have more than all of the light."""
+    """Raise ValueError if ghosts have more than all of the light."""
     total = total_share(ghosts)
     if total > 1:
         raise ValueError(
@@ -85,7 +85,7 @@ def require_ghosts(ghosts: Sequence[Ghost]) -> None:
 
 
 def ghost_field(ghosts: Sequence[Ghost], half: Sequence[float]) -> tuple[float, float]:
-    """Return from how far beside the frame ghosts of a lens bring light into it, (y, x) metres.
+    """Return from how far beside the frame ghosts bring light into it, (y, x) metres.
 
     half: half the sides of the frame, (y, x) metres.
     """

@@ -1,4 +1,4 @@
-"""Compute the wave in a lens' stop, and the stop as a panel before the lens sees it."""
+"""The wave in a lens' stop, and the stop as a panel before the lens sees it."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ _SLOPE_MARGIN = 1.1
 
 
 def pupil_amplitude(camera: Camera) -> torch.Tensor:
-    """Compute the lens' pupil amplitude: each panel pixel's share inside the stop.
+    """Compute each panel pixel's share inside the stop, (rows, columns), float64.
 
-    The result is (rows, columns). Edge pixels get the share of their covered area; with a jagged
-    edge the error would be four times as large. The float64 tensor is cached, so don't write into
-    it. It is differentiable twice in the stop's diameter.
+    Edge pixels get the share of their covered area; with a jagged edge the error would be four
+    times as large. The tensor is cached, so don't write into it. It is differentiable twice in the
+    stop's diameter.
     """
     return _open_shares(camera.lens.stop, camera.lens.stop_diameter / 2, camera.panel.plane)
 
 
 def open_area(camera: Camera) -> Scalar:
-    """Compute the area of the camera's pupil that panel and stop leave open, in square metres.
+    """Compute the area that panel and stop leave open, in square metres.
 
     Both are treated as if they stood in one plane. It is a number, or a tensor that is
     differentiable twice in the stop's diameter if that is one.
@@ -65,7 +65,7 @@ def open_area(camera: Camera) -> Scalar:
 
 
 def _open_shares(stop: Stop, radius: Scalar, plane: Plane) -> torch.Tensor:
-    """Compute the share of each cell of a plane that the pupil's stop leaves open."""
+    """Compute the share of each cell of a plane that a stop leaves open; radius in metres."""
     if not needs_gradient(radius):
         return _cached_shares(stop, as_number(radius), plane, 0)
     shares: torch.Tensor = apply_function(_OpenShares, radius, stop, plane, 0)
@@ -75,7 +75,7 @@ def _open_shares(stop: Stop, radius: Scalar, plane: Plane) -> torch.Tensor:
 # 64 MiB hold three pupils of a panel of 1920 x 1080 pixels, or one of 3840 x 2160.
 @byte_limited_cache(64 << 20)
 def _cached_shares(stop: Stop, radius: float, plane: Plane, order: int) -> torch.Tensor:
-    """Compute open shares of a pupil's cells, or their derivative in the radius of this order."""
+    """Compute the open shares, or their derivative in the radius of order 1 or 2."""
     if order == 0:
         return coverage(stop, radius, plane)
     if order == 1:
@@ -89,7 +89,7 @@ def _cached_shares(stop: Stop, radius: float, plane: Plane, order: int) -> torch
 
 
 class _OpenShares(torch.autograd.Function):
-    """The autograd function of the open shares of a pupil's cells, and of their derivative."""
+    """The open shares as a function of the radius, or their derivative of the order given."""
 
     @staticmethod
     def forward(
@@ -113,7 +113,7 @@ class _OpenShares(torch.autograd.Function):
 
 
 def require_open_pupil(camera: Camera) -> None:
-    """Raise ValueError if the camera's pupil is closed: its stop passes no light of the panel."""
+    """Raise ValueError if the stop passes no light of the panel."""
     if not open_area(camera) > 0:
         raise ValueError(
             "the stop or what obscures it covers the whole panel: no light passes; open it "
@@ -122,7 +122,7 @@ def require_open_pupil(camera: Camera) -> None:
 
 
 def require_valid_source(distance: Scalar, wavelength: Scalar) -> None:
-    """Raise an error unless a camera's object distance and wavelength are positive lengths."""
+    """Raise an error unless an object's distance and a wavelength are positive lengths."""
     require_number("distance", distance, "m")
     require_number("wavelength", wavelength, "m")
     distance = as_number(distance)
@@ -139,10 +139,11 @@ def require_valid_source(distance: Scalar, wavelength: Scalar) -> None:
 
 
 def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
-    """Estimate the lens model's error against scalar diffraction by an ideal lens.
+    """Estimate how far the lens' wave is from scalar diffraction by an ideal lens.
 
     The parabola of a thin lens differs from the sphere by r⁴/8z³ of path. Both kinds of lens leave
-    out the obliquity of the steepest rays. radius: metres from the axis to the farthest light.
+    out the obliquity of the steepest rays.
+    radius: metres from the axis to the farthest light.
     """
     z = lens.image_distance
     sine = radius / z
@@ -155,7 +156,7 @@ def model_error(lens: Lens, wavelength: float, radius: float) -> ErrorEstimate:
 
 
 def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
-    """Compute the camera lens' optical cut-off frequency on the sensor, in cycles per metre.
+    """Compute the optical cut-off on the sensor, in cycles per metre.
 
     It is the larger one of `cutoff_frequencies`.
     """
@@ -163,10 +164,10 @@ def cutoff_frequency(optics: Camera | Lens, wavelength: float) -> float:
 
 
 def cutoff_frequencies(optics: Camera | Lens, wavelength: float) -> tuple[float, float]:
-    """Compute the camera lens' cut-off frequencies along y and x, in cycles per metre.
+    """Compute the optical cut-offs along y and x, in cycles per metre on the sensor.
 
-    A pixel that the stop cuts counts with its whole width, which reaches beyond the stop. Behind
-    a panel that stands apart from the lens the whole stop is lit.
+    A pixel that the stop cuts counts with its whole width, which reaches beyond the stop. Behind a
+    panel that stands apart from the lens the whole stop is lit.
     """
     lens = optics if isinstance(optics, Lens) else optics.lens
     widths = (lens.stop_diameter, lens.stop_diameter)
@@ -180,7 +181,7 @@ def cutoff_frequencies(optics: Camera | Lens, wavelength: float) -> tuple[float,
 
 
 def _lit_width(camera: Camera, count: int) -> float:
-    """Return the width of the camera's lit pupil along an axis of the panel with `count` pixels."""
+    """Return the lit width in metres along an axis of the panel with `count` pixels."""
     lens, pitch = camera.lens, camera.panel.pitch
     open_width = min(lens.stop_diameter + 2 * pitch, count * pitch)
     if not camera.separation:
@@ -190,30 +191,31 @@ def _lit_width(camera: Camera, count: int) -> float:
 
 
 def object_to_lens_distance(camera: Camera, distance: Scalar) -> Scalar:
-    """Return the distance from a camera's lens to an object `distance` metres before its panel."""
+    """Return the distance from the lens to an object `distance` metres before the panel."""
     return distance + camera.separation
 
 
 def vergence_error(lens: Lens, distance: Scalar) -> Scalar:
-    """Compute a lens' vergence error 1/d + 1/z - 1/f for an object at `distance`, in dioptres.
+    """Compute 1/d + 1/z - 1/f for an object at the distance d, in dioptres.
 
-    The error is zero for an object in focus.
+    It is zero for an object in focus.
     """
     return 1 / distance - 1 / lens.focus_distance
 
 
 def defocus_curvature(lens: Lens, distance: Scalar, wavelength: Scalar) -> Scalar:
-    """Compute a lens' paraxial defocus over its pupil, radians per square metre of r²."""
+    """Compute the paraxial phase of defocus, radians per square metre of r²."""
     return math.pi / wavelength * vergence_error(lens, distance)
 
 
 def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """Compute the optical path of a lens' defocus in metres, at points in the pupil.
+    """Compute the optical path of defocus in metres, at points in the pupil.
 
-    r2: squared distance of the points from the axis, square metres. The path is the sum of the
-    object's spherical wave, the lens, and the wave that converges on the sensor. It is quadratic
-    for a thin lens (thesis Eq. 2.14), and a difference of two spheres for a stigmatic one, in a
-    form that loses no digits. In focus it is exactly zero.
+    r2: squared distance of the points from the axis, square metres.
+
+    The path is the sum of the object's spherical wave, the lens, and the wave that converges on the
+    sensor. It is quadratic for a thin lens (thesis Eq. 2.14), and a difference of two spheres for a
+    stigmatic one, in a form that loses no digits. In focus it is exactly zero.
     """
     if lens.kind == "thin":
         return vergence_error(lens, distance) / 2 * r2
@@ -221,17 +223,17 @@ def defocus_path(lens: Lens, distance: Scalar, r2: torch.Tensor) -> torch.Tensor
 
 
 def _sag(vergence: Scalar, r2: torch.Tensor) -> torch.Tensor:
-    """Compute a pupil wavefront's sag sqrt(d² + r²) - d for d = 1 / vergence, also infinite d."""
+    """Compute the sag sqrt(d² + r²) - d of a sphere for d = 1 / vergence, also infinite d."""
     return r2 * vergence / (1 + torch.sqrt(1 + r2 * vergence**2))
 
 
 def pupil_phase(
     lens: Lens, distance: Scalar, wavelength: Scalar, y: torch.Tensor, x: torch.Tensor
 ) -> torch.Tensor:
-    """Compute a lens' pupil phase for a point's light in radians (thesis Eq. 3.2), float64.
+    """Compute the phase of a point's light in the stop in radians (thesis Eq. 3.2), float64.
 
-    The phase is the sum of defocus and aberrations. y, x: in units of the stop's radius; they
-    broadcast.
+    It is the sum of defocus and aberrations.
+    y, x: in units of the stop's radius; they broadcast.
     """
     r2 = (y**2 + x**2) * (lens.stop_diameter / 2) ** 2
     path = defocus_path(lens, distance, r2)
@@ -241,7 +243,7 @@ def pupil_phase(
 
 
 def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -> torch.Tensor:
-    """Compute the lens' pupil phase at the panel's pixel centres, (rows, columns), in radians."""
+    """Compute the phase at the panel's pixel centres, (rows, columns), in radians."""
     radius = camera.lens.stop_diameter / 2
     y, x = camera.panel.plane.mesh()
     return pupil_phase(camera.lens, distance, wavelength, y / radius, x / radius)
@@ -250,10 +252,12 @@ def pupil_phase_on_panel(camera: Camera, distance: Scalar, wavelength: Scalar) -
 def phase_slope_bound(
     lens: Lens, distance: float, wavelength: float, tilt: float
 ) -> PhaseSlopeBound:
-    """Bound the slope of a lens' pupil phase, for the choice of quadrature nodes.
+    """Bound how fast the phase in the stop changes, for the choice of quadrature nodes.
 
-    tilt: the slope that belongs to the farthest image sample. The bound is analytic for pure
-    defocus. With aberrations it is found from samples along rays and circles.
+    tilt: the slope that belongs to the farthest image sample.
+
+    The bound is analytic for pure defocus. With aberrations it is found from samples along rays and
+    circles.
     """
     radius = lens.stop_diameter / 2
     if not lens.aberrations:
@@ -284,17 +288,17 @@ def phase_slope_bound(
 
 
 def open_pupil_radius(camera: Camera) -> float:
-    """Return the largest distance from the axis to the camera's open pupil's edge, in metres."""
+    """Return the largest distance from the axis to light in the stop, in metres."""
     return min(camera.lens.stop_diameter / 2, panel_half_diagonal(camera))
 
 
 def panel_half_diagonal(camera: Camera) -> float:
-    """Return the distance from the camera's optical axis to its panel's corner, in metres."""
+    """Return the distance from the axis to the panel's corner, in metres."""
     return math.hypot(*(n * camera.panel.pitch for n in camera.panel.shape)) / 2
 
 
 def phase_step_per_pixel(camera: Camera, distance: float, wavelength: float) -> float:
-    """Compute the lens' largest pupil phase change across an open panel pixel, in radians."""
+    """Compute the largest change of the phase across an open panel pixel, in radians."""
     lens, panel = to_plain_numbers(camera.lens), camera.panel
     radius = lens.stop_diameter / 2
     if lens.aberrations:
@@ -311,7 +315,7 @@ def phase_step_per_pixel(camera: Camera, distance: float, wavelength: float) -> 
 
 
 def _largest_pixel_phase_step(camera: Camera, distance: float, wavelength: float) -> float:
-    """Compute the lens' largest pupil phase change between a panel pixel's corners, in radians.
+    """Compute the largest change of the phase between a panel pixel's corners, in radians.
 
     Only pixels that are at least partly open count, because Zernike polynomials grow fast beyond
     the stop.
@@ -330,14 +334,14 @@ def _largest_pixel_phase_step(camera: Camera, distance: float, wavelength: float
 
 
 def numeric_camera(camera: Camera) -> Camera:
-    """Return a camera model with plain numbers in place of its lens' and separation's tensors."""
+    """Return the camera with plain numbers in place of its lens' and separation's tensors."""
     return replace(
         camera, lens=to_plain_numbers(camera.lens), separation=as_number(camera.separation)
     )
 
 
 def panel_to_focus_distance(camera: Camera) -> float:
-    """Return the distance from the camera's panel to the plane in focus, in metres.
+    """Return the distance from the panel to the plane in focus, in metres.
 
     Raises ValueError for a panel in that plane or beyond it: the lens then images the panel's
     pixels, and the light of an object in focus doesn't reach the panel as a spreading wave.
@@ -352,14 +356,14 @@ def panel_to_focus_distance(camera: Camera) -> float:
 
 
 def with_stop_shadow_on_panel(camera: Camera) -> Camera:
-    """Return a camera model whose lens pupil lies on the panel, as large as the stop's shadow.
+    """Return the camera with its stop on the panel, as large as its shadow there.
 
-    Light of a point in focus, d metres before the panel, spreads by the factor
-    1 + separation / d on its way to the stop. The light that passes therefore comes from an area
-    on the panel that is smaller by this factor. This is geometric optics; diffraction blurs the
-    shadow's rim over sqrt(wavelength separation). The returned camera is valid for its panel, its
-    stop and their open area, but not for lengths behind the lens. It is the given camera if panel
-    and lens are in one plane.
+    Light of a point in focus, d metres before the panel, spreads by the factor 1 + separation / d
+    on its way to the stop. The light that passes therefore comes from an area on the panel that is
+    smaller by this factor. This is geometric optics; diffraction blurs the shadow's rim over
+    sqrt(wavelength separation). The returned camera is valid for its panel, its stop and their open
+    area, but not for lengths behind the lens. It is the given camera if panel and lens are in one
+    plane.
 
     Raises ValueError under the same conditions as panel_to_focus_distance().
     """
@@ -371,16 +375,16 @@ def with_stop_shadow_on_panel(camera: Camera) -> Camera:
 
 
 def share_through_stop(camera: Camera, distance: float, field: tuple[float, float]) -> float:
-    """Compute the share of a point's light on the camera's panel that passes the lens.
+    """Compute the share of a point's light on the panel that passes the lens, by geometric optics.
 
-    This is geometric optics. distance: metres from the point to the panel, math.inf allowed. field:
-    metres (y, x) on the sensor from the axis to the point's image. As in a PSF, the share is
-    relative to the light that panel and stop would both pass if they stood in one plane.
+    distance: metres from the point to the panel, math.inf allowed.
+    field: metres (y, x) on the sensor from the axis to the point's image.
 
-    The ray through the middle of the lens has the slope field / image distance and meets the
-    panel at -separation times this slope, in the middle of the stop's shadow. Light that a
-    pattern deflects isn't considered. Raises ValueError for a stop and a panel without common
-    area.
+    As in a PSF, the share is relative to the light that panel and stop would both pass if they
+    stood in one plane. The ray through the middle of the lens has the slope field / image distance
+    and meets the panel at -separation times this slope, in the middle of the stop's shadow. Light
+    that a pattern deflects isn't considered. Raises ValueError for a stop and a panel without
+    common area.
     """
     whole = open_area(camera)
     if not whole:

@@ -1,4 +1,4 @@
-"""Define the open area of a stop: a circle or polygon, less obscurations.
+"""The open area of a stop: a circle or polygon, less obscurations.
 
 Lengths are in units of the stop's radius, which is the radius of the circle around it. Every open
 area is described by its boundary alone. Its area and its share of each cell of a grid follow from
@@ -30,7 +30,7 @@ _MOST_CORNERS = 5000
 
 @dataclass(frozen=True)
 class Circle:
-    """A disc as part of a stop's shape; radius and centre (y, x) in stop radii."""
+    """A disc of an opening or an obscuration; radius and centre (y, x) in stop radii."""
 
     radius: float = 1.0
     centre: Point = (0.0, 0.0)
@@ -43,18 +43,18 @@ class Circle:
 
     @property
     def extent(self) -> tuple[Point, Point]:
-        """The lowest and the highest y and x of this part of the stop's shape."""
+        """The lowest and the highest y and x."""
         (y, x), r = self.centre, self.radius
         return (y - r, x - r), (y + r, x + r)
 
     def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
-        """Tell which points lie in this circular part of the stop's shape."""
+        """Tell which points lie in the disc."""
         return np.hypot(y - self.centre[0], x - self.centre[1]) <= self.radius
 
 
 @dataclass(frozen=True)
 class Polygon:
-    """A simple polygon as part of a stop's shape; corners (y, x) in stop radii, in either order."""
+    """A simple polygon; corners (y, x) in stop radii, in either order."""
 
     corners: tuple[Point, ...]
 
@@ -81,7 +81,7 @@ class Polygon:
 
     @functools.cached_property
     def is_star(self) -> bool:
-        """Whether the whole outline of this polygon of the stop is seen from the axis."""
+        """Whether the whole outline is seen from the axis."""
         p = np.asarray(self.corners)
         q = np.roll(p, -1, axis=0)
         turns = np.arctan2(p[:, 1] * q[:, 0] - p[:, 0] * q[:, 1], (p * q).sum(1))
@@ -89,7 +89,6 @@ class Polygon:
 
     @property
     def is_convex(self) -> bool:
-        """Whether this polygon of the stop's shape is convex."""
         return all(
             _cross(a, b, c) >= -NEGLIGIBLE
             for (a, b), (_, c) in zip(self.edges, self.edges[1:] + self.edges[:1], strict=True)
@@ -97,12 +96,12 @@ class Polygon:
 
     @property
     def extent(self) -> tuple[Point, Point]:
-        """The lowest and the highest y and x of this part of the stop's shape."""
+        """The lowest and the highest y and x."""
         y, x = zip(*self.corners, strict=True)
         return (min(y), min(x)), (max(y), max(x))
 
     def contains(self, y: Array, x: Array) -> NDArray[np.bool_]:
-        """Tell which points lie in this polygonal part of the stop's shape."""
+        """Tell which points lie in the polygon."""
         inside = np.zeros(np.broadcast_shapes(np.shape(y), np.shape(x)), dtype=bool)
         for (y0, x0), (y1, x1) in self.edges:
             crosses = (y0 > y) != (y1 > y)
@@ -115,15 +114,16 @@ Shape = Circle | Polygon
 
 
 def rectangle(height: float, width: float, centre: Point = (0.0, 0.0)) -> Polygon:
-    """Make an upright rectangle for a stop; lengths in stop radii."""
+    """Make an upright rectangle; lengths in stop radii."""
     (y, x), v, u = centre, height / 2, width / 2
     return Polygon(((y - v, x - u), (y - v, x + u), (y + v, x + u), (y + v, x - u)))
 
 
 def regular_polygon(sides: int, radius: float = 1.0, turn: float = 0.0) -> Polygon:
-    """Make the opening of a stop with straight blades: a regular polygon.
+    """Make the opening between straight blades: a regular polygon.
 
-    radius: of the circle through its corners, in stop radii. turn: rotation in radians.
+    radius: of the circle through its corners, in stop radii.
+    turn: rotation in radians.
     """
     if not 3 <= sides <= _MOST_CORNERS:
         raise ValueError(
@@ -136,13 +136,13 @@ def regular_polygon(sides: int, radius: float = 1.0, turn: float = 0.0) -> Polyg
 
 @dataclass(frozen=True)
 class Segment:
-    """A straight piece of a stop's boundary."""
+    """A straight piece of a boundary."""
 
     start: Point
     end: Point
 
     def points(self, t: Array) -> tuple[Array, Array]:
-        """Return the points (y, x) of a straight edge of the stop at parameters t, from 0 to 1."""
+        """Return the points (y, x) at parameters t, from 0 to 1."""
         (y0, x0), (y1, x1) = self.start, self.end
         return y0 + t * (y1 - y0), x0 + t * (x1 - x0)
 
@@ -151,7 +151,7 @@ class Segment:
         return np.full_like(t, y1 - y0), np.full_like(t, x1 - x0)
 
     def crossings(self, axis: int, level: Array) -> Array:
-        """Return the parameters t at which a straight edge of the stop crosses the levels.
+        """Return the parameters t at which the piece crosses levels.
 
         A level is a value of the coordinate `axis`, 0 for y and 1 for x.
         """
@@ -164,7 +164,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Arc:
-    """A circular piece of a stop's boundary, between two angles in radians from x towards y."""
+    """A circular piece of a boundary, between two angles in radians from x towards y."""
 
     centre: Point
     radius: float
@@ -198,14 +198,14 @@ Piece = Segment | Arc
 
 @dataclass(frozen=True)
 class Loop:
-    """A closed boundary of a stop; the area inside it counts `sign` times."""
+    """A closed boundary; the area inside it counts `sign` times."""
 
     pieces: tuple[Piece, ...]
     sign: int = 1
 
     @property
     def area(self) -> float:
-        """The signed area inside a loop of the stop's boundary, in square stop radii.
+        """The signed area inside, in square stop radii.
 
         Green's theorem gives it as an integral along the loop. 24 nodes make it exact to rounding,
         for arcs and segments.
@@ -248,7 +248,7 @@ class Stop:
 
     @functools.cached_property
     def loops(self) -> tuple[Loop, ...]:
-        """The stop's boundary: the opening, less each obscuration, plus overlaps of pairs.
+        """The boundary: the opening's, less each obscuration, plus overlaps of pairs.
 
         An overlap is added because both obscurations subtract it.
         """
@@ -259,7 +259,7 @@ class Stop:
         return tuple(loop for loop in found if loop is not None)
 
     def _overlap_in_opening(self, a: Shape, b: Shape, c: Shape) -> bool:
-        """Tell whether three obscurations overlap inside the stop's opening.
+        """Tell whether three obscurations overlap inside the opening.
 
         Touching isn't overlapping: vanes that end where others begin share corners.
         """
@@ -291,12 +291,12 @@ class Stop:
 
     @property
     def area(self) -> float:
-        """The open area of the aperture stop in square stop radii."""
+        """The open area in square stop radii."""
         return sum(loop.area for loop in self.loops)
 
     @property
     def annulus_radii(self) -> tuple[float, float] | None:
-        """The inner and outer radius of a stop that is a disc or an annulus, else None."""
+        """The inner and outer radius of a disc or an annulus, else None."""
         if not isinstance(self.opening, Circle) or any(self.opening.centre):
             return None
         if not self.obscurations:
@@ -308,7 +308,7 @@ class Stop:
 
     @property
     def rectangle_bounds(self) -> tuple[float, float, float, float] | None:
-        """The limits (low y, high y, low x, high x) of an upright rectangular stop, else None."""
+        """The limits (low y, high y, low x, high x) of an upright rectangle, else None."""
         if self.obscurations or not isinstance(self.opening, Polygon):
             return None
         if len(self.opening.corners) != 4:
@@ -320,7 +320,7 @@ class Stop:
 
 
 def _near_triples(shapes: Sequence[Shape]) -> Iterator[tuple[Shape, ...]]:
-    """Yield the triples of a stop's shapes of which each two may overlap, by their extents."""
+    """Yield the triples of shapes of which each two may overlap, by their extents."""
     low, high = (np.array([one.extent[end] for one in shapes]).reshape(-1, 2) for end in (0, 1))
     near: NDArray[np.bool_] = np.all((low[:, None] <= high) & (low <= high[:, None]), axis=-1)
     for i, j in np.argwhere(np.triu(near, 1)).tolist():
@@ -335,9 +335,9 @@ def _shoelace(corners: Sequence[Point]) -> float:
 
 
 def _cross(a: Point, b: Point, c: Point) -> float:
-    """Return the cross product of the vectors ab and ac between points of a stop's shape.
+    """Return the cross product of the vectors ab and ac.
 
-    The product is positive for a turn from x towards y.
+    It is positive for a turn from x towards y.
     """
     return (b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])
 
@@ -355,7 +355,7 @@ def _crosses_itself(corners: Sequence[Point]) -> bool:
 
 
 def _on_both_sides(start: Array, end: Array, c: Array, d: Array) -> NDArray[np.bool_]:
-    """Tell whether c and d lie on different sides of the line through an edge of a stop's shape.
+    """Tell whether c and d lie on different sides of the line through an edge.
 
     The answer is no if either point lies on the line up to rounding. Points are (..., 2).
     """
@@ -372,7 +372,6 @@ def _boundary(shape: Shape, sign: int) -> Loop:
 
 
 def _lies_within(inner: Shape, outer: Shape) -> bool:
-    """Tell whether one shape of an aperture stop lies inside another."""
     if isinstance(outer, Circle) and isinstance(inner, Circle):
         return math.dist(inner.centre, outer.centre) + inner.radius <= outer.radius
     if isinstance(outer, Circle):
@@ -389,7 +388,7 @@ def _lies_within(inner: Shape, outer: Shape) -> bool:
 
 
 def _distance_to_segment(p: Point, a: Point, b: Point) -> float:
-    """Return the distance from a point to a straight edge of the stop from a to b."""
+    """Return the distance from a point to the straight edge from a to b."""
     along = np.subtract(b, a)
     t = float(np.clip(np.dot(np.subtract(p, a), along) / np.dot(along, along), 0, 1))
     return math.dist(p, (a[0] + t * along[0], a[1] + t * along[1]))
@@ -400,7 +399,7 @@ def _loop_area(loop: Loop | None) -> float:
 
 
 def _intersection_loop(a: Shape, b: Shape, sign: int) -> Loop | None:
-    """Return the boundary of the overlap of two shapes of a stop, or None if it is empty."""
+    """Return the boundary of the overlap of two shapes, or None if it is empty."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_intersection(a, b, sign)
     if isinstance(a, Circle):
@@ -428,7 +427,7 @@ def _circle_intersection(a: Circle, b: Circle, sign: int) -> Loop | None:
 
 
 def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) -> Loop | None:
-    """Return the boundary of the overlap of a circle and a polygon of the stop.
+    """Return the boundary of the overlap of a circle and a polygon.
 
     Edges inside the circle are kept. An edge outside is replaced by the arc that it hides, seen
     from the circle's centre. Every edge or arc sweeps a signed area around the centre, so that the
@@ -451,7 +450,7 @@ def _circle_polygon_intersection(circle: Circle, polygon: Polygon, sign: int) ->
 
 
 def _circle_crossings(circle: Circle, edge: Segment) -> list[float]:
-    """Return the parameters t, in order, at which a straight edge of the stop crosses a circle."""
+    """Return the parameters t, in order, at which a straight edge crosses a circle."""
     start, along = np.subtract(edge.start, circle.centre), np.subtract(edge.end, edge.start)
     a, b = float(along @ along), float(start @ along)
     root = b * b - a * (float(start @ start) - circle.radius**2)
@@ -469,7 +468,7 @@ def _hidden_arc(circle: Circle, p: Point, q: Point) -> Arc:
 
 
 def _clip_polygon(a: Polygon, b: Polygon) -> Polygon | None:
-    """Intersect two polygons of a stop, one of which is convex (Sutherland and Hodgman 1974)."""
+    """Intersect two polygons, one of which is convex (Sutherland and Hodgman 1974)."""
     if not a.is_convex:
         a, b = b, a
     if not a.is_convex:

@@ -1,4 +1,4 @@
-"""Compute the share of grid cells, and the parts of circles, that a stop leaves open."""
+"""The share of grid cells, and the parts of circles, that a stop leaves open."""
 
 from __future__ import annotations
 
@@ -51,10 +51,7 @@ class Coverage:
         self._radius, self._shape = radius, plane.shape
 
     def open_share(self, rows: slice, columns: slice) -> torch.Tensor:
-        """Return the share of each cell in these rows and columns that the stop leaves open.
-
-        The result is float64.
-        """
+        """Return the open share of each cell in these rows and columns, float64."""
         part = slice(*np.searchsorted(self._row, (rows.start, rows.stop)))
         row, column = self._row[part] - rows.start, self._column[part] - columns.start
         on = column >= 0
@@ -80,9 +77,9 @@ class Coverage:
     def radius_derivative(self) -> torch.Tensor:
         """Return the derivative of every cell's open share in the stop's radius, 1/m, float64.
 
-        A boundary point at b radii from the axis moves by b when the radius grows by one metre.
-        The area that an element of the boundary sweeps is the component of b along the outward
-        normal times the element's length, which is x dy - y dx.
+        A boundary point at b radii from the axis moves by b when the radius grows by one metre. The
+        area that an element of the boundary sweeps is the component of b along the outward normal
+        times the element's length, which is x dy - y dx.
         """
         rate = np.zeros(self._shape)
         here = (self._column >= 0) & (self._column < self._shape[1])
@@ -98,7 +95,7 @@ def _cell_edges(plane: Plane, axis: int) -> Array:
 def _integrate_along_piece(
     piece: Piece, sign: int, lines: list[Array]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array, Array]:
-    """Divide a piece of a stop's boundary at the grid's lines and integrate over each step.
+    """Divide a piece of a boundary at the grid's lines and integrate over each step.
 
     Returns each step's row, its column, the integral of (x - left side of the cell) dy, the
     integral of dy, and that of x dy - y dx. A step beyond the grid's right side has the column
@@ -147,7 +144,7 @@ def open_arcs(stop: Stop, r: float) -> list[Interval]:
 
 
 def _join_arcs_at_zero(arcs: list[Interval]) -> list[Interval]:
-    """Join two open arcs of the stop into one if they meet at the angle 0."""
+    """Join the last arc and the first if they meet at the angle 0."""
     if len(arcs) < 2 or arcs[0][0] > 0 or arcs[-1][1] < _FULL_CIRCLE[1]:
         return arcs
     return [*arcs[1:-1], (arcs[-1][0], arcs[0][1] + 2 * math.pi)]
@@ -166,7 +163,7 @@ def _arcs_inside_shape(shape: Shape, r: float) -> list[Interval]:
 
 
 def _arcs_inside_star(polygon: Polygon, r: float) -> list[Interval]:
-    """Return the arcs of a circle inside a polygon of the stop whose corners turn about the axis.
+    """Return the arcs of a circle inside a polygon whose corners turn about the axis.
 
     In each corner's sector the outline is one edge, so that thousands of edges are quickly tried.
     """
@@ -195,7 +192,7 @@ def _arcs_inside_star(polygon: Polygon, r: float) -> list[Interval]:
 
 
 def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
-    """Tell whether a polygon of the stop contains one point, which has polar coordinates.
+    """Tell whether a polygon contains one point, which has polar coordinates.
 
     `Polygon.contains` is slow for single points, and this function may be called a million times.
     """
@@ -208,7 +205,6 @@ def _contains_point(polygon: Polygon, r: float, angle: float) -> bool:
 
 
 def _merge_touching_arcs(arcs: list[Interval]) -> list[Interval]:
-    """Join arcs that touch, inside one shape of the stop."""
     kept: list[Interval] = []
     for first, last in arcs:
         if kept and first - kept[-1][1] <= 0:
@@ -234,10 +230,7 @@ def _arcs_inside_circle(circle: Circle, r: float) -> list[Interval]:
 
 
 def _crossing_angles(p: Point, q: Point, r: float) -> list[float]:
-    """Return the angles at which a stop's edge from p to q crosses a circle around the axis.
-
-    r: the circle's radius.
-    """
+    """Return the angles at which an edge from p to q crosses the circle of radius r."""
     return [
         math.atan2(y, x) % (2 * math.pi)
         for y, x in _edge_circle_intersections((0.0, 0.0), r * r, p, q)
@@ -245,7 +238,7 @@ def _crossing_angles(p: Point, q: Point, r: float) -> list[float]:
 
 
 def break_radii(stop: Stop) -> list[float]:
-    """Return the radii, in rising order, between which a stop's open arcs change smoothly."""
+    """Return the radii, in rising order, between which the open arcs change smoothly."""
     shapes: tuple[Shape, ...] = (stop.opening, *stop.obscurations)
     found = [r for shape in shapes for r in _critical_radii(shape)]
     found += [
@@ -260,7 +253,7 @@ def break_radii(stop: Stop) -> list[float]:
 
 
 def _critical_radii(shape: Shape) -> list[float]:
-    """Return the radii of a stop shape's corners, and of the points of its edges nearest the axis.
+    """Return the radii of a shape's corners, and of the points of its edges nearest the axis.
 
     At such a point, the edge is tangent to a circle around the axis. A circular shape has the radii
     of its nearest and its farthest point.
@@ -278,7 +271,7 @@ def _critical_radii(shape: Shape) -> list[float]:
 
 
 def outline_intersections(a: Shape, b: Shape) -> list[Point]:
-    """Return the points where the outlines of two shapes of the stop cross."""
+    """Return the points where the outlines of two shapes cross."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_intersections(a, b)
     if isinstance(a, Polygon) and isinstance(b, Polygon):
@@ -308,7 +301,7 @@ def _circle_intersections(a: Circle, b: Circle) -> list[Point]:
 
 
 def _edge_circle_intersections(centre: Point, square: float, p: Point, q: Point) -> list[Point]:
-    """Return the points where a stop's edge from p to q crosses a circle.
+    """Return the points where an edge from p to q crosses a circle.
 
     square: the circle's squared radius.
     """

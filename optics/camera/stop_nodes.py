@@ -1,4 +1,4 @@
-"""Choose nodes and weights that integrate a smooth wave over a stop to a tolerance.
+"""Nodes and weights that integrate a smooth wave over a stop to a tolerance.
 
 Gauss-Legendre nodes along straight lines converge faster than any power once the phase changes by
 less than two radians from node to node. Evenly spaced nodes around a circle do so, too. All rules
@@ -38,10 +38,10 @@ _MANY_ARCS = 32
 """Open arcs on a circle from which on they are taken together; chosen."""
 
 _RULE_PASSES = 60.0
-"""Passes over a node while a stop's rule is computed; measured."""
+"""Passes over a node while a rule is computed; measured."""
 
 _STEPS_PER_ARC = 6.0
-"""Steps of Python for each arc of a stop's rule; measured."""
+"""Steps of Python for each arc of a rule; measured."""
 
 _STEPS_PER_EDGE = 2.0
 """Steps of Python for each edge of a stop's shapes and each radius of its rule; measured."""
@@ -49,11 +49,13 @@ _STEPS_PER_EDGE = 2.0
 
 @dataclass(frozen=True)
 class PhaseSlopeBound:
-    """Bounds how fast the phase of a wave in the stop changes, in radians per stop radius.
+    """Bounds how fast the phase of a wave changes, in radians per stop radius.
 
-    radial(r): bound of the radial slope at all radii up to r. azimuthal(r): bound along the circle
-    of radius r, in radians per radian of angle. tilt: slope of the Fourier kernel of the farthest
-    sample. azimuthal_cycles: most cycles that the wave makes around the axis.
+    radial: radial(r) bounds the radial slope at all radii up to r.
+    azimuthal: azimuthal(r) bounds the slope along the circle of radius r, in radians per radian of
+        angle.
+    tilt: slope of the Fourier kernel of the farthest sample.
+    azimuthal_cycles: most cycles that the wave makes around the axis.
     """
 
     radial: Callable[[float], float]
@@ -62,16 +64,13 @@ class PhaseSlopeBound:
     azimuthal_cycles: int = 1
 
     def largest_slope(self, r: float) -> float:
-        """Bound the phase slope in the stop at radius r in any direction.
-
-        The bound includes the Fourier kernel.
-        """
+        """Bound the slope at radius r in any direction, with the Fourier kernel's."""
         return math.hypot(self.radial(r), self.azimuthal(r) / max(r, 1e-3)) + self.tilt
 
 
 @dataclass(frozen=True)
 class QuadratureNodes:
-    """Holds quadrature nodes (y, x) in stop radii, and weights whose sum is the open area."""
+    """Nodes (y, x) in stop radii, and weights whose sum is the open area."""
 
     y: torch.Tensor
     x: torch.Tensor
@@ -89,7 +88,7 @@ def _unit_interval_rule(count: int) -> tuple[Array, Array]:
 
 
 def gauss_node_count(length: float, slope: float, tol: float) -> int:
-    """Return the number of Gauss-Legendre nodes that a line in the stop needs for a tolerance.
+    """Return the number of Gauss-Legendre nodes that a line needs for a tolerance.
 
     The phase along the line changes by slope x length at most. The rule takes half a node per
     radian of half that change, more nodes for the transition to convergence (Trefethen 2008), and
@@ -106,9 +105,10 @@ def _subinterval_count(length: float, slope: float) -> int:
 
 
 def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
-    """Return composite Gauss-Legendre nodes along a line in the stop, and their weights.
+    """Return composite Gauss-Legendre nodes along a line, and their weights.
 
-    The nodes lie between 0 and 1, and the weights add up to 1. length: of the line, in stop radii.
+    The nodes lie between 0 and 1, and the weights add up to 1.
+    length: of the line, in stop radii.
     slope: the steepest slope of the phase along it, in radians per stop radius.
     """
     panels = _subinterval_count(length, slope)
@@ -118,7 +118,7 @@ def line_rule(length: float, slope: float, tol: float) -> tuple[Array, Array]:
 
 
 def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
-    """Estimate how many nodes stop_rule() needs over the stop, without computing them.
+    """Estimate how many nodes stop_rule() needs, without computing them.
 
     The estimate is right within some percent.
     """
@@ -140,7 +140,7 @@ def count_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
 def rule_seconds(
     stop: Stop, slope_bound: PhaseSlopeBound, tol: float, speed: MachineSpeed
 ) -> float:
-    """Predict the processor time in which stop_rule() finds a stop's nodes, in seconds."""
+    """Predict the processor time in which stop_rule() finds its nodes, in seconds."""
     seconds = _RULE_PASSES * count_nodes(stop, slope_bound, tol) * speed.touch
     if stop.annulus_radii is not None:
         radii = line_rule_node_count(1.0, _radial_slope(1.0, slope_bound), tol)
@@ -172,7 +172,7 @@ def _row_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -
 
 @functools.lru_cache(maxsize=32)
 def _arc_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> int:
-    """Return the number of nodes on arcs of a stop; kept, as all methods of a PSF ask for it."""
+    """Return the number of nodes on open arcs; kept, as all methods of a PSF ask for it."""
     total = 0.0
     for low, high in pairwise(break_radii(stop)):
         require_planning_time(_WHAT)
@@ -188,7 +188,7 @@ def _arc_rule_node_count(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -
 
 
 def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Array]:
-    """Return the number of nodes of line_rule() in the stop, and an even sample of the nodes."""
+    """Return the number of nodes of line_rule(), and an even sample of the nodes."""
     count = line_rule_node_count(length, slope, tol)
     panels = _subinterval_count(length, slope)
     number = ((np.arange(_SPARSE_NODES) + 0.5) / _SPARSE_NODES * count).astype(np.int64)
@@ -197,14 +197,14 @@ def _sparse_line_nodes(length: float, slope: float, tol: float) -> tuple[int, Ar
 
 
 def stop_rule(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> QuadratureNodes:
-    """Return the nodes and weights of an integral over the opening of an aperture stop."""
+    """Return the nodes and weights of an integral over the open area."""
     return _join_chunks(list(_node_chunks(stop, slope_bound, tol)))
 
 
 def stop_rule_blocks(
     stop: Stop, slope_bound: PhaseSlopeBound, tol: float, max_nodes: int
 ) -> Iterator[QuadratureNodes]:
-    """Yield the nodes of stop_rule() over the stop in blocks of about `max_nodes`."""
+    """Yield the nodes of stop_rule() in blocks of about `max_nodes`."""
     gathered: list[_NodeChunk] = []
     count = 0
     for part in _node_chunks(stop, slope_bound, tol):
@@ -231,7 +231,7 @@ def _node_chunks(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterat
 def product_rule(
     stop: Stop, slope_bound: PhaseSlopeBound, tol: float
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return the nodes and weights along y and x over a stop that is an upright rectangle."""
+    """Return the nodes and weights along y and x over an upright rectangle."""
     assert stop.rectangle_bounds is not None
     y0, y1, x0, x1 = stop.rectangle_bounds
     slope = slope_bound.largest_slope(1.0)
@@ -254,13 +254,13 @@ def _join_chunks(parts: list[_NodeChunk]) -> QuadratureNodes:
 
 
 def line_rule_node_count(length: float, slope: float, tol: float) -> int:
-    """Return the number of nodes of line_rule() along a line in the stop."""
+    """Return the number of nodes of line_rule()."""
     panels = _subinterval_count(length, slope)
     return panels * gauss_node_count(length / panels, slope, tol)
 
 
 def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> int:
-    """Return how many evenly spaced nodes resolve all harmonics on a circle in the stop."""
+    """Return how many evenly spaced nodes resolve all harmonics on a circle."""
     kernel = _harmonic_count(slope_bound.tilt * r, tol)
     if not slope_bound.azimuthal(r):
         return kernel
@@ -271,7 +271,7 @@ def _circle_node_count(r: float, slope_bound: PhaseSlopeBound, tol: float) -> in
 
 
 def _harmonic_count(turn: float, tol: float) -> int:
-    """Return how many harmonics on a circle in the stop have amplitudes above a tolerance.
+    """Return how many harmonics on a circle have amplitudes above a tolerance.
 
     The wave is exp(i turn sin(angle)). The amplitudes of its harmonics are Bessel functions.
     """
@@ -292,7 +292,7 @@ def _ring_nodes(
 
 
 def _circle_nodes(radii: Array, along: Array, counts: NDArray[np.int64]) -> _NodeChunk:
-    """Return evenly spaced nodes on whole circles around the axis in the stop."""
+    """Return evenly spaced nodes on whole circles around the axis."""
     starts = np.cumsum(counts) - counts
     number = np.arange(counts.sum()) - np.repeat(starts, counts)
     angle = 2 * math.pi * number / np.repeat(counts, counts)
@@ -316,7 +316,7 @@ def _arc_nodes(stop: Stop, slope_bound: PhaseSlopeBound, tol: float) -> Iterator
 
 
 def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, Array]:
-    """Return stop radii that cluster at `low` and `high`, and their derivatives by the angle.
+    """Return radii that cluster at `low` and `high`, and their derivatives by the angle.
 
     The angle runs from -pi/2 to pi/2. The integrand stays smooth in the angle where an edge of the
     stop is tangent to a circle.
@@ -326,7 +326,7 @@ def _end_clustered_radii(low: float, high: float, angle: Array) -> tuple[Array, 
 
 
 def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseSlopeBound) -> float:
-    """Bound how fast the phase changes in the integral over the stop's arcs, rad per radian.
+    """Bound how fast the phase changes in the integral over arcs, rad per radian.
 
     The angle is that of _end_clustered_radii().
     """
@@ -337,7 +337,7 @@ def _arc_integral_slope(stop: Stop, low: float, high: float, slope_bound: PhaseS
 
 @functools.lru_cache(maxsize=256)
 def _largest_end_speed(stop: Stop, low: float, high: float) -> float:
-    """Bound how fast the radius grows, or the ends of the stop's arcs move, per radian.
+    """Bound how fast the radius grows, or the ends of the open arcs move, per radian.
 
     The ends may move along the stop's edge much faster than the radius grows.
     """
@@ -355,7 +355,7 @@ def _largest_end_speed(stop: Stop, low: float, high: float) -> float:
 def _nearest_distances(
     points: NDArray[np.complex128], others: NDArray[np.complex128]
 ) -> NDArray[np.float64]:
-    """Return the distance of each of the stop's points to the nearest of some others."""
+    """Return the distance of each point to the nearest of some others."""
     if points.size * others.size < 1 << 16:
         return np.asarray(np.abs(points[:, None] - others).min(axis=1))
     tree = scipy.spatial.cKDTree(others.view(np.float64).reshape(-1, 2))
@@ -367,7 +367,7 @@ def _radial_slope(r: float, slope_bound: PhaseSlopeBound) -> float:
 
 
 def _azimuthal_slope(angle: float, r: float, slope_bound: PhaseSlopeBound, tol: float) -> float:
-    """Return the phase slope for line_rule() along an open arc of the stop, in rad per radian.
+    """Return the phase slope for line_rule() along an open arc, in rad per radian.
 
     Over more than half a cycle, the phase's slope varies too much for the spare nodes of a line.
     For such an arc, the slope is the frequency of the fastest harmonic, which is the same
@@ -381,7 +381,7 @@ def _azimuthal_slope(angle: float, r: float, slope_bound: PhaseSlopeBound, tol: 
 def _arcs_node_count(
     r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound, tol: float
 ) -> int:
-    """Return the number of nodes on the open arcs of a circle in the stop."""
+    """Return the number of nodes on the open arcs of a circle."""
     if _are_many_short(r, arcs, slope_bound):
         return int(_short_arcs_node_counts(r, arcs, slope_bound, tol).sum())
     return sum(_single_arc_node_count(r, arc, slope_bound, tol) for arc in arcs)
@@ -390,7 +390,7 @@ def _arcs_node_count(
 def _arcs_rules(
     r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound, tol: float
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield angles along the open arcs of a circle in the stop, and their weights."""
+    """Yield angles along the open arcs of a circle, and their weights."""
     if not _are_many_short(r, arcs, slope_bound):
         yield from (_arc_rule(r, arc, slope_bound, tol) for arc in arcs)
         return
@@ -404,7 +404,7 @@ def _arcs_rules(
 
 
 def _are_many_short(r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound) -> bool:
-    """Tell whether open arcs of the stop are so many, and each so short, to be taken together."""
+    """Tell whether open arcs are so many, and each so short, to be taken together."""
     if len(arcs) < _MANY_ARCS:
         return False
     longest = float(np.diff(arcs).max())
@@ -416,7 +416,7 @@ def _are_many_short(r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound
 def _short_arcs_node_counts(
     r: float, arcs: list[Interval], slope_bound: PhaseSlopeBound, tol: float
 ) -> NDArray[np.int64]:
-    """Return gauss_node_count() of each of many short arcs of the stop."""
+    """Return gauss_node_count() of each of many short arcs."""
     first, last = np.transpose(arcs)
     turn = (last - first) * (slope_bound.tilt * r + slope_bound.azimuthal(r)) / 2
     spare = 2.5 * turn ** (1 / 3) - 1.5 * math.log10(tol)
@@ -426,7 +426,7 @@ def _short_arcs_node_counts(
 def _arc_rule(
     r: float, arc: tuple[float, float], slope_bound: PhaseSlopeBound, tol: float
 ) -> tuple[Array, Array]:
-    """Return angles along an open arc of the stop, and weights whose sum is the arc's angle."""
+    """Return angles along an open arc, and weights whose sum is the arc's angle."""
     first, last = arc
     if last - first >= 2 * math.pi:
         count = _circle_node_count(r, slope_bound, tol)
@@ -450,7 +450,7 @@ def _single_arc_node_count(
 
 
 def _arc_piece_count(arc: tuple[float, float]) -> int:
-    """Return how many pieces, each half a circle at most, make up an open arc of the stop.
+    """Return how many pieces, each half a circle at most, make up an open arc.
 
     Along a longer piece, the slope of a tilt varies too much for the spare nodes of
     gauss_node_count().

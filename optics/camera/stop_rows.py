@@ -1,4 +1,4 @@
-"""Quadrature over a stop by rows: each row's open stretches end on curves of the stop's boundary.
+"""Quadrature over a stop by rows, whose open stretches end on curves of its boundary.
 
 An integral along a row may then be computed from one antiderivative, for all rows.
 """
@@ -30,10 +30,10 @@ _SPEED_MARGIN = 1.2
 
 @dataclass(frozen=True)
 class RowBand:
-    """Holds the heights between which the rows of a stop are cut by the same curves.
+    """Heights between which the same curves cut all rows.
 
-    low, high: heights in stop radii. stretches: the curves (left, right) between which the rows are
-    open.
+    low, high: heights in stop radii.
+    stretches: the curves (left, right) between which the rows are open.
     """
 
     low: float
@@ -51,7 +51,7 @@ class RowBand:
         """Bound how fast the phase of an integral along the rows changes, radians per radian.
 
         down, along: the steepest slopes of the integrand's phase in y and x, radians per stop
-        radius.
+            radius.
         """
         angle = np.linspace(-math.pi / 2, math.pi / 2, _SAMPLES + 1)
         y, step = self.heights(angle), math.pi / _SAMPLES
@@ -63,11 +63,12 @@ class RowBand:
 
 @dataclass(frozen=True)
 class Rows:
-    """Holds rows of a stop for a quadrature, and the ends of their open stretches.
+    """Rows for a quadrature, and the ends of their open stretches; lengths in stop radii.
 
-    y, weight: height of each row, and its weight in the integral over the heights. row: number of
-    each end's row. end: where it lies in x. sign: 1 for a stretch's right end, -1 for its left one.
-    Lengths are in stop radii.
+    y, weight: height of each row, and its weight in the integral over the heights.
+    row: number of each end's row.
+    end: where it lies in x.
+    sign: 1 for a stretch's right end, -1 for its left one.
     """
 
     y: Array
@@ -77,7 +78,7 @@ class Rows:
     sign: Array
 
     def split(self, most: int) -> Iterator[Rows]:
-        """Yield the rows of the stop in parts of no more than `most`, in order."""
+        """Yield the rows in parts of no more than `most`, in order."""
         by_row = np.argsort(self.row, kind="stable")
         starts = range(0, len(self.y), most)
         for start, ends in zip(
@@ -108,12 +109,12 @@ def row_bands(stop: Stop) -> list[RowBand]:
 
 
 def count_rows(bands: list[RowBand], down: float, along: float, tol: float) -> list[int]:
-    """Count the rows of a stop in each band that a tolerance takes; slopes as for slope()."""
+    """Count the rows in each band that a tolerance takes; slopes as for RowBand.slope()."""
     return [line_rule_node_count(math.pi, band.slope(down, along), tol) for band in bands]
 
 
 def quadrature_rows(bands: list[RowBand], down: float, along: float, tol: float) -> Rows:
-    """Return the rows of a stop that a tolerance takes; slopes as for RowBand.slope()."""
+    """Return the rows that a tolerance takes; slopes as for RowBand.slope()."""
     y, weight, row, end, sign, count = [], [], [], [], [], 0
     for band in bands:
         t, share = line_rule(math.pi, band.slope(down, along), tol)
@@ -136,14 +137,14 @@ def quadrature_rows(bands: list[RowBand], down: float, along: float, tol: float)
 
 
 def _break_heights(shape: Shape) -> list[float]:
-    """Return the heights of a stop shape's corners, or of a disc's lowest and highest point."""
+    """Return the heights of a shape's corners, or of a disc's lowest and highest point."""
     if isinstance(shape, Circle):
         return [shape.centre[0] - shape.radius, shape.centre[0] + shape.radius]
     return [y for y, _ in shape.corners]
 
 
 def _open_stretches(stop: Stop, low: float, high: float) -> tuple[tuple[Curve, Curve], ...]:
-    """Return the curves between which a stop's rows are open, from left to right."""
+    """Return the curves between which rows from `low` to `high` are open, from left to right."""
     middle = np.array([(low + high) / 2])
     shapes = (stop.opening, *stop.obscurations)
     curves = [curve for shape in shapes for curve in _curves_at(shape, float(middle[0]))]
@@ -160,7 +161,7 @@ def _open_stretches(stop: Stop, low: float, high: float) -> tuple[tuple[Curve, C
 
 
 def _curves_at(shape: Shape, y: float) -> Iterator[Curve]:
-    """Yield the pieces of a stop shape's boundary that a row at height y crosses."""
+    """Yield the pieces of a shape's boundary that a row at height y crosses."""
     if isinstance(shape, Circle):
         if abs(y - shape.centre[0]) < shape.radius:
             yield _half_circle(shape, -1.0)

@@ -1,4 +1,4 @@
-"""Predict a camera's sharpness, its MTF from stop to pixel, and how much light it takes."""
+"""A camera's sharpness, its MTF from stop to pixel, and how much light it takes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ def electron_rate(
     wavelength: float,
     distance: float = math.inf,
 ) -> float:
-    """Compute the rate of photo-electrons that a diffuse object causes behind a camera's lens.
+    """Compute the photo-electrons that a diffuse object causes, per second and m² of sensor.
 
-    The rate is per second and square metre of sensor. radiance: W / (sr m² m), per metre of
-    wavelength. bandwidth: metres of wavelength. distance: metres from the object to the panel; it
-    matters where the lens stands apart from the panel.
+    radiance: W / (sr m² m), per metre of wavelength.
+    bandwidth: metres of wavelength.
+    distance: metres from the object to the panel; it matters where the lens stands apart from the
+        panel.
 
     The camera equation is E = L A / z², where A is the area that stop and panel leave open, and z
     the image distance. Photons have the energy h c / wavelength. The equation holds near the axis,
@@ -59,12 +60,14 @@ def system_mtf(
     angle: float = 0.0,
     distance: float | None = None,
 ) -> Array:
-    """Compute the MTF of the whole camera, lens and pixels, with a neutral panel.
+    """Compute the MTF of lens and pixels together, with a neutral panel.
 
-    frequencies: cycles per metre on the sensor, any shape, not negative. angle: radians, the
-    direction in which the fringes change, from x (along rows) towards y. distance: metres from
-    the panel to the object, on the axis; by default the object is in focus. The MTF is the
-    modulus of neutral_panel_otf() times sinc(p fx) sinc(p fy) of square pixels of pitch p.
+    frequencies: cycles per metre on the sensor, any shape, not negative.
+    angle: radians, the direction in which the fringes change, from x (along rows) towards y.
+    distance: metres from the panel to the object, on the axis; by default the object is in focus.
+
+    The MTF is the modulus of neutral_panel_otf() times sinc(p fx) sinc(p fy) of square pixels of
+    pitch p.
     """
     along = np.asarray(frequencies, dtype=np.float64)
     pitch = camera.sensor.pitch
@@ -79,7 +82,7 @@ def neutral_panel_otf(
     angle: float = 0.0,
     distance: float | None = None,
 ) -> Array:
-    """Compute the OTF of camera lens and neutral panel without the pixels; 1 at frequency 0.
+    """Compute the OTF of lens and neutral panel without the pixels; 1 at frequency 0.
 
     The OTF is real and may be negative. The parameters are those of system_mtf(). The pupil is the
     intersection of the lens' round stop and the panel's rectangle, projected from the object's
@@ -87,8 +90,9 @@ def neutral_panel_otf(
     Fourier Optics, 6.3) is integrated along x in closed form, and along y by Gauss' rule; defocus
     adds a phase that is linear over the overlap. The panel counts as one mirror: light that its
     pixel grid sends into far diffraction orders is left out.
-    Raises ValueError for a stop that isn't a clear circle, aberrations, a lens that isn't thin,
-    or an object that isn't in front of the panel.
+
+    Raises ValueError for a stop that isn't a clear circle, aberrations, a lens that isn't thin, or
+    an object that isn't in front of the panel.
     """
     require_wavelength("wavelength", wavelength)
     pupil = _Pupil(camera, distance)
@@ -105,10 +109,10 @@ def neutral_panel_otf(
 
 
 class _Pupil:
-    """Describe the pupil of panel and round stop in the lens' plane, in metres.
+    """The overlap of panel and round stop in the lens' plane, in metres.
 
-    It has half the panel's height and width, and the stop's radius. defocus: 1/m, vergence of
-    the object's wave less that of a wave from the plane in focus.
+    It has half the panel's height and width, and the stop's radius.
+    defocus: 1/m, vergence of the object's wave less that of a wave from the plane in focus.
     """
 
     def __init__(self, camera: Camera, distance: float | None) -> None:
@@ -132,9 +136,9 @@ class _Pupil:
         self.defocus = 1 / from_lens - 1 / focus
 
     def autocorrelation(self, dy: float, dx: float, curvature: float) -> float:
-        """Compute the autocorrelation of the camera's pupil for its OTF, in square metres.
+        """Compute the autocorrelation in square metres, at a shift of (dy, dx) metres.
 
-        The shift is (dy, dx) metres. Defocus adds the phase curvature (dy y + dx x).
+        Defocus adds the phase curvature (dy y + dx x).
         """
         half = self.half_height - abs(dy) / 2
         if half <= 0:
@@ -154,6 +158,6 @@ class _Pupil:
         return float((step * line * np.cos(turn * (low + high) / 2 + curvature * dy * y)).sum())
 
     def _half_chord(self, y: Array) -> Array:
-        """Return half the width of the camera's pupil at a height y for its MTF, in metres."""
+        """Return half the width at a height y, in metres."""
         round_part = np.sqrt(np.maximum(self.radius**2 - y**2, 0.0))
         return np.minimum(round_part, self.half_width)

@@ -28,18 +28,12 @@ _PARALLEL = 1e-12
 
 @dataclass(frozen=True)
 class ConvexPupil:
-    """Describe a convex open pupil: half-planes, and a disc if the stop is round; metres.
+    """A convex open pupil: half-planes, and a disc if the stop is round; metres.
 
-    Parameters
-    ----------
-    normals : tuple of (float, float)
-        Outward normals (y, x) of the edges, of length 1.
-    offsets : tuple of float
-        Distances of the edges from the origin along their normals.
-    disc : tuple of (float, float, float), optional
-        Radius and centre (y, x) of the disc.
-    corners : tuple of (float, float), optional
-        Corners (y, x) of a polygonal stop's opening, which limit the overlap's length.
+    normals: outward normals (y, x) of the edges, of length 1.
+    offsets: distances of the edges from the origin along their normals.
+    disc: radius and centre (y, x) of the disc.
+    corners: corners (y, x) of a polygonal stop's opening, which limit the overlap's length.
     """
 
     normals: tuple[tuple[float, float], ...]
@@ -51,12 +45,8 @@ class ConvexPupil:
 def convex_pupil(camera: Camera) -> ConvexPupil:
     """Return the smallest convex pupil that contains the open pupil of a camera's panel.
 
-    It is the panel's rectangle cut by the opening of the stop. Obscurations count as open.
-
-    Raises
-    ------
-    ValueError
-        If the stop's opening isn't convex.
+    It is the panel's rectangle cut by the opening of the stop. Obscurations count as open. Raises
+    ValueError if the stop's opening isn't convex.
     """
     panel, opening = camera.panel, camera.lens.stop.opening
     radius = as_number(camera.lens.stop_diameter) / 2
@@ -92,24 +82,15 @@ def overlap_integrals(
     nodes: int = 100,
     rule: Rule = "gauss-legendre",
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute integrals over t of the overlap width w(t) of a pupil and of its square.
+    """Integrate over t the width w(t) of the overlap of a pupil's two copies, and its square.
 
-    Parameters
-    ----------
-    pupil : ConvexPupil
-        The pupil.
-    sy, sx : torch.Tensor, (shifts,)
-        Shift of the copies along y and x, metres.
-    nodes : int, optional
-        Nodes of the quadrature over t. Measured for the panel's rectangle: 100 change the
-        bound by less than .001 dB against 300.
-    rule : {"gauss-legendre", "midpoint"}, optional
-        The quadrature; the other one serves to check the first.
+    Returns the overlap's area in square metres, and the integral of w(t)² in cubic metres, each
+    (shifts,), float64.
 
-    Returns
-    -------
-    tuple of torch.Tensor, each (shifts,), float64
-        Overlap area in square metres, and the integral of w(t)² in cubic metres.
+    sy, sx: shift of the copies along y and x, (shifts,), metres.
+    nodes: nodes of the quadrature over t. Measured for the panel's rectangle: 100 change the bound
+        by less than .001 dB against 300.
+    rule: the quadrature; "midpoint" serves to check "gauss-legendre".
     """
     require_count("nodes", nodes)
     points, weights = _unit_rule(nodes, rule)
@@ -128,7 +109,7 @@ def overlap_integrals(
 
 
 def _unit_rule(nodes: int, rule: str) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return nodes and weights from 0 to 1 for the integral over a pupil overlap's length."""
+    """Return nodes and weights of a quadrature from 0 to 1."""
     if rule == "midpoint":
         points = (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
         return points, torch.full_like(points, 1 / nodes)
@@ -139,7 +120,7 @@ def _unit_rule(nodes: int, rule: str) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _direction(sy: torch.Tensor, sx: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the unit vector along the shift of a pupil's copies; that of x for no shift."""
+    """Return the unit vector along a shift; that of x for no shift."""
     length = torch.hypot(sy, sx)
     safe = torch.where(length > 0, length, torch.ones_like(length))
     return torch.where(length > 0, sy / safe, 0.0), torch.where(length > 0, sx / safe, 1.0)
@@ -148,7 +129,7 @@ def _direction(sy: torch.Tensor, sx: torch.Tensor) -> tuple[torch.Tensor, torch.
 def _overlap_reach(
     pupil: ConvexPupil, sy: torch.Tensor, sx: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return limits along the shift that contain the overlap of a pupil's copies.
+    """Return limits along the shift that contain the overlap of both copies.
 
     They are those of the panel's rectangle, and of the disc or the polygon of the stop.
     """
@@ -172,7 +153,7 @@ def _overlap_reach(
 def _overlap_width(
     pupil: ConvexPupil, sy: torch.Tensor, sx: torch.Tensor, t: torch.Tensor
 ) -> torch.Tensor:
-    """Return the width across the shift of the overlap of a pupil's copies, (shifts, positions).
+    """Return the width of the overlap across the shift, (shifts, positions).
 
     A line across the shift meets each half-plane and disc in an interval, and the convex overlap in
     the intersection of them all.
@@ -315,7 +296,7 @@ def _orders(pupil: ConvexPupil, axis: int, shift: float, folded: bool) -> range:
 
 
 def _require_bounded(camera: Camera) -> None:
-    """Raise ValueError for a camera whose depth of field this bound isn't derived for."""
+    """Raise ValueError for a camera that the bound isn't derived for."""
     if not camera.lens.has_quadratic_phase:
         raise ValueError("camera.lens has aberrations or isn't thin; the bound is for a thin lens")
     if as_number(camera.separation):

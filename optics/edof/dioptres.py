@@ -70,14 +70,9 @@ def metres_from_dioptres(dioptres: Sequence[float]) -> tuple[float, ...]:
 
 
 def require_dioptres(name: str, dioptres: Sequence[float]) -> None:
-    """Raise ValueError unless object depths in dioptres are finite, not negative, at least one.
+    """Raise ValueError unless depths in dioptres are finite, not negative, at least one.
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for the message.
-    dioptres : sequence of float
-        The depths.
+    name: name of the argument, for the message.
     """
     if not len(dioptres):
         raise ValueError(f"{name} is empty; give one depth at least")
@@ -87,13 +82,7 @@ def require_dioptres(name: str, dioptres: Sequence[float]) -> None:
 
 
 def require_depth_range(depth_range: tuple[float, float]) -> None:
-    """Raise ValueError unless a range of object depths in dioptres is in order and not empty.
-
-    Parameters
-    ----------
-    depth_range : tuple of (float, float)
-        Farthest and nearest depth.
-    """
+    """Raise ValueError unless (farthest, nearest) depth in dioptres is in order and not empty."""
     require_dioptres("depth_range", depth_range)
     if len(depth_range) != 2 or not depth_range[0] < depth_range[1]:
         raise ValueError(
@@ -162,28 +151,13 @@ def random_dioptres(
 def stratified_dioptres(
     count: int, generator: torch.Generator, depth_range: tuple[float, float] = DEPTH_RANGE
 ) -> tuple[float, ...]:
-    """Draw one depth in dioptres from each of equal parts of a depth range.
+    """Draw one depth in dioptres from each of equal parts of a depth range, from far to near.
 
-    A mean over these depths varies less from draw to draw than one over independent depths.
+    A mean over these depths varies less from draw to draw than one over independent depths. Raises
+    ValueError if the count is below 1, or the range is empty or reversed.
 
-    Parameters
-    ----------
-    count : int
-        Number of parts, 1 or more.
-    generator : torch.Generator
-        Source of the random numbers.
-    depth_range : tuple of (float, float), optional
-        Farthest and nearest depth in dioptres.
-
-    Returns
-    -------
-    tuple of float
-        Depths in dioptres, from far to near.
-
-    Raises
-    ------
-    ValueError
-        If the count is below 1, or the range is empty or reversed.
+    count: number of parts, 1 or more.
+    depth_range: farthest and nearest depth in dioptres.
     """
     return _in_parts(_uniform(_valid_count(count, depth_range), generator), depth_range)
 
@@ -194,27 +168,14 @@ def find_undrawn(
     """Find the entries of a list of depths that a sampler never draws.
 
     A sampler such as ``int(u * (count - 1))`` never draws the last entry, so that the hardest
-    distance is neither trained nor tested.
+    distance is neither trained nor tested. Returns the indices that were never drawn, in order.
+    Raises ValueError if the count is below 1, the probability isn't within 0 and 1, or an index is
+    outside the list.
 
-    Parameters
-    ----------
-    draw_index : callable
-        Draws an index from 0 to `count` - 1; called without arguments.
-    count : int
-        Number of entries.
-    miss_probability : float, optional
-        Largest probability that a sampler which draws every entry equally often is accused.
-
-    Returns
-    -------
-    tuple of int
-        Indices that were never drawn, in order; empty if all were.
-
-    Raises
-    ------
-    ValueError
-        If the count is below 1, the probability isn't within 0 and 1, or an index is outside the
-        list.
+    draw_index: draws an index from 0 to `count` - 1; called without arguments.
+    count: number of entries.
+    miss_probability: largest probability that a sampler which draws every entry equally often is
+        accused.
     """
     require_count("count", count)
     if not 0 < miss_probability < 1:
@@ -231,7 +192,7 @@ def find_undrawn(
 
 
 def _draws_needed(count: int, miss_probability: float) -> int:
-    """Return how many draws from equally likely depths leave one out with a small probability.
+    """Return how many draws miss any of equally likely entries with a small probability only.
 
     The probability that one of `count` entries is missed in n draws is at most
     count (1 - 1 / count)^n.
@@ -242,14 +203,14 @@ def _draws_needed(count: int, miss_probability: float) -> int:
 
 
 def _valid_count(count: int, depth_range: tuple[float, float]) -> int:
-    """Return the number of depths after checking it and the depth range."""
+    """Return the count after checking it and the depth range."""
     require_count("count", count)
     require_depth_range(depth_range)
     return count
 
 
 def _uniform(count: int, generator: torch.Generator) -> list[float]:
-    """Draw numbers between 0 and 1 for random depths, in double precision."""
+    """Draw numbers between 0 and 1 in double precision."""
     return torch.rand(count, generator=generator, dtype=torch.float64).tolist()
 
 

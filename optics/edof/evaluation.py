@@ -1,4 +1,4 @@
-"""Evaluate patterns that extend the depth of field by a protocol, beside smaller stops."""
+"""Evaluate patterns on pictures by a protocol, beside smaller stops."""
 
 from __future__ import annotations
 
@@ -38,17 +38,10 @@ from optics.validation import require_positive
 class SceneBlur:
     """Computes noiseless images of scenes through one PSF, on the pixels of captures.
 
-    Parameters
-    ----------
-    kernel : torch.Tensor, (rows, columns)
-        PSF on detector pixels, origin at n // 2.
-    protocol : EdofProtocol
-        Whether the image wraps around the crop, or takes in light from beyond it.
+    Raises ValueError if the PSF reaches farther than the protocol's window.
 
-    Raises
-    ------
-    ValueError
-        If the PSF reaches farther than the protocol's window.
+    kernel: PSF on detector pixels, (rows, columns), origin at n // 2.
+    protocol: says whether the image wraps around the crop, or takes in light from beyond it.
     """
 
     def __init__(self, kernel: torch.Tensor, protocol: EdofProtocol) -> None:
@@ -83,35 +76,18 @@ def add_noise(
     generator: torch.Generator,
     shot_share: float = 0.0,
 ) -> torch.Tensor:
-    """Add the noise of a capture to an image, more of it where the pattern collects less light.
+    """Add the noise of a capture to an image, more of it where less light is collected.
 
     The capture is scaled up to the brightness of one with the full aperture. With the share T of
     the light, read noise therefore has the standard deviation `deviation` / T, and photon noise has
-    the variance of the full aperture's over T.
+    the variance of the full aperture's over T. The capture isn't clipped. Raises ValueError if a
+    number is out of range.
 
-    Parameters
-    ----------
-    image : torch.Tensor, (rows, columns)
-        Noiseless image relative to the collected light: white is 1.
-    deviation : float
-        Standard deviation of a white pixel with the full aperture. Positive.
-    collected : float
-        Share T of the open pupil's light that is collected, above 0 and up to 1.
-    generator : torch.Generator
-        Source of the random numbers.
-    shot_share : float, default 0
-        Share of a white pixel's variance with the full aperture that is photon noise, 0 to 1. It is
-        Gaussian here, with a variance proportional to the light.
-
-    Returns
-    -------
-    torch.Tensor, (rows, columns)
-        The capture. It isn't clipped.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
+    image: noiseless image relative to the collected light, (rows, columns): white is 1.
+    deviation: standard deviation of a white pixel with the full aperture, above 0.
+    collected: share T of the open pupil's light that is collected, above 0 and up to 1.
+    shot_share: share of a white pixel's variance with the full aperture that is photon noise, 0 to
+        1. It is Gaussian here, with a variance proportional to the light.
     """
     require_positive("deviation", deviation, "")
     white = noise_at_light(deviation, collected, shot_share)
@@ -130,18 +106,10 @@ def add_noise(
 class PatternEvaluation:
     """Captures all scenes behind one pattern at all depths, and scores what decoders restore.
 
-    Parameters
-    ----------
-    design : DepthPSFs
-        The pattern's PSFs at the protocol's depths of design.
-    test : DepthPSFs
-        The pattern's PSFs at the protocol's depths of test.
-    scenes : sequence of torch.Tensor
-        Scenes of the protocol's size and light.
-    protocol : EdofProtocol
-        The protocol.
-    with_ssim : bool
-        Whether the SSIM is computed.
+    design: the pattern's PSFs at the protocol's depths of design.
+    test: the pattern's PSFs at the protocol's depths of test.
+    scenes: scenes of the protocol's size and light.
+    with_ssim: whether the SSIM is computed.
     """
 
     def __init__(
@@ -167,7 +135,7 @@ class PatternEvaluation:
     def rows(
         self, pattern: str, decoder: Decoder, alarms: Sequence[Alarm], progress: Progress
     ) -> list[ScoreRow]:
-        """Restore all captures of a pattern by a decoder, and return the rows of their scores."""
+        """Restore all captures by a decoder, and return the rows of their scores."""
         protocol = self._protocol
         kinds = [(scale, part) for scale in protocol.scored_in for part in PARTS]
         found, more = self._score(decoder, kinds, progress)
@@ -190,7 +158,7 @@ class PatternEvaluation:
     def _score(
         self, decoder: Decoder, kinds: Sequence[tuple[LightScale, Part]], progress: Progress
     ) -> tuple[list[CaptureScores], list[Alarm]]:
-        """Score a decoder's pictures in scales and parts, and check that it is repeatable."""
+        """Score restored pictures in scales and parts, and check that the decoder is repeatable."""
         shape = (len(kinds), len(self._scenes), len(self._test.dioptres))
         psnr = torch.zeros(shape, dtype=torch.float64)
         ssim = psnr.new_zeros(shape if self._with_ssim else (*shape[:2], 0))
@@ -221,7 +189,6 @@ class PatternEvaluation:
     def _score_picture(
         self, restored: torch.Tensor, reference: torch.Tensor, scale: LightScale, part: Part
     ) -> tuple[float, float | None]:
-        """Compute the PSNR and SSIM of a part of a restored picture in a scale."""
         return score_picture(
             restored, reference, self._protocol, scale, part, with_ssim=self._with_ssim
         )
@@ -263,22 +230,16 @@ class PatternEvaluation:
 
 
 def _as_list(alarm: Alarm | None) -> list[Alarm]:
-    """Return a list of the alarm of an evaluation, empty if there is none."""
     return [] if alarm is None else [alarm]
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPattern:
-    """Describe a pattern by measured PSFs, at the protocol's depths.
+    """A pattern that is known by its measured PSFs, at the protocol's depths.
 
-    Parameters
-    ----------
-    name : str
-        Name in tables.
-    design : DepthPSFs
-        PSFs at the protocol's `design_dioptres`.
-    test : DepthPSFs
-        PSFs at the protocol's `test_dioptres`.
+    name: name in tables.
+    design: PSFs at the protocol's `design_dioptres`.
+    test: PSFs at the protocol's `test_dioptres`.
     """
 
     name: str
@@ -289,24 +250,11 @@ class MeasuredPattern:
 def prepare_scenes(
     pictures: Sequence[torch.Tensor], protocol: EdofProtocol
 ) -> tuple[torch.Tensor, ...]:
-    """Bring photographs to the size and light of the evaluation protocol's scenes.
+    """Bring photographs to a protocol's size and light: scenes, (scene_side, scene_side).
 
-    Parameters
-    ----------
-    pictures : sequence of torch.Tensor
-        Photographs in sRGB values, as for `prepare_scene`.
-    protocol : EdofProtocol
-        The protocol.
+    Raises ValueError if there is no picture, or one is invalid or too small.
 
-    Returns
-    -------
-    tuple of torch.Tensor, each (scene_side, scene_side)
-        The scenes.
-
-    Raises
-    ------
-    ValueError
-        If there is no picture, or one is invalid or too small.
+    pictures: photographs in sRGB values, as for `prepare_scene`.
     """
     if not len(pictures):
         raise ValueError("pictures is empty; give one at least")
@@ -442,7 +390,7 @@ def _with_expected_energies(
 
 
 def _require_unique(name: str, names: Sequence[str]) -> None:
-    """Raise ValueError unless what is evaluated has different names, at least one."""
+    """Raise ValueError unless there are names, and all differ."""
     if not names:
         raise ValueError(f"{name} is empty; give one at least")
     for one in names:

@@ -19,7 +19,7 @@ from optics.plane import Plane
 
 
 class FieldMap(ABC):
-    """Base class of linear maps from the wave on a panel to the wave on a sensor's samples."""
+    """A linear map from the wave on a panel to the wave on a sensor's samples."""
 
     @abstractmethod
     def forward(self, wave: torch.Tensor) -> torch.Tensor:
@@ -35,16 +35,10 @@ class CosineMatrixMap(FieldMap):
 
     The product with the matrix of the longer axis comes first, as it shrinks the wave most.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        (rows, columns) of the quarter.
-    reach : int
-        Samples from the middle of the sensor to the window's border.
-    step : float
-        Turns per panel pixel and sample.
-    dtype : torch.dtype
-        complex64 or complex128.
+    shape: (rows, columns) of the quarter.
+    reach: samples from the middle of the sensor to the window's border.
+    step: turns per panel pixel and sample.
+    dtype: complex64 or complex128.
     """
 
     def __init__(self, shape: tuple[int, int], reach: int, step: float, dtype: torch.dtype) -> None:
@@ -65,7 +59,7 @@ class CosineMatrixMap(FieldMap):
         return torch.complex(*((along_y @ part) @ along_x.T for part in (wave.real, wave.imag)))
 
     def _on_device(self, wave: torch.Tensor) -> list[torch.Tensor]:
-        """Return the cosine matrices on the device of a panel's wave."""
+        """Return the cosine matrices on the device of a wave."""
         self._matrices = [one.to(wave.device) for one in self._matrices]
         return self._matrices
 
@@ -75,14 +69,10 @@ class CosineTransformMap(FieldMap):
 
     On other devices than the CPU, matrices compute the same sums.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        (rows, columns) of the quarter; each at most `length`, and `length` is half a period.
-    reach : int
-        Samples from the middle of the sensor to the window's border.
-    length : int
-        Length of the cosine transforms; the step is 1 / (2 length) turns.
+    shape: (rows, columns) of the quarter; each at most twice `length`, and `length` is half a
+        period.
+    reach: samples from the middle of the sensor to the window's border.
+    length: length of the cosine transforms; the step is 1 / (2 length) turns.
     """
 
     def __init__(self, shape: tuple[int, int], reach: int, length: int) -> None:
@@ -106,14 +96,14 @@ class CosineTransformMap(FieldMap):
         return torch.complex(parts[0], parts[1])
 
     def _matrix_map(self, dtype: torch.dtype) -> CosineMatrixMap:
-        """Return the map of the same panel's wave by matrices, for devices without scipy."""
+        """Return the same map by matrices, for devices without scipy."""
         if self._matrices is None:
             step = 1 / (2 * self._length)
             self._matrices = CosineMatrixMap(self._shape, self._reach, step, dtype)
         return self._matrices
 
     def _transform(self, parts: torch.Tensor, axis: int) -> torch.Tensor:
-        """Compute cosine sums over a panel's quarter along an axis (a DCT of type 2)."""
+        """Compute cosine sums over a quarter along an axis (a DCT of type 2)."""
         count = parts.shape[axis]
         if count > self._length:
             # Pixels beyond half a period are aliases of those before it.
@@ -140,14 +130,9 @@ class CosineTransformMap(FieldMap):
 class FoldedMap(FieldMap):
     """Maps the wave of a whole panel by two fast Fourier transforms of one period's length.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        (rows, columns) of the panel; each less than twice `length`.
-    reach : int
-        Samples from the middle of the sensor to the window's border; less than half of `length`.
-    length : int
-        Length of the transforms; the step is 1 / length turns.
+    shape: (rows, columns) of the panel; each less than twice `length`.
+    reach: samples from the middle of the sensor to the window's border; less than half of `length`.
+    length: length of the transforms; the step is 1 / length turns.
     """
 
     def __init__(self, shape: tuple[int, int], reach: int, length: int) -> None:
@@ -162,7 +147,7 @@ class FoldedMap(FieldMap):
         return self._transpose(self._transpose(wave.mT, rows).mT, columns)
 
     def _transform(self, wave: torch.Tensor) -> torch.Tensor:
-        """Compute Fourier sums over a panel's pixels along the last axis."""
+        """Compute Fourier sums over pixels along the last axis."""
         count = wave.shape[-1]
         if count > self._length:
             folded = wave[..., : self._length].clone()
@@ -184,16 +169,10 @@ class FoldedMap(FieldMap):
 class ChirpMap(FieldMap):
     """Maps the wave of a whole panel by chirp transforms, for any step.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        (rows, columns) of the panel.
-    reach : int
-        Samples from the middle of the sensor to the window's border.
-    step : float
-        Turns per panel pixel and sample.
-    dtype : torch.dtype
-        complex64 or complex128.
+    shape: (rows, columns) of the panel.
+    reach: samples from the middle of the sensor to the window's border.
+    step: turns per panel pixel and sample.
+    dtype: complex64 or complex128.
     """
 
     def __init__(self, shape: tuple[int, int], reach: int, step: float, dtype: torch.dtype) -> None:

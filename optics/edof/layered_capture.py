@@ -18,12 +18,10 @@ layer's image alone. The share of the pupil that a matte covers isn't light: a m
 all, so that the background vanishes, whatever the window. C is H / H(0) for that reason, which
 takes the rays beyond the window to meet the matte as often as those within.
 
-References
-----------
-T. Porter, T. Duff, "Compositing digital images", Computer Graphics 18, 253, 1984,
-doi 10.1145/964965.808606.
-S. W. Hasinoff, K. N. Kutulakos, "A layer-based restoration framework for variable-aperture
-photography", IEEE Int. Conf. Computer Vision, 2007, doi 10.1109/ICCV.2007.4408898.
+T. Porter, T. Duff, "Compositing digital images", Computer Graphics 18, 253, 1984, doi
+10.1145/964965.808606; S. W. Hasinoff, K. N. Kutulakos, "A layer-based restoration framework for
+variable-aperture photography", IEEE Int. Conf. Computer Vision, 2007, doi
+10.1109/ICCV.2007.4408898.
 """
 
 from __future__ import annotations
@@ -41,33 +39,24 @@ def composite_layers(
     """Compute the noiseless image of layers that hide each other, each blurred by its own PSF.
 
     Pictures are periodic. A caller who needs the border to be right gives layers with a margin as
-    wide as the PSFs' reach, and crops the image. The image is differentiable in all arguments.
+    wide as the PSFs' reach, and crops the image. The image, (..., rows, columns), is differentiable
+    in all arguments.
 
     L layers take 2 (2 L - 1) Fourier transforms: one takes 2, as a plane does, and two take 6.
     Measured on a processor with 128 to 512 pixels along a side: two layers take 2.3 to 2.7 times as
     long as one, and 2.6 to 3.0 times with the gradient in the transfer functions.
 
-    Parameters
-    ----------
-    pictures : torch.Tensor or numpy.ndarray, (..., layers, rows, columns)
-        Linear light of each layer, the nearest first, also where another layer hides it.
-    mattes : torch.Tensor or numpy.ndarray, (..., layers, rows, columns)
-        Share of each pixel that a layer covers, 0 to 1. The farthest layer's is 1.
-    transfers : torch.Tensor or numpy.ndarray, (..., layers, rows, columns // 2 + 1), complex
-        Transfer function of each layer's depth on the frequencies of `torch.fft.rfft2`, with the
-        PSF's origin at the first pixel. Its value at zero frequency is the PSF's sum, above 0.
+    Raises ValueError if there is no layer, shapes don't match, a light or a transfer function's sum
+    isn't finite, a matte isn't within 0 to 1, the farthest matte isn't 1, or a transfer function
+    isn't positive at zero frequency.
 
-    Returns
-    -------
-    torch.Tensor or numpy.ndarray, (..., rows, columns)
-        The image, without noise.
-
-    Raises
-    ------
-    ValueError
-        If there is no layer, shapes don't match, a light or a transfer function's sum isn't finite,
-        a matte isn't within 0 to 1, the farthest matte isn't 1, or a transfer function isn't
-        positive at zero frequency.
+    pictures: linear light of each layer, (..., layers, rows, columns), the nearest first, also
+        where another layer hides it.
+    mattes: share of each pixel that a layer covers, (..., layers, rows, columns), 0 to 1. The
+        farthest layer's is 1.
+    transfers: transfer function of each layer's depth on the frequencies of `torch.fft.rfft2`,
+        (..., layers, rows, columns // 2 + 1), complex, with the PSF's origin at the first pixel.
+        Its value at zero frequency is the PSF's sum, above 0.
     """
     pictures, mattes = as_floating_point(pictures), as_floating_point(mattes)
     _require_layers(pictures, mattes)
@@ -88,20 +77,7 @@ def composite_layers(
 def flatten_layers(pictures: torch.Tensor, mattes: torch.Tensor) -> torch.Tensor:
     """Compute the sharp picture of layers that hide each other: what a perfect lens would show.
 
-    Parameters
-    ----------
-    pictures, mattes : torch.Tensor or numpy.ndarray, (..., layers, rows, columns)
-        Linear light, and share of each pixel that a layer covers, as for `composite_layers`.
-
-    Returns
-    -------
-    torch.Tensor or numpy.ndarray, (..., rows, columns)
-        The picture.
-
-    Raises
-    ------
-    ValueError
-        As `composite_layers` does for its pictures and mattes.
+    Arguments and errors are as for `composite_layers`; the picture is (..., rows, columns).
     """
     pictures, mattes = as_floating_point(pictures), as_floating_point(mattes)
     _require_layers(pictures, mattes)
@@ -112,7 +88,7 @@ def flatten_layers(pictures: torch.Tensor, mattes: torch.Tensor) -> torch.Tensor
 
 
 def _require_layers(pictures: torch.Tensor, mattes: torch.Tensor) -> None:
-    """Raise ValueError if the layers of a scene are invalid."""
+    """Raise ValueError for invalid layers."""
     if pictures.ndim < 3 or 0 in pictures.shape[-3:]:
         raise ValueError(
             f"pictures is {tuple(pictures.shape)}; give (..., layers, rows, columns) with at least "
@@ -140,7 +116,7 @@ def _require_layers(pictures: torch.Tensor, mattes: torch.Tensor) -> None:
 
 
 def _require_transfers(pictures: torch.Tensor, transfers: torch.Tensor) -> None:
-    """Raise ValueError if transfer functions don't fit a scene's layers, or let no light by."""
+    """Raise ValueError if transfer functions don't fit the layers, or let no light by."""
     layers, rows, columns = pictures.shape[-3:]
     if not transfers.is_complex() or tuple(transfers.shape[-3:]) != (
         layers,

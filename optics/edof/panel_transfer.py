@@ -222,14 +222,14 @@ class FullTransfer(PatternTransfer):
 
 
 def _parity_parts(light: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the even and the odd part of a PSF along the first axis, from its middle on."""
+    """Return the even and the odd part along the first axis, from the middle on."""
     reach = len(light) // 2
     after, before = light[reach:], light[: reach + 1].flip(0)
     return (after + before) / 2, (after - before) / 2
 
 
 def _join_parity(even: torch.Tensor, odd: torch.Tensor) -> torch.Tensor:
-    """Apply the transpose of `_parity_parts` to gradients by a PSF's even and odd part."""
+    """Apply the transpose of `_parity_parts` to gradients by the even and the odd part."""
     reach = len(even) - 1
     joined = even.new_zeros(2 * reach + 1, even.shape[1])
     joined[reach:] += (even + odd) / 2
@@ -245,20 +245,11 @@ with three."""
 
 @dataclass(frozen=True)
 class PanelCondition:
-    """Describe a condition of a panel in which it shows a pattern.
+    """A condition of a panel in which it shows a pattern.
 
-    Attributes
-    ----------
-    coupling : float
-        Standard deviation by which fringing fields blur the displayed phase, metres; 0 or more,
-        and at most the panel's pitch.
-    response : float
-        Factor of the displayed phase; 1 for a panel that shows what it should.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
+    coupling: standard deviation by which fringing fields blur the displayed phase, metres; 0 or
+        more, and at most the panel's pitch.
+    response: factor of the displayed phase, above 0; 1 for a panel that shows what it should.
     """
 
     coupling: float = 0.0
@@ -274,18 +265,9 @@ class ConditionTransfer:
     """Computes OTFs of displayed patterns on a panel in a condition, for a search.
 
     Call it as a `PatternTransfer`, with the phase as it is displayed: wrapped as the panel wraps.
+    Raises ValueError if the coupling is more than the panel's pitch.
 
-    Parameters
-    ----------
-    transfer : PatternTransfer
-        Computes the OTFs of the panel as it should be.
-    condition : PanelCondition
-        The condition.
-
-    Raises
-    ------
-    ValueError
-        If the coupling is more than the panel's pitch.
+    transfer: computes the OTFs of the panel as it should be.
     """
 
     def __init__(self, transfer: PatternTransfer, condition: PanelCondition) -> None:
@@ -308,20 +290,13 @@ class ConditionTransfer:
         return self._transfer.grid
 
     def __call__(self, phase: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
-        """Compute the OTFs of a displayed pattern at depths.
+        """Compute the OTFs of a displayed phase at depths.
 
-        Parameters
-        ----------
-        phase : torch.Tensor, (rows, columns)
-            Displayed phase in radians, of the shape that the transfer takes. The result is
-            differentiable in it, once.
-        dioptres : sequence of float
-            Depths, 0 (infinity) or more; at least one.
+        The result is (depths, rows, columns), on the frequencies of `grid`, and differentiable in
+        the phase, once.
 
-        Returns
-        -------
-        torch.Tensor, (depths, rows, columns)
-            OTF at each depth on the frequencies of `grid`.
+        phase: displayed phase in radians, of the shape that the transfer takes.
+        dioptres: depths, 0 (infinity) or more; at least one.
         """
         shown = self._condition.response * phase
         if not self._sigma:
@@ -341,22 +316,11 @@ class ConditionTransfer:
 def fold_into_range(phase: torch.Tensor, top: float) -> torch.Tensor:
     """Fold a phase back at both ends of a panel's range, so that it is continuous there.
 
-    Parameters
-    ----------
-    phase : torch.Tensor
-        Radians, of any shape; the result is differentiable in it.
-    top : float
-        Upper end of the range in radians; the lower one is 0.
+    It stays where it is from 0 to `top`; elsewhere it becomes its mirror image at the nearest end.
+    Raises ValueError if `top` isn't positive.
 
-    Returns
-    -------
-    torch.Tensor
-        The phase where it is from 0 to `top`; elsewhere its mirror image at the nearest end.
-
-    Raises
-    ------
-    ValueError
-        If `top` isn't positive.
+    phase: radians, of any shape; the result is differentiable in it.
+    top: upper end of the range in radians; the lower one is 0.
     """
     require_positive("top", top, "rad")
     return top - (torch.remainder(phase, 2 * top) - top).abs()

@@ -16,7 +16,7 @@ from optics.validation import require_count, require_finite, require_positive
 
 @dataclass(frozen=True)
 class PatternRating:
-    """Describe what linear restoration is expected to give behind a pattern, over depths.
+    """What linear restoration is expected to give behind a pattern, over depths.
 
     Attributes
     ----------
@@ -92,21 +92,12 @@ def rate_transfers(
 ) -> PatternRating:
     """Compute the expected PSNR of linear restoration from OTFs at depths, taken one by one.
 
-    Parameters
-    ----------
-    transfers : iterable of torch.Tensor, each (rows, columns)
-        OTF at each depth, relative to the light of the open pupil; the depths weigh the same.
-    count : int
-        Number of the depths.
-    spectrum, shares : torch.Tensor, (rows, columns)
-        Power spectrum of the pictures, float64, and the frequencies' shares.
-    noise : float
-        Standard deviation of a pixel's noise, where white is 1.
-
-    Returns
-    -------
-    PatternRating
-        The rating.
+    transfers: OTF at each depth, (rows, columns), relative to the light of the open pupil; the
+        depths weigh the same.
+    count: number of the depths.
+    spectrum, shares: power spectrum of the pictures, float64, and the frequencies' shares, (rows,
+        columns).
+    noise: standard deviation of a pixel's noise, where white is 1.
     """
     memory = DepthMemory(count, spectrum, noise)
     known, light = [], 0.0
@@ -121,14 +112,9 @@ def rate_transfers(
 class DepthMemory:
     """Sums over depth of OTFs and of their squared moduli, of which the blind filter is made.
 
-    Parameters
-    ----------
-    count : int
-        Number of depths that are summed.
-    spectrum : torch.Tensor, (rows, columns)
-        Power spectrum of the pictures, float64.
-    noise : float
-        Standard deviation of a pixel's noise.
+    count: number of depths that are summed.
+    spectrum: power spectrum of the pictures, (rows, columns), float64.
+    noise: standard deviation of a pixel's noise, where white is 1.
     """
 
     def __init__(self, count: int, spectrum: torch.Tensor, noise: float) -> None:
@@ -143,12 +129,12 @@ class DepthMemory:
         self.power += sign * (wide * wide.conj()).real
 
     def filter(self) -> torch.Tensor:
-        """Return the linear filter of least expected error at the depths of the sums of OTFs."""
+        """Return the linear filter of least expected error at the summed depths."""
         spectrum, mean = self._spectrum, self.total / self.count
         return spectrum * mean.conj() / (spectrum * self.power / self.count + self._variance)
 
     def error(self, shares: torch.Tensor) -> float:
-        """Return the expected squared error per pixel of that filter at the depths of the sums."""
+        """Return the expected squared error per pixel of that filter at the summed depths."""
         spectrum, mean = self._spectrum, self.total / self.count
         signal = spectrum * (mean * mean.conj()).real
         lost = spectrum * (1 - signal / (spectrum * self.power / self.count + self._variance))
@@ -204,7 +190,7 @@ class SearchSettings:
 
 
 def settings_for(criterion: str) -> SearchSettings:
-    """Return the settings with which the search for a pattern starts for a criterion.
+    """Return the settings with which a search starts for a criterion.
 
     With the depth known, larger steps are better. Measured from a cubic pattern: .3 radians gained
     1.25 dB in 250 steps, 1.5 radians 1.1 dB, and .1 radians 1.1 dB in 500. Large steps lose the
@@ -216,7 +202,7 @@ def settings_for(criterion: str) -> SearchSettings:
 
 @dataclass(eq=False)
 class SearchState:
-    """The state of a search for a pattern; with it, a search goes on bit by bit as it would have.
+    """The state of a search, with which it goes on bit by bit as it would have.
 
     `design_pattern` changes it in place after each step, so that it is current when the search is
     cancelled. All entries are numbers, lists, tensors and dictionaries of these, for `torch.save`.
@@ -263,7 +249,7 @@ class SearchState:
 
 @dataclass(frozen=True, eq=False)
 class DesignResult:
-    """Describe a designed pattern.
+    """A designed pattern, with its ratings and its search.
 
     Attributes
     ----------

@@ -17,10 +17,8 @@ those with larger errors count for more: the search lowers a power mean of their
 A pattern for several conditions of the panel at one wavelength has one filter for all of them,
 because a decoder doesn't know the condition; the search lowers the plain mean of their errors.
 
-References
-----------
-Thesis section 5.4; D. P. Kingma and J. Ba, Adam, arXiv 1412.6980, 2015; for the memory, M. Schmidt
-et al., Math. Program. 162, 83, 2017, doi 10.1007/s10107-016-1030-6.
+See thesis section 5.4; D. P. Kingma and J. Ba, Adam, arXiv 1412.6980, 2015; for the memory, M.
+Schmidt et al., Math. Program. 162, 83, 2017, doi 10.1007/s10107-016-1030-6.
 """
 
 from __future__ import annotations
@@ -170,7 +168,7 @@ def design_pattern(
 
 @dataclass(frozen=True, eq=False)
 class DesignBand:
-    """Describe a further wavelength, or condition of the panel, for which a pattern is designed.
+    """A further wavelength, or condition of the panel, for which a pattern is designed.
 
     Parameters
     ----------
@@ -192,7 +190,7 @@ class DesignBand:
 
 
 def _number_filters(bands: Sequence[DesignBand]) -> list[int]:
-    """Return the number of the filter that restores each band of a pattern's search.
+    """Return the number of the filter that restores each band.
 
     Raises ValueError for a band that takes the filter of one that isn't before it.
     """
@@ -227,7 +225,7 @@ class _Problem:
 
 
 class _Search:
-    """The search for a pattern: the optimiser, and the OTFs that it remembers."""
+    """The optimiser, and the OTFs that it remembers."""
 
     def __init__(
         self,
@@ -270,7 +268,7 @@ class _Search:
             self._remember_all_parts()
 
     def run(self, progress: Progress) -> None:
-        """Take the steps of the search that are left."""
+        """Take the steps that are left."""
         state = self.state
         while state.step < self._steps:
             progress.raise_if_cancelled()
@@ -282,7 +280,7 @@ class _Search:
                 progress.report(state.step / self._steps, message)
 
     def _take_step(self) -> None:
-        """Draw depths, compute the gradient of the pattern's error, and change the parameters."""
+        """Draw depths, compute the gradient of the error, and change the parameters."""
         state, rate = self.state, self._rate()
         band, parts = state.step % len(self._problems), self._draw_parts()
         problem = self._problems[band]
@@ -361,7 +359,7 @@ class _Search:
             self.state.remembered.append(torch.stack(kept))
 
     def _restore(self) -> None:
-        """Put optimiser, generator and remembered OTFs of a pattern's search back to its state."""
+        """Put optimiser, generator and remembered OTFs back to the given state."""
         state = self.state
         if state.optimiser:
             self._optimiser.load_state_dict(state.optimiser)
@@ -371,7 +369,7 @@ class _Search:
             memory.total, memory.power = total.clone(), power.clone()
 
     def _save(self) -> None:
-        """Write the search's optimiser, generator, parameters and sums into its state."""
+        """Write optimiser, generator, parameters and sums into the state."""
         state = self.state
         state.parameters = self._parameters.detach()
         state.optimiser = self._optimiser.state_dict()
@@ -395,14 +393,14 @@ class _Search:
         return tuple(low + width * (part + one) for part, one in zip(parts, drawn, strict=True))
 
     def _rate(self) -> float:
-        """Return the rate of a search's next step: it grows linearly, then falls as a cosine."""
+        """Return the rate of the next step: it grows linearly, then falls as a cosine."""
         settings, step = self._settings, self.state.step
         warm = min(1.0, (step + 1) / settings.warm_up)
         fall = 0.5 * (1 + math.cos(math.pi * step / self._steps))
         return settings.rate * warm * (settings.last_rate + (1 - settings.last_rate) * fall)
 
     def _count_failure(self) -> None:
-        """Count a step of a pattern's search without a finite gradient; stop after too many."""
+        """Count a step without a finite gradient; raise FloatingPointError after too many."""
         self._failures += 1
         self.state.skipped += 1
         if self._failures >= MOST_FAILURES:
@@ -412,7 +410,7 @@ class _Search:
             )
 
     def _estimated_level(self) -> float:
-        """Return the level in dB of a search's criterion, at the depths drawn last."""
+        """Return the level in dB of the criterion, at the depths drawn last."""
         if self._blind:
             errors = [one.error(self._shares) for one in self._memories]
             return error_level(sum(errors) / len(errors))
@@ -421,5 +419,5 @@ class _Search:
 
 
 def _keep(parameters: torch.Tensor) -> torch.Tensor:
-    """Return a pattern's parameters as its phase."""
+    """Return parameters as they are, for those that are the phase itself."""
     return parameters

@@ -19,33 +19,27 @@ from optics.threads import in_full_precision
 
 
 class DepthTransfer(Protocol):
-    """Anything that computes OTFs of patterns at depths on a grid of frequencies."""
+    """Anything that computes OTFs at depths on a grid of frequencies."""
 
     @property
     def grid(self) -> FrequencyGrid:
         """The frequencies of the OTFs."""
 
     def __call__(self, phase: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
-        """Compute the OTFs (depths, rows, columns) of a pattern at depths in dioptres."""
+        """Compute the OTFs (depths, rows, columns) of a phase at depths in dioptres."""
 
 
 class PatternTransfer(ABC):
-    """Base class of the OTFs of patterns of one kind, at any depths.
+    """The OTFs of patterns of one kind, at any depths.
 
     Call it with a pattern and depths; see `__call__`. The light is relative to all light that
-    leaves the panel through the stop, so that an OTF at zero frequency is the share of light in
-    the window. Light beyond the window is lost. The light's density at the samples stands for that
-    on whole pixels; where its fringes are finer than pixels, the samples' sum may exceed 1 a little
+    leaves the panel through the stop, so that an OTF at zero frequency is the share of light in the
+    window. Light beyond the window is lost. The light's density at the samples stands for that on
+    whole pixels; where its fringes are finer than pixels, the samples' sum may exceed 1 a little
     (.1 % was seen).
 
-    Attributes
-    ----------
-    design : TransferDesign
-        The optics.
-    grid : FrequencyGrid
-        The frequencies of the OTFs, for criteria and spectra.
-    shape : tuple of int
-        (rows, columns) of a pattern.
+    grid: the frequencies of the OTFs, for criteria and spectra.
+    shape: (rows, columns) of a pattern.
     """
 
     design: TransferDesign
@@ -73,11 +67,11 @@ class PatternTransfer(ABC):
 
     @abstractmethod
     def _plan_map(self) -> FieldMap:
-        """Choose the map from the panel's wave to the sensor's, for this kind of pattern."""
+        """Choose the map from the panel's wave to the sensor's."""
 
     @abstractmethod
     def _transfer(self, light: torch.Tensor) -> torch.Tensor:
-        """Compute the OTF from the light |wave|² at the samples, for this kind of pattern."""
+        """Compute the OTF from the light |wave|² at the samples."""
 
     @abstractmethod
     def _transfer_adjoint(self, gradient: torch.Tensor) -> torch.Tensor:
@@ -115,24 +109,13 @@ class PatternTransfer(ABC):
     def of_field(self, field: torch.Tensor, dioptres: Sequence[float]) -> torch.Tensor:
         """Compute the OTFs at depths behind pixels whose field is known, as a call does.
 
-        Parameters
-        ----------
-        field : torch.Tensor, (rows, columns), complex
-            Field of each pixel where light of amplitude 1 falls on it, without the stop. The result
-            is differentiable in it, once.
-        dioptres : sequence of float
-            Depths, 0 (infinity) or more; at least one.
+        The result is (depths, rows, columns), on the frequencies of `grid`, and differentiable in
+        the field, once. Raises ValueError if the field has another shape, or a depth is negative or
+        isn't finite, or there is none.
 
-        Returns
-        -------
-        torch.Tensor, (depths, rows, columns)
-            OTF at each depth on the frequencies of `grid`.
-
-        Raises
-        ------
-        ValueError
-            If the field has another shape, or a depth is negative or isn't finite, or there is
-            none.
+        field: field of each pixel where light of amplitude 1 falls on it, without the stop; (rows,
+            columns), complex.
+        dioptres: depths, 0 (infinity) or more; at least one.
         """
         self._require_suitable("field", field, dioptres)
         open_field = field.to(self._dtype)
@@ -177,12 +160,12 @@ class PatternTransfer(ABC):
         return total
 
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
-        """Compute the complex modulation of a pattern's pixels, with the stop's open shares."""
+        """Compute the complex modulation of the pixels, with the stop's open shares."""
         phasor = phase_factor(phase, self._dtype)
         return phasor if self._amplitude is None else phasor * self._amplitude.to(phasor.device)
 
     def defocus(self, dioptre: float, device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
-        """Compute the defocus phasors of an object's depth along both axes of a pattern."""
+        """Compute the defocus phasors of an object's depth along both axes."""
         column, row = (
             unit_phasor(self.design.defocus_turns(axis, dioptre, p), self._dtype).to(device)
             for axis, p in enumerate(self._positions)
@@ -190,12 +173,12 @@ class PatternTransfer(ABC):
         return column[:, None], row[None, :]
 
     def wave(self, modulation: torch.Tensor, dioptre: float) -> torch.Tensor:
-        """Compute the wave on the sensor's samples behind a pattern's modulation at one depth."""
+        """Compute the wave on the sensor's samples behind a modulation at one depth."""
         column, row = self.defocus(dioptre, modulation.device)
         return self._map.forward((modulation * row).mul_(column))
 
     def _wave_adjoint(self, wave: torch.Tensor, dioptre: float) -> torch.Tensor:
-        """Apply the conjugate transpose of `wave` in a pattern's modulation."""
+        """Apply the conjugate transpose of `wave`."""
         column, row = self.defocus(dioptre, wave.device)
         return (self._map.adjoint(wave) * row.conj()).mul_(column.conj())
 
@@ -204,7 +187,7 @@ _OTF = "the OTFs of a pattern"
 
 
 class _DepthTransfer(torch.autograd.Function):
-    """The autograd function of a pattern's OTFs at depths, one depth at a time.
+    """The autograd function of a phase's OTFs at depths, one depth at a time.
 
     Of each depth the wave in the window is kept for the gradient, which is a tenth of the memory
     that automatic differentiation would keep. The gradients of all depths by the modulation are
@@ -262,14 +245,9 @@ def binned_phasors(
     binned pixels, is shared by the two pixels next to the position: linear interpolation. Without
     binning the position itself counts.
 
-    Parameters
-    ----------
-    frequencies : torch.Tensor, (frequencies,)
-        Cycles per binned pixel.
-    positions : torch.Tensor, (positions,)
-        Sensor pixels from the middle.
-    binning : int
-        Sensor pixels along each side of a binned pixel.
+    frequencies: cycles per binned pixel, (frequencies,).
+    positions: sensor pixels from the middle, (positions,).
+    binning: sensor pixels along each side of a binned pixel.
     """
     if binning == 1:
         return unit_phasor(-torch.outer(frequencies, positions), torch.complex128)

@@ -1,4 +1,4 @@
-"""Measure and model the mean power spectrum of natural pictures, on a grid of frequencies."""
+"""The mean power spectrum of natural pictures, measured and modelled on a grid of frequencies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optics.validation import accepts_numpy, require_count, require_finite
 
 @dataclass(frozen=True)
 class FrequencyGrid:
-    """Describe the frequencies of a periodic picture of size x size pixels.
+    """The frequencies of a periodic picture of size x size pixels.
 
     The half of the frequencies in the layout of ``torch.fft.rfft2`` suffices for every real
     picture. A quarter of them, none of them negative, suffices where everything is symmetric in
@@ -43,12 +43,12 @@ class FrequencyGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the frequency grid."""
+        """Rows and columns of the grid."""
         columns = self.size // 2 + 1
         return (columns if self.quarter else self.size), columns
 
     def frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the frequencies (y, x) of a picture's grid as a column and a row.
+        """Return the frequencies (y, x) as a column and a row.
 
         They are in cycles per pixel, float64, and broadcast to the grid's shape.
         """
@@ -57,7 +57,7 @@ class FrequencyGrid:
         return rows[:, None], columns[None, :]
 
     def shares(self) -> torch.Tensor:
-        """Return the share of all of a picture's frequencies that each one on the grid stands for.
+        """Return the share of all frequencies that each one on the grid stands for.
 
         A frequency also stands for those of the other sign that the grid leaves out. The shares
         sum to 1, so that the sum of shares times a power spectrum is a mean over all frequencies,
@@ -72,7 +72,7 @@ class FrequencyGrid:
         return rows[:, None] * columns[None, :] / self.size**2
 
     def select_quarter(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the quarter of a picture's values (..., size, size // 2 + 1) by frequency.
+        """Return the quarter of values (..., size, size // 2 + 1) by frequency.
 
         The values at positive and negative frequencies along y are averaged.
         """
@@ -101,23 +101,14 @@ _FIT_STEPS = 30
 
 @dataclass(frozen=True)
 class SpectrumModel:
-    """Describe the power spectrum of pictures by a polynomial in log frequency and direction.
+    """The power spectrum of pictures as a polynomial in log frequency and direction.
 
     ln S = sum over m of cos(m angle) sum over k of c[m][k] x^k, where x = ln(|f| / 0.5) with f in
     cycles per pixel, and the angle is that of f from the x axis. S is zero at zero frequency, as
     the pictures' mean isn't counted, and constant in |f| below one cycle over 512 pixels.
 
-    Parameters
-    ----------
-    coefficients : tuple of tuple of float
-        c[m][k] for the multiples 0, 2, 4 ... of the angle.
-    source : str, optional
-        The pictures that the spectrum is of.
-
-    Raises
-    ------
-    ValueError
-        If there are no coefficients, more than five rows of them, or rows of different lengths.
+    coefficients: c[m][k] for the multiples 0, 2, 4 ... of the angle: up to five rows of one length.
+    source: the pictures that the spectrum is of.
     """
 
     coefficients: tuple[tuple[float, ...], ...]
@@ -132,29 +123,15 @@ class SpectrumModel:
             )
 
     def on_grid(self, grid: FrequencyGrid) -> torch.Tensor:
-        """Compute the modelled power spectrum of pictures on a frequency grid.
+        """Compute the power spectrum on a grid of frequencies, (rows, columns), float64.
 
         The pictures may have any number of pixels, but must show the scene at the same scale: one
         pixel must cover the same part of a typical object as in the pictures of the model.
-
-        Returns
-        -------
-        torch.Tensor, (rows, columns), float64
         """
         return self.at(*grid.frequencies())
 
     def at(self, fy: torch.Tensor, fx: torch.Tensor) -> torch.Tensor:
-        """Compute the modelled power spectrum of pictures at frequencies in cycles per pixel.
-
-        Parameters
-        ----------
-        fy, fx : torch.Tensor
-            Cycles per pixel along y and x; they broadcast.
-
-        Returns
-        -------
-        torch.Tensor, float64
-        """
+        """Compute the power spectrum at frequencies in cycles per pixel that broadcast; float64."""
         rows = len(self.coefficients), len(self.coefficients[0])
         terms = _model_terms(fy.double(), fx.double(), *rows)
         flat = torch.tensor(self.coefficients, dtype=torch.float64).flatten()
@@ -162,23 +139,15 @@ class SpectrumModel:
         return torch.where(torch.hypot(fy, fx) > 0, spectrum, 0.0)
 
     def binned_on_grid(self, grid: FrequencyGrid, binning: int) -> torch.Tensor:
-        """Compute the power spectrum of modelled pictures whose pixels are averaged in squares.
+        """Compute the power spectrum of pictures whose pixels are averaged in squares.
 
-        Binning averages binning x binning pixels into one, so that the same scene has fewer,
-        larger pixels. It multiplies by the transfer function of a square and folds all frequencies
-        that are whole cycles per new pixel apart onto one another.
+        Binning averages binning x binning pixels into one, so that the same scene has fewer, larger
+        pixels. It multiplies by the transfer function of a square and folds all frequencies that
+        are whole cycles per new pixel apart onto one another. The result is (rows, columns),
+        float64, and zero at zero frequency.
 
-        Parameters
-        ----------
-        grid : FrequencyGrid
-            The frequencies of the binned pictures.
-        binning : int
-            Old pixels along each side of a new pixel, 1 or more.
-
-        Returns
-        -------
-        torch.Tensor, (rows, columns), float64
-            The spectrum; zero at zero frequency.
+        grid: the frequencies of the binned pictures.
+        binning: old pixels along each side of a new pixel, 1 or more.
         """
         require_count("binning", binning)
         fy, fx = grid.frequencies()
@@ -262,28 +231,15 @@ def mean_spectrum(pictures: Iterable[torch.Tensor], size: int) -> torch.Tensor:
 
 
 def fit_spectrum_model(spectrum: torch.Tensor, source: str = "") -> SpectrumModel:
-    """Fit a model of few numbers to a measured power spectrum of pictures.
+    """Fit a model of few numbers to a measured power spectrum.
 
     The measured values scatter around the model as a gamma distribution, whose likelihood is
     maximised, as the mean of logarithms would be biased. A frequency's weight falls with the
-    frequency, as there are many more of the high ones.
+    frequency, as there are many more of the high ones. Raises ValueError if the spectrum isn't
+    positive beyond zero frequency.
 
-    Parameters
-    ----------
-    spectrum : torch.Tensor, (size, size // 2 + 1)
-        From `measure_picture_spectrum`.
-    source : str, optional
-        The pictures that the spectrum is of.
-
-    Returns
-    -------
-    SpectrumModel
-        The model.
-
-    Raises
-    ------
-    ValueError
-        If the spectrum isn't positive beyond zero frequency.
+    spectrum: of `measure_picture_spectrum`, (size, size // 2 + 1).
+    source: the pictures that the spectrum is of.
     """
     grid = FrequencyGrid(len(spectrum))
     fy, fx = (f.expand(grid.shape) for f in grid.frequencies())
@@ -305,7 +261,7 @@ def fit_spectrum_model(spectrum: torch.Tensor, source: str = "") -> SpectrumMode
 
 
 def _model_terms(fy: torch.Tensor, fx: torch.Tensor, harmonics: int, powers: int) -> torch.Tensor:
-    """Return the terms of a spectrum's model at frequencies, (harmonics x powers, ...)."""
+    """Return the terms of the model at frequencies, (harmonics x powers, ...)."""
     radius = torch.hypot(fy, fx).clamp(min=_LOWEST_FREQUENCY)
     x, angle = torch.log(radius / 0.5), torch.atan2(fy, fx)
     return torch.stack(
@@ -325,11 +281,14 @@ def _tiled_periodogram(centred: torch.Tensor, size: int) -> torch.Tensor:
 
 
 def _fold_frequency(frequency: torch.Tensor) -> torch.Tensor:
-    """Return a picture's frequencies folded into -1/2 to 1/2 cycles per pixel."""
+    """Return frequencies folded into -1/2 to 1/2 cycles per pixel."""
     return frequency - torch.round(frequency)
 
 
 def averaging_transfer(frequency: torch.Tensor, binning: int) -> torch.Tensor:
-    """Return the transfer function of a mean over a row of a picture's pixels."""
+    """Return the transfer function of a mean over a row of `binning` pixels.
+
+    frequency: cycles per pixel before binning.
+    """
     below = torch.sinc(frequency)
     return torch.sinc(binning * frequency) / below

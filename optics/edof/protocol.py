@@ -1,4 +1,4 @@
-"""State how patterns that extend the depth of field are evaluated, and on which pictures."""
+"""State how patterns are evaluated, and on which pictures."""
 
 from __future__ import annotations
 
@@ -33,35 +33,16 @@ _LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 @accepts_numpy
 def decode_srgb(picture: torch.Tensor) -> torch.Tensor:
-    """Convert a picture of sRGB values to linear light (IEC 61966-2-1).
-
-    Parameters
-    ----------
-    picture : torch.Tensor or numpy.ndarray
-        Values from 0 to 1.
-
-    Returns
-    -------
-    torch.Tensor or numpy.ndarray
-        Light, 0 to 1.
-    """
+    """Convert sRGB values, 0 to 1, to linear light, 0 to 1 (IEC 61966-2-1)."""
     power = ((picture.clamp(min=0.04045) + 0.055) / 1.055) ** 2.4
     return torch.where(picture <= 0.04045, picture / 12.92, power)
 
 
 @accepts_numpy
 def encode_srgb(picture: torch.Tensor) -> torch.Tensor:
-    """Convert a picture of linear light to sRGB values, 0 to 1 (IEC 61966-2-1).
+    """Convert linear light to sRGB values, 0 to 1 (IEC 61966-2-1).
 
-    Parameters
-    ----------
-    picture : torch.Tensor or numpy.ndarray
-        Light. Below 0 or above 1 it is clipped, as a display does it.
-
-    Returns
-    -------
-    torch.Tensor or numpy.ndarray
-        Values from 0 to 1.
+    Light below 0 or above 1 is clipped, as a display does it.
     """
     light = picture.clamp(0, 1)
     power = 1.055 * light.clamp(min=0.0031308) ** (1 / 2.4) - 0.055
@@ -74,29 +55,16 @@ def prepare_scene(
 ) -> torch.Tensor:
     """Turn a photograph into a square grey scene: resize, crop the middle, decode, make grey.
 
-    Parameters
-    ----------
-    picture : torch.Tensor or numpy.ndarray, (rows, columns) or (rows, columns, 3)
-        Values encoded by the curve of sRGB: float from 0 to 1, or uint8 from 0 to 255. Colours are
-        red, green, blue.
-    side : int
-        Side of the scene in pixels.
-    light : {"srgb", "linear"}, default "srgb"
-        "linear" decodes the values to light. "srgb" takes the encoded values as if they were light.
-    shortest_edge : int, optional
-        Pixels of the photograph's shortest edge after it is resized (bicubic, with antialiasing).
-        It isn't resized by default.
+    The scene is (side, side), float32, 0 to 1. Raises ValueError if the picture has another shape,
+    is too small for the scene, or holds values outside 0 to 1, or if an argument is out of range.
 
-    Returns
-    -------
-    torch.Tensor or numpy.ndarray, (side, side), float32
-        The scene, 0 to 1.
-
-    Raises
-    ------
-    ValueError
-        If the picture has another shape, is too small for the scene, or holds values outside 0 to
-        1, or if an argument is out of range.
+    picture: values encoded by the curve of sRGB, (rows, columns) or (rows, columns, 3) in red,
+        green, blue; float from 0 to 1, or uint8 from 0 to 255.
+    side: side of the scene in pixels.
+    light: "linear" decodes the values to light; "srgb" takes the encoded values as if they were
+        light.
+    shortest_edge: pixels of the photograph's shortest edge after it is resized (bicubic, with
+        antialiasing). It isn't resized by default.
     """
     require_count("side", side)
     if light not in ("linear", "srgb"):
@@ -134,7 +102,7 @@ def _encoded_channels(picture: torch.Tensor) -> torch.Tensor:
 
 
 def _resize(values: torch.Tensor, shortest_edge: int) -> torch.Tensor:
-    """Resize a photograph's channels so that its shortest edge has a number of pixels."""
+    """Resize channels so that the picture's shortest edge has a number of pixels."""
     rows, columns = values.shape[-2:]
     scale = shortest_edge / min(rows, columns)
     size = (round(rows * scale), round(columns * scale))
@@ -146,7 +114,7 @@ def _resize(values: torch.Tensor, shortest_edge: int) -> torch.Tensor:
 
 
 def convert_to_luminance(channels: torch.Tensor) -> torch.Tensor:
-    """Convert red, green and blue of a picture, (3, rows, columns), to their luminance.
+    """Convert red, green and blue, (3, rows, columns), to their luminance, (rows, columns).
 
     One channel, (1, rows, columns), is taken as it is.
     """
@@ -166,23 +134,13 @@ SSIM_WINDOW = "Gaussian, sigma 1.5, 11 x 11 pixels"
 
 @dataclass(frozen=True)
 class NoiseRange:
-    """Describe the noise of captures: a standard deviation, or several over a range.
+    """The noise of captures: a standard deviation, or several over a range.
 
-    Parameters
-    ----------
-    low, high : float
-        Smallest and largest standard deviation of a pixel, relative to white, with the full
+    low, high: smallest and largest standard deviation of a pixel, relative to white, with the full
         aperture. Positive; equal for one noise level.
-    levels : int, optional
-        Number of noise levels: the midpoints of so many equal parts of the range.
-    shot_share : float, optional
-        Share, 0 to 1, of a white pixel's variance with the full aperture that is photon noise. It
-        is proportional to the light. The rest, read noise, doesn't depend on it.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
+    levels: number of noise levels: the midpoints of so many equal parts of the range.
+    shot_share: share, 0 to 1, of a white pixel's variance with the full aperture that is photon
+        noise. It is proportional to the light. The rest, read noise, doesn't depend on it.
     """
 
     low: float
@@ -200,7 +158,7 @@ class NoiseRange:
 
     @property
     def deviations(self) -> tuple[float, ...]:
-        """Standard deviations of the noise levels of captures with the full aperture."""
+        """Standard deviation of each noise level, with the full aperture."""
         if self.low == self.high:
             return (self.low,)
         width = (self.high - self.low) / self.levels
@@ -216,7 +174,7 @@ HIGH_NOISE = NoiseRange(0.02, 0.05)
 
 @dataclass(frozen=True)
 class EdofProtocol:
-    """State everything that decides which score a pattern gets.
+    """Everything that decides which score a pattern gets.
 
     A capture of full resolution has pixels of `pixel_pitch`. With a `binning` of b, a detector
     pixel is b x b of these: the scene is constant over a detector pixel, its image is computed at
@@ -313,7 +271,7 @@ class EdofProtocol:
         require_dioptres("on_grid", self.on_grid)
 
     def _require_names(self) -> None:
-        """Raise ValueError for a word in an evaluation protocol that isn't one of its choices."""
+        """Raise ValueError for a word that isn't one of its choices."""
         choices = {
             "pixel_response": ("point", "area"),
             "light": ("srgb", "linear"),
@@ -332,41 +290,41 @@ class EdofProtocol:
 
     @property
     def detector_pitch(self) -> float:
-        """Metres between detector pixels of the evaluation protocol, after binning."""
+        """Metres between detector pixels, after binning."""
         return self.pixel_pitch * self.binning
 
     @property
     def kernel_reach(self) -> int:
-        """Detector pixels from the centre of the protocol's PSF to its farthest edge."""
+        """Detector pixels from the centre of a PSF to its farthest edge."""
         return (self.psf_window // 2 + self.binning - 1) // self.binning
 
     @property
     def scene_side(self) -> int:
-        """Detector pixels along a side of the scene that a capture of the protocol needs."""
+        """Detector pixels along a side of the scene that a capture needs."""
         return self.crop + (2 * self.kernel_reach if self.border == "true" else 0)
 
     @property
     def off_grid(self) -> tuple[float, ...]:
-        """Random depths in dioptres of the evaluation protocol, which no pattern is tuned for."""
+        """Random depths in dioptres, which no pattern is tuned for."""
         generator = torch.Generator().manual_seed(self.seed)
         return stratified_dioptres(self.off_grid_count, generator, self.depth_range)
 
     @property
     def test_dioptres(self) -> tuple[float, ...]:
-        """Depths in dioptres at which the protocol captures: those on the grid, then off it."""
+        """Depths in dioptres at which captures are made: those on the grid, then off it."""
         return self.on_grid + self.off_grid
 
     @property
     def design_dioptres(self) -> tuple[float, ...]:
-        """Depths in dioptres for which the protocol's blind decoders are built."""
+        """Depths in dioptres for which blind decoders are built."""
         return midpoint_dioptres(self.design_count, self.depth_range)
 
     def with_border(self, border: Border) -> EdofProtocol:
-        """Return the same evaluation protocol with another border."""
+        """Return the protocol with another border."""
         return replace(self, border=border)
 
     def with_noise(self, noise: NoiseRange) -> EdofProtocol:
-        """Return the same evaluation protocol with other noise levels."""
+        """Return the protocol with other noise levels."""
         return replace(self, noise=noise)
 
 

@@ -1,4 +1,4 @@
-"""Compute the PSFs with which the evaluation protocol captures, on the detector's pixels."""
+"""Compute the PSFs with which captures are made, on the detector's pixels."""
 
 from __future__ import annotations
 
@@ -24,25 +24,12 @@ def bin_psf(psf: torch.Tensor, binning: int) -> torch.Tensor:
     """Compute the PSF on detector pixels that are squares of finer pixels.
 
     The scene is constant over a detector pixel, and the image's mean over it is captured. Together
-    they weigh the finer PSF by a triangle along each axis, sampled once a detector pixel.
+    they weigh the finer PSF by a triangle along each axis, sampled once a detector pixel. The
+    result has the same sum, odd numbers of rows and columns, and its origin at n // 2. Raises
+    ValueError if the binning is below 1.
 
-    Parameters
-    ----------
-    psf : torch.Tensor, (rows, columns)
-        PSF on the finer pixels, origin at n // 2.
-    binning : int
-        Finer pixels along a side of a detector pixel.
-
-    Returns
-    -------
-    torch.Tensor, (rows, columns)
-        PSF on the detector pixels, of the same sum, with odd numbers of rows and columns and the
-        origin at n // 2.
-
-    Raises
-    ------
-    ValueError
-        If the binning is below 1.
+    psf: PSF on the finer pixels, (rows, columns), origin at n // 2.
+    binning: finer pixels along a side of a detector pixel.
     """
     require_count("binning", binning)
     if binning == 1:
@@ -71,19 +58,11 @@ def _weigh_and_sample(psf: torch.Tensor, weights: torch.Tensor, step: int) -> to
 def compute_transfer(kernel: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
     """Compute the transfer function of a PSF for pictures that are periodic.
 
-    A PSF that is larger than the period is folded into it, so that no light is lost.
+    A PSF that is larger than the period is folded into it, so that no light is lost. The result is
+    (rows, columns // 2 + 1), complex, on the grid of rfft2.
 
-    Parameters
-    ----------
-    kernel : torch.Tensor, (rows, columns)
-        PSF with its origin at n // 2.
-    shape : tuple of int
-        Rows and columns of the period.
-
-    Returns
-    -------
-    torch.Tensor, (rows, columns // 2 + 1), complex
-        The transfer function on the grid of rfft2.
+    kernel: PSF with its origin at n // 2, (rows, columns).
+    shape: rows and columns of the period.
     """
     for dim, period in enumerate(shape):
         kernel = _fold(kernel.movedim(dim, -1), period).movedim(-1, dim)
@@ -116,24 +95,15 @@ modulation of up to 1.9 %, for both signs of it.
 
 @dataclass(frozen=True, eq=False)
 class DepthPSFs:
-    """Hold the PSFs of a pattern at several depths, and how much of its light they hold.
+    """The PSFs of a pattern at several depths, and how much of its light they hold.
 
-    Parameters
-    ----------
-    dioptres : tuple of float
-        Depths.
-    kernels : torch.Tensor, (depths, rows, columns), float32
-        PSFs on detector pixels with the origin at n // 2, relative to the light that the pattern
-        collects: a sum of 1 means that none is lost.
-    collected : float
-        Share of the open pupil's light that the pattern collects.
-    energies : tuple of float
-        Sums of the kernels.
-    expected_energies : tuple of float, optional
-        Energies that the PSFs should have, from a computation that is known to keep light; None
-        where there is none.
-    are_measured : bool
-        Whether the PSFs were handed in instead of computed.
+    kernels: PSFs on detector pixels with the origin at n // 2, (depths, rows, columns), float32,
+        relative to the light that the pattern collects: a sum of 1 means that none is lost.
+    collected: share of the open pupil's light that the pattern collects.
+    energies: sums of the kernels.
+    expected_energies: energies that the PSFs should have, from a computation that is known to keep
+        light; None where there is none.
+    are_measured: whether the PSFs were handed in instead of computed.
     """
 
     dioptres: tuple[float, ...]
@@ -150,16 +120,10 @@ class CameraPSFs:
     Stacks of PSFs are planned once for the same depths, and shorter ones for patterns that equal
     their mirror images in both axes.
 
-    Parameters
-    ----------
-    camera : Camera
-        The camera. Its panel's unmodulated share is included.
-    protocol : EdofProtocol
-        Wavelength, pixel pitch, window and pixels' response.
-    budget : Budget, optional
-        The memory allowed, and the machine's speed.
-    tol : float, optional
-        Largest relative L2 error of a PSF from sampling and arithmetic.
+    camera: its panel's unmodulated share is included.
+    protocol: wavelength, pixel pitch, window and pixels' response.
+    budget: the memory allowed, and the machine's speed.
+    tol: largest relative L2 error of a PSF from sampling and arithmetic.
     """
 
     def __init__(
@@ -206,7 +170,7 @@ class CameraPSFs:
 
 
 def _is_mirrored(phase: torch.Tensor) -> bool:
-    """Tell whether a pattern's phase equals its mirror images in both axes bit for bit."""
+    """Tell whether a phase equals its mirror images in both axes bit for bit."""
     return torch.equal(phase, phase.flip(0)) and torch.equal(phase, phase.flip(1))
 
 
@@ -217,30 +181,13 @@ def compute_depth_psfs(
     protocol: EdofProtocol,
     source: PSFSource | None = None,
 ) -> DepthPSFs:
-    """Compute the PSFs with which the protocol captures scenes behind a pattern.
+    """Compute the PSFs with which scenes behind a pattern are captured, and their energies.
 
-    Parameters
-    ----------
-    pattern : PupilPattern
-        What is in the pupil.
-    dioptres : sequence of float
-        Depths.
-    camera : Camera
-        The camera.
-    protocol : EdofProtocol
-        The protocol.
-    source : callable, optional
-        Computes the PSFs; by default `CameraPSFs` of camera and protocol.
+    Raises ValueError if a depth or the pattern is invalid, or the PSFs hold more light than the
+    pattern collects.
 
-    Returns
-    -------
-    DepthPSFs
-        PSFs on detector pixels, with their energies.
-
-    Raises
-    ------
-    ValueError
-        If a depth or the pattern is invalid, or the PSFs hold more light than the pattern collects.
+    pattern: what is in the pupil.
+    source: computes the PSFs; by default `CameraPSFs` of camera and protocol.
     """
     require_dioptres("dioptres", dioptres)
     collected = collected_share(pattern, camera)
@@ -255,33 +202,18 @@ def measured_depth_psfs(
     protocol: EdofProtocol,
     expected_energies: Sequence[float] | None = None,
 ) -> DepthPSFs:
-    """Take measured PSFs into the protocol, after checking how much light they hold.
+    """Take measured PSFs into a protocol, after checking how much light they hold.
 
-    Parameters
-    ----------
-    psfs : torch.Tensor, (depths, rows, columns)
-        PSFs at full resolution with the origin at n // 2, as shares of the open pupil's light. They
-        mustn't be normalised to a sum of 1, because light beyond the window is lost.
-    dioptres : sequence of float
-        Depths.
-    collected : float
-        Share of the open pupil's light that the pattern collects, above 0 and up to 1.
-    protocol : EdofProtocol
-        The protocol.
-    expected_energies : sequence of float, optional
-        Share of the collected light that each PSF should hold in its window, for instance that of
-        computed PSFs in a window of the same size. Without it, an evaluation can only estimate
-        whether the PSFs were normalised.
+    Raises ValueError if shapes or numbers are invalid, or the PSFs hold more light than the pattern
+    collects.
 
-    Returns
-    -------
-    DepthPSFs
-        PSFs on detector pixels, with their energies.
-
-    Raises
-    ------
-    ValueError
-        If shapes or numbers are invalid, or the PSFs hold more light than the pattern collects.
+    psfs: PSFs at full resolution with the origin at n // 2, (depths, rows, columns), as shares of
+        the open pupil's light. They mustn't be normalised to a sum of 1, because light beyond the
+        window is lost.
+    collected: share of the open pupil's light that the pattern collects, above 0 and up to 1.
+    expected_energies: share of the collected light that each PSF should hold in its window, for
+        instance that of computed PSFs in a window of the same size. Without it, an evaluation can
+        only estimate whether the PSFs were normalised.
     """
     require_dioptres("dioptres", dioptres)
     if not 0 < collected <= 1:

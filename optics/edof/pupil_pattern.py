@@ -1,4 +1,4 @@
-"""Describe what the evaluation protocol puts into the pupil: a phase pattern or a smaller stop."""
+"""What stands in the pupil: a phase pattern or a smaller stop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STOP_DIAMETERS = (1e-3, 2e-3, 4e-3)
 
 @dataclass(frozen=True, eq=False)
 class PupilPattern:
-    """Describe a pattern in the pupil: phase, and amplitude where light is blocked.
+    """A pattern in the pupil: phase, and amplitude where light is blocked.
 
     Parameters
     ----------
@@ -52,27 +52,11 @@ class PupilPattern:
 
 
 def collected_share(pattern: PupilPattern, camera: Camera) -> float:
-    """Return the share of the open pupil's light that a pattern in the pupil collects, 0 to 1.
+    """Return the share of the open pupil's light that a pattern collects, 0 to 1.
 
     A phase alone collects all of it. The pupil is what the panel and the lens' stop both pass, as
-    if they stood in one plane.
-
-    Parameters
-    ----------
-    pattern : PupilPattern
-        What is in the pupil.
-    camera : Camera
-        Its panel and the stop of its lens.
-
-    Returns
-    -------
-    float
-        The share.
-
-    Raises
-    ------
-    ValueError
-        If the pattern has another shape than the panel, or passes no light within the stop.
+    if they stood in one plane. Raises ValueError if the pattern has another shape than the panel,
+    or passes no light within the stop.
     """
     panel = camera.panel
     for name in ("phase", "amplitude"):
@@ -92,7 +76,7 @@ def collected_share(pattern: PupilPattern, camera: Camera) -> float:
 
 
 def round_stop(panel: Panel, diameter: float) -> PupilPattern:
-    """Return the pupil pattern of a round hole without phase, made of whole panel pixels.
+    """Return a round hole without phase, made of whole panel pixels.
 
     Parameters
     ----------

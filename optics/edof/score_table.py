@@ -1,4 +1,4 @@
-"""Hold the rows of an evaluation of extended depth of field, and the alarms where it's doubtful."""
+"""The rows of an evaluation, and the alarms where it's doubtful."""
 
 from __future__ import annotations
 
@@ -45,14 +45,10 @@ Chosen: with less, little can be lost."""
 
 @dataclass(frozen=True)
 class Alarm:
-    """State why a row of an evaluation can't be believed.
+    """Why a row can't be believed.
 
-    Parameters
-    ----------
-    kind : {"renormalised", "off-grid", "undrawn", "stateful"}
-        What is wrong.
-    message : str
-        A sentence for a person, with the numbers.
+    kind: what is wrong.
+    message: a sentence for a person, with the numbers.
     """
 
     kind: AlarmKind
@@ -60,22 +56,12 @@ class Alarm:
 
 
 def check_energy(psfs: DepthPSFs) -> Alarm | None:
-    """Raise an alarm if PSFs hold another share of the light than they should.
+    """Return an alarm if PSFs hold another share of the light than they should.
 
     A window that cuts off light and is then normalised to a sum of 1 makes the PSF, and all that is
     restored with it, look better than it is. Where the energy to expect is known, it is compared.
     Otherwise, for PSFs that were handed in, the light in the rim of the window tells whether some
     must lie beyond it; that is an estimate.
-
-    Parameters
-    ----------
-    psfs : DepthPSFs
-        PSFs of one pattern.
-
-    Returns
-    -------
-    Alarm or None
-        The alarm, or None if the energies are as they should be.
     """
     if psfs.expected_energies is not None:
         pairs = list(zip(psfs.energies, psfs.expected_energies, strict=True))
@@ -101,19 +87,10 @@ def check_energy(psfs: DepthPSFs) -> Alarm | None:
 
 
 def check_off_grid(scores: CaptureScores) -> Alarm | None:
-    """Raise an alarm if captures on the grid of depths are restored better than those beside it.
+    """Return an alarm if captures on the grid of depths are restored better than those beside it.
 
-    A pattern that was designed for the few depths of a test isn't in focus between them.
-
-    Parameters
-    ----------
-    scores : CaptureScores
-        Scores on and off the grid.
-
-    Returns
-    -------
-    Alarm or None
-        The alarm, or None if the advantage is within OFF_GRID_LIMIT.
+    A pattern that was designed for the few depths of a test isn't in focus between them. An
+    advantage within OFF_GRID_LIMIT gives None.
     """
     gain = on_grid_advantage(scores)
     if gain <= OFF_GRID_LIMIT:
@@ -126,19 +103,10 @@ def check_off_grid(scores: CaptureScores) -> Alarm | None:
 
 
 def check_sampler(draw_index: Callable[[], int], dioptres: Sequence[float]) -> Alarm | None:
-    """Raise an alarm if a sampler of depths, for training or testing, leaves out some of them.
+    """Return an alarm if a sampler of depths, for training or testing, leaves out some of them.
 
-    Parameters
-    ----------
-    draw_index : callable
-        Draws the index of a depth; called without arguments.
-    dioptres : sequence of float
-        The depths that it draws from.
-
-    Returns
-    -------
-    Alarm or None
-        The alarm, or None if every depth is drawn.
+    draw_index: draws the index of a depth; called without arguments.
+    dioptres: the depths that it draws from.
     """
     missing = find_undrawn(draw_index, len(dioptres))
     if not missing:
@@ -150,23 +118,12 @@ def check_sampler(draw_index: Callable[[], int], dioptres: Sequence[float]) -> A
 def check_repeatability(
     restore: Restore, capture: torch.Tensor, before: torch.Tensor
 ) -> Alarm | None:
-    """Raise an alarm if a decoder restores a capture differently than it did before.
+    """Return an alarm if a decoder restores a capture differently than it did before.
 
     It then uses something else than the capture, for instance the order of captures.
 
-    Parameters
-    ----------
-    restore : callable
-        The decoder's function.
-    capture : torch.Tensor, (rows, columns)
-        A capture that was restored before.
-    before : torch.Tensor, (rows, columns)
-        What it was restored to.
-
-    Returns
-    -------
-    Alarm or None
-        The alarm, or None if both are alike.
+    capture: a capture that was restored before, (rows, columns).
+    before: what it was restored to, (rows, columns).
     """
     if torch.allclose(restore(capture.clone()), before, rtol=1e-4, atol=1e-5):
         return None
@@ -183,28 +140,16 @@ def _rim_share(kernel: torch.Tensor) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ScoreRow:
-    """Hold the scores of one pattern with one decoder, and what they depend on.
+    """The scores of one pattern with one decoder, and what they depend on.
 
-    Parameters
-    ----------
-    pattern, decoder : str
-        Names.
-    is_blind : bool
-        Whether the decoder gets the capture alone, without its depth or PSF.
-    protocol : EdofProtocol
-        The protocol.
-    scored_in : {"linear", "srgb"}
-        The scale in which pictures were compared.
-    part : {"frame", "centre"}
-        The part of the capture that was compared.
-    collected : float
-        Share of the open pupil's light that the pattern collects; the noise grows with its inverse.
-    energies : tuple of (float, float)
-        Least and largest share of the collected light in the PSFs' window.
-    scores : CaptureScores
-        Scores by picture and depth.
-    alarms : tuple of Alarm
-        Why the row can't be believed; empty for one that can.
+    is_blind: whether the decoder gets the capture alone, without its depth or PSF.
+    scored_in: the scale in which pictures were compared.
+    part: the part of the capture that was compared.
+    collected: share of the open pupil's light that the pattern collects; the noise grows with its
+        inverse.
+    energies: least and largest share of the collected light in the PSFs' window.
+    scores: scores by picture and depth.
+    alarms: why the row can't be believed; empty for one that can.
     """
 
     pattern: str
@@ -220,21 +165,13 @@ class ScoreRow:
 
     @property
     def border(self) -> Border:
-        """The border with which the row's captures were made."""
+        """Border with which captures were made."""
         return self.protocol.border
 
 
 @dataclass(frozen=True, eq=False)
 class EvaluationTable:
-    """Hold the rows of an evaluation of patterns.
-
-    Parameters
-    ----------
-    protocol : EdofProtocol
-        The protocol of all rows.
-    rows : tuple of ScoreRow
-        Rows in the order of patterns, decoders, scales and parts. Stops come last.
-    """
+    """All rows, in the order of patterns, decoders, scales and parts; stops come last."""
 
     protocol: EdofProtocol
     rows: tuple[ScoreRow, ...]
@@ -246,7 +183,7 @@ class EvaluationTable:
         scored_in: LightScale | None = None,
         part: Part = "frame",
     ) -> ScoreRow:
-        """Find the row of a pattern and a decoder in an evaluation.
+        """Find the row of a pattern and a decoder.
 
         The scale is the first of the protocol's by default. Raises ValueError if there is none.
         """
@@ -270,6 +207,6 @@ class EvaluationTable:
         scored_in: LightScale | None = None,
         part: Part = "frame",
     ) -> PairedDifference:
-        """Compute how much better a pattern does than another on the evaluation's pictures."""
+        """Compute how much better a pattern does than another on the same pictures."""
         rows = [self.find(name, decoder, scored_in, part) for name in (first, second)]
         return compare_scores(rows[0].scores, rows[1].scores)

@@ -21,8 +21,6 @@ isn't counted: S is zero at zero frequency (see `optics.edof.picture_spectrum`).
 The means over depth are weighted, so that a quadrature over dioptres can stand in for a continuous
 range. Sums are in double precision.
 
-References
-----------
 Thesis section 5.4; N. Wiener, Extrapolation, Interpolation, and Smoothing of Stationary Time
 Series, 1949; A. Levin et al., ACM Trans. Graph. 28(3), 97, 2009, doi 10.1145/1531326.1531403.
 """
@@ -52,29 +50,16 @@ def blind_error(
 ) -> torch.Tensor:
     """Compute the expected squared error per pixel of one linear filter for all depths.
 
-    Parameters
-    ----------
-    transfer : torch.Tensor, (depths, rows, columns)
-        Transfer function at each depth, real or complex.
-    spectrum : torch.Tensor, (rows, columns)
-        Power spectrum of the pictures, whose mean over all frequencies is their variance.
-    shares : torch.Tensor, (rows, columns)
-        Share of all frequencies that each one stands for; see `FrequencyGrid.shares`.
-    noise : float
-        Standard deviation of a pixel's noise, where white is 1; at least `LEAST_NOISE` is used.
-    weights : torch.Tensor, (depths,), optional
-        Weights of the depths in the mean, positive; equal by default.
+    The error is a float64 scalar, differentiable in `transfer`. Raises ValueError if shapes don't
+    fit, weights are negative or sum to zero, or the noise isn't a finite number of 0 or more.
 
-    Returns
-    -------
-    torch.Tensor, (), float64
-        The error. It is differentiable in `transfer`.
-
-    Raises
-    ------
-    ValueError
-        If shapes don't fit, weights are negative or sum to zero, or the noise isn't a finite
-        number of 0 or more.
+    transfer: transfer function at each depth, (depths, rows, columns), real or complex.
+    spectrum: power spectrum of the pictures, (rows, columns), whose mean over all frequencies is
+        their variance.
+    shares: share of all frequencies that each one stands for, (rows, columns); see
+        `FrequencyGrid.shares`.
+    noise: standard deviation of a pixel's noise, where white is 1; at least `LEAST_NOISE` is used.
+    weights: weights of the depths in the mean, (depths,), positive; equal by default.
     """
     _require_shapes(transfer, spectrum, shares)
     mean, power = mean_transfer(transfer, weights)
@@ -94,12 +79,8 @@ def known_depth_error(
 ) -> torch.Tensor:
     """Compute the expected squared error per pixel of a linear filter that knows the depth.
 
-    Parameters and errors are those of `blind_error`.
-
-    Returns
-    -------
-    torch.Tensor, (), float64
-        The error. It is differentiable in `transfer`.
+    Arguments and errors are those of `blind_error`. The result is a float64 scalar, differentiable
+    in `transfer`.
     """
     _require_shapes(transfer, spectrum, shares)
     variance, spectrum = noise_variance(noise), spectrum.double()
@@ -119,13 +100,9 @@ def blind_filter(
 ) -> torch.Tensor:
     """Compute the linear filter of least expected squared error for pictures at all depths.
 
-    Parameters and errors are those of `blind_error`.
-
-    Returns
-    -------
-    torch.Tensor, (rows, columns)
-        The filter by frequency, real or complex as `transfer`, in double precision. At zero
-        frequency it is 1 over the mean transfer function, so that the picture's mean is kept.
+    Arguments and errors are those of `blind_error`. The filter by frequency is (rows, columns),
+    real or complex as `transfer`, in double precision. At zero frequency it is 1 over the mean
+    transfer function, so that the picture's mean is kept.
     """
     _require_shapes(transfer, spectrum, spectrum)
     mean, power = mean_transfer(transfer, weights)
@@ -148,17 +125,11 @@ def filter_error(
 ) -> torch.Tensor:
     """Compute the expected squared error per pixel of a given linear filter at some depths.
 
-    Parameters
-    ----------
-    restoring : torch.Tensor, (rows, columns)
-        The filter by frequency, for instance of `blind_filter`. Gradients go through it too.
-    transfer, spectrum, shares, noise, weights
-        As in `blind_error`. The depths may be others than those that the filter was made for.
+    The error is a float64 scalar, at least that of `blind_error` at the same depths. Other
+    arguments are as there; the depths may be others than those that the filter was made for.
 
-    Returns
-    -------
-    torch.Tensor, (), float64
-        The error, at least that of `blind_error` at the same depths.
+    restoring: the filter by frequency, (rows, columns), for instance of `blind_filter`. Gradients
+        go through it too.
     """
     _require_shapes(transfer, spectrum, shares)
     spectrum, error = spectrum.double(), shares.new_zeros((), dtype=torch.float64)
@@ -173,17 +144,10 @@ def mean_transfer(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Compute the means over depth of transfer functions and of their squared modulus.
 
-    Parameters
-    ----------
-    transfer : torch.Tensor, (depths, rows, columns)
-        Transfer function at each depth, real or complex.
-    weights : torch.Tensor, (depths,), optional
-        Weights of the depths; equal by default.
+    Returns the mean of H and the mean of |H|², each (rows, columns), in double precision.
 
-    Returns
-    -------
-    tuple of torch.Tensor, each (rows, columns)
-        Mean of H, and mean of |H|², in double precision.
+    transfer: transfer function at each depth, (depths, rows, columns), real or complex.
+    weights: weights of the depths, (depths,); equal by default.
     """
     kind = torch.complex128 if transfer.is_complex() else torch.float64
     mean = transfer.new_zeros(transfer.shape[1:], dtype=kind)
@@ -195,7 +159,7 @@ def mean_transfer(
 
 
 def depth_weights(transfer: torch.Tensor, weights: torch.Tensor | None) -> list[float]:
-    """Return the weights of transfer functions' depths, which sum to 1, as numbers."""
+    """Return the weights of the depths as numbers that sum to 1."""
     count = len(transfer)
     if weights is None:
         return [1 / count] * count
@@ -224,26 +188,13 @@ def noise_at_light(noise: float, light: float, photon_share: float = 0.0) -> flo
     """Compute a pixel's noise relative to white, for a camera that collects less light.
 
     A stop or an absorbing pattern lowers the signal. Scaled back to white at 1, the noise of the
-    electronics grows as 1 / light and that of the photons as 1 / sqrt(light).
+    electronics grows as 1 / light and that of the photons as 1 / sqrt(light). The result is a
+    standard deviation where white is 1, for transfer functions that are 1 at zero frequency. Raises
+    ValueError if a share is out of range.
 
-    Parameters
-    ----------
-    noise : float
-        Standard deviation where white is 1, with the light of the full aperture.
-    light : float
-        Share of the full aperture's light that is collected, above 0 and up to 1.
-    photon_share : float, optional
-        Share of the variance that is photon noise, at the full aperture's light; 0 by default.
-
-    Returns
-    -------
-    float
-        Standard deviation where white is 1, for transfer functions that are 1 at zero frequency.
-
-    Raises
-    ------
-    ValueError
-        If a share is out of range.
+    noise: standard deviation where white is 1, with the light of the full aperture.
+    light: share of the full aperture's light that is collected, above 0 and up to 1.
+    photon_share: share of the variance that is photon noise, at the full aperture's light.
     """
     require_positive("light", light, "")
     require_share("light", light)
@@ -261,7 +212,7 @@ def error_level(error: float | torch.Tensor) -> float:
 
 
 def _squared_modulus(values: torch.Tensor) -> torch.Tensor:
-    """Return |values|² of transfer functions in double precision."""
+    """Return |values|² in double precision."""
     if values.is_complex():
         return values.real.double() ** 2 + values.imag.double() ** 2
     return values.double() ** 2

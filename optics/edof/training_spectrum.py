@@ -1,4 +1,4 @@
-"""Measure the power spectrum of training pictures as the evaluation protocol prepares them."""
+"""Measure the power spectrum of training pictures as a protocol prepares them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def measure_training_spectrum(
 def _prepare_all(
     pictures: Iterable[torch.Tensor], protocol: EdofProtocol
 ) -> Iterator[torch.Tensor]:
-    """Bring training pictures to the protocol's size and light, without its crop."""
+    """Bring pictures to the protocol's size and light, without its crop."""
     for one in pictures:
         side = protocol.shortest_edge or int(min(one.shape[:2]))
         yield prepare_scene(one, side, protocol.light, protocol.shortest_edge)

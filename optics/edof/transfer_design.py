@@ -1,4 +1,4 @@
-"""Describe the optics behind a pattern for its design, and where light and OTF are sampled."""
+"""The optics behind a pattern for its design, and where light and OTF are sampled."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ transforms fit. Measured: .3 % closer changes the criterion of ring patterns by 
 
 @dataclass(frozen=True)
 class TransferDesign:
-    """Describe the optics between a pattern and a picture's frequencies.
+    """The optics between a pattern and a picture's frequencies.
 
     The panel stands at the lens. Its pixels are points here; their finite size is known as an
     envelope over the sensor. A pattern's light is sampled at the pixels' centres.
@@ -83,12 +83,12 @@ class TransferDesign:
 
     @property
     def scale(self) -> float:
-        """Wavelength times distance from lens to sensor, square metres, of a design's optics."""
+        """Wavelength times distance from lens to sensor, square metres."""
         return self.wavelength * as_number(self.camera.lens.image_distance)
 
     @property
     def period(self) -> float:
-        """Sensor pixels after which the light of a design's panel of points repeats."""
+        """Sensor pixels after which the light of a panel of points repeats."""
         return self.scale / (self.camera.panel.pitch * self.camera.sensor.pitch)
 
     @property
@@ -107,27 +107,27 @@ class TransferDesign:
 
     @property
     def step(self) -> float:
-        """Turns per panel pixel and sample of a design's light."""
+        """Turns per panel pixel and sample of the light."""
         length = self.transform_length
         return 1 / length if length else 1 / self.period
 
     @property
     def samples_per_pixel(self) -> float:
-        """Samples of a design's light per sensor pixel, 1 or a little more."""
+        """Samples of the light per sensor pixel, 1 or a little more."""
         return 1 / (self.step * self.period)
 
     @property
     def sample_reach(self) -> int:
-        """Samples of a design's light from the middle to the border of the window."""
+        """Samples of the light from the middle to the border of the window."""
         return round(self.reach * self.samples_per_pixel)
 
     def sample_positions(self) -> torch.Tensor:
-        """Return the positions of a design's light samples from the middle on, in sensor pixels."""
+        """Return the positions of the light's samples from the middle on, in sensor pixels."""
         index = torch.arange(self.sample_reach + 1, dtype=torch.float64)
         return index / self.samples_per_pixel
 
     def open_shares(self) -> torch.Tensor:
-        """Return the share of each panel pixel that a design's stop leaves open, float64."""
+        """Return the share of each panel pixel that the stop leaves open, float64."""
         return pupil_amplitude(self.camera)
 
     def defocus_turns(self, axis: int, dioptre: float, positions: torch.Tensor) -> torch.Tensor:
@@ -173,7 +173,7 @@ class TransferDesign:
 
 
 def _has_small_factors(number: int) -> bool:
-    """Tell whether a transform's length has no prime factor above 7."""
+    """Tell whether a number has no prime factor above 7."""
     for factor in (2, 3, 5, 7):
         while number % factor == 0:
             number //= factor

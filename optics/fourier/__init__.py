@@ -1,13 +1,13 @@
-"""Fourier transforms between two sampled planes, computed by whichever method is cheapest.
+"""Fourier transforms between two sampled planes, each computed by whichever method is cheapest.
 
-Every transform computes, to rounding or to an error that it states,
+All of them compute, to rounding or to an error that they state,
 
     F(u, v) = sum over (y, x) of f(y, x) exp(-2 pi i (y u + x v) / scale)
 
-between two planes. For a pupil and its focal plane, scale is wavelength times
-distance (Goodman, Introduction to Fourier Optics; thesis Eq. 2.13 and 3.1). All
-transforms share one interface: call, adjoint, bytes, predicted processor time and derivatives.
-Phases are reduced to one turn in float64 before they are stored in single precision.
+between two planes. For a pupil and its focal plane, scale is wavelength times distance (Goodman,
+Introduction to Fourier Optics; thesis Eq. 2.13 and 3.1). They share one interface: call, adjoint,
+bytes, predicted processor time and derivatives. Phases are reduced to one turn in float64 before
+they are stored in single precision.
 """
 
 from optics.fourier.fft import fast_fft_length, fft, irfft2, rfft, rfft2, rfft_column_weights

@@ -16,22 +16,16 @@ STEPS_PER_ROW = 2.0
 
 
 class BandedMatrix:
-    """Multiplies the rows of a field by a matrix with a few entries in each row, side by side.
+    """Multiplies lines of samples by a matrix with a few entries in each row, side by side.
 
     Some rows at a time are multiplied by a small dense matrix.
 
-    Parameters
-    ----------
-    entries : torch.Tensor, (rows, width)
-        The entries that may differ from zero.
-    first : torch.Tensor, (rows,), int64
-        The column of the first entry of each row, in ascending order. Entries outside the matrix
-        must be zero, or belong to a mirrored one.
-    columns : int
-        Columns of the matrix.
-    mirrored : bool, optional
-        Whether an entry of a negative column stands in the column of the opposite number: the lines
-        that are multiplied are even in their number. False by default.
+    entries: those that may differ from zero, (rows, width).
+    first: column of the first entry of each row, (rows,), int64, ascending. Entries outside the
+        matrix must be zero, or belong to a mirrored one.
+    columns: of the matrix.
+    mirrored: whether an entry of a negative column stands in the column of the opposite number: the
+        lines that are multiplied are even in their number.
     """
 
     def __init__(
@@ -43,13 +37,13 @@ class BandedMatrix:
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the banded matrix with its blocks, about."""
+        """Bytes of the entries and of the dense blocks, about."""
         rows, width = self._entries.shape
         span = width + _BLOCK * self.shape[1] / max(rows, 1)
         return int(self._entries.element_size() * rows * (width + span))
 
     def blocks(self, device: torch.device) -> list[tuple[slice, slice, torch.Tensor]]:
-        """Return the dense blocks of the banded matrix on a device: rows, columns and entries."""
+        """Return the dense blocks on a device: rows, columns and entries."""
         blocks = self._blocks
         if blocks is None or blocks[0][2].device != device:
             entries, first = self._entries.cpu().numpy(), self._first.cpu().numpy()
@@ -64,9 +58,9 @@ class BandedMatrix:
     def _block(
         self, start: int, entries: NDArray[Any], first: NDArray[np.int64], device: torch.device
     ) -> tuple[slice, slice, torch.Tensor]:
-        """Return a dense block of the banded matrix, with its rows and columns.
+        """Return the dense block of the rows from `start` on, with its rows and columns.
 
-        start: the block's first row. entries, first: of its rows.
+        entries, first: of its rows.
         """
         columns = first[:, None] + np.arange(entries.shape[1])
         if self._mirrored:
@@ -84,14 +78,14 @@ class BandedMatrix:
         return rows, slice(begin, end), torch.from_numpy(dense).to(device)
 
     def forward(self, lines: torch.Tensor) -> torch.Tensor:
-        """Multiply by the banded matrix, from (columns, lines) to (rows, lines)."""
+        """Multiply by the matrix, from (columns, lines) to (rows, lines)."""
         product = lines.new_empty(self.shape[0], lines.shape[1])
         for rows, columns, block in self.blocks(lines.device):
             torch.mm(block, lines[columns], out=product[rows])
         return product
 
     def adjoint(self, lines: torch.Tensor) -> torch.Tensor:
-        """Multiply by the conjugate transpose of the banded matrix, from rows to columns."""
+        """Multiply by the conjugate transpose, from (rows, lines) to (columns, lines)."""
         product = lines.new_zeros(self.shape[1], lines.shape[1])
         for rows, columns, block in self.blocks(lines.device):
             product[columns].addmm_(block.mH, lines[rows])

@@ -14,12 +14,12 @@ Apply = Callable[[torch.Tensor], torch.Tensor]
 
 
 def apply_function(function: Any, *arguments: Any) -> Any:
-    """Call a torch autograd function; torch's `apply` has no type annotations."""
+    """Call a torch autograd function, whose `apply` has no type annotations."""
     return function.apply(*arguments)
 
 
 def apply_linear_map(forward: Apply, adjoint: Apply, field: torch.Tensor) -> torch.Tensor:
-    """Apply a linear map such as a Fourier transform, with its adjoint as the derivative.
+    """Apply a linear map with its adjoint as the derivative.
 
     It is differentiable to any order; neither function needs derivatives of its own.
     """
@@ -29,8 +29,6 @@ def apply_linear_map(forward: Apply, adjoint: Apply, field: torch.Tensor) -> tor
 
 
 class _Linear(torch.autograd.Function):
-    """The autograd function of a linear map, whose derivative is its adjoint."""
-
     @staticmethod
     def forward(ctx: Any, forward: Apply, adjoint: Apply, field: torch.Tensor) -> torch.Tensor:
         ctx.maps, ctx.dtype = (adjoint, forward), field.dtype
@@ -46,10 +44,13 @@ class _Linear(torch.autograd.Function):
 def differentiate_once(
     what: str, derivative: torch.Tensor, inputs: Sequence[torch.Tensor]
 ) -> torch.Tensor:
-    """Return the derivative of an autograd function that has no further ones, as is then told.
+    """Return a derivative that itself has none; whoever asks for a second one is told so.
 
-    inputs: all that the derivative depends on. torch's own `once_differentiable` tells it only of a
-    gradient that needs derivatives itself, and else takes the derivative to be constant.
+    what: is differentiated, as the error names it.
+    inputs: all that the derivative depends on.
+
+    torch's own `once_differentiable` tells it only of a gradient that needs derivatives itself, and
+    else takes the derivative to be constant.
     """
     if not torch.is_grad_enabled():
         return derivative
@@ -83,11 +84,12 @@ Derivatives = Sequence[Sequence[Term]]
 
 @dataclass(frozen=True, eq=False)
 class ShapedMap:
-    """A linear map whose kernel depends on numbers, such as a Fourier transform that is shifted.
+    """A linear map whose kernel depends on numbers, such as a shift.
 
     forward, adjoint: the map and its conjugate transpose at the numbers' present values, without
-    derivatives. derive: returns the derivatives of this map in the numbers. Their terms hold maps
-    that depend on the same numbers, so that derivatives of any order follow.
+        derivatives.
+    derive: returns the derivatives of this map in the numbers. Their terms hold maps that depend on
+        the same numbers, so that derivatives of any order follow.
     """
 
     forward: Apply
@@ -95,7 +97,7 @@ class ShapedMap:
     derive: Callable[[ShapedMap], Derivatives]
 
     def transposed(self) -> ShapedMap:
-        """Return the map's conjugate transpose, which depends on the same numbers."""
+        """Return the conjugate transpose, which depends on the same numbers."""
 
         def derive(_: ShapedMap) -> Derivatives:
             return [
@@ -119,8 +121,6 @@ class ShapedMap:
 
 
 class _Shaped(torch.autograd.Function):
-    """The autograd function of a linear map whose kernel depends on numbers."""
-
     @staticmethod
     def forward(
         ctx: Any, shaped: ShapedMap, field: torch.Tensor, *numbers: torch.Tensor
@@ -149,7 +149,7 @@ def _number_gradients(
     numbers: Sequence[torch.Tensor],
     gradient: torch.Tensor,
 ) -> list[torch.Tensor]:
-    """Return the derivatives of a linear map in its numbers, weighted by a gradient.
+    """Return the derivatives in each of the numbers, weighted by a gradient.
 
     Terms that begin alike share the map.
     """

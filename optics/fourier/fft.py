@@ -1,4 +1,4 @@
-"""Discrete Fourier transforms, computed by whichever library is faster: scipy or torch."""
+"""FFTs by whichever library is faster, scipy or torch, their lengths and what they cost."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def _factors_cost(length: int) -> float:
 
 
 def rfft_column_weights(columns: int) -> torch.Tensor:
-    """Count how many columns of a picture's full FFT each column of its `rfft2` represents.
+    """Count how many columns of a picture's full spectrum each column of its `rfft2` stands for.
 
     A column between the first and the last also represents its complex conjugate at the negative
     frequency.
@@ -183,40 +183,27 @@ def rfft_column_weights(columns: int) -> torch.Tensor:
 
 
 def _needs_torch(x: torch.Tensor) -> bool:
-    """Tell whether an FFT must be computed by torch: on other devices and for gradients."""
+    """Tell whether samples are on another device than the CPU, or need gradients."""
     return x.device.type != "cpu" or (x.requires_grad and torch.is_grad_enabled())
 
 
 def _array(x: torch.Tensor) -> NDArray[Any]:
-    """Convert the samples of an FFT from torch to NumPy without a copy if possible."""
+    """Convert samples from torch to NumPy, without a copy if possible."""
     return x.detach().resolve_conj().numpy()
 
 
 def _workers(x: torch.Tensor) -> int:
-    """Return the number of threads for an FFT: several only for more than 2^20 samples.
-
-    The FFT of fewer samples isn't faster with several threads.
-    """
+    """Return the number of threads: several only for more than 2^20 samples, fewer gain nothing."""
     many = x.numel() > (1 << 20) and torch.get_num_threads() > 1
     return (os.cpu_count() or 1) if many else 1
 
 
 @functools.lru_cache(maxsize=4096)
 def fft_operations(length: int) -> float:
-    """Count the operations of one complex FFT, to predict its time.
+    """Count the floating-point operations of one complex FFT, to predict its time.
 
     It is the usual 5 n log2 n where the length has small prime factors. Each larger one takes about
     n times its own size, up to what the convolution of Bluestein's algorithm takes instead.
-
-    Parameters
-    ----------
-    length : int
-        The length of the FFT.
-
-    Returns
-    -------
-    float
-        Floating-point operations.
     """
     rest, digits = length, math.log2(max(length, 2))
     for factor in _FACTOR_COSTS:
@@ -227,7 +214,7 @@ def fft_operations(length: int) -> float:
 
 
 def _sum_of_factors(length: int) -> int:
-    """Return the sum of the prime factors of an FFT's length."""
+    """Return the sum of a length's prime factors."""
     total, factor = 0, 2
     while factor * factor <= length:
         while length % factor == 0:

@@ -36,38 +36,23 @@ class FittedInterpolation:
 
     with a smooth factor g that may differ from sample to sample. If the input is first multiplied
     by `scaling`, a few grid points around q suffice. Their weights are fitted by least squares, so
-    that their scaled exponentials make up that of the sample times g over all t (Fessler and Sutton
-    2003, sections II and III). The scaling is the inverse of a Kaiser-Bessel kernel's spectrum.
+    that their scaled exponentials make up that of the sample times g over all t (J. A. Fessler and
+    B. P. Sutton, IEEE Trans. Signal Process. 51, 560, 2003, doi 10.1109/TSP.2002.807005, sections
+    II and III). The scaling is the inverse of a Kaiser-Bessel kernel's spectrum.
 
-    Parameters
-    ----------
-    count : int
-        Number of input samples.
-    length : int
-        Length of the FFT, more than `count`.
-    frequencies : ndarray, (samples,)
-        Frequencies of the samples in cycles per input sample, in ascending order.
-    tol : float
-        Relative L2 error that is allowed, in the mean over t.
-    factor : callable, optional
-        Returns g at places t / (count / 2), complex, (samples, places). One by default.
+    count: number of input samples.
+    length: of the FFT, more than `count`.
+    frequencies: of the samples, (samples,), cycles per input sample, ascending.
+    tol: relative L2 error that is allowed, in the mean over t.
+    factor: returns g at places t / (count / 2), complex, (samples, places). One by default.
 
-    Attributes
-    ----------
-    grid : range
-        The grid points v that are used; they may be negative.
-    scaling : ndarray, (count,)
-        Factors on the input.
-    rounding_growth : float
-        Factor by which rounding errors of the spectrum grow, relative to even input.
-    error : float
-        What the weights miss of a sample's exponential, whose modulus is 1: the root mean square
+    What it finds:
+
+    grid: the grid points v that are used; they may be negative.
+    scaling: factors on the input, (count,).
+    rounding_growth: factor by which rounding errors of the spectrum grow, relative to even input.
+    error: what the weights miss of a sample's exponential, whose modulus is 1: the root mean square
         over t, of the worst sample.
-
-    References
-    ----------
-    J. A. Fessler and B. P. Sutton, IEEE Trans. Signal Process. 51, 560, 2003,
-    doi 10.1109/TSP.2002.807005.
     """
 
     def __init__(
@@ -94,7 +79,7 @@ class FittedInterpolation:
         self.rounding_growth = float(gain * np.sqrt((self.scaling**2).mean()))
 
     def _scaling_at(self, places: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-        """Return the interpolation's factors on the input at places t / (count / 2)."""
+        """Return the factors on the input at places t / (count / 2)."""
         beta = math.pi * width * (1 - 0.5 * self._count / self._length)
         turn = math.pi * width / 2 * places * (self._count / self._length)
         root = np.sqrt(beta**2 - turn**2)
@@ -105,7 +90,7 @@ class FittedInterpolation:
         return scaling
 
     def _fit(self, width: int) -> None:
-        """Fit the interpolation's `width` weights for every sample, and measure what they miss."""
+        """Fit `width` weights for every sample, and measure what they miss."""
         # The grid points lie evenly around each sample.
         self._bases = np.ceil(self._places - width / 2).astype(np.int64)
         wanted, waves, mean = self._exponentials(width, 2 * width + _SPARE_NODES)
@@ -121,11 +106,12 @@ class FittedInterpolation:
     def _exponentials(
         self, width: int, count: int
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
-        """Return what the interpolation shall make up, of what, and the weights of a mean over t.
+        """Return what the weights shall make up, of what, and the weights of a mean over t.
 
         The first is (samples, places), relative to the exponential of the sample's first grid
         point. The second holds the scaled exponentials of its grid points, (places, width),
-        relative to the first one. count: number of the places.
+        relative to the first one.
+        count: number of the places.
         """
         places, weights = gauss_legendre(count)
         turns = places * (self._count / self._length / 2)
@@ -138,21 +124,12 @@ class FittedInterpolation:
     def matrix(
         self, dtype: torch.dtype, phases: NDArray[np.complex128] | None = None
     ) -> BandedMatrix:
-        """Return the interpolation as a matrix from the spectrum on `grid` to the samples.
+        """Return the matrix from the spectrum on `grid` to the samples, (samples, grid points).
 
         The spectrum's phases count from the first sample of the input, as an FFT's do.
 
-        Parameters
-        ----------
-        dtype : torch.dtype
-            complex64 or complex128.
-        phases : ndarray, (samples,), optional
-            By which the samples are multiplied afterwards.
-
-        Returns
-        -------
-        BandedMatrix
-            (samples, grid points).
+        dtype: complex64 or complex128.
+        phases: by which the samples are multiplied afterwards, (samples,).
         """
         grid = self._bases[:, None] + np.arange(self._weights.shape[1])
         turns = np.mod(grid * ((self._count - 1) / (2 * self._length)), 1)
@@ -163,10 +140,10 @@ class FittedInterpolation:
     def matrix_of_mirrored_input(
         self, dtype: torch.dtype, phases: NDArray[np.complex128] | None = None
     ) -> BandedMatrix:
-        """Return the interpolation as a matrix from the spectrum of input that is mirrored.
+        """Return the matrix from the spectrum of mirrored input to the samples.
 
-        The spectrum is even, and known at the grid points from zero on. Its phases count from the
-        middle of the input. For the parameters see `matrix`.
+        Parameters are those of `matrix`. The spectrum is even, and known at the grid points from
+        zero on. Its phases count from the middle of the input.
         """
         entries = torch.from_numpy(self._multiply_phases(self._weights, phases)).to(dtype)
         kept = max(-self.grid.start, self.grid.stop - 1, 0) + 1
@@ -175,7 +152,6 @@ class FittedInterpolation:
     def _multiply_phases(
         self, weights: NDArray[np.complex128], phases: NDArray[np.complex128] | None
     ) -> NDArray[np.complex128]:
-        """Multiply the interpolation's weights by a phase for each sample."""
         return weights if phases is None else weights * phases[:, None]
 
 
@@ -183,6 +159,7 @@ def interpolation_width(share: float, tol: float) -> int:
     """Estimate how many weights interpolate a spectrum to a relative error.
 
     It is the width of the Kaiser-Bessel kernel (see `optics.fourier.gridded.spread_width`), of
-    which fitted weights need a few less. share: input samples over the FFT's length, below 1.
+    which fitted weights need a few less.
+    share: input samples over the FFT's length, below 1.
     """
     return math.ceil(-math.log(tol) / (math.pi * math.sqrt(1 - share))) + 1

@@ -1,4 +1,4 @@
-"""Fourier transforms between planes of any pitch by gridding, to a stated error."""
+"""The gridded FFT, between planes of any pitch and to a stated error."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ sample is spread to; measured."""
 
 
 def spread_width(error: float) -> int:
-    """Return over how many grid points a gridded FFT spreads each sample for a relative error.
+    """Return over how many grid points each sample is spread for a relative error.
 
     The error of a Kaiser-Bessel kernel of width w is about exp(-pi w sqrt(1 - 1/oversampling))
     (Barnett, Magland and af Klinteberg 2019, 10.1137/18M120885X). One more point is a margin.
@@ -38,11 +38,10 @@ def spread_width(error: float) -> int:
 
 
 class _GriddedRule(AxisRule):
-    """A Fourier sum along one axis by gridding (Jackson et al. 1991).
+    """Spreads samples onto a finer grid and divides its FFT by the kernel's spectrum, on one axis.
 
-    The samples are spread onto a finer grid by a Kaiser-Bessel kernel; the FFT of the grid is
-    divided by the spectrum of the kernel. `position` is the phase in turns that each sample adds
-    from one image sample to the next.
+    The kernel is a Kaiser-Bessel function (Jackson et al. 1991). `position` is the phase in turns
+    that each sample adds from one image sample to the next.
     """
 
     def __init__(
@@ -89,7 +88,7 @@ class _GriddedRule(AxisRule):
         return self._apply_matrix(fft(grid, self._length, -2, inverse=True), spread=False)
 
     def _apply_matrix(self, field: torch.Tensor, *, spread: bool) -> torch.Tensor:
-        """Apply the gridded FFT's sparse matrix along the second last axis of each picture."""
+        """Spread along the second last axis of each picture, or gather from the grid."""
         lines = torch.view_as_real(field.resolve_conj().contiguous()).flatten(-2)
         pictures = lines.reshape(-1, *lines.shape[-2:])
         parts = [self._product(picture, spread) for picture in pictures]
@@ -108,7 +107,7 @@ class _GriddedRule(AxisRule):
 
 
 def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
-    """Convert the gridded FFT's scipy matrix to torch, for devices other than the CPU."""
+    """Convert a scipy matrix to torch, for devices other than the CPU."""
     coo = matrix.tocoo()
     index = torch.from_numpy(np.stack(coo.coords).astype(np.int64))
     values = torch.from_numpy(coo.data)
@@ -120,12 +119,12 @@ def _sparse(matrix: Any, device: torch.device) -> torch.Tensor:
 
 
 def grid_length(m: int) -> int:
-    """Return the FFT length of a gridded Fourier transform to m image samples."""
+    """Return the FFT's length for `m` image samples."""
     return scipy.fft.next_fast_len(math.ceil(_FINER * m) + 2)
 
 
 class GriddedTransform(SeparableTransform):
-    """Computes the Fourier transform for any pitch and window, to a stated error, by gridding.
+    """Spreads samples onto a finer grid, for any pitch and window, to a stated error.
 
     The FFTs are about twice as long as the image. Each axis is a non-uniform FFT. The samples
     stand in rows and columns, so that one sparse matrix per axis spreads them.
@@ -159,7 +158,7 @@ class GriddedTransform(SeparableTransform):
         self.error = error
 
     def build_axis_rule(self, axis: int) -> AxisRule:
-        """Build the gridding rule of the Fourier transform along axis 0 (y) or 1 (x)."""
+        """Build the rule of spreading and dividing along axis 0 (y) or 1 (x)."""
         g = self.geometry
         turns = g.pupil_offsets(axis).numpy() * (g.image.pitch[axis] / g.scale)
         return _GriddedRule(turns, g.image.shape[axis], self.error, self.dtype)
@@ -169,18 +168,18 @@ class GriddedTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the gridded Fourier transform's largest arrays."""
+        """Bytes of the largest arrays."""
         (ny, nx), width = self.geometry.pupil.shape, spread_width(self.error)
         grids = (a * b for a, b in zip(self._grids(), self.lines(), strict=True))
         return self.dtype.itemsize * (2 * max(grids) + 2 * width * (ny + nx))
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the seconds of the kernels that the first gridded Fourier transform makes."""
+        """Predict the seconds of making the kernels, at the first call."""
         taps = spread_width(self.error) * sum(self.geometry.pupil.shape)
         return 2 * _RULE_CALLS * speed.call + _KERNELS_PER_TAP * taps * speed.bessel
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of one gridded Fourier transform at a machine's speed."""
+        """Predict the processor seconds of one call at a machine's speed."""
         width = spread_width(self.error)
         spread = width * sum(
             n * count for n, count in zip(self.geometry.pupil.shape, self.lines(), strict=True)

@@ -29,7 +29,7 @@ _COARSE_OVERSAMPLING = 1.25
 
 
 class NonuniformTransform(Transform):
-    """Computes the Fourier sum over points at arbitrary positions, to a stated error.
+    """Sums the waves of points at arbitrary positions, to a stated error.
 
     It uses the type 1 transform of finufft in double precision. In single precision, the rounding
     of the positions alone would cause an error of 1e-4 in a large window. It runs on the CPU;
@@ -91,7 +91,7 @@ class NonuniformTransform(Transform):
         self._plans: dict[int, Any] = {}
 
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the positions (y, x) of the points of the Fourier sum in metres."""
+        """Return the points' positions (y, x) in metres."""
         return self._y, self._x
 
     def _plan(self, kind: int) -> Any:
@@ -135,22 +135,22 @@ class NonuniformTransform(Transform):
 
     @staticmethod
     def width(error: float) -> int:
-        """Return over how many grid points per axis the non-uniform FFT spreads each point."""
+        """Return over how many grid points per axis finufft spreads each point."""
         return max(2, math.ceil(-math.log10(error)) + 1)
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the non-uniform FFT's largest arrays."""
+        """Bytes of the largest arrays."""
         return nonuniform_bytes(self._y.numel(), self.image)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of one non-uniform FFT at a machine's speed."""
+        """Predict the processor seconds of one call at a machine's speed."""
         count = self._y.numel()
         return nonuniform_seconds(count, self.image, self.error, speed, few_points=self._few_points)
 
 
 def nonuniform_bytes(points: int, image: Plane) -> int:
-    """Predict the memory in bytes of a non-uniform FFT of some points without building it."""
+    """Predict the memory in bytes for a number of points, before anything is built."""
     samples = image.shape[0] * image.shape[1]
     # Each point takes 72 bytes: its position, its values before and after, and its place in the
     # order in which finufft sorts the points.
@@ -160,7 +160,7 @@ def nonuniform_bytes(points: int, image: Plane) -> int:
 def nonuniform_seconds(
     points: int, image: Plane, error: float, speed: MachineSpeed, *, few_points: bool = False
 ) -> float:
-    """Predict the processor time in seconds of a non-uniform FFT without building it."""
+    """Predict the processor time in seconds for a number of points, before anything is built."""
     oversampling = _COARSE_OVERSAMPLING if few_points else _OVERSAMPLING
     width = NonuniformTransform.width(error)
     if few_points:

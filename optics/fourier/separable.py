@@ -1,4 +1,4 @@
-"""Fourier transforms along one axis after the other: by chirps, or by pruned and folded FFTs.
+"""Transforms along one axis after the other: by chirps, or by pruned and folded FFTs.
 
 Chirps take planes of any pitch; pruned and folded FFTs those whose pitches are commensurate.
 """
@@ -17,7 +17,7 @@ from optics.fourier.transform import RETAINED_BYTES, FourierGeometry, PlaneTrans
 
 
 class AxisRule(ABC):
-    """Base class of Fourier sums along one axis, from n centred samples to m centred samples:
+    """Base class of sums along one axis, from n centred samples to m centred samples:
 
         C[k] = sum over j of f[j] exp(-2 pi i step (j - n // 2) (k - m // 2)).
 
@@ -26,19 +26,19 @@ class AxisRule(ABC):
 
     @abstractmethod
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        """Compute the Fourier sum, from (..., n, lines) to (..., m, lines)."""
+        """Compute the sum, from (..., n, lines) to (..., m, lines)."""
 
     @abstractmethod
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of the Fourier sum, from (..., m, lines) to (..., n, lines)."""
+        """Apply the conjugate transpose, from (..., m, lines) to (..., n, lines)."""
 
     @abstractmethod
     def to(self, device: torch.device) -> None:
-        """Move the precomputed arrays of the Fourier sum to a device."""
+        """Move the precomputed arrays to a device."""
 
 
 class SeparableTransform(PlaneTransform):
-    """Base class of Fourier transforms that apply one rule along y, then one along x.
+    """Base class of transforms that apply one rule along y, then one along x.
 
     Planes that are off centre are handled by a phase factor before or after each rule.
     """
@@ -49,7 +49,7 @@ class SeparableTransform(PlaneTransform):
 
     @cached_property
     def _pupil_phases(self) -> tuple[torch.Tensor | None, ...]:
-        """Return the Fourier phases over the pupil along y and x for an off-centre image.
+        """Phases over the pupil along y and x for an off-centre image.
 
         They are computed at the first call, since many transforms are only asked for their cost.
         """
@@ -57,15 +57,15 @@ class SeparableTransform(PlaneTransform):
 
     @cached_property
     def _image_phases(self) -> tuple[torch.Tensor | None, ...]:
-        """Return the Fourier phases over the image along y and x for an off-centre pupil."""
+        """Phases over the image along y and x for an off-centre pupil."""
         return tuple(self.geometry.image_tilt(axis, self.dtype) for axis in (0, 1))
 
     @abstractmethod
     def build_axis_rule(self, axis: int) -> AxisRule:
-        """Build the rule of the Fourier transform along axis 0 (y) or 1 (x)."""
+        """Build the rule along axis 0 (y) or 1 (x)."""
 
     def axis_rules(self, device: torch.device) -> tuple[AxisRule, AxisRule]:
-        """Return the Fourier sums along y and x on a device; they are built at the first call."""
+        """Return the rules along y and x on a device; they are built at the first call."""
         if self._rules is None:
             self._rules = (self.build_axis_rule(0), self.build_axis_rule(1))
         for rule in self._rules:
@@ -73,7 +73,7 @@ class SeparableTransform(PlaneTransform):
         return self._rules
 
     def _forward_axis(self, field: torch.Tensor, axis: int, rule: AxisRule) -> torch.Tensor:
-        """Fourier-transform a field along its second last dimension, which belongs to `axis`."""
+        """Transform a field along its second last dimension, which belongs to `axis`."""
         before, after = self._pupil_phases[axis], self._image_phases[axis]
         if before is not None:
             field = field * before.to(field.device)[:, None]
@@ -88,7 +88,7 @@ class SeparableTransform(PlaneTransform):
         return field if before is None else field * before.conj().to(field.device)[:, None]
 
     def forward_axis(self, field: torch.Tensor, axis: int) -> torch.Tensor:
-        """Apply the Fourier transform's rule of one axis to a field."""
+        """Apply the rule of one axis, 0 (y) or 1 (x), to a field."""
         rule, field = self.axis_rules(field.device)[axis], field.to(self.dtype)
         if axis == 0:
             return self._forward_axis(field, 0, rule)
@@ -105,15 +105,12 @@ class SeparableTransform(PlaneTransform):
         )
 
     def lines(self) -> tuple[int, int]:
-        """Return how many lines of samples the Fourier transform has along y and along x."""
+        """Return how many lines of samples are transformed along y and along x."""
         return self.geometry.pupil.shape[1], self.geometry.image.shape[0]
 
 
 class _ChirpRule(AxisRule):
-    """A Fourier sum along one axis by Bluestein's convolution with a chirp.
-
-    The phases of the chirp are computed in float64.
-    """
+    """Convolves with a chirp (Bluestein), whose phases are computed in float64."""
 
     def __init__(self, n: int, m: int, step: float, dtype: torch.dtype) -> None:
         self.n, self.m = n, m
@@ -144,12 +141,12 @@ class _ChirpRule(AxisRule):
 
 
 def chirp_length(n: int, m: int) -> int:
-    """Return the length of the FFTs of a chirp-Z Fourier transform from n samples to m samples."""
+    """Return the length of the FFTs that take n samples to m."""
     return scipy.fft.next_fast_len(n + m - 1)
 
 
 class ChirpTransform(SeparableTransform):
-    """Computes the Fourier transform by the chirp-Z algorithm, for any pitch and window.
+    """Convolves with chirps (chirp-Z algorithm), for any pitch and window.
 
     It costs a few FFTs and is exact to rounding.
 
@@ -168,7 +165,7 @@ class ChirpTransform(SeparableTransform):
     name = "chirp-Z"
 
     def build_axis_rule(self, axis: int) -> AxisRule:
-        """Build the chirp-Z rule of the Fourier transform along axis 0 (y) or 1 (x)."""
+        """Build the convolution along axis 0 (y) or 1 (x)."""
         g = self.geometry
         return _ChirpRule(g.pupil.shape[axis], g.image.shape[axis], g.step(axis), self.dtype)
 
@@ -178,12 +175,12 @@ class ChirpTransform(SeparableTransform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the chirp Fourier transform's largest arrays."""
+        """Bytes of the largest arrays."""
         sizes = (a * b for a, b in zip(self._lengths(), self.lines(), strict=True))
         return self.dtype.itemsize * 3 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of one chirp Fourier transform at a machine's speed."""
+        """Predict the processor seconds of one call at a machine's speed."""
         each = zip(self._lengths(), self.lines(), strict=True)
         sizes = [(length, count) for length, count in each]
         operations = sum(2 * count * fft_operations(length) for length, count in sizes)
@@ -195,10 +192,7 @@ class ChirpTransform(SeparableTransform):
 
 
 def commensurate_length(geometry: FourierGeometry, axis: int) -> int:
-    """Return the FFT length that fits a Fourier geometry along an axis, or 0 if none fits.
-
-    The length is one over the geometry's step, if that is a whole number.
-    """
+    """Return the FFT's length along an axis, one over the step; 0 if that isn't a whole number."""
     exact = 1 / geometry.step(axis)
     length = max(round(exact), 1)
     farthest = geometry.pupil.shape[axis] / 2 * geometry.image.shape[axis] / 2
@@ -208,11 +202,7 @@ def commensurate_length(geometry: FourierGeometry, axis: int) -> int:
 
 
 class _CommensurateRule(AxisRule):
-    """A Fourier sum along one axis by an FFT of `length`.
-
-    The input is folded into that length or padded to it, and the requested outputs are selected
-    from its period.
-    """
+    """Folds the input into one FFT's `length` or pads it, and selects outputs from its period."""
 
     def __init__(self, n: int, m: int, length: int, dtype: torch.dtype) -> None:
         self.n, self.m, self.length = n, m, length
@@ -229,7 +219,7 @@ class _CommensurateRule(AxisRule):
         return spectrum.index_select(-2, self.index).mul_(self.phase)
 
     def _fold_periods(self, field: torch.Tensor) -> torch.Tensor:
-        """Add up the Fourier sum's input samples that lie a whole number of FFT periods apart."""
+        """Add up the input samples that lie a whole number of FFT periods apart."""
         if self.n <= self.length:
             return field
         whole = self.n // self.length * self.length
@@ -249,7 +239,7 @@ class _CommensurateRule(AxisRule):
 
 
 class CommensurateTransform(SeparableTransform):
-    """Computes the Fourier transform by one FFT per axis, where one over the step is whole.
+    """Takes one pruned or folded FFT per axis, where one over the step is whole.
 
     It is exact to rounding. An image with a small pitch needs long FFTs, of which only the
     requested outputs are kept (a pruned FFT). An image with a pitch that undersamples the finest
@@ -281,22 +271,22 @@ class CommensurateTransform(SeparableTransform):
 
     @staticmethod
     def is_commensurate(geometry: FourierGeometry) -> bool:
-        """Tell whether one over a Fourier geometry's step is whole along both axes."""
+        """Tell whether one over the step is whole along both axes."""
         return all(commensurate_length(geometry, axis) for axis in (0, 1))
 
     def build_axis_rule(self, axis: int) -> AxisRule:
-        """Build the FFT rule of the Fourier transform along axis 0 (y) or 1 (x)."""
+        """Build the rule of one FFT along axis 0 (y) or 1 (x)."""
         n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]
         return _CommensurateRule(n, m, self._lengths[axis], self.dtype)
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the commensurate Fourier transform's largest arrays."""
+        """Bytes of the largest arrays."""
         sizes = (a * b for a, b in zip(self._lengths, self.lines(), strict=True))
         return self.dtype.itemsize * 2 * max(sizes)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of a commensurate Fourier transform at a machine speed."""
+        """Predict the processor seconds of one call at a machine's speed."""
         each = zip(self._lengths, self.lines(), strict=True)
         operations = sum(count * fft_operations(length) for length, count in each)
         (ny, nx), (_, mx) = self.geometry.pupil.shape, self.geometry.image.shape
@@ -307,7 +297,7 @@ class CommensurateTransform(SeparableTransform):
         return speed.call + seconds * self.precision_slowdown(speed) + new * speed.fresh
 
     def _samples_made(self) -> list[int]:
-        """Count the samples of each array that the commensurate Fourier transform makes."""
+        """Count the samples of each array that a call makes."""
         g, found = self.geometry, []
         for axis, (count, length) in enumerate(zip(self.lines(), self._lengths, strict=True)):
             n, m = g.pupil.shape[axis], g.image.shape[axis]

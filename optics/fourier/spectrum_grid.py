@@ -14,14 +14,9 @@ from optics.fourier.fft import fft, fft_operations
 class SpectrumGrid(ABC):
     """Base class of the spectra of a field along one axis, on some points of an FFT's grid.
 
-    Parameters
-    ----------
-    count : int
-        Number of samples of the whole field along the axis.
-    length : int
-        Length of the FFT, `count` at least.
-    grid : range
-        Grid points v that are wanted, at frequencies v / length in cycles per sample.
+    count: number of samples of the whole field along the axis.
+    length: of the FFT, `count` at least.
+    grid: points v that are wanted, at frequencies v / length in cycles per sample.
     """
 
     def __init__(self, count: int, length: int, grid: range) -> None:
@@ -36,7 +31,7 @@ class SpectrumGrid(ABC):
         """Apply the conjugate transpose of `forward`."""
 
     def unfold(self, lines: torch.Tensor) -> torch.Tensor:
-        """Repeat the spectrum's kept points along the first axis where `grid` is longer."""
+        """Repeat the kept points along the first axis where `grid` is longer."""
         return lines
 
     def fold(self, lines: torch.Tensor) -> torch.Tensor:
@@ -46,16 +41,16 @@ class SpectrumGrid(ABC):
     @property
     @abstractmethod
     def kept_count(self) -> int:
-        """The number of grid points of the spectrum that are kept."""
+        """Number of grid points that are kept."""
 
     @property
     @abstractmethod
     def operations(self) -> float:
-        """The operations of the spectrum of one line of samples."""
+        """Floating-point operations for one line of samples."""
 
 
 class FullSpectrum(SpectrumGrid):
-    """Computes the spectrum of a field by an FFT; phases count from the first sample."""
+    """Computes a whole FFT; phases count from the first sample."""
 
     @property
     def kept_count(self) -> int:
@@ -93,7 +88,7 @@ class FullSpectrum(SpectrumGrid):
 
 
 class MirroredSpectrum(SpectrumGrid):
-    """Computes the spectrum of a field that is mirrored in its middle, by a cosine transform.
+    """Computes a cosine transform of a field that is mirrored in its middle.
 
     The field's second half is given, with the middle sample of an odd number. Phases count from the
     middle. The spectrum is even, so that the points from zero on are kept. The points of `grid`
@@ -133,7 +128,7 @@ class MirroredSpectrum(SpectrumGrid):
         return field
 
     def _forward_on_device(self, field: torch.Tensor, dim: int) -> torch.Tensor:
-        """Compute the mirrored field's spectrum by a whole FFT, where scipy can't."""
+        """Compute a whole FFT instead, where scipy can't."""
         spectrum = torch.fft.fft(self._mirror(field, dim), n=self.length, dim=dim)
         return self._turn(spectrum.narrow(dim, 0, self.kept_count), dim)
 
@@ -151,7 +146,7 @@ class MirroredSpectrum(SpectrumGrid):
         return torch.cat([other, field], dim)
 
     def _turn(self, spectrum: torch.Tensor, dim: int, *, conjugate: bool = False) -> torch.Tensor:
-        """Turn phases of a spectrum that count from the first sample to the middle, or back."""
+        """Turn phases from counting at the first sample to counting at the middle, or back."""
         points = torch.arange(self.kept_count, dtype=torch.float64, device=spectrum.device)
         angle = torch.pi * (self.count - 1) / self.length * points
         phases = torch.polar(torch.ones_like(angle), -angle if conjugate else angle)

@@ -1,4 +1,4 @@
-"""The base class of all Fourier transforms between two planes: phases and derivatives."""
+"""What all transforms between two planes share: geometry, phases and derivatives."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optics.plane import Plane, RectilinearGrid
 
 
 def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Compute a Fourier phasor exp(2 pi i turns), with the phase reduced to half a turn.
+    """Compute the phasor exp(2 pi i turns), with the phase reduced to half a turn.
 
     The reduction is done in float64.
 
@@ -37,7 +37,7 @@ def unit_phasor(turns: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class FourierGeometry:
-    """The two planes of a Fourier transform, and the product of wavelength and distance.
+    """The two planes of a transform, and the product of wavelength and distance.
 
     A pupil with unevenly spaced rows and columns has no step. Only matrix and gridded transforms
     accept it.
@@ -68,7 +68,7 @@ class FourierGeometry:
             )
 
     def step(self, axis: int) -> float:
-        """Compute the Fourier phase in turns per pupil sample and image sample along an axis.
+        """Compute the phase in turns per pupil sample and image sample along an axis.
 
         axis: 0 (y) or 1 (x).
 
@@ -82,14 +82,14 @@ class FourierGeometry:
         return self.pupil.pitch[axis] * self.image.pitch[axis] / self.scale
 
     def pupil_offsets(self, axis: int) -> torch.Tensor:
-        """Return the Fourier geometry's pupil positions relative to the pupil's centre, metres.
+        """Return the pupil's positions relative to its centre, metres.
 
         The positions lie along an axis, 0 (y) or 1 (x), and are float64.
         """
         return self.pupil.coordinates(axis) - self.pupil.centre[axis]
 
     def pupil_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """Compute the Fourier phase factor over the pupil for an image that is off-axis.
+        """Compute the phase factor over the pupil for an image that is off-axis.
 
         The factor shifts the image to its off-axis centre.
 
@@ -111,7 +111,7 @@ class FourierGeometry:
         return unit_phasor(-self.pupil_offsets(axis) * centre / self.scale, dtype)
 
     def image_tilt(self, axis: int, dtype: torch.dtype) -> torch.Tensor | None:
-        """Compute the Fourier phase factor over the image for a pupil that is off-axis.
+        """Compute the phase factor over the image for a pupil that is off-axis.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ PASSES_PER_PHASOR = 50
 
 
 class Transform(CandidateMethod):
-    """Base class of all Fourier transforms: a linear map from the pupil to the image plane.
+    """Base class of all linear maps from the pupil to the image plane.
 
     It computes ::
 
@@ -175,19 +175,19 @@ class Transform(CandidateMethod):
 
     @abstractmethod
     def _forward(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the Fourier transform to a field, without derivatives."""
+        """Map a field without derivatives."""
 
     @abstractmethod
     def _adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of the Fourier transform, without derivatives."""
+        """Apply the conjugate transpose without derivatives."""
 
     @abstractmethod
     def _require_samples(self, field: torch.Tensor) -> None:
-        """Raise ValueError if a field's samples aren't those of the Fourier transform's pupil."""
+        """Raise ValueError if a field's samples aren't the pupil's."""
 
     @abstractmethod
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the Fourier transform's pupil positions (y, x) in metres.
+        """Return the pupil's positions (y, x) in metres.
 
         The two arrays broadcast against a field.
         """
@@ -232,7 +232,7 @@ class Transform(CandidateMethod):
         return self._shaped_map()(field, (one, y, x))
 
     def _shaped_map(self) -> ShapedMap:
-        """The Fourier transform as a function of `stretch` and both parts of `shift` as well."""
+        """Return the map as a function of `stretch` and both parts of `shift` as well."""
 
         def derive(same: ShapedMap) -> Derivatives:
             y, x = (position * (-2j * math.pi / self.scale) for position in self.positions())
@@ -243,13 +243,13 @@ class Transform(CandidateMethod):
         return ShapedMap(self._forward, self._adjoint, derive)
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the Fourier transform's conjugate transpose, from the image back to the pupil."""
+        """Apply the conjugate transpose, from the image back to the pupil."""
         _require_shape(self.image, field)
         return apply_linear_map(self._adjoint, self._forward, field.to(self.dtype))
 
 
 class PlaneTransform(Transform):
-    """Base class of Fourier transforms from a pupil that is sampled on a grid."""
+    """Base class of transforms from a pupil that is sampled on a grid."""
 
     def __init__(self, geometry: FourierGeometry, dtype: torch.dtype) -> None:
         self.geometry, self.dtype = geometry, dtype
@@ -257,20 +257,10 @@ class PlaneTransform(Transform):
 
     @abstractmethod
     def forward_axis(self, field: torch.Tensor, axis: int) -> torch.Tensor:
-        """Apply the Fourier transform along axis 0 (y) or 1 (x) only, without derivatives.
+        """Transform along axis 0 (y) or 1 (x) only, without derivatives.
 
-        Parameters
-        ----------
-        field : torch.Tensor
-            Complex, (..., rows, columns), of which `axis` has the samples of the pupil. The other
-            axis may have any length.
-        axis : int
-            0 (y) or 1 (x).
-
-        Returns
-        -------
-        torch.Tensor
-            The field with the samples of the image along `axis`.
+        field: complex, (..., rows, columns), of which `axis` has the samples of the pupil, and in
+            the result those of the image. The other axis may have any length.
         """
 
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -280,15 +270,15 @@ class PlaneTransform(Transform):
         _require_shape(self.geometry.pupil, field)
 
     def allocation_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the seconds that each call of the Fourier transform spends on new memory."""
+        """Predict the seconds that each call spends on new memory."""
         return max(self.bytes - RETAINED_BYTES, 0) * speed.fresh
 
     def precision_slowdown(self, speed: MachineSpeed) -> float:
-        """Return the Fourier transform's time per operation relative to single precision."""
+        """Return the time per operation relative to single precision."""
         return speed.double if self.dtype == torch.complex128 else 1.0
 
 
 def _require_shape(plane: Plane | RectilinearGrid, field: torch.Tensor) -> None:
-    """Raise ValueError if a field's last axes aren't the samples of a Fourier transform's plane."""
+    """Raise ValueError if a field's last axes aren't the samples of a plane."""
     if field.shape[-2:] != plane.shape:
         raise ValueError(f"field is {tuple(field.shape)}; its plane has {plane.shape} samples")

@@ -1,4 +1,4 @@
-"""The Fourier transforms that are valid between two planes, and the choice among them.
+"""Which transforms are valid between two planes, and the choice among them.
 
 The matrix transform, which always is, multiplies a field by a matrix of phases along each axis.
 """
@@ -15,7 +15,7 @@ from optics.plane import Plane
 
 
 class MatrixTransform(PlaneTransform):
-    """Computes the Fourier transform by two matrix products, the fastest way to few samples.
+    """Multiplies by a matrix of phases on each axis, the fastest way to few samples.
 
     It is exact to rounding.
 
@@ -54,7 +54,7 @@ class MatrixTransform(PlaneTransform):
         return rows @ (field @ columns.mT)
 
     def forward_axis(self, field: torch.Tensor, axis: int) -> torch.Tensor:
-        """Multiply a field by the matrix of one axis of the Fourier transform."""
+        """Multiply a field by the matrix of one axis, 0 (y) or 1 (x)."""
         kernel = self._kernels(field.device)[axis]
         field = field.to(self.dtype)
         return kernel @ field if axis == 0 else field @ kernel.mT
@@ -69,26 +69,26 @@ class MatrixTransform(PlaneTransform):
         return my * nx * (ny + mx) <= ny * mx * (nx + my)
 
     def _products(self) -> int:
-        """Count the multiplications of numbers in a Fourier transform by matrices."""
+        """Count the complex multiplications of both products."""
         (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
         return min(my * nx * (ny + mx), ny * mx * (nx + my))
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the largest arrays of a Fourier transform by matrices."""
+        """Bytes of the largest arrays."""
         (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
         between = my * nx if self._rows_first else ny * mx
         return self.dtype.itemsize * (my * ny + mx * nx + between + my * mx)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of a Fourier transform by matrices at a machine's speed."""
+        """Predict the processor seconds of one call at a machine's speed."""
         touched = self.geometry.image.shape[0] * self.geometry.image.shape[1]
         products = 4 * self._products() * speed.multiply_add + touched * speed.touch
         seconds = products * self.precision_slowdown(speed) + self.allocation_seconds(speed)
         return speed.call + seconds
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of computing the matrices of the Fourier transform."""
+        """Predict the processor seconds of computing the matrices."""
         (ny, nx), (my, mx) = self.geometry.pupil.shape, self.geometry.image.shape
         return (my * ny + mx * nx) * PASSES_PER_PHASOR * speed.touch
 
@@ -96,7 +96,7 @@ class MatrixTransform(PlaneTransform):
 def valid_transforms(
     geometry: FourierGeometry, dtype: torch.dtype, error: float = 0.0
 ) -> list[PlaneTransform]:
-    """List all Fourier transforms that are valid for a geometry of two planes.
+    """List all transforms that are valid for a geometry of two planes.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def plan_transform(
     method: str | None = None,
     error: float = 0.0,
 ) -> PlaneTransform:
-    """Choose the cheapest valid Fourier transform for a geometry, or the named one.
+    """Choose the cheapest valid transform for a geometry, or the named one.
 
     Parameters
     ----------

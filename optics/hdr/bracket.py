@@ -1,4 +1,4 @@
-"""Describe an exposure bracket: frames, dark frames, and the noise that both have."""
+"""An exposure bracket: its frames and dark frames, and the noise of both."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Frames = NDArray[Any] | Sequence[Any]
 
 @dataclass(frozen=True)
 class Exposure:
-    """All frames of one exposure time.
+    """All frames of one time.
 
     time: seconds. frames: their indices in the bracket. floor: variance of a frame without light,
     electrons². darks: number of dark frames whose mean is subtracted from each of them. dark_level:
@@ -75,7 +75,7 @@ class Bracket:
         self.exposures = self._group()
 
     def _require_matching(self) -> tuple[int, int]:
-        """Return (rows, columns) of an HDR bracket's frames, or raise ValueError."""
+        """Return (rows, columns) of the frames; raise ValueError if anything doesn't match."""
         count = len(self.times)
         if count == 0:
             raise ValueError("there are no exposures to merge; give at least one")
@@ -106,7 +106,7 @@ class Bracket:
         return int(shape[0]), int(shape[1])
 
     def _group(self) -> list[Exposure]:
-        """Return a bracket's different exposures, the shortest first."""
+        """Group the frames by their time, the shortest first."""
         sensor, found = self.sensor, []
         for time in np.unique(self.times):
             indices = np.flatnonzero(self.times == time)
@@ -122,7 +122,7 @@ class Bracket:
     def electrons(
         self, index: int, rows: slice, chosen: NDArray[np.intp] | None = None
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return electrons of light in some rows of a bracket's frame, and which are clipped.
+        """Return electrons of light in some rows of a frame, and which pixels are clipped.
 
         chosen: indices of pixels in these rows; all by default. Raises ValueError for numbers that
         aren't finite.
@@ -139,7 +139,7 @@ class Bracket:
         chosen: NDArray[np.intp] | None = None,
         time: float = 1.0,
     ) -> NDArray[np.bool_]:
-        """Write electrons in some rows of a bracket's frame to an array; return which are clipped.
+        """Write electrons of light in some rows of a frame to an array; return which are clipped.
 
         time: seconds by which electrons are divided. As `electrons` otherwise.
         """
@@ -158,6 +158,6 @@ class Bracket:
         return np.asarray(numbers >= self.sensor.full_scale)
 
     def with_factors(self, factors: ArrayLike) -> Bracket:
-        """Return the bracket with each exposure time multiplied by a factor."""
+        """Return the same frames with each time multiplied by a factor."""
         times = self.times * np.asarray(factors, dtype=np.float64)
         return Bracket(self.frames, times, self.darks, self.dark_counts, self.sensor)

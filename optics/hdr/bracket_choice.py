@@ -1,6 +1,6 @@
-"""Choose an exposure bracket: the shortest time, or the fewest frames, for a wanted accuracy.
+"""Choose the exposures that reach a wanted accuracy in the least time, or with the fewest frames.
 
-Ladders of exposures that grow by a ratio are what it's compared with.
+Ladders of exposures that grow by a ratio are what they are compared with.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ between both. Chosen: to .01 dB."""
 
 @dataclass(frozen=True)
 class WantedSNR:
-    """The signal-to-noise ratio that a merged HDR bracket shall have in each pixel of a range.
+    """Signal-to-noise ratio that merged pixels shall have over a range of rates.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class WantedSNR:
 
 @dataclass(frozen=True)
 class ChosenBracket:
-    """Exposures of an HDR bracket, and what they reach.
+    """Exposures to take, and the signal-to-noise ratio that they reach.
 
     groups: exposure times in seconds with their numbers of frames, the shortest first. duration:
     seconds with read-out, and with dark frames where they count. noise: tells the ratio. taken:
@@ -84,12 +84,12 @@ class ChosenBracket:
 
     @property
     def times(self) -> tuple[float, ...]:
-        """Exposure time of each frame of the HDR bracket in seconds, the shortest first."""
+        """Exposure time of each frame in seconds, the shortest first."""
         return tuple(time for time, count in self.groups for _ in range(count))
 
     @property
     def frames(self) -> int:
-        """Number of the HDR bracket's frames, dark frames aside."""
+        """Number of frames, dark frames aside."""
         return sum(count for _, count in self.groups)
 
     def snr_db(self, rates: ArrayLike) -> NDArray[np.float64]:
@@ -101,7 +101,7 @@ class ChosenBracket:
 
 
 class UnreachableSNR(ValueError):
-    """Raised if no HDR bracket within the limits reaches the wanted ratio over the range."""
+    """Raised if nothing within the limits reaches the wanted ratio over the range."""
 
 
 def choose_bracket(
@@ -111,7 +111,7 @@ def choose_bracket(
     least: Least = "time",
     taken: Groups = (),
 ) -> ChosenBracket:
-    """Choose the exposures of an HDR bracket that reach a ratio over a range of rates.
+    """Choose exposures that reach a signal-to-noise ratio over a range of rates.
 
     Parameters
     ----------
@@ -162,14 +162,14 @@ def choose_bracket(
 def search_for(
     sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, taken: Groups = ()
 ) -> BracketSearch:
-    """Return the search for HDR exposures that reach a ratio within limits."""
+    """Set up the search for exposures that reach a wanted ratio within limits."""
     noise = ExposureSNR(sensor, wanted.darks)
     snr = from_decibels(wanted.snr_db)
     return BracketSearch(noise, limits, wanted.low, wanted.high, snr, wanted.counted_darks, taken)
 
 
 def _explain(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, reached: float) -> str:
-    """Say why no HDR bracket reaches a ratio over a range, and what can be reached."""
+    """Say why the wanted ratio isn't reached, and what can be."""
     shortest = AllowedTimes(limits).time(0)
     brightest = ExposureSNR(sensor, wanted.darks).brightest(shortest, FIRST_MARGIN)
     if brightest < wanted.high:
@@ -189,7 +189,7 @@ def _explain(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, reached:
 
 
 def _reachable_db(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits) -> float:
-    """Return the ratio in dB that HDR brackets within limits reach over the whole range."""
+    """Return the ratio in dB that can be reached over the whole range."""
     low, high = _LEAST_DB, wanted.snr_db
     for _ in range(_DB_STEPS):
         middle = (low + high) / 2
@@ -209,7 +209,7 @@ _STARTS = 24
 def choose_ladder(
     sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits, ratio: float
 ) -> ChosenBracket:
-    """Return the quickest ladder of exposures that reaches a ratio over a range, for comparison.
+    """Find the quickest ladder that reaches a ratio over a range, to compare `choose_bracket` with.
 
     A ladder has exposures that grow by a ratio, each as often as the others. The arguments are
     those of `choose_bracket`; exposures that aren't allowed become the next shorter ones.
@@ -242,7 +242,7 @@ def choose_ladder(
 def _ladder_times(
     search: BracketSearch, wanted: WantedSNR, limits: ExposureLimits, ratio: float, shift: float
 ) -> Iterator[list[float]]:
-    """Yield the exposure times of HDR ladders with one step, two steps, and so on.
+    """Yield the times of ladders with one step, two steps, and so on.
 
     shift: the first time over the longest that isn't clipped at the brightest rate.
     """
@@ -264,7 +264,7 @@ def _ladder_times(
 def _fewest_repeats(
     search: BracketSearch, times: list[float], most_frames: int, quickest: float
 ) -> Groups | None:
-    """Return an HDR ladder with as few frames at each time as suffice, if it is quicker."""
+    """Return a ladder with as few frames at each time as suffice; None if none is quicker."""
     for count in range(1, most_frames // len(times) + 1):
         groups = in_order(tuple((time, count) for time in times))
         if search.duration(groups) >= quickest:

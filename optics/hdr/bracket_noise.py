@@ -57,7 +57,7 @@ _ROUNDING = 1 / 12
 
 @dataclass(frozen=True)
 class BracketNoise:
-    """Noise of a sensor as an exposure bracket shows it.
+    """Gain and read noise of a sensor, as frames of one scene show them.
 
     gain: electrons per digital number. read_noise: electrons, without that of rounding. Both with
     standard deviations. blocks: that told it. share: of all blocks that were looked at; of noise
@@ -74,7 +74,7 @@ class BracketNoise:
 
 @dataclass(frozen=True, eq=False)
 class _Blocks:
-    """Blocks of pairs of an exposure bracket's frames, less darkness, DN, (blocks, pixels)."""
+    """Blocks of pairs of frames, less darkness, DN, (blocks, pixels)."""
 
     shorter: Array
     longer: Array
@@ -96,7 +96,7 @@ def estimate_bracket_noise(
     full_scale: float,
     period: tuple[int, int] = (1, 1),
 ) -> BracketNoise:
-    """Estimate gain and read noise of the sensor that took an exposure bracket, from its frames.
+    """Estimate a sensor's gain and read noise from frames of one scene.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def estimate_bracket_noise(
 def _read_blocks(
     frames: tuple[Any, Any], darks: tuple[Any, Any], full: float, period: tuple[int, int]
 ) -> _Blocks:
-    """Read blocks of a bracket's pair of frames in which neither is clipped."""
+    """Cut two frames into blocks, and keep those in which neither is near the clip level."""
     down, along = period
     share = down * along
     found: tuple[list[Array], list[Array]] = ([], [])
@@ -166,14 +166,14 @@ def _read_blocks(
 
 
 def _cut(plane: NDArray[Any], rows: int, columns: int, every: int) -> Array:
-    """Return some blocks of a plane of a bracket's frame, (blocks, pixels), evenly over it."""
+    """Return one in `every` of a plane's blocks, evenly over it, (blocks, pixels)."""
     blocks = plane[: rows * _SIDE, : columns * _SIDE].reshape(rows, _SIDE, columns, _SIDE)
     row, column = (n.ravel()[::every] for n in np.mgrid[:rows, :columns])
     return blocks[row, :, column].reshape(len(row), -1).astype(np.float64)
 
 
 def _fit(pairs: Sequence[_Blocks]) -> BracketNoise:
-    """Fit gain and read noise to the variance that a bracket's pairs of frames leave."""
+    """Fit gain and read noise to the variance that pairs of frames leave."""
     ratios, kept = [one.ratio() for one in pairs], None
     law = np.zeros(2)
     for number in range(_PASSES):
@@ -194,7 +194,7 @@ def _fit(pairs: Sequence[_Blocks]) -> BracketNoise:
 
 
 def _points(pairs: Sequence[_Blocks], ratios: Sequence[float]) -> tuple[Array, Array, Array]:
-    """Return what multiplies 1 / g and σ² in each block of a bracket, and the block's variance."""
+    """Return what multiplies 1 / g and σ² in each block, and the block's variance."""
     light, floor, variance = [], [], []
     for one, ratio in zip(pairs, ratios, strict=True):
         light.append(ratio * (1 + ratio) * one.longer.mean(1))
@@ -204,7 +204,7 @@ def _points(pairs: Sequence[_Blocks], ratios: Sequence[float]) -> tuple[Array, A
 
 
 def _start(light: Array, floor: Array, variance: Array) -> Array:
-    """Return 1 / g and σ² of a bracket by the quiet blocks at each level of light."""
+    """Return 1 / g and σ² by the quiet blocks at each level of light."""
     quiet = _noise_quantile()
     groups = np.array_split(np.argsort(light), _BINS)
     level = np.array([[light[one].mean(), floor[one].mean()] for one in groups])
@@ -215,7 +215,7 @@ def _start(light: Array, floor: Array, variance: Array) -> Array:
 
 
 def _is_regular(pairs: Sequence[_Blocks], ratios: Sequence[float], law: Array) -> NDArray[np.bool_]:
-    """Return in which blocks of a bracket nothing but noise differs, by the law of the noise."""
+    """Return in which blocks nothing but noise differs, by the law of the noise."""
     found = []
     for one, ratio in zip(pairs, ratios, strict=True):
         light = ratio * (1 + ratio) * np.maximum(one.longer, 0)
@@ -229,12 +229,12 @@ def _is_regular(pairs: Sequence[_Blocks], ratios: Sequence[float], law: Array) -
 
 
 def _noise_quantile() -> float:
-    """Return the quiet quantile of a block's variance in a bracket, over the mean, of noise."""
+    """Return the quiet quantile of a block's variance over its mean, where there is noise alone."""
     return float(stats.chi2.ppf(_QUIET, _FREEDOM)) / _FREEDOM
 
 
 def _kept_mean() -> float:
-    """Return the mean variance of the blocks of a bracket that are kept, over that of all."""
+    """Return the mean variance of the blocks that are kept, over that of all."""
     ends = _FREEDOM * (1 + _STRAY * math.sqrt(2 / _FREEDOM) * np.array([-1, 1]))
     # The mean of a chi-squared distribution between two values has the one of two freedoms more.
     above, below = (np.diff(stats.chi2.cdf(ends, k)) for k in (_FREEDOM + 2, _FREEDOM))
@@ -244,7 +244,7 @@ def _kept_mean() -> float:
 def _weighted_fit(
     light: Array, floor: Array, variance: Array, expected: Array, kept: NDArray[np.bool_]
 ) -> Array:
-    """Return 1 / g and σ² of a bracket by least squares with weights, neither below 0."""
+    """Return 1 / g and σ² by least squares with weights, neither below 0."""
     weight = 1 / np.maximum(expected[kept], 1e-12)
     design = np.stack([light[kept], floor[kept]], axis=1) * weight[:, None]
     law: Array = optimize.nnls(design, variance[kept] * weight / _kept_mean())[0]
@@ -252,7 +252,7 @@ def _weighted_fit(
 
 
 def _judged(light: Array, floor: Array, expected: Array, law: Array, share: float) -> BracketNoise:
-    """Return a bracket's noise with its deviations; ValueError if the frames don't tell it."""
+    """Return the noise with its deviations; raise ValueError if the frames don't tell it."""
     if len(light) < _FEWEST or share < _LEAST_SHARE:
         raise ValueError("more than noise differs between the frames")
     weight = 1 / np.maximum(expected, 1e-12)

@@ -57,7 +57,7 @@ noise, so that all ways to divide the time are nearly alike."""
 
 
 class BracketSearch:
-    """Search for exposures of an HDR bracket.
+    """Search for exposures that reach a signal-to-noise ratio over a range of rates.
 
     noise: tells the ratio of exposures. limits: of the camera. low, high: electrons per second.
     snr: a ratio. dark_frames: taken at each exposure time as part of the bracket. taken: exposures
@@ -79,13 +79,13 @@ class BracketSearch:
         self._beams: list[list[Chain]] = [[((), (), None)]]
 
     def duration(self, groups: Groups) -> float:
-        """Return the seconds that an HDR bracket takes, read-out and dark frames included."""
+        """Return the seconds that exposures take, read-out and dark frames included."""
         return sum((n + self._darks) * (t + self._limits.readout) for t, n in groups)
 
     def fewest_frames(self) -> tuple[Groups, float]:
-        """Return the HDR bracket of fewest frames, and the lowest rate that it reaches.
+        """Return the chain of the fewest frames, and the lowest rate that it reaches, electrons/s.
 
-        It has no exposures where the shortest is clipped at the brightest rate, and doesn't reach
+        It is empty where the shortest exposure is clipped at the brightest rate, and doesn't reach
         the darkest one where too many frames would be needed.
         """
         groups: Groups = ()
@@ -100,7 +100,7 @@ class BracketSearch:
         return groups, self._high if reached is None else reached
 
     def shortest_time(self, most_frames: int) -> Groups:
-        """Return the quickest HDR bracket of at most some frames.
+        """Return the quickest bracket of at most some frames.
 
         `fewest_frames` must reach the darkest rate.
         """
@@ -121,7 +121,7 @@ class BracketSearch:
         return best
 
     def _repeated_brackets(self, most_frames: int) -> Iterator[Groups]:
-        """Yield HDR brackets whose exposures are repeated alike, the last ones more or less.
+        """Yield brackets whose exposures are repeated alike, the last ones more or less often.
 
         Repeated exposures share their dark frames, so that more frames may take less time.
         """
@@ -135,7 +135,7 @@ class BracketSearch:
             yield from self._quickest_brackets(counts)
 
     def _counts_to_end(self, count: int, last: int, most_frames: int) -> tuple[int, ...] | None:
-        """Return the frames at each time of an HDR chain of equal numbers but for the last."""
+        """Return the frames at each time of a chain of equal numbers but for the last, if any."""
         counts: tuple[int, ...] = ()
         groups: Groups = ()
         reached: float | None = None
@@ -153,11 +153,11 @@ class BracketSearch:
         return None
 
     def _merit(self, groups: Groups) -> tuple[float, int]:
-        """Return what to minimise of an HDR bracket: its time; where it is the same, its frames."""
+        """Return what to minimise: the time in seconds; where it is the same, the frames."""
         return round(self.duration(groups), 9), sum(count for _, count in groups)
 
     def _least_duration(self, frames: int) -> float:
-        """Return a time that no HDR bracket of so many frames goes below, in seconds."""
+        """Return a lower bound of the time that so many frames take, in seconds."""
         readout, longest = self._limits.readout, self._allowed.time(self._allowed.count - 1)
         single = self._first_true(
             lambda time: self._square(((time, 1),), self._low) >= self._snr**2
@@ -168,17 +168,17 @@ class BracketSearch:
         return frames * readout + single + self._darks * (readout + self._limits.shortest)
 
     def _square(self, groups: Groups, rate: float) -> float:
-        """Return the square of the ratio that unclipped HDR exposures reach at a rate."""
+        """Return the square of the ratio that unclipped frames reach at a rate."""
         self._terms += len(groups)
         return self._noise.information(groups, rate) * rate**2
 
     def _extend(
         self, groups: Groups, reached: float | None, count: int
     ) -> tuple[Groups, float | None] | None:
-        """Return an HDR bracket with frames added that are as long as may be, and what it reaches.
+        """Add frames that are as long as may be; return the chain, and the rate that it reaches.
 
         reached: the lowest rate that it reaches from the brightest one, None if not even that.
-        None where no exposure is short enough.
+        Returns None where no exposure is short enough.
         """
         number = self._last_usable(self._high if reached is None else reached)
         if not groups and not self._taken_is_safe:
@@ -194,7 +194,7 @@ class BracketSearch:
         return longer, self._reach(longer, reached)
 
     def _reach(self, groups: Groups, reached: float | None) -> float | None:
-        """Return the lowest rate that HDR exposures reach which are all usable at a rate.
+        """Return the lowest rate that frames reach which are all usable at the rate `reached`.
 
         Those that are there already become usable at some rate or other.
         """
@@ -212,7 +212,7 @@ class BracketSearch:
                 return reached
 
     def _last_usable(self, rate: float, margin: float = MARGIN) -> int:
-        """Return the number of the longest allowed HDR exposure that isn't clipped at a rate."""
+        """Return the number of the longest allowed time that isn't clipped at a rate, or -1."""
         low, high = -1, self._allowed.count
         while high - low > 1:
             middle = (low + high) // 2
@@ -223,12 +223,12 @@ class BracketSearch:
         return low
 
     def longest_usable(self, rate: float, margin: float = MARGIN) -> float | None:
-        """Return the longest allowed HDR exposure that isn't clipped at a rate; None for none."""
+        """Return the longest allowed time in seconds that isn't clipped at a rate; None if none."""
         number = self._last_usable(rate, margin)
         return None if number < 0 else self._allowed.time(number)
 
     def _chains(self, frames: int) -> list[tuple[int, ...]]:
-        """Return numbers of frames at each time with which HDR chains reach the darkest rate."""
+        """Return numbers of frames at each time with which chains reach the darkest rate."""
         while len(self._beams) <= frames and self._terms <= _MOST_TERMS:
             self._beams.append(self._longer_chains())
         last = self._beams[frames] if len(self._beams) > frames else []
@@ -237,7 +237,7 @@ class BracketSearch:
         ]
 
     def _longer_chains(self) -> list[Chain]:
-        """Return the HDR chains with one frame more than those so far, the best of them."""
+        """Return the best chains with one frame more than those so far."""
         found: dict[Groups, Chain] = {}
         for count, beam in enumerate(reversed(self._beams), 1):
             for counts, groups, reached in beam:
@@ -254,7 +254,7 @@ class BracketSearch:
         return [one for each in by_times.values() for one in each[:_OF_EACH]]
 
     def _quickest_brackets(self, counts: tuple[int, ...]) -> Iterator[Groups]:
-        """Yield the HDR brackets with so many frames at each time that may be the quickest."""
+        """Yield the brackets with so many frames at each time that may be the quickest."""
         longest = self._chain((), counts)
         if longest is None:
             return
@@ -268,7 +268,7 @@ class BracketSearch:
             yield self._cut(groups)
 
     def _shorten_exposure(self, groups: Groups, index: int) -> Groups:
-        """Shorten an exposure of an HDR chain while it still reaches the darkest rate.
+        """Shorten an exposure of a chain while that still reaches the darkest rate.
 
         Those after it are as long as they then may be.
         """
@@ -285,7 +285,7 @@ class BracketSearch:
         return groups if shortest is None else chain(shortest) or groups
 
     def _chain(self, groups: Groups, counts: tuple[int, ...]) -> Groups | None:
-        """Continue an HDR chain with so many frames at each time; None if it ends too bright."""
+        """Continue a chain with so many frames at each time; None if it ends too bright."""
         reached = self._reach(groups, None) if groups else None
         for count in counts:
             longer = self._extend(groups, reached, count)
@@ -295,7 +295,7 @@ class BracketSearch:
         return groups if reached is not None and reached <= self._low else None
 
     def _cut(self, groups: Groups) -> Groups:
-        """Shorten the exposures of an HDR bracket, the longest first, while it still suffices."""
+        """Shorten the exposures, the longest first, while they still suffice."""
         for index in reversed(range(len(groups))):
             time, count = groups[index]
             rest = (*groups[:index], *groups[index + 1 :])
@@ -309,7 +309,7 @@ class BracketSearch:
         return in_order(groups)
 
     def suffices(self, groups: Groups) -> bool:
-        """Return whether HDR exposures reach the ratio over the whole range.
+        """Return whether exposures reach the ratio over the whole range.
 
         The ratio falls with the rate but where an exposure becomes usable, so that the lower end
         and the rates right above those places tell.
@@ -328,14 +328,14 @@ class BracketSearch:
         return True
 
     def _first_true(self, test: Callable[[float], bool], count: int | None = None) -> float | None:
-        """Return the shortest allowed HDR exposure that passes a test, as all longer ones do."""
+        """Return the shortest allowed time that passes a test, as all longer ones do, if any."""
         whole = self._allowed.count if count is None else count
         number = _first_true(lambda index: test(self._allowed.time(index)), whole)
         return None if number is None else self._allowed.time(number)
 
 
 def in_order(groups: Groups) -> Groups:
-    """Return HDR exposures in the order of their times, each time once."""
+    """Sort exposures by time, each time once."""
     counts: dict[float, int] = {}
     for time, count in sorted(groups):
         counts[time] = counts.get(time, 0) + count
@@ -343,7 +343,7 @@ def in_order(groups: Groups) -> Groups:
 
 
 def _first_true(test: Callable[[int], bool], count: int) -> int | None:
-    """Return the first of some numbers of HDR exposures that passes a test; None if none does."""
+    """Return the first of `count` numbers that passes a test, by bisection; None if none does."""
     low, high = -1, count
     while high - low > 1:
         middle = (low + high) // 2

@@ -31,8 +31,10 @@ _STEPS_PER_FACTOR = 20
 class NearClipping:
     """Estimates near a clip level as functions, in units of the exposure's noise.
 
-    open, clipped: nodes of m, and of x. open_value, clipped_value: estimates there. open_variance,
-    clipped_variance: variances that are stated with them.
+    shorter: deviation of all shorter exposures together, over that of the exposure. open: nodes of
+    m, the mean of both, where the exposure isn't clipped. clipped: nodes of the shorter exposures'
+    value where it is. open_value, clipped_value: estimates there. open_variance, clipped_variance:
+    variances that are stated with them.
     """
 
     shorter: float
@@ -44,13 +46,13 @@ class NearClipping:
     clipped_variance: Array
 
     def from_open(self, mean: Array) -> tuple[Array, Array]:
-        """Return estimate and variance where the exposure isn't clipped, from the mean of both."""
+        """Return estimate and variance where the frame isn't clipped, from the mean of both."""
         value = np.interp(mean, self.open, self.open_value - self.open, left=0.0) + mean
         natural = self.shorter**2 / (1 + self.shorter**2)
         return value, np.interp(mean, self.open, self.open_variance, left=natural)
 
     def from_clipped(self, shorter: Array) -> tuple[Array, Array]:
-        """Return estimate and variance where the exposure is clipped, from shorter exposures."""
+        """Return estimate and variance where the frame is clipped, from the shorter ones' value."""
         value = np.interp(shorter, self.clipped, self.clipped_value)
         above = shorter >= self.clipped[-1]
         return np.where(above, shorter, value), np.interp(
@@ -61,10 +63,7 @@ class NearClipping:
 def near_clipping(shorter: float) -> NearClipping:
     """Return the estimates near a clip level.
 
-    Parameters
-    ----------
-    shorter : float
-        Standard deviation of all shorter exposures together, over that of the exposure.
+    shorter: standard deviation of all shorter exposures together, over that of the exposure.
     """
     step = round(_STEPS_PER_FACTOR * math.log(min(max(shorter, 0.05), 50.0)))
     return _design_estimates(step)
@@ -123,7 +122,7 @@ def _design_estimates(step: int) -> NearClipping:
 
 
 def _variance_if_clipped(value: Array, shorter: float) -> Array:
-    """Return the variance of light that HDR values of shorter exposures and clipping leave.
+    """Return the variance of light that values of shorter frames and clipping leave.
 
     It is that of a normal distribution times ndtr(light), the chance of clipping.
     """
@@ -133,7 +132,7 @@ def _variance_if_clipped(value: Array, shorter: float) -> Array:
 
 
 def _density(nodes: Array, light: Array, deviation: float) -> Array:
-    """Return the normal density of merged values at nodes, (light, nodes)."""
+    """Return the normal density at nodes around each light, (light, nodes)."""
     away = (nodes - light[:, None]) / deviation
     return np.asarray(np.exp(-(away**2) / 2) / (math.sqrt(2 * math.pi) * deviation))
 
@@ -141,7 +140,7 @@ def _density(nodes: Array, light: Array, deviation: float) -> Array:
 def _least_error(
     light: Array, share: Array, shorter: float, chance: Array, nodes: Array, bending: Array
 ) -> tuple[Array, Array]:
-    """Return the HDR estimates at the nodes, and their mean squared error for each light.
+    """Return the estimates at the nodes, and their mean squared error for each light.
 
     share: weight of each light. chance: of each node, for each light.
     """
@@ -160,7 +159,7 @@ def _least_error(
 def _stated_variance(
     error: Array, share: Array, chance: Array, natural: Array, bending: Array
 ) -> Array:
-    """Return HDR variances at the nodes whose mean is the mean squared error for each light.
+    """Return variances at the nodes whose mean is the mean squared error for each light.
 
     natural: variances far from the clip level, from which they differ no more than that takes.
     """
@@ -172,7 +171,7 @@ def _stated_variance(
 
 
 def _product(first: Array, second: Array) -> Array:
-    """Return the product of two matrices for an HDR estimate, on torch's threads.
+    """Multiply two matrices on torch's threads.
 
     The threads of numpy's own library wait in loops: on a busy machine they took ten times longer.
     """
@@ -180,12 +179,12 @@ def _product(first: Array, second: Array) -> Array:
 
 
 def _solve(matrix: Array, wanted: Array) -> Array:
-    """Solve linear equations for an HDR estimate, on torch's threads."""
+    """Solve linear equations on torch's threads."""
     return np.asarray(torch.linalg.solve(torch.from_numpy(matrix), torch.from_numpy(wanted)))
 
 
 def _bending(first: int, spacing: float, second: int, other_spacing: float) -> Array:
-    """Return the matrix of the squared second differences of two HDR functions in a row."""
+    """Return the matrix of the squared second differences of two functions in a row."""
     whole = np.zeros((first + second, first + second))
     for start, count, step in ((0, first, spacing), (first, second, other_spacing)):
         change = np.diff(np.eye(count), 2, axis=0) / step**2
@@ -212,14 +211,14 @@ class ClipLevel:
 
     @property
     def exposure(self) -> Exposure:
-        """The HDR bracket's exposure whose clip level it is."""
+        """The exposure that clips there."""
         return self.bracket.exposures[self.number]
 
     @cached_property
     def shorter(self) -> float:
-        """Deviation of all shorter exposures of the bracket together, over that of a frame.
+        """Deviation of all shorter exposures together, over that of a frame.
 
-        It is that of the rate from them where the frame's exposure clips.
+        It is that of the rate from them where the frame clips.
         """
         exposure, information = self.exposure, 0.0
         rate = exposure.clip_level / exposure.time
@@ -231,29 +230,29 @@ class ClipLevel:
 
     @cached_property
     def deviation(self) -> float:
-        """Standard deviation of a frame of the bracket at the clip level, electrons."""
+        """Standard deviation of a frame at the clip level, electrons."""
         exposure = self.exposure
         return math.sqrt(exposure.clip_level + exposure.floor * (1 + 1 / exposure.darks))
 
     @cached_property
     def lowest(self) -> np.float32:
-        """Rate from which an exposure of the bracket doesn't surely lie below its clip level."""
+        """Rate from which light doesn't surely lie below the clip level."""
         # Where the exposure is clipped, the value comes from the shorter ones, and errs as they do.
         return self._rate_below(_SAFE / 2 * (1 + math.sqrt(1 + self.shorter**2)))
 
     @cached_property
     def highest(self) -> np.float32:
-        """Rate from which a clipped exposure tells an HDR bracket nothing that wasn't known."""
+        """Rate from which a clipped frame tells nothing that wasn't known."""
         light = self.exposure.clip_level + self.deviation * (NEAR + 5 * self.shorter)
         return np.float32(light / self.exposure.time)
 
     @property
     def may_clip(self) -> np.float32:
-        """Rate from which chance may clip the bracket's exposure."""
+        """Rate from which chance may clip a frame."""
         return self._rate_below(_MAY_CLIP)
 
     def _rate_below(self, away: float) -> np.float32:
-        """Return the rate whose light is some of its own deviations below the clip level."""
+        """Return the rate whose light is `away` of its own deviations below the clip level."""
         level, floor = self.exposure.clip_level, self.exposure.floor
         # light + away · √(light + floor) = level
         light = level + away**2 / 2 - away * math.sqrt(away**2 / 4 + level + floor)
@@ -263,7 +262,7 @@ class ClipLevel:
 def add_near_clipping(
     level: ClipLevel, rows: slice, near: NDArray[np.intp], mean: WeightedMean
 ) -> Mask:
-    """Add an exposure to HDR values where it may be clipped, frame by frame, in place.
+    """Add an exposure that may be clipped to the mean, frame by frame, in place.
 
     near: indices of the pixels. Returns where a frame contradicts the values of shorter exposures,
     and was left out.

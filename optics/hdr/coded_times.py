@@ -1,4 +1,4 @@
-"""Check the exposure times of 8-bit pictures whose response curve isn't known, by the frames.
+"""Check the exposure times of 8-bit pictures by their frames, without knowing the response curve.
 
 Cameras tell times that are rounded, and they differ from those of a ladder.
 """
@@ -38,12 +38,12 @@ isn't taken for it; .0167 s is."""
 
 
 def is_nominal(time: float) -> bool:
-    """Return whether an exposure time in seconds is one of the customary numbers."""
+    """Return whether a time in seconds is one of the customary numbers."""
     return any(abs(time / one - 1) < _SAME for one in NOMINAL_TIMES)
 
 
 def shutter_time(time: float) -> float:
-    """Return the exposure time that a camera means by a customary number: 1/64 s by 1/60 s.
+    """Return the time that a camera means by a customary number: 1/64 s by 1/60 s.
 
     time: seconds; others than customary ones are returned as they are.
     """
@@ -90,7 +90,7 @@ light, where other numbers differ by more than the second one. Chosen."""
 
 
 class Patches(NamedTuple):
-    """Means and deviations of the numbers of small patches of a frame, and which ones count."""
+    """Means and deviations of the numbers of small patches of a frame, and which patches count."""
 
     mean: NDArray[np.float32]
     deviation: NDArray[np.float32]
@@ -122,7 +122,7 @@ def frame_patches(numbers: NDArray[Any], motion: RigidMotion) -> Patches:
 
 
 def compare_levels(first: Patches, second: Patches) -> Array:
-    """Return numbers that two frames of a bracket have at the same places, (3, steps).
+    """Return numbers that two frames have at the same places, (3, steps).
 
     The rows are the numbers of the first and of the second frame, and the standard deviation of
     their difference; there are no columns if too few patches are seen well in both.
@@ -201,11 +201,12 @@ _LEAST_CHANGE = 0.025
 
 @dataclass(frozen=True, eq=False)
 class CodedTimes:
-    """Whether the exposure times of a bracket of 8-bit pictures fit together.
+    """Whether the times of 8-bit pictures fit together.
 
-    factors: for each frame, light over that of its time if only this one is wrong. deviations:
-    standard deviations of their logarithms; infinite for frames that share too little with others.
-    suspects: indices of frames one of which has another time; one if it is known which.
+    times: seconds. factors: for each frame, light over that of its time if only this one is wrong.
+    deviations: standard deviations of their logarithms; infinite for frames that share too little
+        with
+    others. suspects: indices of frames one of which has another time; one if it is known which.
     """
 
     times: Array
@@ -215,14 +216,14 @@ class CodedTimes:
 
     @property
     def corrections(self) -> Array:
-        """Return the factor of the 8-bit frame whose time is known to be wrong; 1 for others."""
+        """Return the factor of the frame whose time is known to be wrong, and 1 for others."""
         factors = np.ones(len(self.times))
         if len(self.suspects) == 1:
             factors[self.suspects[0]] = self.factors[self.suspects[0]]
         return factors
 
     def explain(self) -> list[str]:
-        """Say in words which exposure time of the 8-bit pictures is wrong; nothing if none is."""
+        """Say in words which time is wrong; nothing if none is."""
         if not self.suspects:
             return []
         if len(self.suspects) == 1:
@@ -249,7 +250,7 @@ def check_coded_times(
     exposures: ArrayLike,
     motions: Sequence[RigidMotion] | None = None,
 ) -> CodedTimes:
-    """Check the exposure times of a bracket of 8-bit pictures.
+    """Check by the frames whether the times of 8-bit pictures fit together.
 
     Parameters
     ----------
@@ -282,7 +283,7 @@ def check_coded_times(
 def _pairs(
     frames: Sequence[Sequence[NDArray[Any]] | NDArray[Any]], motions: Sequence[RigidMotion]
 ) -> Array:
-    """Return pairs of an 8-bit bracket's numbers: frames, band, numbers, deviation, (6, pairs)."""
+    """Return pairs of numbers: frames, band, numbers, deviation, (6, pairs)."""
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
     found = []
     for band in range(len(frames[0])):
@@ -301,7 +302,10 @@ def _pairs(
 
 
 class _Fit:
-    """Curves of an 8-bit bracket's bands, and times, by least squares of pairs of numbers."""
+    """Curves of all bands, and times, by least squares of pairs of numbers.
+
+    pairs: as of `_pairs`. told: logarithms of the times.
+    """
 
     def __init__(self, pairs: Array, told: Array) -> None:
         one, other, band = pairs[:3].astype(np.intp)
@@ -323,7 +327,7 @@ class _Fit:
         return slice(band * self._width, (band + 1) * self._width)
 
     def _weights(self, known: Array) -> tuple[Array, Array]:
-        """Return weights of the 8-bit pairs, and the penalty of the curves' bends.
+        """Return weights of the pairs, and the penalty of the curves' bends.
 
         They are those of a fit in which every time is free, so that a wrong one makes no strays.
         """
@@ -346,7 +350,7 @@ class _Fit:
         return weight, penalty
 
     def _slopes(self, found: Array, numbers: Array) -> Array:
-        """Return the slope of the 8-bit pairs' curves at numbers."""
+        """Return the slope of each pair's curve at its number."""
         steps, slope = _basis(numbers + 0.5) - _basis(numbers - 0.5), np.zeros(len(numbers))
         for band in np.unique(self._band):
             at = self._band == band
@@ -354,7 +358,7 @@ class _Fit:
         return np.maximum(slope, 1e-3)
 
     def _bends(self, found: Array) -> Array:
-        """Return the penalty of the 8-bit curves' relative bends, by the slopes of a fit."""
+        """Return the penalty of the curves' relative bends, by the slopes of a fit."""
         size = self._design.shape[1]
         penalty = np.zeros((size, size))
         step = 2.0
@@ -369,7 +373,7 @@ class _Fit:
         return penalty
 
     def _solve(self, columns: NDArray[np.intp]) -> tuple[float, Array, Array]:
-        """Return misfit, unknowns and their covariance of the 8-bit curves and some factors."""
+        """Return misfit, unknowns and their covariance, for the curves and some factors."""
         design, few = self._design[:, columns], np.ix_(columns, columns)
         matrix = (design.T * self._weight) @ design + self._penalty[few]
         covariance: Array = np.asarray(
@@ -381,7 +385,7 @@ class _Fit:
         return float(misfit), found, covariance
 
     def checked(self) -> CodedTimes:
-        """Return which of the 8-bit frames' times are wrong, each by itself."""
+        """Tell which frames' times are wrong, each tried by itself."""
         count, first = len(self._told), len(self._curves)
         misfit, _, _ = self._solve(self._curves)
         logs, deviations = np.zeros(count), np.full(count, math.inf)
@@ -400,7 +404,7 @@ class _Fit:
 
 
 def _suspects(gains: Array, logs: Array, deviations: Array) -> tuple[int, ...]:
-    """Return 8-bit frames one of which has a wrong time, by what each alone would explain."""
+    """Return frames one of which has a wrong time, by what each alone would explain."""
     best = int(np.argmax(gains))
     known = (deviations < _KNOWN) & (np.abs(logs) > _SURE * deviations)
     likely = known & (gains > (1 - _LIKELY) * gains[best]) & (np.abs(logs) > _LEAST_CHANGE)
@@ -410,6 +414,6 @@ def _suspects(gains: Array, logs: Array, deviations: Array) -> tuple[int, ...]:
 
 
 def _basis(numbers: Array) -> Array:
-    """Return the functions of which an 8-bit response curve is made, (numbers, functions)."""
+    """Return the functions of which a response curve is made, (numbers, functions)."""
     spline = BSpline.design_matrix(np.clip(numbers, 0, 254.999), _KNOTS, 3).toarray()
     return np.column_stack([np.log(numbers + 1.0), spline])

@@ -46,11 +46,11 @@ class Defects:
 
     @property
     def mask(self) -> Mask:
-        """Return all defective pixels of an exposure bracket."""
+        """Return all defective pixels."""
         return self.hot | self.stuck
 
     def explain(self) -> list[str]:
-        """Say in words how many pixels of an exposure bracket are defective; nothing if none is."""
+        """Say in words how many pixels are defective; nothing if none is."""
         found = []
         for mask, what in (
             (self.hot, "hot: the dark frames say so"),
@@ -67,7 +67,7 @@ class Defects:
 
 
 def find_defects(bracket: Bracket) -> Defects:
-    """Find hot and stuck pixels by an exposure bracket's dark frames and frames.
+    """Find hot pixels by the dark frames, and stuck ones by the frames.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def find_defects(bracket: Bracket) -> Defects:
 
 
 def _is_hot(dark: NDArray[np.floating]) -> Mask:
-    """Return where a mean dark frame of a bracket is far above its median."""
+    """Return where a mean dark frame is far above its median."""
     middle = np.median(dark)
     spread = 1.4826 * float(np.median(np.abs(dark - middle)))
     if spread == 0:
@@ -102,7 +102,7 @@ def _is_hot(dark: NDArray[np.floating]) -> Mask:
 
 
 def _is_stuck(bracket: Bracket) -> Mask:
-    """Return where all frames of a bracket have one number, and it isn't that of no light."""
+    """Return where all frames have one number that is neither that of no light nor clipped."""
     gain, full = bracket.sensor.gain, bracket.sensor.full_scale
     noise = math.sqrt(max(one.floor for one in bracket.exposures)) / gain
     level = max(one.dark_level for one in bracket.exposures)

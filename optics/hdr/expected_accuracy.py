@@ -20,7 +20,7 @@ _SURELY = 8.0
 
 @dataclass(frozen=True, eq=False)
 class ExpectedAccuracy:
-    """Accuracy of a merged HDR bracket at several rates, from simulated frames of even light.
+    """Accuracy of merged pixels at several rates, from simulated frames of even light.
 
     rates: electrons per second. errors: root mean square, relative. biases: relative. efficiencies:
     least variance over mean squared error. bias_noise: standard deviation of each bias by chance.
@@ -34,7 +34,7 @@ class ExpectedAccuracy:
 
 
 def cramer_rao_variance(bracket: Bracket, rate: float) -> float:
-    """Return the least variance of a rate that is estimated from an HDR bracket without bias.
+    """Return the least variance that an unbiased estimate of a rate can have.
 
     A clipped exposure counts as one of which only is known that it is above its clip level.
     Infinite where all exposures are clipped.
@@ -61,7 +61,7 @@ def expected_accuracy(
     pixels: int = 4000,
     seed: int = 0,
 ) -> ExpectedAccuracy:
-    """Merge simulated frames of even light with an HDR bracket's exposures, darks and sensor.
+    """Merge simulated frames of even light, with a bracket's exposures, darks and sensor.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measure how exposures of a bracket differ from what they were said to be, or were exchanged."""
+"""Measure how far frames differ from their stated exposure times, or if some were exchanged."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SURE = 5.0
 
 
 def find_disorder(light: Array, deviations: Array, times: Array) -> tuple[int, ...]:
-    """Return frames whose light contradicts the order of a bracket's exposure times.
+    """Return frames whose light contradicts the order of their times.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def find_disorder(light: Array, deviations: Array, times: Array) -> tuple[int, .
 
 
 def explain_disorder(frames: tuple[int, ...]) -> str:
-    """Say in words which frames of an HDR bracket contradict the order of exposure times."""
+    """Say in words which frames contradict the order of their times."""
     if len(frames) == 2:
         one, other = frames
         return (
@@ -77,7 +77,7 @@ def explain_disorder(frames: tuple[int, ...]) -> str:
 
 
 def _falls(light: Array, deviations: Array, times: Array) -> NDArray[np.bool_]:
-    """Return which frames of a bracket, (shorter, longer), get darker with the exposure time."""
+    """Return which pairs of frames, (shorter, longer), get darker with time."""
     noise = np.hypot(deviations[:, None], deviations)
     longer = times[:, None] < times
     # Of nearly clipped frames, what isn't clipped decides: the longer one must have less of it.
@@ -126,7 +126,7 @@ _NOTABLE, _EXPOSURE_FACTORS_SURE = 0.025, 5.0
 
 @dataclass(frozen=True, eq=False)
 class ExposureFactors:
-    """Light of a bracket's frames over that of their exposure times.
+    """Light of frames over that of their stated times.
 
     factors: one for each frame, with the middle one 1. deviations: their standard deviations;
     infinite, with a factor of 1, for frames that share too few pixels with the others.
@@ -145,7 +145,7 @@ class ExposureFactors:
 
     @property
     def corrections(self) -> Array:
-        """Return the factors of an HDR bracket's frames that surely aren't 1; 1 for all others."""
+        """Return the frames' factors that surely aren't 1, and 1 for all others."""
         sure = np.abs(np.log(self.factors)) > _EXPOSURE_FACTORS_SURE * self.deviations
         if len(self.disordered) == 2:
             sure[list(self.disordered)] = True
@@ -153,19 +153,19 @@ class ExposureFactors:
 
     @property
     def suspects(self) -> list[int]:
-        """Return the indices of an HDR bracket's frames whose exposure is surely another."""
+        """Return the indices of frames whose time is surely another."""
         away = np.abs(np.log(self.factors))
         notable = (away > _NOTABLE) & (away > _EXPOSURE_FACTORS_SURE * self.deviations)
         return [int(one) for one in np.flatnonzero(notable)]
 
     @property
     def are_permuted(self) -> bool:
-        """Return whether an HDR bracket's frames have each other's exposure times."""
+        """Return whether the frames have each other's times."""
         ratios = np.sort(self.times * self.factors) / np.sort(self.times)
         return bool(np.ptp(np.log(ratios)) < _PERMUTED)
 
     def explain(self, flicker_period: float = 0.01) -> list[str]:
-        """Say in words what is wrong with an HDR bracket's exposures; nothing if all are right.
+        """Say in words what is wrong with the times; nothing if all are right.
 
         flicker_period: seconds in which lamps may flicker.
         """
@@ -205,7 +205,7 @@ class ExposureFactors:
 
 
 def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> ExposureFactors:
-    """Measure the light of a bracket's frames over that of their exposure times.
+    """Measure the light of frames over that of their stated times.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def measure_exposure_factors(bracket: Bracket, pixels: int = _PIXELS) -> Exposur
 
 
 def _find_disorder(shown: Array, floors: Array, levels: Array, times: Array) -> tuple[int, ...]:
-    """Return frames of an HDR bracket whose mean light contradicts the order of exposure times.
+    """Return frames whose mean light contradicts the order of their times.
 
     shown: electrons, (frames, pixels), clipped as they are.
     """
@@ -262,7 +262,7 @@ def _find_disorder(shown: Array, floors: Array, levels: Array, times: Array) -> 
 
 
 def _exchange(times: Array, disordered: tuple[int, ...]) -> Array:
-    """Return logarithms of an HDR bracket's factors if two frames are exchanged, else zeros."""
+    """Return the factors' logarithms if two frames are exchanged, else zeros."""
     logs = np.zeros(len(times))
     if len(disordered) == 2:
         one, other = disordered
@@ -272,7 +272,7 @@ def _exchange(times: Array, disordered: tuple[int, ...]) -> Array:
 
 
 def _sample(bracket: Bracket, pixels: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Return electrons in some of an HDR bracket's pixels, (frames, pixels), and which clip."""
+    """Return electrons in some of the pixels, (frames, pixels), and which clip."""
     rows, columns = bracket.shape
     count = max(1, min(rows, pixels // columns))
     chosen = np.unique(np.linspace(0, rows - 1, count).round().astype(int))
@@ -287,7 +287,7 @@ def _sample(bracket: Bracket, pixels: int) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _noise(bracket: Bracket) -> tuple[Array, Array]:
-    """Return the variance without light, and the clip level, of an HDR bracket's frames."""
+    """Return the variance without light, electrons², and the clip level, electrons, (frames, 1)."""
     floors, levels = (np.zeros((len(bracket.times), 1)) for _ in range(2))
     for exposure in bracket.exposures:
         indices = list(exposure.frames)
@@ -297,7 +297,7 @@ def _noise(bracket: Bracket) -> tuple[Array, Array]:
 
 
 class _Step:
-    """A Newton step of the HDR factors' logarithms, with the radiance of all pixels eliminated."""
+    """A Newton step of the factors' logarithms, with the radiance of all pixels eliminated."""
 
     def __init__(
         self, light: Array, clipped: NDArray[np.bool_], times: Array, floors: Array, levels: Array
@@ -330,13 +330,13 @@ class _Step:
         self.scatter = math.sqrt(squares / freedom) if freedom > 0 else 1.0
 
     def _rate(self, rate: Array, used: NDArray[np.bool_]) -> Array:
-        """Return the HDR rate by weights that a rate predicts."""
+        """Return the pixels' rates by weights that a rate predicts."""
         weight = used * self._times / (self._times * np.maximum(rate, 0) + self._floors)
         below = (weight * self._times).sum(0)
         return np.asarray((weight * self._light).sum(0) / np.where(below > 0, below, 1))
 
     def linked_frames(self) -> NDArray[np.bool_]:
-        """Return the largest group of an HDR bracket's frames that common pixels link together.
+        """Return the largest group of frames that common pixels link together.
 
         Raises ValueError if no two are.
         """
@@ -351,7 +351,7 @@ class _Step:
         return np.asarray(group == largest)
 
     def solve(self, linked: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return the change of the HDR factors' logarithms and their covariance.
+        """Return the change of the factors' logarithms, and their covariance.
 
         linked: frames that have a factor; that of others doesn't change.
         """
@@ -366,7 +366,7 @@ class _Step:
 
 
 def _is_regular(residual: Array, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where HDR residuals are near their frame's median, in robust deviations."""
+    """Return where residuals are near their frame's median, in robust deviations."""
     kept = np.ones_like(used)
     for one, mask, row in zip(residual, used, kept, strict=True):
         if mask.any():

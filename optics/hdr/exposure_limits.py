@@ -1,4 +1,4 @@
-"""Say which exposure times a camera can take, and what a frame costs besides its exposure."""
+"""Say which exposure times a camera can take, and what a frame costs besides."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOST_PERIODS = 50
 
 @dataclass(frozen=True)
 class ExposureLimits:
-    """Limit the exposure times of an HDR bracket, and its frames.
+    """Limits of a camera's exposure times, and of the number of frames.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class ExposureLimits:
 
 
 class AllowedTimes:
-    """The allowed exposure times of an HDR bracket, the shortest first, by their number from 0."""
+    """The times that limits allow, the shortest first, by their number from 0."""
 
     def __init__(self, limits: ExposureLimits) -> None:
         self._step, self._unit = limits.step, limits.period or limits.step
@@ -85,7 +85,7 @@ class AllowedTimes:
             self.count = max(0, math.floor(high / self._unit) - self._first + 1)
 
     def time(self, number: int) -> float:
-        """Return the exposure time of an HDR frame, in seconds, by its number."""
+        """Return the time of a number, in seconds."""
         if self._listed:
             return self._listed[number]
         steps = round((self._first + number) * self._unit / self._step)
@@ -93,7 +93,7 @@ class AllowedTimes:
         return round(steps * self._step, 12)
 
     def last_up_to(self, time: float) -> int:
-        """Return the number of the longest allowed HDR exposure up to a time; -1 for none."""
+        """Return the number of the longest allowed time up to another; -1 for none."""
         if self._listed:
             return bisect_right(self._listed, time * (1 + 1e-9)) - 1
         number = math.floor(time * (1 + 1e-9) / self._unit) - self._first

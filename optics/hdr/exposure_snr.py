@@ -33,7 +33,7 @@ _ROUNDS = 60
 
 @dataclass(frozen=True)
 class ExposureSNR:
-    """Signal-to-noise ratios of exposures with one sensor.
+    """Signal-to-noise ratios of merged pixels of one sensor.
 
     sensor: tells gain, read noise, dark current and clip level. darks: number of dark frames whose
     mean is subtracted from each frame; infinite for a level that is known without noise.
@@ -43,12 +43,12 @@ class ExposureSNR:
     darks: float = math.inf
 
     def floor(self, time: float) -> float:
-        """Return the variance of an HDR bracket's frame without light, in electrons²."""
+        """Return the variance of a frame without light, in electrons²."""
         sensor = self.sensor
         return sensor.read_noise**2 + sensor.gain**2 / 12 + sensor.dark_current * time
 
     def brightest(self, time: float, margin: float = MARGIN) -> float:
-        """Return the highest rate, in electrons/s, at which an HDR exposure surely isn't clipped.
+        """Return the highest rate, in electrons/s, at which a frame surely isn't clipped.
 
         margin: standard deviations from the clip level. 0 if dark current alone fills the pixel.
         """
@@ -62,28 +62,19 @@ class ExposureSNR:
         return max(root**2 - floor, 0.0) / time
 
     def information(self, groups: Iterable[Group], rate: float) -> float:
-        """Return the information on a rate from exposures that aren't clipped, in s²/electrons²."""
+        """Return the information on a rate from frames that aren't clipped, in s²/electrons²."""
         return self._with_slope(groups, rate)[0] / rate**2
 
     def snr(self, groups: Iterable[Group], rate: float) -> float:
-        """Return the signal-to-noise ratio of a pixel in a merged HDR bracket, as a ratio.
+        """Return the signal-to-noise ratio of a merged pixel, as a ratio.
 
-        Parameters
-        ----------
-        groups : iterable of (seconds, frames)
-        rate : float
-            Electrons per second, positive.
-
-        Returns
-        -------
-        float
-            0 where all exposures may be clipped.
+        rate: electrons per second, positive. The ratio is 0 where all may be clipped.
         """
         usable = [one for one in groups if self.brightest(one[0]) >= rate]
         return math.sqrt(self.information(usable, rate)) * rate
 
     def dimmest(self, groups: Iterable[Group], snr: float, start: float) -> float:
-        """Return the lowest rate at which HDR exposures reach a ratio, from a rate where they do.
+        """Return the lowest rate at which frames reach a ratio, from a rate where they do.
 
         All of the exposures count, as if none were clipped.
         """
@@ -98,7 +89,7 @@ class ExposureSNR:
         return rate
 
     def _with_slope(self, groups: Iterable[Group], rate: float) -> tuple[float, float]:
-        """Return the square of an HDR pixel's signal-to-noise ratio, and its derivative by rate."""
+        """Return the square of the signal-to-noise ratio, and its derivative by rate."""
         square = slope = 0.0
         still, current = self.floor(0), self.sensor.dark_current
         for time, count in groups:
@@ -111,10 +102,10 @@ class ExposureSNR:
 
 
 def decibels(snr: float) -> float:
-    """Return a signal-to-noise ratio of a merged HDR pixel in dB, 20 log10."""
+    """Convert a signal-to-noise ratio to dB, 20 log10."""
     return 20 * math.log10(snr) if snr > 0 else -math.inf
 
 
 def from_decibels(snr_db: float) -> float:
-    """Return the signal-to-noise ratio of an HDR pixel that is given in dB, 20 log10."""
+    """Convert dB, 20 log10, to a signal-to-noise ratio."""
     return float(10 ** (snr_db / 20))

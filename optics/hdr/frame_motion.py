@@ -39,7 +39,7 @@ _BINS = 4
 
 @dataclass(frozen=True, eq=False)
 class FrameMotions:
-    """How a bracket's frames moved against the one that most of the others stand still with.
+    """How frames moved against the one that most of the others stand still with.
 
     motions: from the reference to each frame. deviations: standard deviations at the corners,
     pixels; infinite, with no motion, for frames that share too little detail with the others.
@@ -52,18 +52,18 @@ class FrameMotions:
 
     @property
     def distances(self) -> list[float]:
-        """Return how far each frame of the bracket moved at the corners, pixels."""
+        """Return how far each frame moved at the corners, pixels."""
         return [one.corner_distance(RigidMotion(), self.shape) for one in self.motions]
 
     @property
     def moved(self) -> list[int]:
-        """Return the indices of the bracket's frames that surely moved."""
+        """Return the indices of frames that surely moved."""
         pairs = enumerate(zip(self.distances, self.deviations, strict=True))
         return [k for k, (far, deviation) in pairs if _is_moved(far, deviation)]
 
     @property
     def shifted(self) -> list[int]:
-        """Return the indices of the bracket's frames that are better aligned: less is known."""
+        """Return the indices of frames that gain by being aligned, even if they moved little."""
         pairs = enumerate(zip(self.distances, self.deviations, strict=True))
         return [k for k, (far, deviation) in pairs if far > max(_LEAST, _SURE * deviation)]
 
@@ -79,7 +79,7 @@ def find_motions(
     frames: Iterable[tuple[Sequence[NDArray[Any]], Sequence[Mask]]],
     period: int = 1,
 ) -> FrameMotions:
-    """Find how the frames of an exposure bracket moved against each other.
+    """Find how the frames of a hand-held bracket moved against each other.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def find_motions(
 def _find_motions(
     frames: Sequence[Sequence[Levels]], clipped: Sequence[Sequence[Mask]]
 ) -> FrameMotions:
-    """Return how frames of a bracket moved, by neighbours in brightness."""
+    """Return how frames moved, by neighbours in brightness."""
     shape = (int(frames[0][0].shape[0]), int(frames[0][0].shape[1]))
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
     motions, deviations = [RigidMotion()], [0.0]
@@ -120,7 +120,7 @@ def _find_motions(
 
 
 def _averaged(band: NDArray[Any], side: int) -> NDArray[np.float32]:
-    """Return a band of a bracket's frame with the means of side x side pixels."""
+    """Return a band with the means of side x side pixels."""
     if side == 1:
         return band.astype(np.float32)
     rows, columns = (n // side for n in band.shape)
@@ -129,7 +129,7 @@ def _averaged(band: NDArray[Any], side: int) -> NDArray[np.float32]:
 
 
 def _enlarged(small: FrameMotions, side: int, shape: tuple[int, int]) -> FrameMotions:
-    """Return the motions of a bracket's frames from those of frames that were averaged down."""
+    """Convert motions of frames that were averaged down to those of the frames themselves."""
     # The middle of what was averaged, from that of the frame.
     middle = np.array([(n // side * side - n) / 2 for n in shape])
     motions = []
@@ -146,7 +146,7 @@ def _register_pair(
     darker_clipped: Sequence[Mask],
     brighter_clipped: Sequence[Mask],
 ) -> Registration:
-    """Return how the brighter frame of a bracket moved against the darker one."""
+    """Return how the brighter of two frames moved against the darker one."""
     # Numbers of 0 are clipped, too, or those of a border that was filled.
     valid = [~one & (levels > 0) for one, levels in zip(brighter_clipped, brighter, strict=True)]
     fixed, moving = [], []
@@ -161,7 +161,7 @@ def _register_pair(
 
 
 def _with_histogram_of(levels: Levels, other: Levels) -> Levels:
-    """Return a frame with its levels exchanged for those that as many pixels of another have."""
+    """Exchange a frame's levels for those that as many pixels of another have."""
     own, theirs = (
         np.bincount(np.clip(one.ravel() * _BINS, 0, 256 * _BINS - 1).astype(np.intp),
                     minlength=256 * _BINS)
@@ -213,5 +213,4 @@ def _against_reference(
 
 
 def _is_moved(far: Any, deviation: Any) -> Any:
-    """Return whether a frame of the bracket surely moved so far."""
     return (far > _NOTABLE) & (far > _SURE * deviation)

@@ -36,7 +36,7 @@ from optics.hdr.weighted_mean import (
 
 
 class PixelState(IntEnum):
-    """State of a merged pixel in a radiance estimate.
+    """What is known of a merged pixel.
 
     VALID pixels are measured. CLIPPED pixels are clipped in every exposure, so that the value is
     a lower bound. DARK pixels are below three standard deviations of their noise, so that three
@@ -58,7 +58,7 @@ VALID, CLIPPED, DARK, MAY_CLIP, MOVED, DEFECTIVE = PixelState
 
 
 class RadianceEstimate(NamedTuple):
-    """Hold the radiance estimate of a merged exposure bracket, one value per pixel.
+    """Radiance of a scene, one value per pixel.
 
     rate: electrons per second, float32. variance: that of the rate, float32; infinite where
     nothing is measured. state: numbers of `PixelState`, uint8.
@@ -71,7 +71,7 @@ class RadianceEstimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Doubts:
-    """Pixels of a bracket for which its mean may be wrong.
+    """Pixels for which a weighted mean may be wrong.
 
     indices: where they are. sure: their samples, without exposures that may be clipped. near: for
     each exposure but the shortest, indices of those in which it tells something of light near its
@@ -91,9 +91,9 @@ def find_doubts(
     levels: list[ClipLevel],
     first: int,
 ) -> Doubts:
-    """Return the pixels of a bracket for which the mean may be wrong; first: index of their first.
+    """Return the pixels for which the mean may be wrong.
 
-    contradiction: chi squared of the mean.
+    contradiction: chi squared of the mean. first: index of the samples' first pixel.
     """
     few = np.flatnonzero(
         may_contradict(contradiction, len(levels)) | _near_clipping(samples, mean.rate, levels)
@@ -115,7 +115,7 @@ def find_doubts(
 
 
 def _near_clipping(samples: Samples, rate: Array, levels: list[ClipLevel]) -> Mask:
-    """Return where an exposure of the bracket may clip, and isn't sure to; or clips, and can't."""
+    """Return where a frame may clip, and isn't sure to; or clips, and can't."""
     found = np.zeros(rate.shape, dtype=bool)
     for level, time in zip(levels[1:], samples.times[1:], strict=True):
         may_clip = rate >= level.lowest
@@ -127,12 +127,12 @@ def _near_clipping(samples: Samples, rate: Array, levels: list[ClipLevel]) -> Ma
 
 
 def _all_open(level: ClipLevel, time: Array) -> Mask:
-    """Return where no frame of a bracket's exposure is clipped; time: that of its open frames."""
+    """Return where no frame of a level is clipped; time: that of its open frames."""
     return time > (len(level.exposure.frames) - 0.5) * level.exposure.time
 
 
 def join_doubts(found: list[Doubts]) -> Doubts:
-    """Return the doubtful pixels of several parts of a bracket as those of one."""
+    """Join the doubtful pixels of several parts."""
     return Doubts(
         np.concatenate([one.indices for one in found]),
         join_samples([one.sure for one in found]),
@@ -144,7 +144,7 @@ def join_doubts(found: list[Doubts]) -> Doubts:
 def settle_doubts(
     doubts: Doubts, mean: WeightedMean, levels: list[ClipLevel], rows: slice
 ) -> Indices:
-    """Merge doubtful pixels of a bracket again, in place; return those in which something moved.
+    """Merge doubtful pixels again, in place; return those in which something moved.
 
     rows: of the frames that the mean is of. Exposures that may be clipped follow in the order of
     their times.
@@ -158,7 +158,7 @@ def settle_doubts(
 
 
 def _merge_sure(doubts: Doubts, mean: WeightedMean) -> Indices:
-    """Merge doubtful pixels of a bracket again, in place, by what is sure and doesn't contradict.
+    """Merge doubtful pixels again, in place, by what is sure and doesn't contradict.
 
     Returns those in which exposures were left out.
     """
@@ -191,7 +191,7 @@ def merge(
     defects: NDArray[np.bool_] | None = None,
     check: Callable[[float], None] = lambda share: None,
 ) -> RadianceEstimate:
-    """Merge an exposure bracket into an HDR radiance estimate.
+    """Merge an exposure bracket into an estimate of the scene's radiance.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def merge(
 def _merge_rows(
     bracket: Bracket, rows: slice, method: Method, levels: list[ClipLevel], mean: WeightedMean
 ) -> Indices | None:
-    """Write the mean of the HDR pixels in some rows; return where something moved, if that's known.
+    """Write the mean of the pixels in some rows; return where something moved, if that's known.
 
     mean: is overwritten.
     """
@@ -265,7 +265,7 @@ def _merge_rows(
 
 
 def _mean(samples: Samples, method: Method) -> tuple[WeightedMean, Array | None]:
-    """Return the mean of HDR pixels by a method; and how much exposures contradict, for "full"."""
+    """Return the mean by a method and, for "full", how much frames contradict each other."""
     if method in ("plain", "Poisson"):
         rate = mean_by_time(samples, method)
         return WeightedMean(rate, information_by_time(samples, rate, method)), None
@@ -278,7 +278,7 @@ def _mean(samples: Samples, method: Method) -> tuple[WeightedMean, Array | None]
 
 
 def _states(mean: WeightedMean, may_clip: np.float32, moved: Indices | None) -> NDArray[np.uint8]:
-    """Return the states of HDR pixels; moved: indices of those that contradict themselves."""
+    """Return the states of pixels; moved: indices of those that contradict themselves."""
     state = np.full(mean.rate.shape, int(VALID), dtype=np.uint8)
     significance = np.abs(mean.rate)
     significance *= mean.rate

@@ -46,7 +46,7 @@ _LEAST_ROOM = 8.0
 def untold_clip_level(frames: Mapping[float, Array], sensor: Sensor) -> int | None:
     """Return the number at which pixels clip below the sensor's full scale; None if none is seen.
 
-    frames: numbers by exposure in seconds, of one HDR scene. Pixels clip where a shorter exposure
+    frames: numbers of one scene by exposure time in seconds. Pixels clip where a shorter exposure
     says that they have more light, or where many share the largest number of all frames. If these
     happen to have the same light, a shorter exposure is taken in vain.
     """
@@ -65,9 +65,10 @@ def untold_clip_level(frames: Mapping[float, Array], sensor: Sensor) -> int | No
 
 
 def is_surely_open(frames: Mapping[float, Array], time: float, sensor: Sensor) -> bool:
-    """Return whether metering frames of an HDR scene prove that one of them isn't clipped.
+    """Return whether frames of one scene prove that one of them isn't clipped.
 
-    They do if another one has larger numbers, or if a shorter exposure says the same light.
+    They do if another one has larger numbers, or if a shorter exposure says the same light. time:
+    that of the frame in question, seconds.
     """
     room = float(frames[time].max()) - sensor.black_level
     highest = max(float(frame.max()) for frame in frames.values()) - sensor.black_level
@@ -81,10 +82,10 @@ def is_surely_open(frames: Mapping[float, Array], time: float, sensor: Sensor) -
 def _missed_light(
     frames: Mapping[float, Array], short: float, long: float, sensor: Sensor
 ) -> tuple[float, float]:
-    """Return the light of an HDR frame's brightest pixels by a shorter one, over its own.
+    """Return a frame's brightest light by a shorter frame over its own, and the ratio's deviation.
 
-    And the deviation of this ratio. The pixels are chosen by the longer exposure, so that chance
-    makes the ratio too small, if anything: where pixels clip, there is no chance in it.
+    The brightest pixels are chosen by the longer exposure, so that chance makes the ratio too
+    small, if anything: where pixels clip, there is no chance in it.
     """
     frame, black = frames[long], sensor.black_level
     room = float(frame.max()) - black
@@ -102,30 +103,23 @@ def _missed_light(
 class MeteringSettings:
     """Tune the metering of a scene; all values are chosen.
 
-    Attributes
-    ----------
-    dark_share : float
-        Share of the pixels that are darker than the dark end of the range.
-    shorter, longer : float
-        Factors to the next exposure where pixels are clipped, and where nothing is seen. A frame of
-        12 bits tells the brightest light over a range of about 50.
-    seen_snr, told_snr : float
-        Signal over noise of a pixel from which on it counts as seen, and from which on an exposure
-        is derived from it.
-    rough_snr : float
-        That of the brightest pixels from which on they are known well enough if the dark end of the
-        range doesn't follow from them.
-    bright_snr, dark_snr : (float, float)
-        That of the pixels from which the dark end follows, the brightest or the darkest, from which
-        on they are known well enough: at least, and where it takes little of the bracket's time.
-    effort : float
-        Part of the bracket's time that is little.
-    most_frames : int
-        Frames at most.
-    proof : (float, float)
-        Factors to the exposure that shall prove pixels not to be clipped.
-    proof_light : float
-        Electrons of the brightest pixels from which on the shorter one tells their light to 3 %.
+    dark_share: share of the pixels that are darker than the dark end of the range.
+    shorter, longer: factors to the next exposure where pixels are clipped, and where nothing is
+        seen. A frame of 12 bits tells the brightest light over a range of about 50.
+    seen_snr, told_snr: signal over noise of a pixel from which on it counts as seen, and from which
+        on an exposure is derived from it.
+    rough_snr: that of the brightest pixels from which on they are known well enough if the dark end
+        of the range doesn't follow from them.
+    bright_snr, dark_snr: that of the pixels from which the dark end follows, the brightest or the
+        darkest, from which on they are known well enough: at least, and where it takes little of
+        the bracket's time.
+    effort: part of the bracket's time that is little.
+    most_fill: part of the range below clipping that the brightest pixels shall fill.
+    hot_share: share of pixels that look hot beyond which none is left out as such.
+    proof: factors to the exposure that shall prove pixels not to be clipped.
+    proof_light: electrons of the brightest pixels from which on the shorter one tells their light
+        to 3 %.
+    most_frames: frames at most.
     """
 
     dark_share: float = 0.01
@@ -155,7 +149,7 @@ _BEYOND = 1.2
 
 @dataclass(frozen=True)
 class MeteredRange:
-    """Range of the rates of a scene's pixels, as metered for an HDR bracket.
+    """Range of the rates of a scene's pixels, as metering frames tell it.
 
     low, high: electrons per second. is_noise_limited: whether the darkest pixels can't be told
     from darkness, so that `low` is where that begins. times: exposures of the metering frames in
@@ -172,15 +166,15 @@ class MeteredRange:
     may_be_clipped: bool = False
 
     def sensor_as_seen(self, sensor: Sensor) -> Sensor:
-        """Return the sensor of the HDR bracket with the clip level that metering found, if any."""
+        """Return the sensor with the clip level that metering found, if any."""
         return sensor if self.clip_level is None else replace(sensor, clip_level=self.clip_level)
 
 
 class Meter:
     """Find the range of a scene's rates by metering frames, one after the other.
 
-    As long as `next_time` is a time, take a frame with this exposure and `add` it; then `found` is
-    the range.
+    As long as `next_time` is a time, take a frame with this exposure and `add` it; then
+    `metered_range` is the range.
 
     Parameters
     ----------
@@ -228,7 +222,7 @@ class Meter:
         self.next_time: float | None = self._nearest(first)
 
     def add(self, time: float, numbers: NDArray[np.generic]) -> None:
-        """Add a metering frame of the HDR scene: its exposure in seconds, and digital numbers.
+        """Add a metering frame: its exposure in seconds, and digital numbers.
 
         Raises ValueError if the scene is too bright for the shortest exposure, or if nothing is
         seen in the longest one.
@@ -246,7 +240,7 @@ class Meter:
             self._require_seen()
 
     def _look_at(self, time: float) -> None:
-        """Find the distribution of the rates in a metering frame, hot pixels left out."""
+        """Find the distribution of the rates in a frame, hot pixels left out."""
         numbers = self._frames[time]
         if self._may_have_hot_pixels:
             clean = without_hot_pixels(numbers, frame_variance(numbers, self._sensor))
@@ -259,7 +253,7 @@ class Meter:
         self._seen[time] = rate_distribution(numbers, time, self._sensor)
 
     def _find_clip_level(self) -> None:
-        """Look where pixels clip if nobody told, and look at all metering frames again if so."""
+        """Look where pixels clip if nobody told, and at all frames again if that has changed."""
         level = None if self._is_clip_told else untold_clip_level(self._frames, self._described)
         if level == self._clip_level:
             return
@@ -272,7 +266,7 @@ class Meter:
 
     @property
     def metered_range(self) -> MeteredRange:
-        """The range of the HDR scene; complete when `next_time` is None."""
+        """The range of the scene's rates; complete when `next_time` is None."""
         self._require_seen()
         bright = self._open_times()[-1]
         high, level, unsure = self._brightest(bright), self._clip_level, not self._is_open(bright)
@@ -287,18 +281,18 @@ class Meter:
         return MeteredRange(low, high, limited, times, level, unsure)
 
     def _open_times(self) -> list[float]:
-        """Return the metering exposures in which no pixel is clipped, the shortest first."""
+        """Return the times at which no pixel is clipped, the shortest first."""
         return sorted(time for time, one in self._seen.items() if not one.is_clipped)
 
     def _time_of_dark(self) -> float:
-        """Return the longest metering exposure that clips at most half of the pixels."""
+        """Return the longest time that clips at most half of the pixels."""
         return max(time for time, one in self._seen.items() if one.shares[-1] <= 0.5)
 
     def _brightest(self, time: float) -> float:
         return self._seen[time].quantile(1 - 0.5 / self._pixels)
 
     def _require_seen(self) -> None:
-        """Raise ValueError unless metering frames tell the brightest rate."""
+        """Raise ValueError unless the frames tell the brightest rate."""
         opened = self._open_times()
         if not opened:
             raise ValueError(
@@ -313,11 +307,11 @@ class Meter:
             )
 
     def _snr(self, time: float, rate: float) -> float:
-        """Return the ratio of a rate in a metering frame, also where it nearly clips pixels."""
+        """Return the signal-to-noise ratio of a rate in a frame, also where it nearly clips."""
         return math.sqrt(self._noise.information(((time, 1),), rate)) * rate
 
     def _time_for_bright(self) -> float | None:
-        """Return the next metering exposure if the brightest rate isn't known yet."""
+        """Return the next time if the brightest rate isn't known yet."""
         opened = self._open_times()
         clipped = [time for time in self._seen if time not in opened]
         if not opened:
@@ -335,7 +329,7 @@ class Meter:
         return None if longer in self._seen else longer
 
     def _time_for_dark(self) -> float | None:
-        """Return the next metering exposure if the dark end of the range isn't known yet."""
+        """Return the next time if the dark end of the range isn't known yet."""
         if self._decades is not None:
             return None
         time = self._time_of_dark()
@@ -345,11 +339,11 @@ class Meter:
         return self._nearest(self._longer(time, low, self._dark_snr))
 
     def _is_open(self, time: float) -> bool:
-        """Return whether a metering exposure surely isn't clipped, although it doesn't look so."""
+        """Return whether a frame that doesn't look clipped surely isn't."""
         return self._is_clip_told or is_surely_open(self._frames, time, self._sensor)
 
     def _time_for_proof(self) -> float | None:
-        """Return an exposure that proves the brightest metered pixels not to be clipped.
+        """Return a time that proves the brightest pixels not to be clipped, if that takes one.
 
         A shorter one has their light if it tells that well enough; a longer one has larger numbers.
         """
@@ -365,14 +359,14 @@ class Meter:
         return None
 
     def _longer(self, time: float, rate: float, wanted: float) -> float:
-        """Return the metering exposure at which a rate has a ratio, if that is told already."""
+        """Return the time at which a rate has a ratio, or a longer one if that isn't told."""
         if self._noise.snr(((time, 1),), rate) < SETTINGS.told_snr:
             return time * SETTINGS.longer
         needed = _light_for(wanted, self._noise.floor(time))
         return time * max(_BEYOND * needed / (rate * time), 1.5)
 
     def _affordable_snr(self, wanted: float, brighter: float, ends: tuple[float, float]) -> float:
-        """Return the ratio that metering takes a small part of an HDR bracket's time for.
+        """Return the ratio for which metering takes a small part of the bracket's time.
 
         wanted: the bracket's ratio. brighter: the metered pixels' rate over that of the dark end.
         """
@@ -381,10 +375,13 @@ class Meter:
         return min(max(ends[0], light / math.sqrt(light + floor)), ends[1])
 
     def _nearest(self, time: float) -> float:
-        """Return the longest allowed metering exposure up to a time, or the shortest of all."""
+        """Return the longest allowed time up to another, or the shortest of all."""
         return self._allowed.time(max(self._allowed.last_up_to(time), 0))
 
 
 def _light_for(snr: float, floor: float) -> float:
-    """Return the electrons of light that have a ratio in one HDR frame, with a variance without."""
+    """Return the electrons of light that have a ratio in one frame.
+
+    floor: variance without light, electrons².
+    """
     return (snr**2 + math.sqrt(snr**4 + 4 * snr**2 * floor)) / 2

@@ -1,4 +1,4 @@
-"""Choose how exposures of a bracket are weighted by the time that merging may take."""
+"""Choose how frames are weighted by the time that merging them may take."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ but the shortest, in the method "full". Measured."""
 
 
 def merge_seconds(bracket: Bracket, method: Method, speed: MachineSpeed) -> float:
-    """Predict the processor time that merging an exposure bracket takes, seconds.
+    """Predict the processor time that merging takes, seconds.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def merge_seconds(bracket: Bracket, method: Method, speed: MachineSpeed) -> floa
 def choose_method(
     bracket: Bracket, budget: float, speed: MachineSpeed | None = None, bands: int = 1
 ) -> Method:
-    """Choose the best way to merge an exposure bracket that fits a time.
+    """Choose the best way to merge that fits a time.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class RateDistribution:
     time: float
 
     def quantile(self, share: float) -> float:
-        """Return the rate below which a share of the HDR scene's pixels lies, electrons/s."""
+        """Return the rate below which a share of the pixels lies, electrons/s."""
         below = np.cumsum(self.shares)
         # Each rate stands for those half a step around it.
         middle = np.sqrt(self.rates[1:] * self.rates[:-1])
@@ -55,7 +55,7 @@ class RateDistribution:
 
     @property
     def is_clipped(self) -> bool:
-        """Whether one pixel or more of the HDR scene may be clipped in the frame."""
+        """Whether one pixel or more may be clipped in the frame."""
         return bool(self.shares[-1] > 0)
 
 
@@ -64,18 +64,8 @@ def rate_distribution(
 ) -> RateDistribution:
     """Estimate the distribution of rates from the numbers of a frame's pixels.
 
-    Parameters
-    ----------
-    numbers : NDArray
-        Digital numbers, of any shape.
-    time : float
-        Exposure time in seconds.
-    sensor : Sensor
-        Tells gain, read noise, dark current, black level and full scale.
-
-    Returns
-    -------
-    RateDistribution
+    numbers: digital numbers, of any shape.
+    time: exposure time, seconds.
     """
     flat = np.asarray(numbers, dtype=np.float64).ravel()
     light = (flat - sensor.black_level) * sensor.gain - sensor.dark_current * time
@@ -99,7 +89,7 @@ def rate_distribution(
 
 
 def _bin_edges(sensor: Sensor, floor: float, darkest: float, top: float) -> Array:
-    """Return edges of bins between digital numbers, in electrons of light in an HDR frame.
+    """Return edges of bins between digital numbers, in electrons of light.
 
     darkest, top: light in electrons that the bins span.
     """
@@ -111,7 +101,7 @@ def _bin_edges(sensor: Sensor, floor: float, darkest: float, top: float) -> Arra
 
 
 def _likeliest(chance: Array, counts: Array) -> Array:
-    """Return the shares of rates that make an HDR frame's numbers the likeliest.
+    """Return the shares of rates that make a frame's numbers the likeliest.
 
     chance: of each bin, for each rate. counts: pixels in each bin.
     """

@@ -82,7 +82,7 @@ class ResponseCurve:
 
     @cached_property
     def ends(self) -> tuple[int, int]:
-        """Return the lowest and highest number of which the response curve tells the light.
+        """Return the lowest and highest number that tell light.
 
         Between them, the numbers' noise is less than a factor of e in light.
         """
@@ -103,7 +103,7 @@ class ResponseCurve:
 
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
-        """Return the change of numbers with the exposure's logarithm, and its own to the next."""
+        """Return the slope of numbers over the exposure's logarithm, and its step to the next."""
         slope = np.gradient(np.arange(_LEVELS), self.logs)
         return slope, np.diff(slope)
 
@@ -111,7 +111,7 @@ class ResponseCurve:
 def fit_response(
     frames: Sequence[NDArray[Any]] | NDArray[Any], exposures: ArrayLike
 ) -> ResponseCurve:
-    """Recover the response curve of an exposure bracket of 8-bit pictures.
+    """Recover the response curve of a camera from 8-bit pictures of several exposure times.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def fit_response(
 
 
 def _missing_exposures(numbers: NDArray[np.intp]) -> str:
-    """Say which exposures are missing if numbers of an 8-bit bracket are clipped or dark."""
+    """Say which frames are missing if numbers are clipped or dark."""
     if (numbers > HIGHEST).mean() > _NEARLY_ALL:
         return "shorter exposures"
     if (numbers < LOWEST).mean() > _NEARLY_ALL:
@@ -165,7 +165,7 @@ def _missing_exposures(numbers: NDArray[np.intp]) -> str:
 
 
 def _sample(frames: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[np.intp]:
-    """Return the numbers of some of an 8-bit bracket's pixels, (frames, pixels)."""
+    """Return the numbers of some of the pixels, (frames, pixels)."""
     require_unmasked(frames)
     shape = np.shape(frames[0])
     every = max(1, shape[0] * shape[1] // _PIXELS)
@@ -176,7 +176,7 @@ def _sample(frames: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[np.intp]:
 def _fit(
     numbers: NDArray[np.intp], used: NDArray[np.bool_], times: Array, before: ResponseCurve
 ) -> ResponseCurve:
-    """Fit a response curve, with weights by the slope of the curve before."""
+    """Fit the curve, with weights by the slope of the one before."""
     slope = np.gradient(before.logs)
     level_weight = 1 / ((before.number_noise * slope) ** 2 + before.light_noise**2)
     weight = level_weight[numbers] * used
@@ -205,7 +205,7 @@ def _fit(
 def _contradicts(
     numbers: NDArray[np.intp], used: NDArray[np.bool_], times: Array, curve: ResponseCurve
 ) -> NDArray[np.bool_]:
-    """Return pixels, (pixels,), in which frames contradict a response curve: something moved."""
+    """Return pixels, (pixels,), in which frames contradict the curve: something moved."""
     slope = np.gradient(curve.logs)
     level_weight = 1 / ((curve.number_noise * slope) ** 2 + curve.light_noise**2)
     weight = level_weight[numbers] * used
@@ -218,13 +218,13 @@ def _contradicts(
 
 
 def _smoothness(times: Array) -> float:
-    """Return the weight of a response curve's bends; times: logarithms of exposures."""
+    """Return the weight of the curve's bends; times: logarithms of exposures."""
     steps = np.diff(np.unique(times)) / math.log(2)
     return float(_SMOOTHNESS * max(1.0, steps.max()) ** _SMOOTHER)
 
 
 def _rising(logs: Array, middle: int) -> Array:
-    """Return a rising response curve near another one, whose ends may bend back.
+    """Return a rising curve near another one, whose ends may bend back.
 
     Numbers beyond the ends are no light's: there, light changes much for each number. The lower end
     is where the curve is steepest. Numbers below are those of no light, with its noise, and their
@@ -243,7 +243,7 @@ def _rising(logs: Array, middle: int) -> Array:
 def _with_noise(
     numbers: NDArray[np.intp], used: NDArray[np.bool_], times: Array, curve: ResponseCurve
 ) -> ResponseCurve:
-    """Return the response curve with the noise by which pairs of frames contradict it.
+    """Return the curve with the noise by which pairs of frames contradict it.
 
     Where the curve is flat, the numbers' own noise decides; where it's steep, that of the light.
     """
@@ -275,7 +275,7 @@ def _with_noise(
 
 
 def _still_square(away: Array) -> float:
-    """Return the mean square of a response curve's misfits without those of what moved."""
+    """Return the mean square of misfits without those of what moved."""
     spread = 1.4826 * float(np.median(np.abs(away)))
     still = np.abs(away) <= max(_MOVED * spread, float(np.abs(away).min()))
     return float(np.mean(away[still] ** 2))

@@ -53,7 +53,7 @@ def merge_by_response(
     check: Callable[[float], None] = lambda share: None,
     outside: Sequence[NDArray[np.bool_]] | None = None,
 ) -> RadianceEstimate:
-    """Merge an exposure bracket of 8-bit pictures to light.
+    """Merge 8-bit pictures to light by the response curve of their camera.
 
     Where one exposure contradicts the others, something moved, and it is left out.
 
@@ -107,7 +107,7 @@ def merge_by_response(
 def _merge_rows(
     numbers: NDArray[Any], seen: Mask, times: Array, curve: ResponseCurve
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-    """Return light, variance and state of some rows of an 8-bit HDR bracket."""
+    """Return light, variance and state of some rows."""
     logs, information = _light(numbers, seen, times, curve)
     moved, used = np.zeros(logs.shape, dtype=bool), seen.copy()
     for _ in range(len(times) - 1):
@@ -137,7 +137,7 @@ def _merge_rows(
 
 
 def _of_shortest(numbers: NDArray[Any], seen: Mask, times: Array) -> Array:
-    """Return the number of each 8-bit HDR pixel in the shortest frame that shows it."""
+    """Return the number of each pixel in the shortest frame that shows it."""
     found = np.zeros(numbers.shape[1:])
     for one in np.argsort(-times, kind="stable"):
         alike = times == times[one]
@@ -150,7 +150,7 @@ def _of_shortest(numbers: NDArray[Any], seen: Mask, times: Array) -> Array:
 def _light(
     numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve
 ) -> tuple[Array, Array]:
-    """Return the logarithm of an 8-bit HDR bracket's light, and the information on it."""
+    """Return the logarithm of light, and the information on it."""
     logs = _first_light(numbers, used, times, curve)
     for _ in range(_STEPS):
         slope, information = _slope(numbers, used, times, curve, logs)
@@ -161,7 +161,7 @@ def _light(
 
 
 def _first_light(numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve) -> Array:
-    """Return the logarithm of an 8-bit HDR bracket's light, by what each good number says."""
+    """Return the logarithm of light by what each good number says."""
     level = np.arange(len(curve.logs))
     steep = np.gradient(curve.logs) ** -2.0 * ((level >= LOWEST) & (level <= HIGHEST)) + 1e-9
     # Numbers beyond the upper end are no light's.
@@ -178,10 +178,7 @@ def _first_light(numbers: NDArray[Any], used: Mask, times: Array, curve: Respons
 def _slope(
     numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve, logs: Array
 ) -> tuple[Array, Array]:
-    """Return the slope of an 8-bit HDR bracket's likelihood with the logarithm of light.
-
-    The second value is the information on it.
-    """
+    """Return the slope of the likelihood with the logarithm of light, and the information on it."""
     slope, information = (np.zeros(logs.shape) for _ in range(2))
     for frame, one, time in zip(numbers, used, times, strict=True):
         expected, steep, variance = _expected(curve, logs + time)
@@ -193,7 +190,7 @@ def _slope(
 
 
 def _expected(curve: ResponseCurve, logs: Array) -> tuple[Array, Array, Array]:
-    """Return an 8-bit HDR frame's number, its slope and its variance, by exposures' logarithms."""
+    """Return a frame's numbers, their slope and their variance, by exposures' logarithms."""
     expected, steep = curve.number(logs)
     return expected, steep, curve.number_noise**2 + (curve.light_noise * steep) ** 2
 
@@ -201,9 +198,9 @@ def _expected(curve: ResponseCurve, logs: Array) -> tuple[Array, Array, Array]:
 def _without_one(
     numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve
 ) -> tuple[Mask, Array, Array]:
-    """Return 8-bit HDR pixels without the frame whose absence leaves the least contradiction.
+    """Leave out, in each pixel, the frame whose absence leaves the least contradiction.
 
-    These are the frames that are still used, the logarithm of light, and the information on it.
+    Returns the frames that are still used, the logarithm of light, and the information on it.
     """
     found = []
     for place in range(len(times)):
@@ -230,7 +227,7 @@ def _without_one(
 def _contradictions(
     numbers: NDArray[Any], used: Mask, times: Array, curve: ResponseCurve, logs: Array
 ) -> NDArray[np.float32]:
-    """Return by how many deviations frames contradict the others, in 8-bit HDR pixels.
+    """Return by how many deviations frames contradict the others.
 
     A clipped number contradicts if the light of the others is far from clipping.
     """

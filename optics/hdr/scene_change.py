@@ -1,4 +1,4 @@
-"""Tell whether a scene has changed between two frames, as since an exposure bracket was metered."""
+"""Tell whether a scene has changed between two frames, as since it was metered."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ class SceneChange:
 
     @property
     def is_notable(self) -> bool:
-        """Whether an HDR scene's light has changed by some 20 %, in all or in part of it."""
+        """Whether the light has changed by some 20 %, in all or in part of the scene."""
         return abs(math.log(self.ratio)) > _NOTABLE or self.changed_share > _NOTABLE_SHARE
 
     def explain(self) -> str:
-        """Say in words how an HDR scene has changed."""
+        """Say in words how the scene has changed."""
         return (
             f"the scene has {self.ratio:.3g} times the light that was metered, and differs in "
             f"{self.changed_share:.0%} of its parts"
@@ -81,7 +81,7 @@ class SceneChange:
 
 
 def scene_light(frames: Iterable[tuple[float, NDArray[Any]]], sensor: Sensor) -> SceneLight:
-    """Return what frames tell of an HDR scene's light, to be compared with that of other frames.
+    """Return what frames tell of a scene's light, to be compared with that of other frames.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def scene_light(frames: Iterable[tuple[float, NDArray[Any]]], sensor: Sensor) ->
 
 
 def scene_change(before: SceneLight, after: SceneLight) -> SceneChange:
-    """Compare an HDR scene's light with that of before."""
+    """Compare a scene's light with that of before."""
     both = np.isfinite(before.blocks) & np.isfinite(after.blocks)
     first, second = before.blocks[both], after.blocks[both]
     of_quantiles = np.log(after.quantiles / before.quantiles)
@@ -121,7 +121,7 @@ def scene_change(before: SceneLight, after: SceneLight) -> SceneChange:
 
 
 def _light_of_frame(numbers: NDArray[Any], time: float, sensor: Sensor) -> SceneLight:
-    """Return what one frame tells of an HDR scene's light."""
+    """Return what one frame tells of a scene's light."""
     blocks = np.full(BLOCKS, np.nan)
     for place in np.ndindex(BLOCKS):
         part = numbers[tuple(_part(place[axis], axis, numbers.shape) for axis in (0, 1))]
@@ -135,7 +135,7 @@ def _light_of_frame(numbers: NDArray[Any], time: float, sensor: Sensor) -> Scene
 
 
 def _known_rate(number: float, pixels: int, time: float, sensor: Sensor) -> float:
-    """Return the rate of pixels of an HDR frame from their mean number; NaN if it isn't known."""
+    """Return the rate of pixels from their mean number, electrons/s; NaN if it isn't known."""
     light = (number - sensor.black_level) * sensor.gain - sensor.dark_current * time
     noise = math.sqrt((max(light, 0) + ExposureSNR(sensor).floor(time)) / pixels)
     known = light > _LEAST_SNR * math.hypot(noise, _LEVEL_ERROR * sensor.gain)
@@ -143,6 +143,6 @@ def _known_rate(number: float, pixels: int, time: float, sensor: Sensor) -> floa
 
 
 def _part(number: int, axis: int, shape: tuple[int, ...]) -> slice:
-    """Return the rows, or columns, of one of an HDR frame's blocks."""
+    """Return the rows, or columns, of one of the blocks."""
     count, length = BLOCKS[axis], shape[axis]
     return slice(number * length // count, (number + 1) * length // count)

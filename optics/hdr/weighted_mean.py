@@ -18,7 +18,7 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Pixels of an exposure bracket, (exposures, pixels), the shortest exposure first.
+    """What some pixels tell, (exposures, pixels), the shortest time first.
 
     Where the light is at a rate, the mean of an exposure has the variance (rate + floor) / time.
 
@@ -36,11 +36,11 @@ class Samples:
 
     @property
     def clip_rate(self) -> np.float32:
-        """Electrons per second from which the shortest exposure of the bracket clips."""
+        """Electrons per second from which the shortest frame clips."""
         return np.float32(self.exposures[0].clip_level / self.exposures[0].time)
 
     def part(self, where: Indices) -> Samples:
-        """Return some pixels of an exposure bracket, by their indices."""
+        """Return some of the pixels, by their indices."""
         rates, times, floors = (
             one.take(where, axis=1) if one.shape[1] == self.rates.shape[1] else one
             for one in (self.rates, self.times, self.floors)
@@ -48,18 +48,18 @@ class Samples:
         return Samples(self.exposures, rates, times, floors, _scratch(rates))
 
     def without(self, out: Mask) -> Samples:
-        """Return the exposure bracket without exposures that are left out, pixel by pixel."""
+        """Leave out exposures, pixel by pixel."""
         times = np.where(out, np.float32(0), self.times)
         return Samples(self.exposures, self.rates, times, self.floors, self.scratch)
 
 
 def _scratch(rates: Array) -> Array:
-    """Return two arrays as large as the rates of a bracket, to compute in."""
+    """Return two arrays as large as the rates, to compute in."""
     return np.empty((2, *rates.shape), dtype=np.float32)
 
 
 def join_samples(parts: list[Samples]) -> Samples:
-    """Return the pixels of several parts of an exposure bracket as those of one."""
+    """Join the pixels of several parts."""
     first = parts[0]
     rates, times, floors = (
         np.concatenate([getattr(one, name) for one in parts], axis=1)
@@ -70,7 +70,7 @@ def join_samples(parts: list[Samples]) -> Samples:
 
 
 def read_samples(bracket: Bracket, rows: slice, space: Array) -> Samples:
-    """Return what all pixels in some rows of an exposure bracket tell, as Samples.
+    """Return what all pixels in some rows tell.
 
     space: (4, exposures, as many pixels or more), which holds them: memory that is used again stays
     in the processor's cache.
@@ -92,7 +92,7 @@ def read_samples(bracket: Bracket, rows: slice, space: Array) -> Samples:
 def _read_exposure(
     bracket: Bracket, exposure: Exposure, rows: slice, rate: Array, count: Array
 ) -> None:
-    """Read the mean rate of an exposure of the bracket, and the number of its frames, in place.
+    """Read the mean rate of an exposure, and the number of its frames, in place.
 
     Frames that are clipped don't count.
     """
@@ -121,7 +121,7 @@ has. A rate may be negative by chance: counted as 0, it would make the mean vari
 
 
 class WeightedMean(NamedTuple):
-    """Mean of a bracket's exposures in each pixel.
+    """Mean rate of each pixel over all its frames.
 
     rate: electrons per second; where all exposures are clipped, that from which the shortest one
     clips. information: one over the variance of the rate; 0 where all are clipped.
@@ -132,7 +132,7 @@ class WeightedMean(NamedTuple):
 
 
 def mean_by_time(samples: Samples, method: Method = "Poisson") -> Array:
-    """Return the mean rate of a bracket with weights that don't follow the noise.
+    """Return the mean rate with weights that don't follow the noise.
 
     method: "plain" weighs rates by the square of their time, "Poisson" by their time.
     """
@@ -141,7 +141,7 @@ def mean_by_time(samples: Samples, method: Method = "Poisson") -> Array:
 
 
 def information_by_time(samples: Samples, rate: Array, method: Method) -> Array:
-    """Return one over the variance of a bracket's mean rate by time; 0 where all is clipped."""
+    """Return one over the variance of the mean rate by time; 0 where all is clipped."""
     factor = np.float32(1) if method == "Poisson" else _own_times(samples)
     weight = samples.times * factor
     below = weight.sum(0)
@@ -152,12 +152,12 @@ def information_by_time(samples: Samples, rate: Array, method: Method) -> Array:
 
 
 def _own_times(samples: Samples) -> Array:
-    """Return the times of a bracket's exposures, seconds, (exposures, 1)."""
+    """Return the exposure times, seconds, (exposures, 1)."""
     return np.array([[exposure.time] for exposure in samples.exposures], dtype=np.float32)
 
 
 def mean_by_variance(samples: Samples, predicted: Array) -> WeightedMean:
-    """Return the mean of a bracket's exposures with weights of one over their variance.
+    """Return the mean with weights of one over the variance.
 
     predicted: rate that predicts the variance.
     """
@@ -169,7 +169,7 @@ def mean_by_variance(samples: Samples, predicted: Array) -> WeightedMean:
 
 
 def mean_and_contradiction(samples: Samples, predicted: Array) -> tuple[WeightedMean, Array]:
-    """Return the mean by variance, and how much a bracket's exposures contradict each other.
+    """Return the mean by variance, and how much the exposures contradict each other.
 
     That is the sum of their squared differences from the mean, over their variances (chi squared).
     Differences from the predicted rate are averaged, so that large rates lose no digits.
@@ -191,7 +191,7 @@ def mean_and_contradiction(samples: Samples, predicted: Array) -> tuple[Weighted
 
 
 def _noise(samples: Samples, predicted: Array) -> Array:
-    """Return the variance of a bracket's exposures times their time, in the samples' scratch."""
+    """Return the variance of the rates times their time, in the samples' scratch."""
     dark = [exposure.floor / exposure.time for exposure in samples.exposures]
     least = np.array(dark, dtype=np.float32)[:, None] * np.float32(_LEAST_LIGHT)
     light = predicted if predicted.min(initial=0) >= least.max() else np.maximum(predicted, least)
@@ -199,12 +199,11 @@ def _noise(samples: Samples, predicted: Array) -> Array:
 
 
 def _weighted_sum(weight: Array, value: Array) -> Array:
-    """Return the sum of a bracket's exposures with weights."""
     return np.einsum("kn,kn->n", weight, value)
 
 
 def _quotient(above: Array, below: Array, samples: Samples) -> Array:
-    """Return the mean rate of a bracket from weighted sums; where nothing is, the clip rate."""
+    """Return the mean rate from weighted sums; where nothing is, the clip rate."""
     rate = np.full_like(above, samples.clip_rate)
     return np.divide(above, below, out=rate, where=below > 0)
 
@@ -218,12 +217,12 @@ _FALSE_ALARMS = 5e-4
 
 
 def outlier_limit(exposures: int) -> float:
-    """Return the deviations by which an exposure of a bracket differs where things moved."""
+    """Return the deviations by which an exposure differs where things moved."""
     return float(-ndtri(_FALSE_ALARMS / 2 / max(exposures - 1, 1)))
 
 
 def may_contradict(contradiction: Array, exposures: int) -> Mask:
-    """Return where an exposure of a bracket may differ from the others by more than the limit.
+    """Return where an exposure may differ from the others by more than the limit.
 
     The square of each exposure's difference from the others, over its variance, is what chi squared
     would lose without it, and so no larger than chi squared.
@@ -232,7 +231,7 @@ def may_contradict(contradiction: Array, exposures: int) -> Mask:
 
 
 def leave_out(samples: Samples, mean: WeightedMean) -> tuple[WeightedMean, Mask]:
-    """Leave contradictory exposures of a bracket out, the worst first; return where there were any.
+    """Leave out exposures that contradict the others, the worst first; return where there were any.
 
     mean: of all of them.
     """
@@ -255,7 +254,7 @@ def leave_out(samples: Samples, mean: WeightedMean) -> tuple[WeightedMean, Mask]
 
 
 def _differences(samples: Samples, rate: Array) -> Array:
-    """Return how far each exposure is from the HDR value, over what chance would make of it.
+    """Return how far each frame is from the merged value, over what chance would make of it.
 
     rate: predicts the variance.
     """

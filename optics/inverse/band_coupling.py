@@ -1,4 +1,4 @@
-"""How a restoration's prior couples the bands of a picture: axes, weights and joint lengths."""
+"""How a prior couples the bands of a picture: axes, weights and joint lengths."""
 
 from __future__ import annotations
 
@@ -22,28 +22,18 @@ _LEAST_POWER = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BandCoupling:
-    """The coupling of a picture's bands in a deconvolution's prior.
+    """Axes and weights by which a prior penalises the bands of a picture jointly.
 
-    The bands are transformed to components. The prior penalises the joint length of the derivatives
-    of each group of components, times the group's weight.
+    The bands are transformed to components. The joint length of the derivatives of each group of
+    components is penalised, times the group's weight. Raises ValueError if weights differ within a
+    group.
 
-    Attributes
-    ----------
-    weights : torch.Tensor
-        Weight of each component, (bands,), float64, the same within a group.
-    groups : tuple of int
-        Number of components in each group, in the components' order.
-    axes : torch.Tensor, optional
-        Orthonormal matrix from bands to components, (bands, bands), float64. If None, the
+    weights: weight of each component, (bands,), float64, the same within a group.
+    groups: number of components in each group, in the components' order.
+    axes: orthonormal matrix from bands to components, (bands, bands), float64; if None, the
         components are the bands.
-    scales : torch.Tensor, optional
-        Factor of each component, (bands,), float64: what is rare among spectra has a larger one.
-        All are 1 if None.
-
-    Raises
-    ------
-    ValueError
-        If weights differ within a group.
+    scales: factor of each component, (bands,), float64: what is rare among spectra has a larger
+        one. All are 1 if None.
     """
 
     weights: torch.Tensor
@@ -61,12 +51,12 @@ class BandCoupling:
 
     @classmethod
     def separate(cls, bands: int) -> BandCoupling:
-        """Return the coupling of a deconvolution's prior that treats each band on its own."""
+        """Treat each band on its own."""
         return cls(torch.ones(bands, dtype=torch.float64), (1,) * bands)
 
     @classmethod
     def vector(cls, bands: int) -> BandCoupling:
-        """Return the coupling of a deconvolution's prior on the joint length over all bands.
+        """Penalise the joint length over all bands.
 
         Edges of all bands tend to be at the same places (Blomgren and Chan 1998, doi
         10.1109/83.661180).
@@ -75,11 +65,10 @@ class BandCoupling:
 
     @classmethod
     def luminance_chrominance(cls, bands: int, luminance: float) -> BandCoupling:
-        """Return the coupling of a deconvolution's prior that knows grey from colour.
+        """Penalise the luminance on its own, and all colour differences jointly.
 
-        The luminance, with the weight `luminance`, is penalised on its own, and all colour
-        differences, with the weight 1, jointly (Condat and Mosaddegh 2012, doi
-        10.1109/ICIP.2012.6467476). A single band has the weight 1.
+        The luminance has the weight `luminance`, and the colour differences have the weight 1
+        (Condat and Mosaddegh 2012, doi 10.1109/ICIP.2012.6467476). A single band has the weight 1.
         """
         if bands == 1:
             return cls.separate(1)
@@ -89,18 +78,12 @@ class BandCoupling:
 
     @classmethod
     def spectral(cls, spectra: torch.Tensor) -> BandCoupling:
-        """Return the coupling of a deconvolution's prior that knows which spectra are typical.
+        """Scale components by how rare they are among typical spectra.
 
-        Parameters
-        ----------
-        spectra : torch.Tensor
-            Typical spectra, (samples, bands), of any unit; of materials that differ from each
-            other.
+        Raises ValueError for spectra of another shape, fewer of them than bands, or that aren't
+        finite or are all 0.
 
-        Raises
-        ------
-        ValueError
-            For spectra of another shape, that aren't finite, or that are all 0.
+        spectra: (samples, bands), of any unit; of materials that differ from each other.
         """
         require_finite("spectra", spectra)
         if spectra.ndim != 2 or not float(spectra.abs().max()) > 0:
@@ -115,16 +98,10 @@ class BandCoupling:
 
     @classmethod
     def of_covariance(cls, covariance: torch.Tensor) -> BandCoupling:
-        """Return the coupling of a deconvolution's prior that knows the spectra's covariance.
+        """Penalise the joint length of the principal components of spectra, rarer ones more.
 
-        The components are the principal axes, and what is rarer has a larger scale. The joint
-        length of all scaled components is penalised.
-
-        Parameters
-        ----------
-        covariance : torch.Tensor
-            Covariance or second moments of spectra or of their differences, (bands, bands), on any
-            scale; symmetric, and not 0.
+        covariance: covariance or second moments of spectra or of their differences, (bands, bands),
+            on any scale; symmetric, and not 0.
         """
         sizes, axes = torch.linalg.eigh(covariance.to(torch.float64))
         sizes, axes = sizes.flip(0), axes.flip(1).mT.contiguous()
@@ -136,29 +113,26 @@ class BandCoupling:
 
     @property
     def bands(self) -> int:
-        """The number of bands that the deconvolution's prior couples."""
         return len(self.weights)
 
     def components(self, x: torch.Tensor) -> torch.Tensor:
-        """Return the scaled components of a deconvolved picture, (bands, rows, columns)."""
+        """Return the scaled components of a picture, (bands, rows, columns)."""
         return x if self._matrix is None else transform_bands(self._matrix, x)
 
     def components_adjoint(self, components: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of components() to a deconvolved picture's components."""
         return components if self._matrix is None else transform_bands(self._matrix.mT, components)
 
     @cached_property
     def _matrix(self) -> torch.Tensor | None:
-        """The matrix from bands to scaled components of a deconvolution; None if there is none."""
+        """The matrix from bands to scaled components; None for the identity."""
         if self.scales is None:
             return self.axes
         return torch.diag(self.scales) if self.axes is None else self.scales[:, None] * self.axes
 
     def lengths(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return the weighted joint length of each group of a deconvolved picture's components.
+        """Return the weighted joint length of each group, (groups, ...).
 
-        `squares` are the squared derivatives of each component, (bands, ...). The result is
-        (groups, ...).
+        squares: squared derivatives of each component, (bands, ...).
         """
         if self.bands == 1:
             return squares.sqrt() * float(self.weights[0])
@@ -166,16 +140,16 @@ class BandCoupling:
         return torch.stack([part.sum(0) for part in _split(scaled, self.groups)]).sqrt_()
 
     def group_totals(self, values: torch.Tensor) -> torch.Tensor:
-        """Return for each component of a deconvolved picture the sum of its group's values."""
+        """Return the sum of its group's values for each component."""
         each = [part.sum(0, keepdim=True).expand_as(part) for part in _split(values, self.groups)]
         return torch.cat(each)
 
 
 def helmert_matrix(bands: int) -> torch.Tensor:
-    """Compute Helmert's orthonormal matrix of colour axes for a deconvolution, (bands, bands).
+    """Compute Helmert's orthonormal matrix of colour axes, (bands, bands).
 
-    The first row is the mean of all bands, which is the luminance. Row k is the difference
-    between band k and the mean of the bands before it.
+    The first row is the mean of all bands, which is the luminance. Row k is the difference between
+    band k and the mean of the bands before it.
     """
     rows = [torch.full((bands,), 1 / math.sqrt(bands), dtype=torch.float64)]
     for k in range(1, bands):
@@ -186,25 +160,26 @@ def helmert_matrix(bands: int) -> torch.Tensor:
 
 
 def transform_bands(matrix: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Multiply the bands of each pixel of a deconvolved picture by a matrix."""
+    """Multiply the bands of each pixel by a matrix."""
     return torch.tensordot(matrix.to(x.dtype), x, 1)
 
 
 class Shrinkage:
-    """The proximal step of the joint lengths of a deconvolved picture's derivatives.
+    """The proximal step of the joint lengths of derivatives to a power.
 
-    The lengths are those of BandCoupling, to a power. A length of `threshold` or less, for a
-    weight of 1, is set to 0 (Chartrand 2009, doi 10.1109/ISBI.2009.5192999, for powers below 1).
+    A length of `threshold` or less, for a weight of 1, is set to 0 (Chartrand 2009, doi
+    10.1109/ISBI.2009.5192999, for powers below 1).
     """
 
     def __init__(self, coupling: BandCoupling, threshold: float, power: float) -> None:
         self._coupling, self._threshold, self._power = coupling, threshold, power
 
     def removed_share(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return the share of each component that the shrinkage removes, in the place of `squares`.
+        """Return the share of each component that shrinks away, in the place of `squares`.
 
-        `squares` are the squared derivatives, (bands, rows, columns), and are overwritten. The
-        result is of that shape, or (1, rows, columns) if all components shrink alike.
+        The result has the shape of `squares`, or (1, rows, columns) if all components shrink alike.
+
+        squares: squared derivatives, (bands, rows, columns); overwritten.
         """
         groups, weights = self._coupling.groups, self._coupling.weights
         if set(groups) == {1}:
@@ -226,11 +201,10 @@ class Shrinkage:
 
 
 def _column(weights: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
-    """Return components' weights in the shape and type that multiply a deconvolved picture."""
     return weights.to(like.dtype).reshape(-1, *(1,) * (like.ndim - 1))
 
 
 def _split(components: torch.Tensor, groups: tuple[int, ...]) -> Sequence[torch.Tensor]:
-    """Split a deconvolved picture's components into groups, as views."""
+    """Split components into groups, as views."""
     first = list(itertools.accumulate(groups, initial=0))
     return [components[a:b] for a, b in itertools.pairwise(first)]

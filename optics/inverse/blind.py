@@ -1,4 +1,4 @@
-"""Estimate a photograph's unknown blur kernel, and restore the photograph with it."""
+"""Find a photograph's unknown blur kernel, and the sharp picture with it."""
 
 from __future__ import annotations
 
@@ -41,22 +41,16 @@ MOST_ERROR = math.sqrt(10)
 class KernelEstimate:
     """An estimated blur kernel with its standard deviation and score.
 
-    Parameters
-    ----------
-    psf : torch.Tensor, (size, size)
-        Kernel with its origin at n // 2, nowhere negative, with a sum of 1. Its centroid is as near
-        to the origin as `size` allows, since the photograph doesn't show a shift of the scene.
-    deviation : torch.Tensor, (size, size)
-        Standard deviation of each pixel of the kernel. It comes from the differences between parts
-        of the photograph and between searches from two starts, and doesn't include an error that
-        all of them share.
-    noise : float
-        Standard deviation of a pixel of the photograph.
-    score : float
-        1 less the ratio of the kernel's expected squared error to its energy, 0 to 1.
-    error_to_noise : float
-        Standard deviation of noise and kernel error together over that of the noise, as the
-        photograph's spectrum shows them: see `Observation.disturbance`.
+    psf: kernel, (size, size), with its origin at n // 2, nowhere negative, with a sum of 1. Its
+        centroid is as near to the origin as `size` allows, since the photograph doesn't show a
+        shift of the scene.
+    deviation: standard deviation of each pixel of the kernel, (size, size). It comes from the
+        differences between parts of the photograph and between searches from two starts, and
+        doesn't include an error that all of them share.
+    noise: standard deviation of a pixel of the photograph.
+    score: 1 less the ratio of the kernel's expected squared error to its energy, 0 to 1.
+    error_to_noise: standard deviation of noise and kernel error together over that of the noise, as
+        the photograph's spectrum shows them: see `Observation.disturbance`.
     """
 
     psf: torch.Tensor
@@ -67,7 +61,7 @@ class KernelEstimate:
 
     @property
     def verdict(self) -> str:
-        """The score of a blindly estimated blur kernel in words: good, fair or poor.
+        """The score in words: good, fair or poor.
 
         The kernel is good from a score of 0.9 if its error isn't much larger than the noise, fair
         from 0.7, and poor below.
@@ -87,15 +81,7 @@ class KernelEstimate:
 
 @dataclass(frozen=True, eq=False)
 class BlindRestoration:
-    """An estimated blur kernel, and the photograph restored with it.
-
-    Parameters
-    ----------
-    kernel : KernelEstimate
-        The estimated kernel.
-    restored_image : RestoredImage
-        The photograph, restored with that kernel.
-    """
+    """An estimated blur kernel, and the photograph restored with it."""
 
     kernel: KernelEstimate
     restored_image: RestoredImage
@@ -104,10 +90,7 @@ class BlindRestoration:
 def rank_by_naturalness(
     photo: NormalisedPhotograph, kernels: Sequence[torch.Tensor], progress: Progress
 ) -> list[int]:
-    """Rank blur kernels by the unnaturalness() of the pictures that deconvolution gives with them.
-
-    The indices are returned with the best kernel first.
-    """
+    """Return the indices of blur kernels, first the one whose picture looks most natural."""
     costs = []
     for number, kernel in enumerate(kernels):
         progress.report(number / len(kernels), f"judging kernel {number + 1}/{len(kernels)}")
@@ -116,12 +99,12 @@ def rank_by_naturalness(
 
 
 def unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
-    """Measure how unnatural a photograph looks after deconvolution with a blur kernel.
+    """Measure how unnatural a photograph looks after it is deblurred with a kernel.
 
     The measure is the mean length of the picture's gradients over their rms. It is high for blurred
     edges, and for ringing by a wrong kernel (Krishnan, Tay and Fergus 2011, doi
     10.1109/CVPR.2011.5995521). It is multiplied by the factor by which the residual differs from
-    the noise, since a restoration with a wrong kernel adds false detail.
+    the noise, since a wrong kernel adds false detail.
     """
     seen = build_observation(photo.image, kernel, photo.noise or None, clipped=photo.valid == 0)
     answer = total_variation(seen)
@@ -137,31 +120,21 @@ def unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
 
 @dataclass(frozen=True)
 class BlindEstimateSettings:
-    """Tune the blind estimation of a blur kernel.
+    """Tune the estimate of an unknown blur kernel. All values are chosen.
 
-    All values are chosen.
-
-    Attributes
-    ----------
-    size_slack : float
-        Side of the window in which a kernel is estimated, relative to the requested size, so that
-        the kernel may shift.
-    speck_peak_share : float
-        Pixels of the kernel below this share of its peak are set to 0.
-    speck_light_share : float
-        Connected parts of the kernel with less than this share of its light are removed.
-    min_frame_sides : int
-        Smallest side of the photograph, relative to the kernel's.
-    start_count : int
-        Number of starts from which a kernel is refined.
-    refinement_rounds : int
-        Rounds of the refinement for a part of the photograph.
-    min_improvement : float
-        Factor by which the mean of two kernels must lower the unnaturalness to be used.
-    min_contrast_to_noise : float
-        Smallest standard deviation of the photograph, relative to that of the noise.
-    max_clipped_share : float
-        Largest share of clipped pixels.
+    size_slack: side of the window in which a kernel is estimated, relative to the requested size,
+        so that the kernel may shift.
+    speck_peak_share: pixels of the kernel below this share of its peak are set to 0.
+    speck_light_share: connected parts of the kernel with less than this share of its light are
+        removed.
+    min_frame_sides: smallest side of the photograph, relative to the kernel's.
+    start_count: number of starts from which a kernel is refined.
+    refinement_rounds: rounds of the refinement for a part of the photograph.
+    min_improvement: factor by which the mean of two kernels must lower the unnaturalness to be
+        used.
+    min_contrast_to_noise: smallest standard deviation of the photograph, relative to that of the
+        noise.
+    max_clipped_share: largest share of clipped pixels.
     """
 
     size_slack: float = 1.15
@@ -186,33 +159,15 @@ def blind_deconvolution(
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
 ) -> BlindRestoration:
-    """Restore a photograph with an unknown PSF by blind deconvolution.
+    """Deblur a photograph with an unknown PSF.
 
-    `find_kernel` estimates the kernel, and total_variation() restores the picture with the weight
-    by the evidence.
+    `find_kernel` estimates the kernel, and raises its ValueErrors. total_variation() restores the
+    picture with the weight by the evidence.
 
-    Parameters
-    ----------
-    image : torch.Tensor or numpy.ndarray, (rows, columns)
-        The photograph, light per pixel on any scale.
-    size : int
-        Largest side of the kernel in pixels, 3 or more.
-    noise : float, optional
-        Standard deviation of a pixel. Estimated if None.
-    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
-        True where the well was full.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    BlindRestoration
-        The kernel and the restored picture.
-
-    Raises
-    ------
-    ValueError
-        If `find_kernel` raises it.
+    image: light per pixel on any scale, (rows, columns).
+    size: largest side of the kernel in pixels, 3 or more.
+    noise: standard deviation of a pixel; estimated if None.
+    clipped: True where the well was full, (rows, columns).
     """
     progress = progress or Progress()
     kernel = find_kernel(image, size, noise=noise, clipped=clipped, progress=progress.part(0, 0.95))
@@ -228,46 +183,26 @@ def find_kernel(
     clipped: torch.Tensor | None = None,
     progress: Progress | None = None,
 ) -> KernelEstimate:
-    """Estimate a photograph's blur kernel from the photograph alone, for blind deconvolution.
+    """Estimate a photograph's blur kernel from the photograph alone.
 
     The kernel is taken to be the same everywhere. A first kernel comes from the strong edges of the
-    photograph, from coarse to fine scales (Cho and Lee; Xu, Zheng and Jia). Then the likeliest
-    kernel is estimated over all sharp pictures that the statistics of natural pictures allow
-    (Fergus et al.; Levin et al.); these pictures are sampled: see LatentImageSampler. The
-    estimation is done from two starts, and the difference of the results shows how reliable they
-    are. The scene beyond the frame is unknown. The random samples have a fixed seed, so that the
-    same photograph gives the same kernel.
+    photograph, from coarse to fine scales (Cho and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng
+    and Jia 2013). Then the likeliest kernel is estimated over all sharp pictures that the
+    statistics of natural pictures allow (Fergus et al. 2006, doi 10.1145/1141911.1141956; Levin et
+    al. 2011, doi 10.1109/CVPR.2011.5995308); these pictures are sampled: see LatentImageSampler.
+    The estimation is done from two starts, and the difference of the results shows how reliable
+    they are. The scene beyond the frame is unknown. The random samples have a fixed seed, so that
+    the same photograph gives the same kernel. See thesis Fig. 2.9 f, g.
 
-    Parameters
-    ----------
-    image : torch.Tensor or numpy.ndarray, (rows, columns)
-        The photograph, light per pixel on any scale; each side at least 3 times `size`.
-    size : int
-        Largest side of the kernel in pixels, 3 or more. A little more than the size of the blur is
-        best.
-    noise : float, optional
-        Standard deviation of a pixel. Estimated if None.
-    clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
-        True where the well was full; these pixels aren't used. At most half of the pixels.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
+    Raises ValueError if the photograph has no structure, is smaller than three kernels, isn't
+    finite or is mostly clipped, or if another argument is outside its range.
 
-    Returns
-    -------
-    KernelEstimate
-        The kernel with its standard deviation and score.
-
-    Raises
-    ------
-    ValueError
-        If the photograph has no structure, is smaller than three kernels, isn't finite or is mostly
-        clipped, or if another argument is outside its range.
-
-    References
-    ----------
-    Thesis Fig. 2.9 f, g; Cho and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng and Jia 2013;
-    Fergus et al. 2006, doi 10.1145/1141911.1141956; Levin et al. 2011, doi
-    10.1109/CVPR.2011.5995308.
+    image: light per pixel on any scale, (rows, columns); each side at least 3 times `size`.
+    size: largest side of the kernel in pixels, 3 or more; best a little more than the size of the
+        blur.
+    noise: standard deviation of a pixel; estimated if None.
+    clipped: True where the well was full, (rows, columns), in at most half of the pixels; these
+        aren't used.
     """
     psf, deviation, level, score = _find_kernel(image, size, noise, clipped, progress or Progress())
     seen = build_observation(image, psf, clipped=clipped)
@@ -285,7 +220,7 @@ def _find_kernel(
     clipped: torch.Tensor | None,
     progress: Progress,
 ) -> tuple[torch.Tensor, torch.Tensor, float, float]:
-    """Estimate a blur kernel blindly; return the kernel, its deviation, the noise and the score."""
+    """Return the kernel, its deviation, the noise and the score."""
     _require(image, size, noise, clipped)
     image = as_floating_point(image).to(torch.float64)
     known = torch.ones_like(image) if clipped is None else (~clipped.to(torch.bool)).to(image)
@@ -308,10 +243,7 @@ def _find_kernel(
 def _most_natural_kernel(
     photo: NormalisedPhotograph, size: int, progress: Progress
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Estimate two blur kernels blindly, from two starts; return the more natural one first.
-
-    The more natural kernel is the one whose restored picture has the lower unnaturalness().
-    """
+    """Estimate two blur kernels from two starts; return the one of lower unnaturalness() first."""
     count = len(EDGE_SETTINGS)
     starts = [
         _remove_specks(
@@ -339,11 +271,12 @@ def _most_natural_kernel(
 def _combine_kernels(
     photo: NormalisedPhotograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
 ) -> torch.Tensor:
-    """Average two blindly estimated blur kernels if that gives a more natural restored picture.
+    """Average two estimated blur kernels if that gives a more natural picture, else keep `fine`.
 
-    `edges` comes from the photograph's strong edges and `fine` from the statistics of natural
-    pictures. The result is their mean or `fine`. Where the errors of the two kernels differ, the
-    mean has a smaller error than either.
+    Where the errors of the two kernels differ, their mean has a smaller error than either.
+
+    edges: kernel from the photograph's strong edges.
+    fine: kernel from the statistics of natural pictures.
     """
     both = align_kernel(edges, fine).clamp(min=0) + fine
     mean = both / both.sum()
@@ -353,12 +286,11 @@ def _combine_kernels(
 
 
 def _remove_specks(kernel: torch.Tensor) -> torch.Tensor:
-    """Remove faint pixels and small isolated parts from a blindly estimated blur kernel."""
     return without_specks(kernel, _SETTINGS.speck_peak_share, _SETTINGS.speck_light_share)
 
 
 def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float:
-    """Estimate a blurred photograph's noise for blind deconvolution, from its finest detail.
+    """Estimate a blurred photograph's noise from its finest detail.
 
     The estimate is the median of the absolute diagonal detail, scaled for Gaussian noise (Donoho
     and Johnstone 1994, doi 10.1093/biomet/81.3.425).
@@ -369,10 +301,7 @@ def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float
 
 
 def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) -> float:
-    """Return a photograph's contrast; raise ValueError if it's too low for blind deconvolution.
-
-    The contrast is the standard deviation of the photograph's light.
-    """
+    """Return the standard deviation of a photograph's light; raise ValueError if it's too low."""
     light = image[valid > 0]
     spread = float(light.std(correction=0))
     least = _SETTINGS.min_contrast_to_noise * noise
@@ -387,7 +316,7 @@ def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) ->
 def _require(
     image: torch.Tensor, size: int, noise: float | None, clipped: torch.Tensor | None
 ) -> None:
-    """Raise ValueError for arguments from which blind deconvolution can't find a blur kernel."""
+    """Raise ValueError for arguments from which no blur kernel can be found."""
     if image.ndim != 2:
         raise ValueError(f"image is {tuple(image.shape)}; give one band, (rows, columns)")
     require_finite("image", as_floating_point(image))

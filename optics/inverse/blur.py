@@ -1,4 +1,4 @@
-"""Forward operators of a blur: by one PSF, by PSFs that vary, or where surfaces hide others."""
+"""Blur by one PSF, by PSFs that vary, or where surfaces hide others."""
 
 from __future__ import annotations
 
@@ -59,34 +59,28 @@ class Blur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the blur operator needs.
-
-        The input and the output aren't counted.
-        """
+        """The memory in bytes that one call needs besides input and output."""
         return 3 * self.transfer.nelement() * self.transfer.element_size()
 
     @property
     def diagonal(self) -> tuple[Domain, torch.Tensor]:
-        """The blur operator's transfer function, by which it multiplies the frequencies."""
+        """The transfer function, by which the frequencies are multiplied."""
         return "frequencies", self.transfer
 
 
 @accepts_numpy
 def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-    """Compute the transfer function of a blur operator from its PSF.
+    """Compute the rfft2 of a PSF on `shape`, with its origin moved from n // 2 to index 0.
 
-    The PSF has its origin at n // 2. The result is the PSF's rfft2 on `shape`. The zero rows around
-    the PSF aren't transformed. For a small PSF this saves nearly half of the time.
+    The zero rows around the PSF aren't transformed. For a small PSF this saves nearly half of the
+    time.
     """
     across = rfft(_wrap_axis(psf, -1, int(shape[1])))
     return fft(_wrap_axis(across, -2, int(shape[0])), int(shape[0]), -2, overwrite=True)
 
 
 def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
-    """Wrap a blur operator's PSF around the period along one axis.
-
-    The PSF's origin moves from n // 2 to index 0.
-    """
+    """Wrap a PSF around the period along one axis, with its origin moved from n // 2 to index 0."""
     length = psf.shape[dim]
     place = (torch.arange(length, device=psf.device) - length // 2) % period
     sizes = list(psf.shape)
@@ -95,7 +89,7 @@ def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
 
 
 def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
-    """Compute the shape of a period on which a blur operator doesn't wrap light around.
+    """Compute the shape of a period on which a blur doesn't wrap light around the frame.
 
     The period holds the frame and half a PSF on every side, and its FFTs are fast.
 
@@ -118,7 +112,7 @@ def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
 
 
 def require_border(border: str) -> None:
-    """Raise ValueError unless `border` names a border of the blur operator, one of BORDERS."""
+    """Raise ValueError unless `border` is one of BORDERS."""
     if border not in BORDERS:
         raise ValueError(f"border is {border!r}; take one of {', '.join(BORDERS)}")
 
@@ -193,17 +187,15 @@ class VaryingBlur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the varying blur operator needs.
-
-        The input and the output aren't counted.
-        """
+        """The memory in bytes that one call needs besides input and output."""
         return 3 * self.transfers.nelement() * self.transfers.element_size()
 
 
 def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
-    """Raise ValueError unless a blur operator gets as many pictures as PSFs, all of them finite.
+    """Raise ValueError unless there are as many pictures as PSFs, all of them finite.
 
-    `name` names the pictures in the message, and `each` says what they stand for, in the plural.
+    name: name of the pictures in the message.
+    each: what they stand for, in the plural.
     """
     require_finite("psfs", psfs)
     require_finite(name, shares)
@@ -217,9 +209,7 @@ def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, e
 def field_weights(
     shape: Sequence[int], rows: Sequence[float], columns: Sequence[float]
 ) -> torch.Tensor:
-    """Compute a varying blur operator's weights for PSFs that are known on a grid of positions.
-
-    The weights interpolate bilinearly between the positions.
+    """Compute the bilinear weights of PSFs that are known on a grid of positions.
 
     Parameters
     ----------
@@ -252,10 +242,9 @@ def field_weights(
 
 
 def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
-    """Compute a varying blur operator's linear interpolation weights along one axis.
+    """Compute the weights of linear interpolation along one axis, (places, n) for n pixels.
 
-    The result is (places, n) for n pixels. Each row is 1 at its own place and falls linearly to 0
-    at the neighbouring places.
+    Each row is 1 at its own place and falls linearly to 0 at the neighbouring places.
     """
     knots = torch.as_tensor(list(places), dtype=torch.float64)
     if not len(knots) or not bool((knots.diff() > 0).all()):
@@ -274,9 +263,7 @@ def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
 
 @accepts_numpy
 def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
-    """Convert a map of depth layers to the weights of a VaryingBlur operator.
-
-    The map has the layer's number at each pixel.
+    """Convert a map of depth layers to the weights of a VaryingBlur.
 
     Parameters
     ----------
@@ -366,8 +353,5 @@ class OccludingBlur(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the occluding blur operator needs.
-
-        The input and the output aren't counted.
-        """
+        """The memory in bytes that one call needs besides input and output."""
         return 3 * self.transfers.nelement() * self.transfers.element_size()

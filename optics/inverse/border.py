@@ -1,4 +1,4 @@
-"""Periodic continuation of a photograph beyond its border, for deconvolution by FFTs.
+"""Periodic continuation of a photograph beyond its border, as FFTs need it.
 
 The scene beyond the frame is blurred into the photograph, but it isn't measured.
 """
@@ -11,7 +11,7 @@ from optics.plane import centred_pad
 
 
 def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Extend a photograph smoothly to the period `shape` of its deconvolution.
+    """Extend a photograph smoothly to the period `shape`.
 
     The picture is mirrored at each edge. Across the gap, the mirrored parts of two opposite edges
     are blended into each other by a raised cosine, so that opposite edges meet smoothly.
@@ -23,10 +23,7 @@ def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Te
 
 
 def _fill_gap(whole: torch.Tensor, n: int, dim: int) -> None:
-    """Fill the samples around a photograph's frame for deconvolution, along one axis, in place.
-
-    The n samples in the middle are known and don't change.
-    """
+    """Fill the samples around the n known ones in the middle, along one axis, in place."""
     length = whole.shape[dim]
     gap, first = length - n, length // 2 - n // 2
     if gap == 0:
@@ -44,6 +41,6 @@ def _fill_gap(whole: torch.Tensor, n: int, dim: int) -> None:
 
 
 def _mirror(index: torch.Tensor, n: int, period: int) -> torch.Tensor:
-    """Mirror an index beyond a photograph's edge back into its n samples, for deconvolution."""
+    """Mirror an index beyond the edge back into the n samples."""
     folded = index % period
     return torch.where(folded < n, folded, period - folded)

@@ -1,4 +1,4 @@
-"""Restore within bounds of the light, for any forward operator (thesis Eq. 2.27 and 2.32)."""
+"""Deblur within bounds of the light, for any forward operator (thesis Eq. 2.27 and 2.32)."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ ValueAndGradient = tuple[torch.Tensor, torch.Tensor]
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """The data term of a restoration: half the weighted sum of (A x - y)².
+    """Half the weighted sum of (A x - y)², the data term.
 
-    A clipped pixel counts only where A x is below y, since its light is at least y.
-    `pixel_weights` are 1 everywhere if None.
+    A clipped pixel counts only where A x is below y, since its light is at least y. `pixel_weights`
+    are 1 everywhere if None.
     """
 
     operator: Operator
@@ -62,7 +62,7 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class Smoothness:
-    """The prior's penalty of a restoration within bounds, for each band of a picture.
+    """The penalty of each band of a picture, with its gradient.
 
     "tikhonov" is half the sum of x², and "gradient" is half the sum of |∇x|². "total variation" is
     the sum of √(|∇x|² + smoothing²) - smoothing, which is below the sum of |∇x| by at most
@@ -87,10 +87,10 @@ class Smoothness:
 
 
 def differences(x: torch.Tensor, periodic: bool) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute a picture's forward differences, on which a deconvolution's prior acts.
+    """Compute the forward differences down the columns and along the rows.
 
-    Returns the differences down the columns and those along the rows. In the last row and column
-    they are 0, or for a periodic picture the differences to the first row and column.
+    In the last row and column they are 0, or for a periodic picture the differences to the first
+    row and column.
     """
     down, along = x.roll(-1, -2).sub_(x), x.roll(-1, -1).sub_(x)
     if not periodic:
@@ -100,7 +100,7 @@ def differences(x: torch.Tensor, periodic: bool) -> tuple[torch.Tensor, torch.Te
 
 
 def differences_adjoint(down: torch.Tensor, along: torch.Tensor) -> torch.Tensor:
-    """Apply the adjoint of the forward differences on which a deconvolution's prior acts."""
+    """Apply the adjoint of differences()."""
     return down.roll(1, -2).sub_(down).add_(along.roll(1, -1)).sub_(along)
 
 
@@ -113,20 +113,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
-    """The minimum of a restoration's objective within bounds.
+    """The minimum of an objective within bounds.
 
-    Attributes
-    ----------
-    value : torch.Tensor
-        The minimiser, in the operator's domain.
-    objective : float
-        Value of the objective at the minimiser.
-    projected_gradient : float
-        Largest entry of the projected gradient at the minimiser, on the light's scale.
-    iterations : int
-        Number of iterations done.
-    converged : bool
-        Whether `projected_gradient` is at most the tolerance.
+    value: the minimiser, in the operator's domain.
+    objective: value of the objective there.
+    projected_gradient: largest entry of the projected gradient there, on the light's scale.
+    iterations: number of iterations done.
+    converged: whether `projected_gradient` is at most the tolerance.
     """
 
     value: torch.Tensor
@@ -156,51 +149,26 @@ def minimise_within_bounds(
     tol: float = 1e-4,
     progress: Progress | None = None,
 ) -> Minimum:
-    """Restore a blurred picture within bounds by minimising ``|A x - y|² / 2 + weight * prior(x)``.
+    """Minimise ``|A x - y|² / 2 + weight * prior(x)`` for x within bounds.
 
     The minimiser is L-BFGS-B (Byrd et al. 1995, doi 10.1137/0916069; thesis Eq. 2.32), in double
-    precision.
+    precision. Raises ValueError if an argument has the wrong shape or isn't finite, or if the
+    bounds cross.
 
-    Parameters
-    ----------
-    operator : Operator
-        A, from pictures (..., rows, columns) to data.
-    data : torch.Tensor or numpy.ndarray
-        y, of the operator's codomain.
-    weight : float
-        Regularisation weight, 0 or more.
-    prior : {"total variation", "gradient", "tikhonov"}, default "total variation"
-        The penalty: see Smoothness.
-    smoothing : float, optional
-        Length of a gradient, in light per pixel, below which total variation is smooth. It raises
-        the least objective of exact total variation by at most weight * smoothing * pixels. A
-        hundredth of the light's scale if None; smaller values need more iterations.
-    lower, upper : float or torch.Tensor, optional
-        Bounds of all samples, or of each sample; 0 and infinity by default.
-    weights : torch.Tensor, optional
-        Weight of each datum, 0 where it isn't used. All 1 if None.
-    clipped : torch.Tensor of bool, optional
-        True where the light is at least what was measured.
-    start : torch.Tensor, optional
-        Picture from which the minimisation starts.
-    periodic : bool, optional
-        Whether opposite edges of the picture are neighbours.
-    iterations : int, optional
-        Largest number of iterations.
-    tol : float, optional
-        Largest entry of the projected gradient, on the light's scale, at which the search ends.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    Minimum
-        The restored picture, with the objective and the projected gradient there.
-
-    Raises
-    ------
-    ValueError
-        If an argument has the wrong shape or isn't finite, or if the bounds cross.
+    operator: A, from pictures (..., rows, columns) to data.
+    data: y, of the operator's codomain.
+    weight: regularisation weight, 0 or more.
+    prior: the penalty: see Smoothness.
+    smoothing: length of a gradient, in light per pixel, below which total variation is smooth. It
+        raises the least objective of exact total variation by at most weight * smoothing * pixels.
+        A hundredth of the light's scale if None; smaller values need more iterations.
+    lower, upper: bounds of all samples, or of each sample.
+    weights: weight of each datum, 0 where it isn't used. All 1 if None.
+    clipped: True where the light is at least what was measured.
+    start: picture from which the minimisation starts.
+    periodic: whether opposite edges of the picture are neighbours.
+    iterations: largest number of iterations.
+    tol: largest entry of the projected gradient, on the light's scale, at which the search ends.
     """
     progress = progress or Progress()
     _require(operator, data, weight, prior, iterations, tol)
@@ -248,7 +216,7 @@ def minimise_within_bounds(
 
 
 def _light_in_weight(given: Mapping[str, Any]) -> float:
-    """Return the power of the light's unit in the weight of a deconvolution within bounds."""
+    """Return the power of the light's unit in the weight."""
     return 1.0 if given["prior"] == "total variation" else 0.0
 
 
@@ -266,7 +234,7 @@ def restore_within_bounds(
     tol: float = 1e-3,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a blurred photograph so that no pixel lies below or above given bounds.
+    """Undo a photograph's blur so that no pixel lies below or above given bounds.
 
     The result minimises ``|A x - y|² / 2 + weight · prior(x)`` within the bounds; the minimiser is
     L-BFGS-B in double precision. With an unknown border, the scene around the frame is estimated
@@ -349,7 +317,7 @@ def restore_within_bounds(
 
 
 class _ProgressCallback:
-    """The callback of L-BFGS-B that reports the restoration's progress after each iteration."""
+    """The callback of L-BFGS-B that reports progress after each iteration."""
 
     def __init__(self, progress: Progress, iterations: int) -> None:
         self._progress, self._iterations, self._done = progress, iterations, 0
@@ -364,7 +332,7 @@ class _ProgressCallback:
 def _require(
     operator: Operator, data: torch.Tensor, weight: float, prior: str, iterations: int, tol: float
 ) -> None:
-    """Raise ValueError for arguments that a deconvolution within bounds can't use."""
+    """Raise ValueError for arguments that can't be used."""
     if prior not in SMOOTH_PRIORS:
         raise ValueError(f"prior is {prior!r}; take one of {', '.join(SMOOTH_PRIORS)}")
     if not (weight >= 0 and math.isfinite(weight)):
@@ -377,10 +345,7 @@ def _require(
 
 
 def _even_light_gain(operator: Operator) -> float:
-    """Return the gain for even light of the blur that a deconvolution undoes.
-
-    If the gain is 0, the operator's norm is returned.
-    """
+    """Return the gain for even light, or the operator's norm if that is 0."""
     even = float(operator(torch.ones(operator.domain, dtype=torch.float64)).mean())
     gain = abs(even) or operator.norm()
     if not gain > 0:
@@ -391,7 +356,7 @@ def _even_light_gain(operator: Operator) -> float:
 def _validate_weights(
     y: torch.Tensor, weights: torch.Tensor | None, clipped: torch.Tensor | None
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    """Check the pixel weights and the clipping map for a deconvolution, and convert their types."""
+    """Check the pixel weights and the clipping map, and convert their types."""
     require_same_shape("data", y, weights=weights, clipped=clipped)
     if weights is not None:
         require_weights(weights)
@@ -402,7 +367,7 @@ def _validate_weights(
 def _broadcast_bounds(
     operator: Operator, lower: float | torch.Tensor, upper: float | torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Broadcast the deconvolved picture's bounds to its shape; raise ValueError if they cross."""
+    """Broadcast the bounds to the operator's domain; raise ValueError if they cross."""
     low, high = (
         torch.as_tensor(one, dtype=torch.float64).broadcast_to(operator.domain)
         for one in (lower, upper)
@@ -416,7 +381,7 @@ def _broadcast_bounds(
 def _extend_bound(
     bound: float | torch.Tensor, observation: Observation, name: str
 ) -> float | torch.Tensor:
-    """Extend a bound of the restored photograph from the frame to the deconvolution's period."""
+    """Extend a bound from the frame to the whole period, by its smallest or largest value."""
     given = torch.as_tensor(bound, dtype=torch.float64)
     if not given.ndim:
         return float(given)
@@ -434,7 +399,7 @@ def _extend_bound(
 
 
 def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
-    """Estimate the prior's weight in a deconvolution within bounds, by a faster restoration."""
+    """Estimate the prior's weight by a faster method."""
     if prior == "total variation":
         found = total_variation(observation, iterations=15).weight
     elif prior == "gradient":
@@ -446,7 +411,7 @@ def _default_weight(observation: Observation, prior: SmoothPrior) -> float:
 
 
 def _residual(observation: Observation, spread: torch.Tensor) -> float:
-    """Return the rms residual of a deconvolution's trusted pixels, relative to the noise."""
+    """Return the rms residual of the trusted pixels, relative to the noise."""
     squares = (spread - observation.normalised_image).square()
     if observation.effective_weights is not None:
         squares = (

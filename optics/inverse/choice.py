@@ -1,4 +1,4 @@
-"""The choice of the restoration method with the largest gain in a given time."""
+"""Choose the method with the largest gain in a given time, and run it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from optics.progress import Progress
 from optics.validation import require_count, require_positive
 
 DEFAULT_METHOD = "total-variation"
-"""Name of the default restoration method."""
+"""Name of the method that runs unless another is asked for."""
 
 # `python -m figures.fit_gains` fits the gains of the methods, on photographs that `make figures
 # ONLY=budget`, which checks the choice, doesn't see.
@@ -34,7 +34,7 @@ def restore(
     denoise: Denoise | None = None,
     speed: MachineSpeed | None = None,
 ) -> RestoredImage:
-    """Restore a photograph with a known blur, by the best deconvolution that the time allows.
+    """Undo a photograph's known blur by the best method that the time allows.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def restore(
 def _require(
     budget: float | None, method: str | None, weight: float | None, count: int | None
 ) -> None:
-    """Raise ValueError for invalid or conflicting arguments of restore(), the deconvolution."""
+    """Raise ValueError for invalid arguments of restore(), or for ones that exclude each other."""
     if budget is not None:
         require_positive("budget", budget, "s")
     select_methods(METHODS, method)
@@ -117,30 +117,15 @@ def choose_method(
     denoise: Denoise | None = None,
     speed: MachineSpeed | None = None,
 ) -> tuple[str, int]:
-    """Choose the deconvolution with the largest gain in a budget, as predicted for the photograph.
+    """Return the method with the largest predicted gain in a budget, and its number of iterations.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF. Noise, size of the PSF, its spectrum, the picture and the border decide.
-    budget : float
-        Seconds of processor time.
-    method : str, optional
-        The only method that is considered.
-    denoise : callable, optional
-        Denoiser; methods that need one aren't considered without it, unless named.
-    speed : MachineSpeed, optional
-        Speed of the machine, by which times are predicted.
+    Noise, size of the PSF, its spectrum, the picture and the border decide. Raises ValueError if no
+    method fits in the budget.
 
-    Returns
-    -------
-    tuple of str and int
-        The name of the method, and its number of iterations.
-
-    Raises
-    ------
-    ValueError
-        If no method fits in the budget.
+    budget: processor time, seconds.
+    method: name of the only method that is considered.
+    denoise: methods that need a denoiser aren't considered without it, unless named.
+    speed: speed of the machine, by which times are predicted.
     """
     speed, case = speed or MachineSpeed(), RestorationCase.of(observation)
     best = best_within(

@@ -1,4 +1,4 @@
-"""The picture's step of a restoration by splitting, in closed form on frequencies.
+"""The picture's step of an iteration by splitting, in closed form on frequencies.
 
 It holds for as many bands as channels, for more of them, and where the light is split off.
 """
@@ -42,14 +42,11 @@ that minimises data term + coupling / 2 * its squared distance to the given ligh
 
 
 class SplitLight:
-    """The blurred light of a restoration, split off from the picture and pulled to the photograph.
+    """The blurred light, split off from the picture and pulled to the photograph.
 
-    Attributes
-    ----------
-    target : torch.Tensor, (bands, rows, columns)
-        The split less its dual variable, on the period: what the next picture's light should be.
-    mean_squared_residual : float
-        The last picture's mean squared residual, relative to the noise variance.
+    target: the split less its dual variable, (bands, rows, columns) on the period: what the next
+        picture's light should be.
+    mean_squared_residual: of the last picture, relative to the noise variance.
     """
 
     def __init__(
@@ -61,9 +58,10 @@ class SplitLight:
         self._dual = torch.zeros_like(observation.crop_to_frame(start))
 
     def update(self, light: torch.Tensor, held: float) -> None:
-        """Update the deconvolution's split for the last picture's blurred light, which it takes.
+        """Update the split for the last picture's blurred light, which it takes over.
 
-        `light` is (bands, rows, columns) on the period, and `held` is the coupling.
+        light: (bands, rows, columns), on the period.
+        held: the coupling.
         """
         seen = self._observation
         self.target, self.mean_squared_residual = light, seen.mean_squared_residual(light)
@@ -78,7 +76,7 @@ class SplitLight:
         self._dual = taken.neg_()
 
     def _step_to_data(self, light: torch.Tensor, held: float) -> torch.Tensor:
-        """Return what the proximal step of a deconvolution's data term adds to light."""
+        """Return what the proximal step of the data term adds to light."""
         seen = self._observation
         left = seen.normalised_image - seen.sum_bands(light)
         if self._data_prox is not None:
@@ -100,7 +98,7 @@ class SplitLight:
 
 
 def relative_coupling(observation: Observation, iterations: int, weight: float) -> float:
-    """Return the coupling of a deconvolution's blurred light, relative to the weight's root."""
+    """Return the blurred light's coupling over the square root of weight over scale."""
     coupling = min(max(COUPLED_ITERATIONS / iterations, LEAST_COUPLING), MOST_COUPLING)
     varied = 1.0 if observation.variance is None else VARIED_COUPLING
     if observation.border == "periodic":
@@ -122,8 +120,9 @@ linear systems would need double precision."""
 class ChannelStep(PictureStep):
     """The picture's step with the blurred light of each channel of the sensor split off.
 
-    `bands` are the couplings of the penalty, whose axes diagonalise all priors. `iterations` is the
-    number that is planned, and `data_prox` replaces the weighted squares.
+    iterations: the number that is planned.
+    bands: couplings of the penalty, whose axes diagonalise all priors.
+    data_prox: replaces the weighted squares.
     """
 
     def __init__(
@@ -165,7 +164,7 @@ class ChannelStep(PictureStep):
         return self._split.mean_squared_residual
 
     def _prepare(self, priors: Sequence[Prior], weight: float) -> None:
-        """Compute what the deconvolution's next steps share until the prior's weight changes.
+        """Compute what the next steps share until the prior's weight changes.
 
         That is the inverse of the priors' penalty of each component and frequency, and with it, of
         each frequency, the inverse matrix of the system for the light of all channels.
@@ -186,10 +185,10 @@ class ChannelStep(PictureStep):
         self._inverse = self._invert_systems()
 
     def _invert_systems(self) -> torch.Tensor:
-        """Invert the deconvolution's matrix of the channels' light at each frequency.
+        """Invert the matrix of the channels' light at each frequency.
 
-        The matrix is A P⁻¹ A* + 1 / coupling, with the model A from components to the channels'
-        light and the priors' penalty P. The result is (channels, channels, rows, columns).
+        The result is (channels, channels, rows, columns). The matrix is A P⁻¹ A* + 1 / coupling,
+        with the model A from components to the channels' light and the priors' penalty P.
         """
         otf = self.observation.otf
         rows = [self._to_axes(channel[:, None, None] * otf) for channel in self._mixing]
@@ -204,10 +203,7 @@ class ChannelStep(PictureStep):
         return _invert_in_place(systems)
 
     def _prior_pull(self, priors: Sequence[Prior]) -> torch.Tensor | None:
-        """Return the priors' part of the deconvolution's right-hand side, as components' spectra.
-
-        It is None before the first splits.
-        """
+        """Return the priors' part of the right-hand side, as components' spectra; None at first."""
         total = None
         for prior, coupling in zip(priors, self._couplings, strict=True):
             if prior.adjoint_target is not None:
@@ -216,37 +212,38 @@ class ChannelStep(PictureStep):
         return None if total is None else self._to_axes(rfft2(total))
 
     def _channel_light(self, components: torch.Tensor) -> torch.Tensor:
-        """Return the spectra of the channels' blurred light of a deconvolved picture's components.
+        """Return the spectra of the channels' blurred light, (channels, rows, columns).
 
-        They are (channels, rows, columns), and the picture's are (bands, rows, columns).
+        components: spectra of the picture's components, (bands, rows, columns).
         """
         light = self._from_axes(components).mul_(self.observation.otf)
         return _transform_spectra(self._mixing, light)
 
     def _components_of_light(self, light: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of _channel_light() to the spectra of the channels' blurred light."""
+        """Apply the adjoint of _channel_light()."""
         spread = _transform_spectra(self._mixing.mT, light)
         return self._to_axes(spread.mul_(self.observation.conjugate_otf))
 
     def _to_axes(self, spectra: torch.Tensor) -> torch.Tensor:
-        """Return the components of the spectra of a deconvolved picture's bands, without scales."""
+        """Return the components of the bands' spectra, without scales."""
         return _transform_spectra(self._axes, spectra)
 
     def _from_axes(self, spectra: torch.Tensor) -> torch.Tensor:
-        """Return the spectra of a deconvolved picture's bands from those of its components."""
+        """Return the bands' spectra from those of the components."""
         return _transform_spectra(self._axes.mT, spectra)
 
 
 def _transform_spectra(matrix: torch.Tensor, spectra: torch.Tensor) -> torch.Tensor:
-    """Multiply the bands of each frequency of a deconvolved picture by a real matrix."""
+    """Multiply the bands of each frequency by a real matrix."""
     parts = transform_bands(matrix, torch.view_as_real(spectra))
     return torch.view_as_complex(parts)
 
 
 def _multiply(matrices: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-    """Multiply a deconvolution's spectra of the channels by a matrix at each frequency.
+    """Multiply the channels' spectra by a matrix at each frequency.
 
-    The matrices are (channels, channels, rows, columns), and the light (channels, rows, columns).
+    matrices: (channels, channels, rows, columns).
+    light: (channels, rows, columns).
     """
     result = matrices[:, 0] * light[0]
     for column in range(1, len(light)):
@@ -255,10 +252,10 @@ def _multiply(matrices: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
 
 
 def _invert_in_place(matrices: torch.Tensor) -> torch.Tensor:
-    """Invert a deconvolution's positive definite matrices of all frequencies, in place.
+    """Invert the positive definite matrices of all frequencies, (n, n, rows, columns), in place.
 
-    They are (n, n, rows, columns). Gauss and Jordan's elimination needs no pivots for such
-    matrices, and treats all frequencies at once.
+    Gauss and Jordan's elimination needs no pivots for such matrices, and treats all frequencies at
+    once.
     """
     for k in range(len(matrices)):
         pivot = matrices[k, k].reciprocal()
@@ -279,10 +276,11 @@ def frequency_step(
     data_prox: DataProx | None = None,
     bands: BandCoupling | None = None,
 ) -> PictureStep:
-    """Return the closed-form picture's step of a restoration by splitting.
+    """Choose the closed-form step that suits observation, data term and bands.
 
-    `data_prox` replaces the weighted squares by another data term of the light in the frame.
-    `iterations` is the number that is planned. `bands` is the coupling of the prior's bands.
+    iterations: the number that is planned.
+    data_prox: replaces the weighted squares by another data term of the light in the frame.
+    bands: coupling of the prior's bands.
     """
     if bands is not None and bands.scales is not None:
         return ChannelStep(observation, iterations, bands, data_prox)
@@ -292,7 +290,7 @@ def frequency_step(
 
 
 class _FrequencyStep(PictureStep):
-    """Base class of the steps of a restoration's picture that are diagonal in frequency."""
+    """Base class of the picture's steps that are diagonal in frequency."""
 
     def __init__(self, observation: Observation) -> None:
         super().__init__(observation)
@@ -301,18 +299,18 @@ class _FrequencyStep(PictureStep):
 
     @abstractmethod
     def _couplings(self, weight: float) -> tuple[float, float]:
-        """Return the deconvolution's coupling of the blurred light, and the factor of |H|²."""
+        """Return the coupling of the blurred light, and the factor of |H|²."""
 
     @abstractmethod
     def _pull(self, held: float) -> torch.Tensor:
-        """Return the photograph's part of a deconvolution step's right-hand side, as a spectrum.
+        """Return the photograph's part of the right-hand side, a spectrum that callers must keep.
 
-        `held` is the coupling. Callers mustn't overwrite the result.
+        held: the coupling.
         """
 
     @abstractmethod
     def _finish(self, spectrum: torch.Tensor, held: float) -> None:
-        """Update the split of a deconvolution's data term; it may overwrite the spectrum."""
+        """Update the split of the data term; it may overwrite the spectrum."""
 
     def next_picture(self, priors: Sequence[Prior], weight: float) -> torch.Tensor:
         held, factor = self._couplings(weight)
@@ -325,10 +323,7 @@ class _FrequencyStep(PictureStep):
     def _right_hand_side(
         self, priors: Sequence[Prior], weight: float, held: float, factor: float
     ) -> torch.Tensor:
-        """Add up the parts of photograph and priors in a deconvolution step's right-hand side.
-
-        Callers may overwrite the spectrum.
-        """
+        """Add up the parts of photograph and priors, in a spectrum that callers may overwrite."""
         first, *others = priors
         wanted, pull = first.adjoint_target, self._pull(held)
         if wanted is None:
@@ -342,7 +337,7 @@ class _FrequencyStep(PictureStep):
         return torch.add(pull, spectrum, alpha=coupled, out=spectrum)
 
     def _inverse_gram(self, priors: Sequence[Prior], weight: float, factor: float) -> GramOperator:
-        """Return the inverse of a deconvolution's normal equations, kept until the weight changes.
+        """Return the inverse of the normal equations, kept until the weight changes.
 
         It has one factor for each band and frequency, in which the priors' parts are penalties.
         """

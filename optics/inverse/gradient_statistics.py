@@ -15,10 +15,7 @@ for photographs that are scaled to it."""
 
 
 def gradients(image: torch.Tensor) -> torch.Tensor:
-    """Compute a picture's gradients, which the priors of blind deconvolution describe.
-
-    The gradients are the differences along x and y, (2, rows - 1, columns - 1).
-    """
+    """Compute the differences along x and y, (2, rows - 1, columns - 1)."""
     corner = image[:-1, :-1]
     return torch.stack([image[:-1, 1:] - corner, image[1:, :-1] - corner])
 
@@ -27,12 +24,14 @@ def gradients(image: torch.Tensor) -> torch.Tensor:
 def log_histogram(
     image: torch.Tensor, bins: int = 101, reach: float | None = None
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute the log histogram of a picture's gradients, which deconvolution priors describe.
+    """Compute the natural logarithm of the gradients' probability density (thesis Fig. 2.10).
 
-    See thesis Fig. 2.10. `image` is (rows, columns). Gradients from -reach to reach are counted, or
-    all of them if `reach` is None. Returns the centres of the bins, and the natural logarithm of
-    the gradients' probability density, -inf where a bin is empty; both are float64. Raises
-    ValueError for pictures that are constant, too small or not finite, or for fewer than 3 bins.
+    Returns the centres of the bins, and the logarithms, -inf where a bin is empty; both are
+    float64. Raises ValueError for pictures that are constant, too small or not finite, or for fewer
+    than 3 bins.
+
+    image: (rows, columns).
+    reach: gradients from -reach to reach are counted, all of them if None.
     """
     values = _gradient_values(image)
     if bins < 3:
@@ -50,10 +49,10 @@ def log_histogram(
 
 @dataclass(frozen=True)
 class GaussianMixture:
-    """A distribution of picture gradients: a mixture of Gaussians with mean 0.
+    """A mixture of Gaussians with mean 0 (Fergus et al. 2006, doi 10.1145/1141911.1141956).
 
-    See Fergus et al. 2006, doi 10.1145/1141911.1141956. `shares` are the weights of the Gaussians,
-    which sum to 1, and `deviations` are their standard deviations.
+    shares: weights of the Gaussians, which sum to 1.
+    deviations: their standard deviations.
     """
 
     shares: tuple[float, ...]
@@ -71,18 +70,19 @@ class GaussianMixture:
             raise ValueError(f"deviations are {self.deviations}; they must be positive")
 
     def with_scale(self, factor: float) -> GaussianMixture:
-        """Return blind deconvolution's gradient prior for light that is multiplied by `factor`."""
+        """Return the distribution for light that is multiplied by `factor`."""
         return GaussianMixture(self.shares, tuple(factor * one for one in self.deviations))
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the natural log density of gradients under blind deconvolution's mixture prior."""
+        """Return the natural log density of gradients."""
         return self.log_joint(values.square()).logsumexp(0) - 0.5 * math.log(2 * math.pi)
 
     def log_joint(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return the log of each Gaussian's part in the gradient prior of blind deconvolution.
+        """Return the log of each Gaussian's part in the density, (components, ...).
 
-        `squares` are squared gradients, and the result is (components, ...). The constant -log(2
-        pi) / 2 is left out.
+        The constant -log(2 pi) / 2 is left out.
+
+        squares: squared gradients.
         """
         parts = [
             math.log(share / deviation) - squares / (2 * deviation**2)
@@ -91,10 +91,12 @@ class GaussianMixture:
         return torch.stack(parts)
 
     def expected_precision(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return each gradient's expected inverse variance under the prior of blind deconvolution.
+        """Return each gradient's expected inverse variance.
 
-        `squares` are squared gradients. The mean is over the mixture's Gaussians, weighted by the
-        probability that the gradient comes from each.
+        The mean is over the mixture's Gaussians, weighted by the probability that the gradient
+        comes from each.
+
+        squares: squared gradients.
         """
         membership = self.log_joint(squares).softmax(0)
         return sum(
@@ -106,10 +108,7 @@ class GaussianMixture:
         )
 
     def moment(self, power: float) -> float:
-        """Return the mean of ``|gradient|`` to a power under deconvolution's Gaussian mixture.
-
-        The power must be above -1.
-        """
+        """Return the mean of ``|gradient|`` to a power above -1."""
         normal = 2 ** (power / 2) * math.gamma((power + 1) / 2) / math.sqrt(math.pi)
         pairs = zip(self.shares, self.deviations, strict=True)
         return normal * sum(share * deviation**power for share, deviation in pairs)
@@ -126,18 +125,12 @@ class GeneralisedGaussian:
     power: float
 
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the log density of gradients under deconvolution's generalised Gaussian prior.
-
-        The logarithm is natural.
-        """
+        """Return the natural log density of gradients."""
         top = math.log(self.power / (2 * self.scale)) - math.lgamma(1 / self.power)
         return top - (values.abs() / self.scale) ** self.power
 
     def moment(self, power: float) -> float:
-        """Return the mean of ``|gradient|`` to a power under deconvolution's generalised Gaussian.
-
-        The power must be above -1.
-        """
+        """Return the mean of ``|gradient|`` to a power above -1."""
         ratio = math.lgamma((power + 1) / self.power) - math.lgamma(1 / self.power)
         return self.scale**power * math.exp(ratio)
 
@@ -150,12 +143,11 @@ and scikit-image's). Its smallest deviation isn't below the quantisation by 8 bi
 
 @accepts_numpy
 def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> GaussianMixture:
-    """Fit a mixture of Gaussians to a picture's gradients, as a prior for blind deconvolution.
+    """Fit a mixture of Gaussians to the gradients of a picture, (rows, columns).
 
-    The picture is (rows, columns). The likelihood is maximised by expectation maximisation on a
-    histogram. Deviations are at least half a bin of the histogram, since the zero gradients of even
-    surfaces would otherwise make one of them 0. Raises ValueError for constant pictures, or a
-    number of components outside 1 to 8.
+    The likelihood is maximised by expectation maximisation on a histogram. Deviations are at least
+    half a bin of the histogram, since the zero gradients of even surfaces would otherwise make one
+    of them 0. Raises ValueError for constant pictures, or a number of components outside 1 to 8.
     """
     if not 1 <= components <= 8:
         raise ValueError(f"components is {components}; give 1 to 8")
@@ -179,11 +171,11 @@ def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> G
 
 @accepts_numpy
 def fit_generalised_gaussian(image: torch.Tensor) -> GeneralisedGaussian:
-    """Fit a generalised Gaussian to a picture's gradients, as a prior for deconvolution.
+    """Fit a generalised Gaussian to the gradients of a picture, (rows, columns).
 
-    The picture is (rows, columns). The power follows from the ratio of the gradients' mean square
-    to the square of their mean length (Sharifi and Leon-Garcia 1995, doi 10.1109/76.350779). It is
-    limited to 0.1 to 8. Raises ValueError for constant pictures.
+    The power follows from the ratio of the gradients' mean square to the square of their mean
+    length (Sharifi and Leon-Garcia 1995, doi 10.1109/76.350779). It is limited to 0.1 to 8. Raises
+    ValueError for constant pictures.
     """
     values = _gradient_values(image).abs()
     mean, square = float(values.mean()), float(values.square().mean())
@@ -199,7 +191,7 @@ def fit_generalised_gaussian(image: torch.Tensor) -> GeneralisedGaussian:
 
 
 def _gradient_values(image: torch.Tensor) -> torch.Tensor:
-    """Return all gradients of a picture as a vector, to fit a deconvolution prior to them.
+    """Return all gradients of a picture as a vector.
 
     Raises ValueError for pictures that are too small, constant or not finite.
     """

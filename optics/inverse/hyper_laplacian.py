@@ -1,4 +1,4 @@
-"""Deconvolution with a hyper-Laplacian prior, which suits the gradients of natural pictures."""
+"""Deblur with a hyper-Laplacian prior, which suits the gradients of natural pictures."""
 
 from __future__ import annotations
 
@@ -47,41 +47,25 @@ def hyper_laplacian(
     rounds: int = 10,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a blurred photograph with a hyper-Laplacian prior, the sum of gradients to a power.
+    """Deblur with a hyper-Laplacian prior, the sum of the gradients' lengths to a power.
 
     The result minimises |H x - y|² / 2 + weight * the sum of |∇x|^power, where the first term
     counts trusted pixels only (Krishnan and Fergus 2009, "Fast image deconvolution using
     hyper-Laplacian priors", NIPS 22). |∇x| is the length of the gradient, independent of its
-    direction.
+    direction. The picture is cut to be nowhere negative.
 
     The solver is half-quadratic splitting. In turn, it shrinks the split gradients one by one, and
     computes the picture that is nearest to them and to the data, while their coupling grows. The
     problem has many minima. The solver ends near a good one, and more rounds lead to a lower one.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF.
-    power : float, optional
-        Power of the gradients' lengths, above 0 and up to 1. It is 0.5 to 0.8 for natural pictures.
-    weight : float, optional
-        Regularisation weight, in light per pixel to the power 2 - power. Estimated from the
+    Raises ValueError for a power outside 0 to 1, a weight that isn't positive, or too few rounds.
+
+    power: power of the gradients' lengths, above 0 and up to 1. It is 0.5 to 0.8 for natural
+        pictures.
+    weight: regularisation weight, in light per pixel to the power 2 - power. Estimated from the
         evidence of the picture if None.
-    rounds : int, optional
-        Number of couplings, spaced evenly in logarithms, 2 or more. Each round costs one pair of
-        FFTs if the whole period was measured, otherwise a few pairs.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    RestoredImage
-        The picture in the photograph's frame, never negative.
-
-    Raises
-    ------
-    ValueError
-        For a power outside 0 to 1, a weight that isn't positive, or too few rounds.
+    rounds: number of couplings, spaced evenly in logarithms, 2 or more. Each round costs one pair
+        of FFTs if the whole period was measured, otherwise a few pairs.
     """
     require_power(power)
     if weight is not None:
@@ -110,7 +94,7 @@ def hyper_laplacian(
 
 
 class _ShrunkGradient(Prior):
-    """The split gradient of hyper-Laplacian deconvolution, with a coupling that grows."""
+    """The split gradient, with a coupling that grows from round to round."""
 
     def __init__(self, observation: Observation, power: float, rounds: int) -> None:
         self._observation, self._power, self._round = observation, power, 0
@@ -135,12 +119,12 @@ class _ShrunkGradient(Prior):
 
 
 def _low_frequency_laplacian(squares: torch.Tensor) -> torch.Tensor:
-    """Return the negative Laplacian at low squared frequencies, for a deconvolution's coupling."""
+    """Return the negative Laplacian at low frequencies, by their squares in (cycles/pixel)²."""
     return 4 * math.pi**2 * squares
 
 
 def _couplings(scale: float, power: float, rounds: int) -> list[float]:
-    """Return the couplings of hyper-Laplacian deconvolution's split gradient, from loose to tight.
+    """Return the couplings of the split gradient, from loose to tight.
 
     For pictures of unit scale they go from 1 to 1000.
     """
@@ -151,12 +135,10 @@ def _couplings(scale: float, power: float, rounds: int) -> list[float]:
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
-    """Run hyper-Laplacian deconvolution through the interface of all restorations."""
     return hyper_laplacian(observation, weight=weight, rounds=iterations, progress=progress)
 
 
 def _round_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one round of hyper-Laplacian deconvolution."""
     return RestorationCost(2, 60) if observation.is_fully_measured else RestorationCost(14, 200)
 
 

@@ -1,4 +1,4 @@
-"""Search a blur kernel, first by strong edges, then by statistics of natural pictures.
+"""Search for a blur kernel, first by strong edges, then by statistics of natural pictures.
 
 Parts of the photograph and a second search tell its uncertainty.
 """
@@ -35,7 +35,7 @@ STEP = math.sqrt(2)
 
 
 def scale_factors(size: int) -> list[float]:
-    """Return the factors by which blind deconvolution shrinks a photograph, from coarse to 1.
+    """Return the factors by which a photograph is shrunk, from coarse to 1.
 
     A kernel of `size` has at least 3 pixels at the coarsest scale.
     """
@@ -44,16 +44,13 @@ def scale_factors(size: int) -> list[float]:
 
 
 def next_odd(size: float) -> int:
-    """Round the size of blind deconvolution's blur kernel up to an odd number, 3 or more."""
+    """Round a kernel's size up to an odd number, 3 or more."""
     whole = math.ceil(size - 1e-9)
     return max(3, whole + 1 - whole % 2)
 
 
 def downsample(image: torch.Tensor, factor: float) -> torch.Tensor:
-    """Shrink a photograph without aliasing, for blind deconvolution at a coarser scale.
-
-    The photograph is (rows, columns).
-    """
+    """Shrink a photograph, (rows, columns), without aliasing."""
     if factor == 1:
         return image
     rows, columns = (round(n / factor) for n in image.shape)
@@ -63,7 +60,7 @@ def downsample(image: torch.Tensor, factor: float) -> torch.Tensor:
 
 
 def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tensor:
-    """Enlarge a blur kernel from a coarser to a finer scale of blind deconvolution.
+    """Enlarge a kernel from a coarser to a finer scale.
 
     The origin stays at n // 2. The result is (size, size) with a sum of 1.
     """
@@ -76,27 +73,23 @@ def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tens
 
 
 def point_kernel(size: int) -> torch.Tensor:
-    """Return blind deconvolution's kernel without blur: (size, size), all light at n // 2."""
+    """Return the kernel without blur: (size, size), all light at n // 2."""
     point = torch.zeros(size, size)
     point[size // 2, size // 2] = 1
     return point
 
 
 def centre_kernel(kernel: torch.Tensor, size: int) -> torch.Tensor:
-    """Move a blindly estimated blur kernel by whole pixels into the middle of (size, size).
-
-    The result has a sum of 1. See centred_window_start().
-    """
+    """Move a kernel by whole pixels into the middle of (size, size), with a sum of 1."""
     cut = cut_window(kernel, centred_window_start(kernel, size), size)
     return cut / cut.sum()
 
 
 def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
-    """Find the first row and column of the window that centres blind deconvolution's kernel.
+    """Find the first row and column of the (size, size) window that centres a kernel.
 
-    The window is (size, size), and may extend beyond the kernel. Among the windows that hold the
-    most light, up to a small share, the one is chosen whose centre n // 2 is nearest to the
-    kernel's centroid.
+    The window may extend beyond the kernel. Among the windows that hold the most light, up to a
+    small share, the one is chosen whose centre n // 2 is nearest to the kernel's centroid.
     """
     rows, columns = (
         _best_window_start(torch.nn.functional.pad(kernel.sum(1 - dim), (size, size)), size) - size
@@ -106,10 +99,9 @@ def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
 
 
 def cut_window(kernel: torch.Tensor, first: tuple[int, int], size: int) -> torch.Tensor:
-    """Cut a (size, size) window out of blind deconvolution's blur kernel, padded with zeros.
+    """Cut a (size, size) window out of a kernel, padded with zeros.
 
-    `first` is the window's first row and column, which may lie up to `size` pixels outside the
-    kernel.
+    first: the window's first row and column, up to `size` pixels outside the kernel.
     """
     padded = torch.nn.functional.pad(kernel, (size, size, size, size))
     y, x = first[0] + size, first[1] + size
@@ -117,9 +109,9 @@ def cut_window(kernel: torch.Tensor, first: tuple[int, int], size: int) -> torch
 
 
 def _best_window_start(profile: torch.Tensor, size: int) -> int:
-    """Find where the window of `size` starts that centres blind deconvolution's kernel on an axis.
+    """Find where the window of `size` that centres a kernel starts on one axis.
 
-    `profile` is the kernel's sum over the other axis.
+    profile: the kernel's sum over the other axis.
     """
     inside = torch.nn.functional.pad(profile.to(torch.float64).cumsum(0), (1, 0))
     held = inside[size:] - inside[:-size]
@@ -134,10 +126,10 @@ _TOUCHING = np.ones((3, 3))
 
 
 def without_specks(kernel: torch.Tensor, faint: float, small: float) -> torch.Tensor:
-    """Remove faint pixels and small isolated parts from a blindly estimated blur kernel.
+    """Remove faint pixels and small isolated parts from a kernel; the result sums to 1.
 
     Pixels below the share `faint` of the peak are set to 0, and so are connected parts with less
-    than the share `small` of the light. The result sums to 1.
+    than the share `small` of the light.
     """
     kept = torch.where(kernel >= faint * kernel.max(), kernel, 0.0)
     if small > 0:
@@ -173,11 +165,13 @@ class StrongEdges:
         self._interior[frame] = 1 - unseen[frame]
 
     def estimate_picture(self, kernel: torch.Tensor, weight: float) -> torch.Tensor:
-        """Estimate a sharp picture with few edges by deconvolution with a trial blur kernel.
+        """Estimate the sharp picture with few edges that a trial kernel blurs to the photograph.
 
         The picture x minimises |k * x - image|² + weight * (number of pixels where x has a
         gradient), by half-quadratic splitting (Xu, Zheng and Jia 2013, doi 10.1109/CVPR.2013.147).
-        `kernel` is k, with its origin at n // 2. Opposite borders of the photograph are blended.
+        Opposite borders of the photograph are blended.
+
+        kernel: k, with its origin at n // 2.
         """
         transfer = transfer_function(kernel, self._period_shape)
         told, power = transfer.conj() * self._spectrum, squared_modulus(transfer)
@@ -197,11 +191,12 @@ class StrongEdges:
     def estimate_kernel(
         self, picture: torch.Tensor, start: torch.Tensor, ridge: float
     ) -> torch.Tensor:
-        """Estimate the kernel k of blind deconvolution from a sharp picture with few edges.
+        """Estimate the kernel k that blurs a picture with few edges most nearly to the photograph.
 
-        The picture, blurred by k, matches the photograph best. `ridge` is the weight of |k|², which
-        determines what the edges don't. The result sums to 1. If the picture has no edges, the
-        result is `start`.
+        The result sums to 1.
+
+        start: the result if the picture has no edges.
+        ridge: weight of |k|², which determines what the edges don't.
         """
         edges = gradients(picture) * self._interior
         rows, columns = self._size
@@ -218,11 +213,12 @@ class StrongEdges:
 
 @dataclass(frozen=True)
 class EdgeSettings:
-    """The penalties of the kernel search by strong edges.
+    """Penalties of the search by strong edges.
 
-    They are for photographs whose light has a standard deviation of LIGHT_DEVIATION. `weight` is
-    the first penalty of each pixel with a gradient. `ridge` is the penalty of the kernel's squared
-    norm.
+    They are for photographs whose light has a standard deviation of LIGHT_DEVIATION.
+
+    weight: first penalty of each pixel with a gradient.
+    ridge: penalty of the kernel's squared norm.
     """
 
     weight: float
@@ -236,30 +232,19 @@ all photographs."""
 
 @dataclass(frozen=True)
 class KernelSearchSettings:
-    """Tune the search for a blur kernel by strong edges and by statistics.
+    """Tune the search for a kernel by strong edges and by statistics. All values are chosen.
 
-    All values are chosen.
-
-    Attributes
-    ----------
-    weight_divisor : float
-        Divisor of the edges' weight in each iteration.
-    max_weight_division : float
-        Largest divisor of the edges' weight over all scales.
-    iterations_per_scale : int
-        Iterations of the search by edges at each scale.
-    speck_light_share : float
-        Connected parts of the kernel with less than this share of its light are removed.
-    initial_noise_factor : float
-        First noise of the search by statistics, relative to the photograph's noise.
-    burn_in_rounds : int
-        First rounds of the search by statistics, in which the kernel doesn't change.
-    history_weight : float
-        Weight of the earlier samples in each round.
-    seed : int
-        Seed of the random samples.
-    min_noise : float
-        Smallest standard deviation of the noise, which allows for errors of the model.
+    weight_divisor: divisor of the edges' weight in each iteration.
+    max_weight_division: largest divisor of the edges' weight over all scales.
+    iterations_per_scale: iterations of the search by edges at each scale.
+    speck_light_share: connected parts of the kernel with less than this share of its light are
+        removed.
+    initial_noise_factor: first noise of the search by statistics, relative to the photograph's
+        noise.
+    burn_in_rounds: first rounds of the search by statistics, in which the kernel doesn't change.
+    history_weight: weight of the earlier samples in each round.
+    seed: seed of the random samples.
+    min_noise: smallest standard deviation of the noise, which allows for errors of the model.
     """
 
     weight_divisor: float = 1.1
@@ -278,10 +263,11 @@ _SETTINGS = KernelSearchSettings()
 
 @dataclass(frozen=True, eq=False)
 class NormalisedPhotograph:
-    """A photograph for the kernel search, scaled to a standard deviation of LIGHT_DEVIATION.
+    """A photograph, scaled to a standard deviation of LIGHT_DEVIATION.
 
-    `image` is (rows, columns). `valid` is 1 where a pixel may be used, else 0. `noise` is the
-    standard deviation of a pixel.
+    image: (rows, columns).
+    valid: 1 where a pixel may be used, else 0.
+    noise: standard deviation of a pixel.
     """
 
     image: torch.Tensor
@@ -289,14 +275,13 @@ class NormalisedPhotograph:
     noise: float
 
     def downsample(self, factor: float) -> NormalisedPhotograph:
-        """Shrink the photograph by a factor, for blind deconvolution at a coarser scale."""
+        """Shrink the photograph by a factor."""
         if factor == 1:
             return self
         known = (downsample(self.valid, factor) > 0.999).to(self.image)
         return NormalisedPhotograph(downsample(self.image, factor), known, self.noise / factor)
 
     def crop(self, rows: slice, columns: slice) -> NormalisedPhotograph:
-        """Cut out a part of the photograph for blind deconvolution."""
         return NormalisedPhotograph(
             self.image[rows, columns], self.valid[rows, columns], self.noise
         )
@@ -305,9 +290,9 @@ class NormalisedPhotograph:
 def search_kernel_by_edges(
     photo: NormalisedPhotograph, size: int, settings: EdgeSettings, progress: Progress
 ) -> torch.Tensor:
-    """Search for a photograph's blur kernel blindly by strong edges, from coarse to fine scales.
+    """Search for a kernel by strong edges, from coarse to fine scales.
 
-    The kernel is (size, size), and `size` is odd.
+    size: odd side of the kernel, which is (size, size).
     """
     kernel, weight = point_kernel(3), settings.weight
     kernel[1, 0] = kernel[1, 1] = 0.5
@@ -331,7 +316,7 @@ def search_kernel_by_edges(
 def refine_kernel_by_edges(
     photo: NormalisedPhotograph, kernel: torch.Tensor, settings: EdgeSettings, progress: Progress
 ) -> torch.Tensor:
-    """Improve a blindly estimated blur kernel by a photograph's strong edges, at one scale.
+    """Improve a kernel by a photograph's strong edges, at one scale.
 
     The weight of the penalty on edges decreases from one iteration to the next.
     """
@@ -349,12 +334,11 @@ def refine_kernel_by_edges(
 def refine_kernel_by_statistics(
     photo: NormalisedPhotograph, start: torch.Tensor, progress: Progress, rounds: int = 20
 ) -> torch.Tensor:
-    """Improve a blindly estimated blur kernel by the statistics of natural sharp pictures.
+    """Find the likeliest kernel over all sharp pictures that natural statistics allow.
 
-    The result is the likeliest kernel over all sharp pictures, at the finest scale. The algorithm
-    is stochastic expectation maximisation (Delyon, Lavielle and Moulines 1999, doi
-    10.1214/aos/1018031103), with samples from a fixed seed. The assumed noise decreases to the
-    photograph's noise in the last of the `rounds`.
+    It is that of the finest scale. The algorithm is stochastic expectation maximisation (Delyon,
+    Lavielle and Moulines 1999, doi 10.1214/aos/1018031103), with samples from a fixed seed. The
+    assumed noise decreases to the photograph's noise in the last of the `rounds`.
     """
     size = start.shape[0], start.shape[1]
     latent = LatentImageSampler(photo.image, photo.valid, NATURAL_GRADIENTS, size, _SETTINGS.seed)
@@ -385,7 +369,7 @@ def kernel_deviation(
     refine: RefineKernel,
     progress: Progress,
 ) -> torch.Tensor:
-    """Estimate the standard deviation of each pixel of a blindly estimated blur kernel.
+    """Estimate the standard deviation of each pixel of a kernel.
 
     `refine` estimates the kernel again from parts of the photograph that share no pixel. The
     variance of the mean of these kernels is their variance over their number. `rival` is a kernel
@@ -410,10 +394,10 @@ def kernel_deviation(
 
 
 def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
-    """Shift a blindly estimated blur kernel to the best match with a reference kernel.
+    """Shift a kernel to the best match with a reference of the same size, by quarter pixels.
 
-    The shift is a multiple of a quarter pixel, and both kernels have the same size. The position of
-    a kernel is arbitrary, since the photograph doesn't show where the scene was before the blur.
+    The position of a kernel is arbitrary, since the photograph doesn't show where the scene was
+    before the blur.
     """
     steps = 4
     rows, columns = reference.shape
@@ -437,8 +421,5 @@ def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
 
 
 def _part_slice(length: int, number: int) -> slice:
-    """Return the slice of one of the photograph's parts for blind deconvolution, along an axis.
-
-    `length` is the length of the axis.
-    """
+    """Return the slice of one of the photograph's parts along an axis of `length`."""
     return slice(math.floor(length * number / _PARTS), math.floor(length * (number + 1) / _PARTS))

@@ -18,27 +18,28 @@ class QuadraticProblem:
     """The quadratic objective k^T N k / 2 - r^T k of a blur kernel k.
 
     k holds the kernel's pixels row by row. Divided by the noise variance, the objective is the
-    negative log-likelihood of the kernel, up to a constant. `normal_matrix` is N, (pixels, pixels),
-    symmetric and positive semidefinite. `right_hand_side` is r, (rows, columns).
+    negative log-likelihood of the kernel, up to a constant.
+
+    normal_matrix: N, (pixels, pixels), symmetric and positive semidefinite.
+    right_hand_side: r, (rows, columns).
     """
 
     normal_matrix: torch.Tensor
     right_hand_side: torch.Tensor
 
     def value(self, kernel: torch.Tensor) -> float:
-        """Return the value of blind deconvolution's quadratic objective for a blur kernel."""
         flat = kernel.ravel()
         return float(0.5 * flat @ (self.normal_matrix @ flat) - self.right_hand_side.ravel() @ flat)
 
     def with_ridge(self, weight: float) -> QuadraticProblem:
-        """Return blind deconvolution's kernel problem with a ridge ``weight * |k|² / 2`` added."""
+        """Return the problem with ``weight * |k|² / 2`` added."""
         eye = torch.eye(self.normal_matrix.shape[0], dtype=self.normal_matrix.dtype)
         return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
 
     def blend_with(self, own_weight: float, new: QuadraticProblem) -> QuadraticProblem:
-        """Return the weighted mean of two of blind deconvolution's blur-kernel problems.
+        """Return the weighted mean of two problems.
 
-        `own_weight`, from 0 to 1, is the weight of this problem.
+        own_weight: weight of this problem, from 0 to 1.
         """
         return QuadraticProblem(
             torch.lerp(new.normal_matrix, self.normal_matrix, own_weight),
@@ -47,19 +48,13 @@ class QuadraticProblem:
 
 
 def fast_period(rows: int, columns: int) -> tuple[int, int]:
-    """Return a period of at least (rows, columns) with fast FFTs, for blind deconvolution.
-
-    The number of columns is even.
-    """
+    """Return a period of at least (rows, columns) with fast FFTs and an even number of columns."""
     half = scipy.fft.next_fast_len((columns + 1) // 2, real=True)
     return scipy.fft.next_fast_len(rows, real=True), 2 * half
 
 
 def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
-    """Compute the rfft2 of a picture padded with zeros to a period, for blind deconvolution.
-
-    The picture is (..., rows, columns).
-    """
+    """Compute the rfft2 of a picture, (..., rows, columns), padded with zeros to a period."""
     rows, columns = picture.shape[-2:]
     margins = (0, period[1] - columns, 0, period[0] - rows)
     return rfft2(torch.nn.functional.pad(picture, margins))
@@ -68,11 +63,11 @@ def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Ten
 def least_squares_problem(
     sharp: torch.Tensor, blurred: torch.Tensor, shape: tuple[int, int]
 ) -> QuadraticProblem:
-    """Build blind deconvolution's problem of minimising ``|sharp * k - blurred|² / 2``.
+    """Build the problem of minimising ``|sharp * k - blurred|² / 2``, where * is convolution.
 
-    The sign * stands for convolution. `sharp` and `blurred` are rfft2 spectra, (channels, ...), on
-    one period that is so large that the convolution doesn't wrap around. `shape` is the (rows,
-    columns) of the kernel, whose first pixel belongs to a lag of 0.
+    sharp, blurred: rfft2 spectra, (channels, ...), on one period that is so large that the
+        convolution doesn't wrap around.
+    shape: (rows, columns) of the kernel, whose first pixel belongs to a lag of 0.
     """
     period = (int(sharp.shape[-2]), 2 * (int(sharp.shape[-1]) - 1))
     power = (sharp.real.square() + sharp.imag.square()).sum(0)
@@ -82,10 +77,7 @@ def least_squares_problem(
 
 
 def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Build the Toeplitz normal matrix of blind deconvolution's blur kernel.
-
-    Each entry is the autocorrelation at the lag between two pixels of the kernel.
-    """
+    """Build the matrix of the autocorrelation at the lag between each two pixels of the kernel."""
     y = torch.arange(shape[0]).repeat_interleave(shape[1])
     x = torch.arange(shape[1]).repeat(shape[0])
     rows, columns = autocorrelation.shape
@@ -95,11 +87,11 @@ def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Te
 def minimise_nonnegative(
     problem: QuadraticProblem, start: torch.Tensor, *, sum_is_one: bool, steps: int = 200
 ) -> torch.Tensor:
-    """Find the non-negative blur kernel that minimises blind deconvolution's quadratic objective.
+    """Find the non-negative kernel that minimises a quadratic objective, from `start`.
 
-    The search starts from `start`. The method is the accelerated projected gradient with restarts
-    (Beck and Teboulle 2009, doi 10.1137/080716542; O'Donoghue and Candès 2015, doi
-    10.1007/s10208-013-9150-3). `sum_is_one` limits the kernels to those with a sum of 1.
+    The method is the accelerated projected gradient with restarts (Beck and Teboulle 2009, doi
+    10.1137/080716542; O'Donoghue and Candès 2015, doi 10.1007/s10208-013-9150-3). `sum_is_one`
+    limits the kernels to those with a sum of 1.
     """
     size = _largest_eigenvalue(problem.normal_matrix)
     if size <= 0:
@@ -123,7 +115,7 @@ def minimise_nonnegative(
 
 
 def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
-    """Project a blindly estimated blur kernel onto the nearest non-negative one with a sum of 1.
+    """Return the nearest non-negative kernel with a sum of 1.
 
     See Duchi et al. 2008, doi 10.1145/1390156.1390191.
     """
@@ -135,10 +127,10 @@ def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
 
 
 def _largest_eigenvalue(normal: torch.Tensor, steps: int = 20) -> float:
-    """Bound the largest eigenvalue of blind deconvolution's kernel matrix by power iteration.
+    """Bound the largest eigenvalue of a kernel's normal matrix.
 
-    `normal` is the kernel's normal matrix. The result is 1.1 times the estimate of the power
-    iteration, which makes it an upper bound for a Toeplitz matrix with mostly positive entries.
+    The result is 1.1 times the estimate of the power iteration, which makes it an upper bound for a
+    Toeplitz matrix with mostly positive entries.
     """
     vector = torch.ones(normal.shape[0], dtype=normal.dtype)
     size = 0.0
@@ -163,6 +155,9 @@ class LatentImageSampler:
 
     The picture includes the surroundings of the frame from which light reaches it, so that nothing
     is assumed about the border.
+
+    valid: 1 where a pixel may be used, else 0, (rows, columns).
+    size: (rows, columns) of the kernels.
     """
 
     def __init__(
@@ -173,11 +168,6 @@ class LatentImageSampler:
         size: tuple[int, int],
         seed: int,
     ) -> None:
-        """Prepare a sampler for a photograph and kernels of one size.
-
-        `image` and `valid` are (rows, columns); `valid` is 1 where a pixel may be used, else 0.
-        `size` is the (rows, columns) of the kernels.
-        """
         self._image, self._valid = image - image.mean(), valid
         self._prior, self._size = prior, size
         self._deviations = image.new_tensor(prior.deviations)
@@ -198,17 +188,17 @@ class LatentImageSampler:
         self.picture = torch.nn.functional.pad(middle, around, mode="replicate")[0, 0]
 
     def sample(self, kernel: torch.Tensor, deviation: float) -> None:
-        """Draw blind deconvolution's next sharp picture, for a blur kernel and noise deviation."""
+        """Draw the next sharp picture, for a kernel and the noise's standard deviation."""
         along, down = (self._sample_precisions(one) for one in _differences(self.picture))
         self.picture = self.sample_picture(kernel, deviation, along, down)
 
     def sample_picture(
         self, kernel: torch.Tensor, deviation: float, along: torch.Tensor, down: torch.Tensor
     ) -> torch.Tensor:
-        """Draw blind deconvolution's sharp picture for gradients of known precision.
+        """Draw the sharp picture for gradients of known precision, the inverse variance.
 
-        The precision is the inverse variance. `along` is (rows, columns - 1) and `down` is (rows -
-        1, columns) of the picture.
+        along: precisions, (rows, columns - 1) of the picture.
+        down: precisions, (rows - 1, columns) of the picture.
         """
         spectrum, precision = padded_spectrum(kernel, self._period), deviation**-2
         reached = irfft2(
@@ -240,7 +230,7 @@ class LatentImageSampler:
         return picture
 
     def kernel_problem(self, kernel: torch.Tensor) -> QuadraticProblem:
-        """Return the least-squares problem for the blur kernel, from sharp and blurred gradients.
+        """Return the least-squares problem for the kernel, from sharp and blurred gradients.
 
         Gradients that weren't measured are replaced by those of the picture blurred by `kernel`, so
         that each step is one of expectation maximisation.
@@ -254,16 +244,12 @@ class LatentImageSampler:
         return least_squares_problem(spectrum, rfft2(light), self._size)
 
     def _sample_precisions(self, steps: torch.Tensor) -> torch.Tensor:
-        """Draw each gradient's Gaussian from the deconvolution prior; return the precisions."""
+        """Draw the Gaussian of each gradient, and return its precision."""
         below = self._prior.log_joint(steps.square()).softmax(0).cumsum(0)
         drawn = torch.rand(steps.shape, generator=self._generator, dtype=steps.dtype)
         return self._deviations[(drawn > below[:-1]).sum(0)] ** -2
 
     def _normal_noise(self, like: torch.Tensor) -> torch.Tensor:
-        """Draw the standard normal noise with which blind deconvolution samples sharp pictures.
-
-        The noise has the shape and floating-point type of `like`.
-        """
         return torch.randn(like.shape, generator=self._generator, dtype=like.dtype)
 
     def _slices_from_first(self, rows: int, columns: int) -> tuple[EllipsisType, slice, slice]:
@@ -271,30 +257,27 @@ class LatentImageSampler:
         return (..., slice(y, y + rows), slice(x, x + columns))
 
     def _crop_to_field(self, whole: torch.Tensor) -> torch.Tensor:
-        """Crop a period to blind deconvolution's sharp picture, which extends beyond the frame."""
+        """Crop a period to the picture, which extends beyond the frame."""
         return whole[: self._field_shape[0], : self._field_shape[1]]
 
     def _blur(self, x: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Blur a sharp picture by blind deconvolution's trial kernel, given by its spectrum.
-
-        The result covers the whole period.
-        """
+        """Blur a picture by the kernel of a spectrum; the result covers the whole period."""
         return irfft2(padded_spectrum(x, self._period) * spectrum, self._period)
 
     def _blur_adjoint(self, light: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of blind deconvolution's trial blur to light in the frame."""
+        """Apply the adjoint of the blur to light in the frame."""
         whole = light.new_zeros(self._period)
         whole[self._frame_slices] = light
         return self._crop_to_field(irfft2(rfft2(whole) * spectrum.conj(), self._period))
 
 
 def _differences(x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute a sharp picture's differences along rows and columns, for blind deconvolution."""
+    """Compute the differences along rows, and those down columns."""
     return x[:, 1:] - x[:, :-1], x[1:] - x[:-1]
 
 
 def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> None:
-    """Add the adjoint of a sharp picture's differences to x in place, for blind deconvolution."""
+    """Add the adjoint of the differences to x in place."""
     x[:, 1:] += along
     x[:, :-1] -= along
     x[1:] += down
@@ -302,7 +285,7 @@ def _add_adjoint(x: torch.Tensor, along: torch.Tensor, down: torch.Tensor) -> No
 
 
 def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
-    """Add up the precisions of the four gradients around each pixel of the deconvolved picture."""
+    """Add up the precisions of the four gradients around each pixel."""
     pad = torch.nn.functional.pad
     return (
         pad(along, (1, 0)) + pad(along, (0, 1)) + pad(down, (0, 0, 1, 0)) + pad(down, (0, 0, 0, 1))
@@ -310,5 +293,4 @@ def _sum_at_pixels(along: torch.Tensor, down: torch.Tensor) -> torch.Tensor:
 
 
 def _inner_product(a: torch.Tensor, b: torch.Tensor) -> float:
-    """Compute the inner product of two sharp pictures for blind deconvolution."""
     return float((a * b).sum())

@@ -1,4 +1,4 @@
-"""Restore all depth layers of a photograph together, each blurred by its own PSF."""
+"""Deblur all depth layers of a photograph together, each blurred by its own PSF."""
 
 from __future__ import annotations
 
@@ -46,8 +46,9 @@ _SHARE_TOLERANCE = 1e-3
 class LayeredObservation(Observation):
     """The photograph of a scene with several depth layers: see build_layered_observation().
 
-    `psf` is the mean of all PSFs. `psfs` holds the PSF of each layer, (layers, rows, columns).
-    `shares` is the share of each layer in each pixel of the photograph, (layers, rows, columns).
+    psf: mean of all PSFs by area.
+    psfs: PSF of each layer, (layers, rows, columns).
+    shares: share of each layer in each pixel of the photograph, (layers, rows, columns).
     """
 
     psfs: torch.Tensor = field(default_factory=lambda: torch.empty(0))
@@ -55,20 +56,17 @@ class LayeredObservation(Observation):
 
     @cached_property
     def areas(self) -> torch.Tensor:
-        """The share of the photograph that each deconvolved depth layer covers, (layers,)."""
+        """The share of the photograph that each layer covers, (layers,)."""
         return self.shares.mean((-2, -1))
 
     @property
     def psf_offset(self) -> tuple[int, int]:
-        """0: the map of depth layers to deconvolve holds where the PSFs put the picture."""
+        """0: the map of layers holds where the PSFs put the picture."""
         return 0, 0
 
     @cached_property
     def period_shares(self) -> torch.Tensor:
-        """The depth layers' shares on the whole period of the deconvolution.
-
-        Pixels beyond the frame have the shares of the nearest pixel in it.
-        """
+        """The layers' shares on the whole period; beyond the frame, those of its nearest pixel."""
         rows, columns = (
             (torch.arange(whole) - (whole // 2 - n // 2)).clamp(0, n - 1)
             for whole, n in zip(self.period_shape, self.image.shape, strict=True)
@@ -77,14 +75,11 @@ class LayeredObservation(Observation):
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """The depth layers' mean squared MTF on the deconvolution's period, weighted by area."""
+        """The layers' mean squared MTF on the period, weighted by area."""
         return self._squared_mtf_on(self.period_shape)
 
     def _fitted_power_law(self) -> PowerLaw:
-        """Fit the power law and noise of a photograph whose depth layers are to be deconvolved.
-
-        The spectra of the layers add in power.
-        """
+        """Fit the power law and noise to spectra of layers that add in power."""
         shape = (int(self.image.shape[0]), int(self.image.shape[1]))
         image = self.inpainted_image * self.psf_sum
         law = fit_power_law_with_mtf(image, self._squared_mtf_on(shape))
@@ -103,22 +98,19 @@ class LayeredObservation(Observation):
         )
 
     def as_single_layer(self, number: int) -> Observation:
-        """Return the deconvolution's observation with one depth layer's PSF everywhere."""
+        """Return the observation with one layer's PSF everywhere."""
         return Observation(
             self.image, self.psfs[number], self.noise, self.border, self.weights, self.clipped
         )
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Compute the depth layers' mean squared MTF for deconvolution on a given period."""
+        """Compute the layers' mean squared MTF on a period of `shape`, weighted by area."""
         powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
         return (self.areas[:, None, None] * powers).sum(0)
 
 
 def _interior_window(share: torch.Tensor) -> torch.Tensor:
-    """Compute a smooth window inside a depth layer of a photograph to be deconvolved.
-
-    The window rises from the layer's edge over 16 pixels.
-    """
+    """Compute a smooth window inside a layer, which rises from its edge over 16 pixels."""
     depth = distance_transform_edt(np.pad(share.numpy() > 1 - _SHARE_TOLERANCE, 1, mode="edge"))
     rise = torch.from_numpy(depth[1:-1, 1:-1] / 16).clamp(0, 1)
     return (torch.pi * rise / 2).sin().square()
@@ -134,7 +126,7 @@ def build_layered_observation(
     weights: torch.Tensor | None = None,
     clipped: torch.Tensor | None = None,
 ) -> LayeredObservation:
-    """Build the deconvolution's observation of depth layers, each blurred by its own PSF.
+    """Gather the photograph, the depth layers and the PSF of each of them.
 
     Arrays may be of any kind. The photograph is restored in double precision if `image` is double,
     otherwise in single precision.
@@ -193,9 +185,9 @@ def build_layered_observation(
 
 
 def _layer_shares(layers: torch.Tensor, count: int, shape: tuple[int, ...]) -> torch.Tensor:
-    """Check the depth layers of a deconvolution; return their shares (layers, rows, columns).
+    """Check the layers, and return their shares, (layers, rows, columns).
 
-    `layers` is a map of layer numbers, (rows, columns), or the shares themselves.
+    layers: map of layer numbers, (rows, columns), or the shares themselves.
     """
     require_finite("layers", layers)
     if tuple(layers.shape) == shape:
@@ -229,10 +221,11 @@ def restore_layers(
     positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a blurred photograph of several depth layers, each deconvolved with its own PSF.
+    """Deblur a photograph of several depth layers, each with its own PSF.
 
     The result X minimises |H X - O|² / 2 + weight * the sum of |∇X|^power, where the first term
-    counts trusted pixels only, and H blurs each depth layer by its PSF (thesis Fig. 2.17).
+    counts trusted pixels only, and H blurs each depth layer by its PSF (thesis Fig. 2.17). It is
+    cut to be nowhere negative.
 
     The solver is the alternating direction method of multipliers with the gradients split off (Boyd
     et al. 2011, doi 10.1561/2200000016). The step for the picture has no closed form, since the
@@ -243,37 +236,16 @@ def restore_layers(
     The model doesn't include depths beyond the frame, where the layers at its edge continue; errors
     of the map of layers; and what OccludingBlur neglects.
 
-    Parameters
-    ----------
-    observation : LayeredObservation
-        Photograph, PSFs and layers.
-    weight : float, optional
-        Regularisation weight, as for total_variation(). Estimated if None.
-    power : float, optional
-        Power of the gradients' lengths, above 0 and up to 1.
-    occlusion : bool, optional
-        Whether nearer layers, which come first, hide those behind them. Each layer is then
+    Raises ValueError for a weight that isn't positive, a power outside 0 to 1, or no iteration.
+
+    weight: regularisation weight, as for total_variation(). Estimated if None.
+    power: power of the gradients' lengths, above 0 and up to 1.
+    occlusion: whether nearer layers, which come first, hide those behind them. Each layer is then
         estimated also where it is hidden, and the picture is composed of the visible parts.
-    iterations : int, optional
-        Largest number of iterations.
-    cg_steps : int, optional
-        Steps of conjugate gradients in each iteration.
-    tol : float, optional
-        Relative change of the picture at which the iteration ends; 0 for all iterations.
-    positive : bool, optional
-        Whether the light is kept from being negative in each iteration.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    RestoredImage
-        The picture in the photograph's frame, never negative.
-
-    Raises
-    ------
-    ValueError
-        For a weight that isn't positive, a power outside 0 to 1, or no iteration.
+    iterations: largest number of iterations.
+    cg_steps: steps of conjugate gradients in each iteration.
+    tol: relative change of the picture at which the iteration ends; 0 for all iterations.
+    positive: whether the light is kept from being negative in each iteration.
     """
     if weight is not None:
         require_positive("weight", weight, "")
@@ -301,7 +273,7 @@ def restore_layers(
 def paste_layers(
     observation: LayeredObservation, restore: Callable[[Observation], RestoredImage]
 ) -> torch.Tensor:
-    """Deconvolve a photograph with each depth layer's PSF, and paste the layers' parts together.
+    """Deblur a photograph with each layer's PSF, and paste the layers' parts together.
 
     This is fast, but it is wrong where the blurred light of one layer covers another.
     """
@@ -310,10 +282,10 @@ def paste_layers(
 
 
 class _LayerEquations(LinearEquations):
-    """The normal equations of the restoration of depth layers.
+    """The normal equations (H* M H + K) x = H* M y + the priors' right-hand side of all layers.
 
-    They are (H* M H + K) x = H* M y + the priors' right-hand side, where M are the pixels' weights.
-    x is one picture for each layer with occlusion, otherwise one picture.
+    M are the pixels' weights. x is one picture for each layer with occlusion, otherwise one
+    picture.
     """
 
     observation: LayeredObservation
@@ -345,10 +317,7 @@ class _LayerEquations(LinearEquations):
         return self.observation.mean_squared_residual(self._blurred_light(spectrum))
 
     def weigh_clipped_pixels(self, spectra: torch.Tensor) -> None:
-        """Update the weights of clipped pixels for the next step of depth-layer deconvolution.
-
-        A clipped pixel has weight only where the blurred pictures are below the measured value.
-        """
+        """Give clipped pixels weight where the blurred pictures are below the measured value."""
         seen = self.observation
         if seen.clipped is None:
             return
@@ -359,20 +328,20 @@ class _LayerEquations(LinearEquations):
         self._weights = weights if effective is None else effective + weights
 
     def _blurred_light(self, spectra: torch.Tensor) -> torch.Tensor:
-        """Blur the deconvolved depth layers' pictures to one photograph on the whole period."""
+        """Blur the layers' pictures to one photograph on the whole period."""
         pictures = irfft2(spectra, self.observation.period_shape)
         light: torch.Tensor = self._blur(pictures if self.occlusion else pictures[0])
         return light
 
     def _apply_adjoint(self, frame: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint blur of depth-layer deconvolution to light in the frame, weighted."""
+        """Apply the adjoint blur to light in the frame, weighted."""
         kept = frame if self._weights is None else frame * self._weights
         back: torch.Tensor = self._blur.adjoint(centred_pad(kept, self.observation.period_shape))
         return rfft2(back if self.occlusion else back[None])
 
 
 class _LayerStep(ConjugateGradientStep):
-    """The step for the pictures in the restoration of depth layers."""
+    """The step for the layers' pictures, by conjugate gradients."""
 
     _equations: _LayerEquations
 
@@ -387,7 +356,7 @@ class _LayerStep(ConjugateGradientStep):
         return super().start().expand(count, -1, -1)
 
     def visible_picture(self, picture: torch.Tensor) -> torch.Tensor:
-        """Compose the visible parts of all deconvolved depth layers to one period-wide picture."""
+        """Compose the visible parts of all layers to one picture on the whole period."""
         if not self._equations.occlusion:
             return picture
         return (picture * self._equations.observation.period_shares).sum(0, keepdim=True)

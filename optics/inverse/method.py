@@ -1,4 +1,4 @@
-"""Methods of restoration: their interface and cost, and their gain by noise, PSF and border."""
+"""What a method is: its function and cost, and its gain by noise, PSF and border."""
 
 from __future__ import annotations
 
@@ -18,20 +18,14 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class RestorationCase:
-    """Features of a photograph to be restored; each is about 0 for an ordinary one.
+    """Features of a photograph on which a method's gain depends, each about 0 for an ordinary one.
 
-    Attributes
-    ----------
-    noise : float
-        Decades of the noise over the picture's standard deviation, above 1/60; in half decades.
-    size : float
-        Octaves of the PSF's rms radius, above 6 pixels.
-    explained : float
-        Decades of the share of the data that the best linear filter explains, above a quarter.
-    transmission : float
-        Decades of the mean squared MTF, above a sixteenth; in 0.4 decades.
-    border : float
-        1 if the scene goes on beyond the frame, 0 if not.
+    noise: decades of the noise over the picture's standard deviation, above 1/60; in half decades.
+    size: octaves of the PSF's rms radius, above 6 pixels.
+    explained: decades of the share of the data that the best linear filter explains, above a
+        quarter; in 0.4 decades.
+    transmission: decades of the mean squared MTF, above a sixteenth; in 0.4 decades.
+    border: 1 if the scene goes on beyond the frame, 0 if not.
     """
 
     noise: float
@@ -42,7 +36,7 @@ class RestorationCase:
 
     @classmethod
     def of(cls, observation: Observation) -> RestorationCase:
-        """Compute the features of a photograph, on which its deconvolution's gain depends."""
+        """Compute the features of a photograph."""
         observation = observation.in_own_unit
         explained = max(observation.wiener_prediction.explained_share, 1e-3)
         ratio = max(observation.disturbance / observation.scale, 1e-6)
@@ -58,7 +52,7 @@ class RestorationCase:
 
 @dataclass(frozen=True)
 class Gain:
-    """The gain in PSNR of a restoration in dB, which is linear in the features of its case.
+    """A gain in PSNR over the blurred photograph, dB, which is linear in the features of its case.
 
     `usual` is the gain where all features are 0, and the others are its change for 1 of a feature:
     see RestorationCase.
@@ -72,23 +66,23 @@ class Gain:
     by_border: float
 
     def predict(self, case: RestorationCase) -> float:
-        """Predict the gain in PSNR over the blurred photograph by its deconvolution, in dB."""
+        """Predict the gain in PSNR over the blurred photograph, dB."""
         first, *slopes = astuple(self)
         return float(first + sum(a * b for a, b in zip(slopes, astuple(case), strict=True)))
 
 
 def predicted_gain(gain: float | Gain, case: RestorationCase) -> float:
-    """Predict a deconvolution's gain in dB from a number or from a Gain."""
+    """Return the gain in dB, whether it is a number or depends on the case."""
     return gain.predict(case) if isinstance(gain, Gain) else gain
 
 
 class Denoise(Protocol):
     """A function that removes white noise from a picture.
 
-    The picture is (bands, rows, columns) with white at about 1, or (rows, columns). `axes` is an
-    orthonormal matrix from the bands to components, (bands, bands), on which it is denoised; the
-    bands themselves if None. `noise` is the standard deviation of the components' noise, a number
-    or a map that broadcasts to them.
+    picture: (bands, rows, columns) with white at about 1, or (rows, columns).
+    axes: orthonormal matrix from the bands to components, (bands, bands), on which it is denoised;
+        the bands themselves if None.
+    noise: standard deviation of the components' noise, a number or a map that broadcasts to them.
     """
 
     def __call__(
@@ -98,7 +92,7 @@ class Denoise(Protocol):
 
 @dataclass(frozen=True)
 class RestorationCost:
-    """The operations of a restoration, from which its time is predicted.
+    """The operations of a method, from which its time is predicted.
 
     Attributes
     ----------
@@ -118,7 +112,7 @@ class RestorationCost:
     centre_passes: float = 0.0
 
     def seconds(self, observation: Observation, speed: MachineSpeed) -> float:
-        """Predict the seconds of a deconvolution in one thread, for a photograph and a machine."""
+        """Predict the seconds in one thread, for a photograph and a machine."""
         pixels = math.prod(observation.period_shape) * observation.bands
         number = 0.5 * fft_operations(pixels) * self.transforms * speed.fft
         number += pixels * (self.passes * speed.touch + self.multiply_adds * speed.multiply_add)
@@ -127,7 +121,7 @@ class RestorationCost:
         return 10 * speed.call + number + self.centre_passes * min(pixels, 1 << 18) * speed.touch
 
     def plus(self, other: RestorationCost, times: float = 1.0) -> RestorationCost:
-        """Add `times` times the cost of another deconvolution step."""
+        """Add `times` times another cost."""
         return RestorationCost(
             self.transforms + times * other.transforms,
             self.passes + times * other.passes,
@@ -137,7 +131,7 @@ class RestorationCost:
 
 
 class Solve(Protocol):
-    """The function of a restoration method.
+    """The function of a method.
 
     It chooses the regularisation weight itself if `weight` is None, and does `iterations`
     iterations or rounds.
@@ -150,7 +144,7 @@ class Solve(Protocol):
 
 @dataclass(frozen=True)
 class RestorationMethod:
-    """A method that restores a photograph, with its gain and its cost.
+    """A method that undoes blur, with its gain and its cost.
 
     Attributes
     ----------
@@ -190,12 +184,12 @@ class RestorationMethod:
     takes_variance: bool = False
 
     def default_iterations(self, observation: Observation) -> int:
-        """Return the number of iterations of a deconvolution for which nothing was asked."""
+        """Return the number of iterations or rounds where none is asked for."""
         twice = self.slow_if_wide and observation.is_wide_beyond_frame
         return self.default_count * (2 if twice else 1)
 
     def seconds(self, observation: Observation, count: int, speed: MachineSpeed) -> float:
-        """Predict the processor time in seconds of a deconvolution with `count` iterations."""
+        """Predict the processor time in seconds with `count` iterations."""
         return self.setup_cost.plus(self.iteration_cost(observation), count).seconds(
             observation, speed
         )
@@ -206,7 +200,7 @@ SETUP_COST = RestorationCost(5, 60, centre_passes=250)
 
 
 def splitting_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one ADMM iteration of a deconvolution with a split gradient.
+    """Return the cost of one ADMM iteration with a split gradient.
 
     If part of the period wasn't measured, the blurred light is split off too, which costs more.
     """

@@ -1,7 +1,6 @@
-"""The list of all restoration methods by name; importing it doesn't load torch.
+"""All methods by name; importing the list doesn't load torch.
 
-To add a method, write a module with a METHOD (see optics.inverse.method) and add its name
-here.
+To add a method, write a module with a METHOD (see optics.inverse.method) and add its name here.
 """
 
 from __future__ import annotations
@@ -10,10 +9,7 @@ from typing import NamedTuple
 
 
 class RestorationEntry(NamedTuple):
-    """The entry of a restoration method: its title, its module, and whether reports compare it.
-
-    The module has the method's description in METHOD.
-    """
+    """A method's title, its module with METHOD, and whether reports compare it."""
 
     title: str
     module: str
@@ -29,7 +25,7 @@ RESTORATIONS: dict[str, RestorationEntry] = {
     "l-bfgs-b": RestorationEntry("L-BFGS-B", "optics.inverse.bounded"),
     "plug-and-play": RestorationEntry("learned denoiser", "optics.inverse.plug_and_play"),
 }
-"""Restoration methods by the names that commands, files and tables use."""
+"""Methods by the names that commands, files and tables use."""
 
 AUTO = "auto"
 """Name that stands for the method with the largest gain in the given time."""

@@ -47,21 +47,12 @@ class MosaicObservation(Observation):
     """The raw picture of a mosaic of colour filters, whose scene has several bands.
 
     `image` is the light of each pixel, y = sum_n S_n (h_n * x_n) with the filters S_n and PSFs h_n.
-    `psf` is the mean of all PSFs.
+    `psf` is the mean of all PSFs. Raises ValueError if an argument has the wrong shape or isn't
+    finite, or if no pixel sees one of the bands.
 
-    Attributes
-    ----------
-    psfs : torch.Tensor
-        PSF of each band, (bands, rows, columns), or one for all, (1, rows, columns).
-    filters : torch.Tensor
-        Share of each band that each pixel's filter transmits, (bands, rows, columns).
-    filter_period : tuple of int
-        Period of the filter pattern in (rows, columns).
-
-    Raises
-    ------
-    ValueError
-        If an argument has the wrong shape or isn't finite, or if no pixel sees one of the bands.
+    psfs: PSF of each band, (bands, rows, columns), or one for all, (1, rows, columns).
+    filters: share of each band that each pixel's filter transmits, (bands, rows, columns).
+    filter_period: period of the filter pattern in (rows, columns).
     """
 
     psfs: torch.Tensor = field(default_factory=lambda: torch.empty(0))
@@ -115,12 +106,12 @@ class MosaicObservation(Observation):
 
     @cached_property
     def filter_gain(self) -> float:
-        """The gain of the mosaic's filters: the norm over the bands, as an rms over the pixels."""
+        """The filters' norm over the bands, as an rms over the pixels."""
         return math.sqrt(float(self.filters.square().sum(0).mean()))
 
     @property
     def psf_sum(self) -> float:
-        """The mean share of the scene's light that PSFs and filters of the mosaic let through."""
+        """The mean share of the scene's light that PSFs and filters let through."""
         return super().psf_sum * self.filter_gain
 
     @cached_property
@@ -131,13 +122,12 @@ class MosaicObservation(Observation):
 
     @cached_property
     def otf(self) -> torch.Tensor:
-        """The OTF of each band on the period of the demosaicing, (1 or bands, rows, columns)."""
+        """The OTF of each band on the period, (1 or bands, rows, columns)."""
         light = self._psf_light / self.filter_gain
         return transfer_function(self.psfs / light, self.period_shape)
 
     @cached_property
     def _relative_filters(self) -> torch.Tensor:
-        """The mosaic's filters over their gain."""
         return self.filters / self.filter_gain
 
     @cached_property
@@ -150,7 +140,7 @@ class MosaicObservation(Observation):
 
     @cached_property
     def channels(self) -> tuple[Observation, torch.Tensor]:
-        """The mosaic as one of the light behind each kind of filter, and how bands mix into it.
+        """The light behind each kind of filter as a mosaic of its own, and how bands mix into it.
 
         The mixing is (channels, bands). Where there aren't fewer kinds of filters than bands, the
         channels are the bands.
@@ -176,7 +166,7 @@ class MosaicObservation(Observation):
         return self._relative_filters * frame
 
     def _fitted_power_law(self) -> PowerLaw:
-        """Estimate the noise of the mosaic, whose spectrum isn't modelled in demosaicing."""
+        """Estimate the noise alone: the spectrum of a mosaic isn't modelled."""
         down, along = self.filter_period
         planes = [self.image[y::down, x::along] for y in range(down) for x in range(along)]
         return PowerLaw(0.0, 2.0, flat_block_noise(planes, _FLAT_SHARE) ** 2)
@@ -188,20 +178,16 @@ class MosaicObservation(Observation):
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The interpolated bands of the mosaic, extended to the period of the demosaicing.
-
-        The result is (bands, rows, columns).
-        """
+        """The interpolated bands, extended to the period, (bands, rows, columns)."""
         bands = self._interpolated_bands()
         if self.border == "dark":
             return centred_pad(bands, self.period_shape)
         return torch.stack([extend_periodically(one, self.period_shape) for one in bands])
 
     def _interpolated_bands(self) -> torch.Tensor:
-        """Interpolate each band of the mosaic from the pixels around that see it.
+        """Interpolate each band from the pixels around that see it, (bands, rows, columns).
 
-        This is the start of the demosaicing, (bands, rows, columns). It is exact where the scene is
-        even and grey.
+        This is the start of the demosaicing. It is exact where the scene is even and grey.
         """
         known = self.effective_weights
         trust = torch.ones_like(self.image) if known is None else known
@@ -214,10 +200,7 @@ class MosaicObservation(Observation):
 
 
 def _tent_filter(pictures: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
-    """Interpolate a mosaic's samples by convolution with a tent-shaped kernel.
-
-    The kernel falls linearly from its middle to 0 at a distance of the filter pattern's period.
-    """
+    """Convolve with a tent, which falls linearly to 0 over the filter pattern's period."""
     kernels = [1 - torch.arange(1 - n, n).abs() / n for n in (max(int(m), 2) for m in period)]
     down, along = (kernel.to(pictures) for kernel in kernels)
     rows = torch.nn.functional.conv2d(
@@ -240,7 +223,7 @@ def build_mosaic_observation(
     weights: Any = None,
     clipped: Any = None,
 ) -> MosaicObservation:
-    """Gather what demosaicing with deconvolution needs: the raw picture, filters, PSFs and noise.
+    """Gather the raw picture of a sensor with colour filters, its PSFs and its noise.
 
     Parameters
     ----------
@@ -295,7 +278,6 @@ def _build_mosaic_observation(
     weights: torch.Tensor | None,
     clipped: torch.Tensor | None,
 ) -> MosaicObservation:
-    """Build a mosaic's observation from tensors or arrays of any real numbers."""
     raw = _validate_raw(raw)
     shares = _validate_response(response, channels).to(raw)
     psfs = torch.ones(1, 1, 1).to(raw) if psf is None else psf.to(raw)
@@ -314,7 +296,7 @@ def _build_mosaic_observation(
 
 
 def _validate_pattern(pattern: Sequence[str]) -> tuple[str, ...]:
-    """Return the rows of a mosaic's filter pattern; raise ValueError if they are malformed."""
+    """Return the rows of a filter pattern; raise ValueError if they are malformed."""
     rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
     if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
         raise ValueError(
@@ -325,7 +307,7 @@ def _validate_pattern(pattern: Sequence[str]) -> tuple[str, ...]:
 
 
 def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
-    """Return a raw mosaic for demosaicing in floating point; raise ValueError if it's unusable."""
+    """Return a raw picture in floating point; raise ValueError if it's unusable."""
     if raw.ndim != 2:
         raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
     require_finite("raw", raw)
@@ -333,7 +315,7 @@ def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
 
 
 def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
-    """Return the response of a mosaic's colour filters, by default the identity.
+    """Return the filters' response, by default the identity.
 
     Raises ValueError for a response that isn't finite or has the wrong shape.
     """
@@ -350,20 +332,14 @@ def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Te
 
 @dataclass(frozen=True)
 class DemosaicingSettings:
-    """Tune the prior and the splitting of the demosaicing of all bands together.
+    """Tune the demosaicing of all bands together. All values are chosen.
 
-    All values are chosen.
-
-    Attributes
-    ----------
-    luminance : float
-        Weight of the luminance's curvature relative to that of the colour differences.
-    curvature_threshold : float
-        Curvature that one iteration sets to zero, relative to the standard deviation of the light.
-    noiseless_weight : float
-        Regularisation weight of a picture without noise, relative to the scale of the light.
-    noise_weight : float
-        Factor of the squared relative noise, which is added to `noiseless_weight`.
+    luminance: weight of the luminance's curvature relative to that of the colour differences.
+    curvature_threshold: curvature that one iteration sets to zero, relative to the standard
+        deviation of the light.
+    noiseless_weight: regularisation weight of a picture without noise, relative to the scale of the
+        light.
+    noise_weight: factor of the squared relative noise, which is added to `noiseless_weight`.
     """
 
     luminance: float = 0.4
@@ -384,7 +360,7 @@ def demosaic(
     iterations: int = 30,
     progress: Progress | None = None,
 ) -> Any:
-    """Demosaic a raw picture: estimate all bands of each pixel of a mosaic of colour filters.
+    """Estimate all bands of each pixel of a raw picture behind colour filters.
 
     The result x solves Eq. 4.7 of the thesis. It minimises ``|S G x - y|² / 2 + weight *
     (|w ∇²L| + |∇²C|)``, summed over the pixels, where S are the filters, G is the blur, and the
@@ -434,7 +410,7 @@ def demosaic(
 
 
 def demosaicing_weight(noise: float, scale: float) -> float:
-    """Return the regularisation weight that demosaicing takes by default.
+    """Return the regularisation weight that `demosaic` takes by default.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Estimation of a blurred photograph's noise, of its PSF's error, and of its spectrum's power law.
+"""Estimate a blurred photograph's noise, its PSF's error, and its spectrum's power law.
 
 The noise shows best at frequencies that the blur suppresses. What light is left there beyond white
 noise is what the PSF's error makes of the scene.
@@ -25,35 +25,27 @@ from optics.plane import Plane
 class SpectrumFitSettings:
     """Tune the fit of a power law and noise to a photograph's spectrum.
 
-    Attributes
-    ----------
-    min_periods : int
-        Lowest frequency that is used, in periods per frame. The window and slow trends of the
-        picture dominate the frequencies below. Chosen, like all values without another origin.
-    max_signal_to_noise : float
-        Ratio of signal to noise power below which a frequency shows the noise alone.
-    min_noise_frequencies : int
-        Number of such frequencies from which the noise is taken from them alone.
-    least_evidence : float
-        Logarithm of the likelihood ratio, per frequency, from which the PSF's error is believed.
-        Of 480 photographs with exact PSFs, it is 0.008 at most, with measured ones 0.013 to 0.08.
-    least_total_evidence : float
-        The same for all frequencies together: 345 at most with exact PSFs, with measured ones on
-        frames of 255 pixels 411 and more.
-    least_harm : float
-        Standard deviation of noise and error over that of the noise from which the error is
+    Values are chosen where no other origin is given.
+
+    min_periods: lowest frequency that is used, in periods per frame. The window and slow trends of
+        the picture dominate the frequencies below.
+    max_signal_to_noise: ratio of signal to noise power below which a frequency shows the noise
+        alone.
+    min_noise_frequencies: number of such frequencies from which the noise is taken from them alone.
+    least_evidence: logarithm of the likelihood ratio, per frequency, from which the PSF's error is
+        believed. Of 480 photographs with exact PSFs, it is 0.008 at most, with measured ones 0.013
+        to 0.08.
+    least_total_evidence: the same for all frequencies together: 345 at most with exact PSFs, with
+        measured ones on frames of 255 pixels 411 and more.
+    least_harm: standard deviation of noise and error over that of the noise from which the error is
         believed. Where the evidence with an exact PSF is above 220, it is 1.05 at most; with
         measured ones it is 1.29 and more.
-    model_error_factor : float
-        Factor on the noise if there is such an error. Measured: the best of 1 to 3 in the mean of
-        33 photographs with PSFs that were disturbed by random errors.
-    flat_share : float
-        Share of the photograph's blocks that are taken to be flat.
-    flat_block : int
-        Pixels along a side of a block.
-    flat_ratio : float
-        Noise over that of flat blocks below which the spectrum's noise isn't believed: the power
-        law has taken it for detail.
+    model_error_factor: factor on the noise if there is such an error. Measured: the best of 1 to 3
+        in the mean of 33 photographs with PSFs that were disturbed by random errors.
+    flat_share: share of the photograph's blocks that are taken to be flat.
+    flat_block: pixels along a side of a block.
+    flat_ratio: noise over that of flat blocks below which the spectrum's noise isn't believed: the
+        power law has taken it for detail.
     """
 
     min_periods: int = 3
@@ -73,10 +65,11 @@ _SETTINGS = SpectrumFitSettings()
 
 @dataclass(frozen=True)
 class WienerPrediction:
-    """A prediction of what the Wiener filter restores of a photograph.
+    """What the Wiener filter is predicted to find in a photograph.
 
-    `explained_share` is the share of the data that the filter explains. `gradient` is the rms
-    length of the restored picture's gradient, in light per pixel, times the sum of the PSF.
+    explained_share: share of the data that the filter explains.
+    gradient: rms length of the found picture's gradient, in light per pixel, times the sum of the
+        PSF.
     """
 
     explained_share: float
@@ -85,11 +78,11 @@ class WienerPrediction:
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """A model of a photograph's power spectrum: |H|² strength / frequency^slope + noise_variance.
+    """A photograph's modelled power spectrum, |H|² strength / frequency^slope + noise_variance.
 
     `strength` and `noise_variance` are variances per pixel of the photograph; the frequency is in
     cycles per pixel. `model_error_variance` is the variance that the PSF's error adds, expressed as
-    white noise that harms a restoration as much.
+    white noise that does as much harm.
     """
 
     strength: float
@@ -99,11 +92,11 @@ class PowerLaw:
 
     @property
     def total_variance(self) -> float:
-        """The variance against which a deconvolution weighs its prior: noise and model error."""
+        """The variance of noise and model error, against which a prior is weighed."""
         return self.noise_variance + self.model_error_variance
 
     def in_unit(self, unit: float) -> PowerLaw:
-        """Return the power law for light in another unit, in which this one's unit is `unit`."""
+        """Return the law for light in another unit, in which this one's unit is `unit`."""
         square = unit * unit
         return PowerLaw(
             self.strength * square,
@@ -115,10 +108,9 @@ class PowerLaw:
     def wiener_prediction(
         self, squared_mtf: torch.Tensor, shape: tuple[int, int]
     ) -> WienerPrediction:
-        """Predict what Wiener deconvolution restores of a photograph with this power spectrum.
+        """Predict what the filter of least mean square error finds (Wiener 1949).
 
-        The Wiener filter has the least mean square error for the spectrum (Wiener 1949).
-        `squared_mtf` is |H|² on the rfft2 grid of a period of `shape`.
+        squared_mtf: |H|² on the rfft2 grid of a period of `shape`.
         """
         squares = squared_frequencies(shape).to(squared_mtf)
         squares[0, 0] = max(shape) ** -2
@@ -138,16 +130,18 @@ class PowerLaw:
 def fit_power_law(
     image: torch.Tensor, psf: torch.Tensor, *, finds_model_error: bool = True
 ) -> PowerLaw:
-    """Fit a power law and white noise to a blurred photograph's spectrum, for deconvolution.
+    """Fit a power law and white noise to a blurred photograph's spectrum.
 
-    The photograph is (rows, columns). `psf` has a sum of 1. `finds_model_error` is False where
-    pixels were filled in, which the PSF doesn't explain either. The spectrum of the frame, with a
-    Hann window, is modelled as the sum of white noise and of a scene blurred by the PSF, whose
-    power falls as a power of the frequency. Strength, slope and noise maximise the likelihood of
-    independent, exponentially distributed powers (Whittle 1953). Frequencies that the PSF
-    suppresses show the noise. Power that is left there and falls with the frequency is the scene,
-    blurred by the error of the PSF. In a photograph without blur, the finest detail of the scene
-    counts as noise.
+    The spectrum of the frame, with a Hann window, is modelled as the sum of white noise and of a
+    scene blurred by the PSF, whose power falls as a power of the frequency. Strength, slope and
+    noise maximise the likelihood of independent, exponentially distributed powers (Whittle 1953).
+    Frequencies that the PSF suppresses show the noise. Power that is left there and falls with the
+    frequency is the scene, blurred by the error of the PSF. In a photograph without blur, the
+    finest detail of the scene counts as noise.
+
+    image: (rows, columns).
+    psf: has a sum of 1.
+    finds_model_error: False where pixels were filled in, which the PSF doesn't explain either.
     """
     transfer = transfer_function(psf.to(image), (image.shape[0], image.shape[1]))
     law = fit_power_law_with_mtf(
@@ -165,11 +159,10 @@ def fit_power_law(
 
 @torch.no_grad()
 def flat_block_noise(planes: Sequence[torch.Tensor], share: float) -> float:
-    """Estimate the noise of photographs to restore from differences in their flattest blocks.
+    """Estimate noise from the flattest blocks; 0 for fewer than three rows or columns.
 
-    They are second differences (Immerkaer 1996, doi 10.1006/cviu.1996.0060). The noise is the one
+    Second differences tell it (Immerkaer 1996, doi 10.1006/cviu.1996.0060). The noise is the one
     for which white noise has the variance that is found at the low quantile `share` of all blocks.
-    Returns 0 for photographs of fewer than three rows or columns.
     """
     found = torch.cat([_block_powers(plane.to(torch.float64)) for plane in planes])
     if not len(found):
@@ -184,10 +177,7 @@ def flat_block_noise(planes: Sequence[torch.Tensor], share: float) -> float:
 
 
 def _block_powers(image: torch.Tensor) -> torch.Tensor:
-    """Return the power of second differences in each block of a blurred photograph.
-
-    White noise has its variance in the mean.
-    """
+    """Return the power of second differences in each block, where white noise has its variance."""
     if min(image.shape) < 3:
         return image.new_empty(0)
     down = image[2:] - 2 * image[1:-1] + image[:-2]
@@ -206,11 +196,10 @@ def fit_power_law_with_mtf(
     *,
     finds_model_error: bool = True,
 ) -> PowerLaw:
-    """Fit a power law and noise to a blurred photograph's spectrum for deconvolution, given an MTF.
+    """Fit a power law and white noise to a spectrum, given an MTF: see fit_power_law().
 
-    `squared_mtf` is the squared MTF on the photograph's rfft2 grid; for several PSFs it is the mean
-    of their squared MTFs. `region` is a smooth window, (rows, columns), around the part of the
-    photograph that is used. `finds_model_error`: as for fit_power_law().
+    squared_mtf: on the photograph's rfft2 grid; for several PSFs the mean of their squared MTFs.
+    region: smooth window, (rows, columns), around the part of the photograph that is used.
     """
     spectrum = PhotographSpectrum.of(image, region)
     if spectrum is None:
@@ -222,20 +211,14 @@ def fit_power_law_with_mtf(
 
 @dataclass(frozen=True, eq=False)
 class PhotographSpectrum:
-    """The power spectrum of a blurred photograph, to which laws are fitted for deconvolution.
+    """The power spectrum of a blurred photograph, to which laws are fitted.
 
-    Attributes
-    ----------
-    shape : tuple of int
-        (rows, columns) of the photograph.
-    used : torch.Tensor
-        Indices of the frequencies that are used, in the flattened rfft2 grid.
-    power, squares : torch.Tensor
-        Power of these frequencies, of which white noise has its variance, and the frequencies'
-        squares in (cycles/pixel)².
-    weight : torch.Tensor
-        Weight of these frequencies: a half for those whose conjugate is on the grid as well, and
-        else 1. Without it, a picture that is turned would have another spectrum.
+    shape: (rows, columns) of the photograph.
+    used: indices of the frequencies that are used, in the flattened rfft2 grid.
+    power: power of these frequencies, of which white noise has its variance.
+    squares: squares of these frequencies, (cycles/pixel)².
+    weight: a half for frequencies whose conjugate is on the grid as well, and else 1. Without it, a
+        picture that is turned would have another spectrum.
     """
 
     shape: tuple[int, int]
@@ -248,9 +231,9 @@ class PhotographSpectrum:
     def of(
         cls, image: torch.Tensor, region: torch.Tensor | None = None
     ) -> PhotographSpectrum | None:
-        """Compute the spectrum of a photograph to deconvolve; None for one without structure.
+        """Compute the spectrum of a photograph; None for one without structure.
 
-        `region`: as for fit_power_law_with_mtf().
+        region: as for fit_power_law_with_mtf().
         """
         shape = int(image.shape[0]), int(image.shape[1])
         rounding = 1e-7 * float(image.abs().max()) if image.numel() else 0.0
@@ -273,13 +256,13 @@ class PhotographSpectrum:
         return smooth.flatten()[self.used]
 
     def bins(self, squared_mtf: torch.Tensor) -> SpectrumBins:
-        """Average a photograph's spectrum for deconvolution over similar frequencies and MTFs."""
+        """Average the spectrum over similar frequencies and MTFs."""
         return SpectrumBins.of(self.power, self.squares, self.seen_mtf(squared_mtf), self.weight)
 
     def log_likelihood(self, psf: torch.Tensor) -> float:
-        """Return the largest log-likelihood of the photograph's spectrum for a PSF to deconvolve.
+        """Return the largest log-likelihood of the spectrum for a PSF with a sum of 1.
 
-        The PSF has a sum of 1. The law is that of fit_power_law(), without an error of the PSF.
+        The law is that of fit_power_law(), without an error of the PSF.
         """
         transfer = transfer_function(psf.to(self.power), self.shape)
         seen = self.seen_mtf(squared_modulus(transfer))
@@ -293,8 +276,9 @@ def _smooth_by_window(squared_mtf: torch.Tensor, columns: int) -> torch.Tensor:
     """Smooth a squared MTF as the Hann window smooths a photograph's power spectrum.
 
     The window's spectrum has three samples along an axis, whose squares are as 1 : 4 : 1. Without
-    this step, zeros of the MTF seem to let light through. squared_mtf: on the rfft2 grid of a frame
-    with that many columns.
+    this step, zeros of the MTF seem to let light through.
+
+    squared_mtf: on the rfft2 grid of a frame with `columns` columns.
     """
     along_y = (squared_mtf.roll(1, 0) + squared_mtf.roll(-1, 0) + 4 * squared_mtf) / 6
     # Beyond the ends of the half spectrum, it continues with the rows in reverse.
@@ -305,10 +289,7 @@ def _smooth_by_window(squared_mtf: torch.Tensor, columns: int) -> torch.Tensor:
 
 
 def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> torch.Tensor:
-    """Compute the power spectrum of a photograph to be deconvolved, with a Hann window.
-
-    The scale is chosen so that the mean power of white noise is its variance.
-    """
+    """Compute the power spectrum with a Hann window, in which white noise has its variance."""
     rows, columns = (torch.hann_window(n + 2, False, dtype=image.dtype)[1:-1] for n in image.shape)
     window = rows[:, None] * columns
     if region is not None:
@@ -320,16 +301,13 @@ def _windowed_periodogram(image: torch.Tensor, region: torch.Tensor | None) -> t
 
 
 def squared_frequencies(shape: tuple[int, int]) -> torch.Tensor:
-    """Return the squared spatial frequencies of a deconvolution's rfft2 grid, in (cycles/pixel)².
-
-    The result is float64.
-    """
+    """Return the squared frequencies of an rfft2 grid, (cycles/pixel)², float64."""
     fy, fx = rfft2_frequencies(Plane(shape, (1.0, 1.0)))
     return fy.square() + fx.square()
 
 
 def _fit_plain_law(pools: SpectrumBins) -> SpectrumLaw:
-    """Fit a photograph's law without an error of the PSF, for deconvolution.
+    """Fit the law without an error of the PSF.
 
     The likelihood is maximised from two initial noise levels, and the likelier fit is kept.
     """
@@ -341,11 +319,13 @@ def _fit_plain_law(pools: SpectrumBins) -> SpectrumLaw:
 
 
 def _fit_binned_spectrum(pools: SpectrumBins, count: float, *, finds_model_error: bool) -> PowerLaw:
-    """Fit a power law and noise to the binned spectrum of a photograph to be deconvolved.
+    """Fit a power law and noise to a binned spectrum.
 
     The noise of the likeliest law is replaced by the mean power above the signal at frequencies
     where the signal is weak. Another fit looks there for light that falls with the frequency, which
-    the PSF's error leaves. count: of all frequencies.
+    the PSF's error leaves.
+
+    count: number of all frequencies.
     """
     plain = _fit_plain_law(pools)
     noise = _noise_at_quiet_frequencies(pools, plain, count)
@@ -356,9 +336,9 @@ def _fit_binned_spectrum(pools: SpectrumBins, count: float, *, finds_model_error
 
 
 def _noise_at_quiet_frequencies(pools: SpectrumBins, law: SpectrumLaw, count: float) -> float:
-    """Return the mean power above the signal where a photograph's signal is weak.
+    """Return the mean power above a weak signal, or the law's noise if too few bins are quiet.
 
-    count: of all frequencies. Where too few are quiet, the result is the law's noise.
+    count: number of all frequencies.
     """
     noise, signal = law.noise, pools.signal_power(law)
     for _ in range(3):
@@ -374,9 +354,9 @@ def _noise_at_quiet_frequencies(pools: SpectrumBins, law: SpectrumLaw, count: fl
 def _law_with_model_error(
     pools: SpectrumBins, plain: SpectrumLaw, count: float
 ) -> SpectrumLaw | None:
-    """Fit a photograph's law with the error of the PSF; None without evidence of such an error.
+    """Fit the law with the error of the PSF; None without evidence of such an error.
 
-    count: of all frequencies.
+    count: number of all frequencies.
     """
     law = min(
         (pools.fit(pools.with_model_error(plain, slope)) for slope in (1.0, 2.5)),

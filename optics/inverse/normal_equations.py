@@ -1,4 +1,8 @@
-"""Preconditioned conjugate gradients for a given inner product of the unknowns."""
+"""Normal equations of a blurred photograph, solved by preconditioned conjugate gradients.
+
+Where the whole period was measured, the solution has a closed form. The solver takes any inner
+product of the unknowns.
+"""
 
 from __future__ import annotations
 
@@ -29,32 +33,19 @@ def conjugate_gradients(
     tolerance: float,
     steps: int,
 ) -> tuple[torch.Tensor, int, float]:
-    """Solve a deconvolution's linear system normal(x) = b by preconditioned conjugate gradients.
+    """Solve normal(x) = b by preconditioned conjugate gradients.
 
-    The method is that of Hestenes and Stiefel (1952, doi 10.6028/jres.049.044).
+    Returns x, the number of steps done, and the inner product that is left (Hestenes and Stiefel
+    1952, doi 10.6028/jres.049.044).
 
-    Parameters
-    ----------
-    normal : callable
-        Applies the symmetric positive definite matrix to an x.
-    residual : torch.Tensor
-        b less normal(start); it is overwritten.
-    start : torch.Tensor
-        First estimate of x.
-    preconditioner : torch.Tensor
-        Approximate inverse of `normal`, one factor for each unknown.
-    inner_product : callable
-        Inner product of two such x.
-    tolerance : float
-        The solver ends when the inner product of the residual and the preconditioned residual is
-        at most this.
-    steps : int
-        Largest number of steps.
-
-    Returns
-    -------
-    tuple of torch.Tensor, int and float
-        x, the number of steps done, and the inner product that is left.
+    normal: applies the symmetric positive definite matrix to an x.
+    residual: b less normal(start); it is overwritten.
+    start: first estimate of x.
+    preconditioner: approximate inverse of `normal`, one factor for each unknown.
+    inner_product: inner product of two such x.
+    tolerance: the solver ends when the inner product of the residual and the preconditioned
+        residual is at most this.
+    steps: largest number of steps.
     """
     turned = residual * preconditioner
     way, length = turned.clone(), inner_product(residual, turned)
@@ -84,11 +75,12 @@ _PERIODS_PER_RADIUS = 2.7
 def least_weight(
     observation: Observation, shape: Callable[[torch.Tensor], torch.Tensor], steps: int
 ) -> float:
-    """Return the least weight of a deconvolution's penalty K that so many steps can solve.
+    """Return the least weight of a penalty K that so many steps can solve.
 
-    `shape` is K for a weight of 1, by the squared frequency in (cycles/pixel)². With a smaller
-    weight, the light from beyond the frame isn't found yet after these steps, and its errors are
-    amplified; they are worst at frequencies of about the PSF's size.
+    With a smaller weight, the light from beyond the frame isn't found yet after these steps, and
+    its errors are amplified; they are worst at frequencies of about the PSF's size.
+
+    shape: K for a weight of 1, by the squared frequency in (cycles/pixel)².
     """
     if observation.is_fully_measured:
         return 0.0
@@ -100,7 +92,7 @@ def least_weight(
 
 
 class LinearEquations(ABC):
-    """Base class of a restoration's normal equations (B* M B + K) x = B* M y + K z.
+    """Base class of normal equations (B* M B + K) x = B* M y + K z.
 
     B is any blur, and x holds the spectra of one or more pictures on the observation's period.
     Conjugate gradients solve the equations, preconditioned as if the whole period were measured.
@@ -113,25 +105,25 @@ class LinearEquations(ABC):
     @property
     @abstractmethod
     def data_spectrum(self) -> torch.Tensor:
-        """The spectrum of B* M y, the photograph's part of a deconvolution's right-hand side."""
+        """The spectrum of B* M y, the photograph's part of the right-hand side."""
 
     @property
     def is_diagonal(self) -> bool:
-        """Whether the deconvolution's equations treat each frequency on its own."""
+        """Whether the equations treat each frequency on its own."""
         return False
 
     @property
     def squared_response(self) -> torch.Tensor:
-        """The diagonal of B* M B on frequencies, as the deconvolution's preconditioner takes it."""
+        """The diagonal of B* M B on frequencies, as the preconditioner takes it."""
         return self.observation.squared_response
 
     @abstractmethod
     def apply_data_gram(self, x: torch.Tensor) -> torch.Tensor:
-        """Apply B* M B to deconvolved pictures' spectra."""
+        """Apply B* M B to pictures' spectra."""
 
     @abstractmethod
     def mean_squared_residual(self, spectrum: torch.Tensor) -> float:
-        """Return the deconvolution's mean squared residual, relative to the noise variance."""
+        """Return the mean squared residual, relative to the noise variance."""
 
     def solve(
         self,
@@ -140,10 +132,10 @@ class LinearEquations(ABC):
         steps: int,
         pull: torch.Tensor | None = None,
     ) -> tuple[torch.Tensor, int, float]:
-        """Solve the normal equations of the deconvolution: see solve_on_frequencies().
+        """Solve the equations from the spectra `start`: see solve_on_frequencies().
 
-        The solver starts from the spectra `start`. `penalty` is K of each frequency, and `pull` is
-        the spectrum of K z; 0 if None.
+        penalty: K of each frequency.
+        pull: spectrum of K z; 0 if None.
         """
         wanted = self.data_spectrum if pull is None else self.data_spectrum + pull
         return self._solve(wanted, penalty, start, steps)
@@ -151,7 +143,6 @@ class LinearEquations(ABC):
     def _solve(
         self, wanted: torch.Tensor, penalty: torch.Tensor, start: torch.Tensor, steps: int
     ) -> tuple[torch.Tensor, int, float]:
-        """Solve the deconvolution's equations for the right-hand side `wanted`."""
         inverse = self._denominator(penalty).reciprocal_().detach()
         if self.is_diagonal:
             return wanted * inverse, 0, 0.0
@@ -161,15 +152,15 @@ class LinearEquations(ABC):
         )  # fmt: skip
 
     def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
-        """Return the deconvolution's denominator ``|H|² + K``, kept above 0 for its inversion."""
+        """Return ``|H|² + K``, kept above 0 for its inversion."""
         return (self.squared_response + penalty).clamp(min=1e-12)
 
 
 class NormalEquations(LinearEquations):
-    """The normal equations of a photograph's restoration, for the photograph less its mean.
+    """The equations of one photograph, less its mean.
 
-    The mean is added to the solution, so that the penalty K doesn't darken it; with `keeps_mean`
-    it isn't subtracted. If the whole period was measured, the solution has a closed form.
+    The mean is added to the solution, so that the penalty K doesn't darken it; with `keeps_mean` it
+    isn't subtracted. If the whole period was measured, the solution has a closed form.
     """
 
     def __init__(self, observation: Observation, *, keeps_mean: bool = False) -> None:
@@ -183,7 +174,6 @@ class NormalEquations(LinearEquations):
 
     @cached_property
     def data_spectrum(self) -> torch.Tensor:
-        """The spectrum of H* M y, the photograph's part of a deconvolution's right-hand side."""
         return self._apply_adjoint(self.observation.inpainted_image - self.mean)
 
     def extended_spectrum(self) -> torch.Tensor:
@@ -194,7 +184,7 @@ class NormalEquations(LinearEquations):
         return rfft2(self.observation.extended_image - self.mean)
 
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
-        """Solve the deconvolution as if the photograph's smooth extension had been measured."""
+        """Solve the equations as if the photograph's smooth extension had been measured."""
         spectrum = self.extended_spectrum() * self.observation.conjugate_otf
         return spectrum * self._denominator(penalty).reciprocal()
 
@@ -204,15 +194,16 @@ class NormalEquations(LinearEquations):
         slope: Callable[[torch.Tensor], torch.Tensor],
         solve: Callable[[torch.Tensor], torch.Tensor],
     ) -> torch.Tensor:
-        """Return the picture of a restoration's solution with its derivatives, on the whole period.
+        """Return the solution's picture on the whole period, with its derivatives.
 
-        `spectrum` is the solution, where the pull of the data, H* M (y - H x), and the prior's
-        slope cancel. The derivatives are those of the exact solution (implicit function theorem),
-        by all that photograph, PSF and slope depend on. They take the memory of one application of
-        the equations, whatever the number of iterations was.
+        The derivatives are those of the exact solution (implicit function theorem), by all that
+        photograph, PSF and slope depend on. They take the memory of one application of the
+        equations, whatever the number of iterations was.
 
-        `slope` returns the spectrum of the prior's slope for that of the pull. `solve` returns the
-        picture's change for a change of the difference.
+        spectrum: the solution, where the pull of the data, H* M (y - H x), and the prior's slope
+            cancel.
+        slope: returns the spectrum of the prior's slope for that of the pull.
+        solve: returns the picture's change for a change of the difference.
         """
         found = spectrum.detach()
         pull = self.data_spectrum - self.apply_data_gram(found)
@@ -224,9 +215,10 @@ class NormalEquations(LinearEquations):
     def linear_response(
         self, penalty: torch.Tensor, steps: int
     ) -> Callable[[torch.Tensor], torch.Tensor]:
-        """Return the solution of the deconvolution's equations for any right-hand side.
+        """Return a function that solves the equations for any right-hand side.
 
-        `penalty` is K of each frequency. Conjugate gradients do `steps` steps.
+        penalty: K of each frequency.
+        steps: number of steps of conjugate gradients.
         """
 
         def solve(picture: torch.Tensor) -> torch.Tensor:
@@ -237,7 +229,7 @@ class NormalEquations(LinearEquations):
         return solve
 
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Convert a spectrum to the deconvolved picture on the whole period, with its mean."""
+        """Convert a spectrum to the picture on the whole period, with its mean."""
         # Adding in place is differentiable, since no derivative needs the sum.
         return irfft2(spectrum, self.observation.period_shape).add_(self.mean)
 
@@ -246,20 +238,20 @@ class NormalEquations(LinearEquations):
         return self.observation.mean_squared_residual(light)
 
     def apply_data_gram(self, x: torch.Tensor) -> torch.Tensor:
-        """Apply the deconvolution's H* M H to a spectrum."""
+        """Apply H* M H to a spectrum."""
         seen = self.observation
         light = seen.crop_to_frame(irfft2(x * seen.otf, seen.period_shape))
         return self._apply_adjoint(seen.sum_bands(light))
 
     def _apply_adjoint(self, frame: torch.Tensor) -> torch.Tensor:
-        """Apply a deconvolution's adjoint blur H* M to what was measured; return the spectrum."""
+        """Return the spectrum of H* M applied to what was measured."""
         seen, trust = self.observation, self.observation.effective_weights
         kept = seen.spread_to_bands(frame if trust is None else frame * trust)
         return rfft2(centred_pad(kept, seen.period_shape)) * seen.conjugate_otf
 
 
 class _SymmetricSolution(torch.autograd.Function):
-    """The solution of a deconvolution's symmetric linear equations, by their right-hand side.
+    """The solution of symmetric linear equations, differentiable by their right-hand side.
 
     The matrix is symmetric, so that the derivative's adjoint is the same solution.
     """
@@ -268,14 +260,13 @@ class _SymmetricSolution(torch.autograd.Function):
     def forward(
         ctx: Any, picture: torch.Tensor, solve: Callable[[torch.Tensor], torch.Tensor]
     ) -> torch.Tensor:
-        """Solve the deconvolution's equations for one right-hand side, a picture."""
         ctx.solve = solve
         ctx.save_for_backward(picture)
         return solve(picture)
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
-        """Solve the deconvolution's equations for the gradient by the solution."""
+        """Solve the equations for the gradient by the solution."""
         with torch.no_grad():
             found = ctx.solve(gradients[0])
         # The equations themselves depend on the PSF, which a second derivative would have to know.
@@ -285,7 +276,7 @@ class _SymmetricSolution(torch.autograd.Function):
 
 
 class ConjugateGradientStep(PictureStep):
-    """The picture's step of a restoration by splitting, by a few steps of conjugate gradients.
+    """The picture's step of an iteration by splitting, by a few steps of conjugate gradients.
 
     They start from the last picture, the first time from `start`, which is the photograph if None.
     `steps` is their number.
@@ -311,7 +302,7 @@ class ConjugateGradientStep(PictureStep):
         return irfft2(self._spectrum, self.observation.period_shape)
 
     def blend_with(self, picture: torch.Tensor, share: float) -> torch.Tensor:
-        """Blend the last deconvolved picture with another one, of which `share` is taken."""
+        """Blend the last picture with another one, of which `share` is taken."""
         self._spectrum = self._spectrum.lerp(rfft2(picture), share)
         return irfft2(self._spectrum, self.observation.period_shape)
 
@@ -331,11 +322,12 @@ def solve_on_frequencies(
     count: torch.Tensor,
     steps: int,
 ) -> tuple[torch.Tensor, int, float]:
-    """Solve a deconvolution's normal equations on rfft2 spectra by conjugate gradients.
+    """Solve normal equations on rfft2 spectra by conjugate gradients, from `spectrum`.
 
-    The solver starts from `spectrum` and returns the solution's spectrum, the number of steps, and
-    the residual relative to the right-hand side, in the preconditioner's norm: see
-    conjugate_gradients(). `count` comes from optics.fourier.rfft_column_weights().
+    Returns the solution's spectrum, the number of steps, and the residual relative to the
+    right-hand side, in the preconditioner's norm: see conjugate_gradients().
+
+    count: from optics.fourier.rfft_column_weights().
     """
 
     inner = partial(_inner_product, count=count)
@@ -350,9 +342,6 @@ def solve_on_frequencies(
 
 @torch.no_grad()
 def _inner_product(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
-    """Compute the inner product of two real deconvolved pictures from their rfft2 spectra.
-
-    The result is right up to a constant factor.
-    """
+    """Return the inner product of two real pictures by rfft2 spectra, up to a constant factor."""
     products = (a.real * b.real + a.imag * b.imag) * count
     return float(products.sum(dtype=torch.float64))

@@ -1,4 +1,4 @@
-"""The observation that a restoration starts from: photograph, PSF, noise and pixel weights."""
+"""A photograph with its PSF, noise and pixel weights, and what follows from them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MIN_EXPLAINED_SHARE = 3e-3
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """A photograph to be restored, with its PSF, noise, border and pixel weights.
+    """A photograph with its PSF, noise, border and pixel weights.
 
     It states the problem that a restoration solves. `build_observation` makes one from arrays of
     any kind. If the PSF sums to less than 1, part of the light is lost, and the restored scene is
@@ -114,7 +114,7 @@ class Observation:
 
     @property
     def psf_sum(self) -> float:
-        """The PSF's sum in a deconvolution: the share of the scene's light on the sensor."""
+        """The share of the scene's light that reaches the sensor."""
         return float(self.psf.detach().sum(dtype=torch.float64))
 
     @property
@@ -125,12 +125,12 @@ class Observation:
 
     @property
     def records_derivatives(self) -> bool:
-        """Whether derivatives by the photograph to deconvolve, its PSF or weights are recorded."""
+        """Whether derivatives by the photograph, its PSF or weights are recorded."""
         given = (self.image, self.psf, self.weights)
         return torch.is_grad_enabled() and any(needs_gradient(one) for one in given)
 
     def without_light(self) -> Observation:
-        """Return the same problem of deconvolution for a dark photograph, on the same scale.
+        """Return the same problem for a dark photograph, on the same scale.
 
         Clipped pixels have no weight in it.
         """
@@ -142,7 +142,7 @@ class Observation:
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
-        """The pixel weights for deconvolution, 0 for clipped pixels; None if all are 1."""
+        """The pixel weights, 0 for clipped pixels; None if all are 1."""
         if self.clipped is None or not bool(self.clipped.any()):
             return self.weights
         sound = (~self.clipped).to(self.image)
@@ -150,21 +150,21 @@ class Observation:
 
     @property
     def is_fully_measured(self) -> bool:
-        """Whether the photograph to be deconvolved is a whole period, all with weight 1."""
+        """Whether the photograph is a whole period, all with weight 1."""
         return self.period_shape == tuple(self.image.shape) and self.effective_weights is None
 
     @property
     def is_wide_beyond_frame(self) -> bool:
-        """Whether the PSF is so wide that the scene beyond the frame is restored slowly."""
+        """Whether the PSF is so wide that the scene beyond the frame is found slowly."""
         return self.border != "periodic" and self.psf_radius > _WIDE
 
     @cached_property
     def psf_offset(self) -> tuple[int, int]:
-        """The (rows, columns) by which the light of the PSF to deconvolve lies off its origin."""
+        """The (rows, columns) by which the PSF's light lies off its origin."""
         return light_offset(self.psf)
 
     def with_centred_psf(self) -> Self:
-        """Return the problem of deconvolution by the PSF with its light about its origin.
+        """Return the problem with the PSF's light about its origin.
 
         The restored picture, in its frame `offset`, is that of the given PSF. One whose derivatives
         are recorded stays, since each of its pixels counts.
@@ -186,7 +186,7 @@ class Observation:
 
     @cached_property
     def unit(self) -> float:
-        """The power of two below the photograph's brightest pixel, the unit of in_own_unit().
+        """The power of two below the photograph's brightest pixel, the unit of `in_own_unit`.
 
         The told noise takes the place of a dark photograph's light.
         """
@@ -195,7 +195,7 @@ class Observation:
 
     @cached_property
     def in_own_unit(self) -> Self:
-        """The same problem of deconvolution with the photograph's brightest pixel from 1 to 2.
+        """The same problem with the photograph's brightest pixel from 1 to 2.
 
         Whatever the unit of the light, its squares are within single precision there, and what is
         small is small relative to the picture. A power of two changes no digit.
@@ -215,19 +215,19 @@ class Observation:
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the period on which the photograph is deconvolved."""
+        """The (rows, columns) of the period."""
         rows, columns = self.image.shape
         frame = rows, columns
         return frame if self.border == "periodic" else blur_shape(frame, self.psf.shape)
 
     @cached_property
     def otf(self) -> torch.Tensor:
-        """The OTF of the normalised PSF on the period of the deconvolution, complex."""
+        """The OTF of the normalised PSF on the period, complex."""
         return transfer_function(self.psf / self._psf_light, self.period_shape)
 
     @cached_property
     def scale(self) -> float:
-        """The scale of the scene's light, which sets a deconvolution's thresholds and weights.
+        """The scale of the scene's light, which sets thresholds and weights.
 
         It is the photograph's standard deviation over the sum of the PSF, but at least 1e-3 of the
         mean; 1 for a dark photograph.
@@ -240,25 +240,22 @@ class Observation:
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """The squared MTF ``|H|²`` on the period of the deconvolution."""
+        """The squared MTF ``|H|²`` on the period."""
         return squared_modulus(self.otf)
 
     @cached_property
     def conjugate_otf(self) -> torch.Tensor:
-        """The complex conjugate H* of the OTF on the period of the deconvolution."""
+        """The complex conjugate H* of the OTF on the period."""
         return self.otf.conj().resolve_conj()
 
     @cached_property
     def power_law(self) -> PowerLaw:
-        """The power law and noise of the spectrum of the photograph to be deconvolved.
-
-        The power law is in the photograph's unit squared.
-        """
+        """The power law and noise of the photograph's spectrum, in its unit squared."""
         own = self.in_own_unit
         return self._fitted_power_law() if own is self else own.power_law.in_unit(self.unit)
 
     def _fitted_power_law(self) -> PowerLaw:
-        """Fit the power law of the photograph to deconvolve, of which only the middle is used."""
+        """Fit the power law to the middle of the photograph."""
         trust = self.effective_weights
         return fit_power_law(
             self._centre,
@@ -268,28 +265,28 @@ class Observation:
 
     @property
     def _centre(self) -> torch.Tensor:
-        """The middle of the photograph, whose spectrum is fitted for the deconvolution."""
+        """The middle of the photograph, whose spectrum is fitted."""
         return centred_crop(self.inpainted_image.detach(), self._centre_shape) * self.psf_sum
 
     @property
     def centre_spectrum(self) -> PhotographSpectrum | None:
-        """The spectrum of the middle of the photograph to deconvolve; None without structure."""
+        """The spectrum of the middle of the photograph; None without structure."""
         return PhotographSpectrum.of(self._centre)
 
     @property
     def wiener_prediction(self) -> WienerPrediction:
-        """The prediction of what Wiener deconvolution restores, from the photograph's power law."""
+        """What the Wiener filter is predicted to find, from the photograph's power law."""
         return self.power_law.wiener_prediction(
             self._squared_mtf_on(self._centre_shape), self._centre_shape
         )
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Compute the squared MTF ``|H|²`` for deconvolution on a period of the given shape."""
+        """Compute the squared MTF ``|H|²`` on a period of the given shape."""
         return squared_modulus(transfer_function(self.psf / self.psf_sum, shape))
 
     @property
     def _centre_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the photograph's middle, whose spectrum a deconvolution fits.
+        """The (rows, columns) of the middle whose spectrum is fitted.
 
         512 pixels, or four times the PSF, are enough for the fit.
         """
@@ -300,26 +297,19 @@ class Observation:
 
     @cached_property
     def noise(self) -> float:
-        """The noise of the photograph to be deconvolved: a pixel's standard deviation.
-
-        The deviation is for a pixel of weight 1. It is given or estimated, in the unit of the
-        image.
-        """
+        """Standard deviation of a pixel of weight 1, given or estimated, in the image's unit."""
         if self.given_noise is not None:
             return self.given_noise
         return max(math.sqrt(self.power_law.noise_variance), self.least_noise)
 
     @property
     def scene_noise(self) -> float:
-        """The noise of the photograph to be deconvolved, divided by the sum of the PSF.
-
-        The result isn't below the rounding error.
-        """
+        """The noise divided by the sum of the PSF, but not below the rounding error."""
         return max(self.noise / self.psf_sum, LEAST_NOISE * self.scale)
 
     @cached_property
     def disturbance(self) -> float:
-        """The noise against which a deconvolution weighs its prior, on the scale of the scene.
+        """The noise against which a prior is weighed, on the scale of the scene.
 
         It includes what the PSF's error does, whether the noise is told or estimated: see
         `PowerLaw.model_error_variance`. A residual is relative to `scene_noise` instead.
@@ -328,11 +318,12 @@ class Observation:
         return math.hypot(self.scene_noise, math.sqrt(error))
 
     def explained_share(self, mean_squared_residual: float) -> float:
-        """Return the share of the data that a restored picture explains, at least a small one.
+        """Return the share of the data that a picture explains, at least a small one.
 
-        mean_squared_residual: of the picture, relative to `scene_noise`. The share is of what
-        exceeds the larger of told and estimated noise: noise that is told a little too small
-        would leave nothing explained.
+        The share is of what exceeds the larger of told and estimated noise: noise that is told a
+        little too small would leave nothing explained.
+
+        mean_squared_residual: of the picture, relative to `scene_noise`.
         """
         estimated = self.power_law.total_variance / self.psf_sum**2
         left = mean_squared_residual * self.scene_noise**2 / max(self.disturbance**2, estimated)
@@ -340,18 +331,12 @@ class Observation:
 
     @cached_property
     def normalised_image(self) -> torch.Tensor:
-        """The photograph to be deconvolved on the scale of the scene's light.
-
-        The photograph is divided by the sum of the PSF.
-        """
+        """The photograph divided by the sum of the PSF, on the scale of the scene's light."""
         return self.image / self._psf_light
 
     @cached_property
     def inpainted_image(self) -> torch.Tensor:
-        """The normalised photograph for deconvolution, with unusable pixels filled in.
-
-        Pixels of weight 0 are filled in from their neighbours.
-        """
+        """The normalised photograph, with pixels of weight 0 filled in from their neighbours."""
         if self.effective_weights is None:
             return self.normalised_image
         known = self.effective_weights > 0
@@ -361,7 +346,7 @@ class Observation:
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The inpainted photograph, extended smoothly to the whole period of the deconvolution.
+        """The inpainted photograph, extended smoothly to the whole period.
 
         Opposite edges of the period meet smoothly. With a dark border, zeros surround the
         photograph instead.
@@ -372,20 +357,17 @@ class Observation:
 
     @cached_property
     def support(self) -> torch.Tensor | None:
-        """The mask of where the deconvolved scene may have light: 1 there; None if everywhere.
-
-        The mask covers the whole period.
-        """
+        """1 on the period where the scene may have light, else 0; None if it may everywhere."""
         if self.border != "dark":
             return None
         return centred_pad(torch.ones_like(self.image), self.period_shape)
 
     def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
-        """Crop a deconvolved picture on the whole period to the photograph's frame, as a view."""
+        """Crop a picture on the whole period to the photograph's frame, as a view."""
         return centred_crop(period_image, self.image.shape)
 
     def crop_to_picture(self, period_image: torch.Tensor) -> torch.Tensor:
-        """Crop a deconvolved picture on the whole period to its own frame: see `offset`.
+        """Crop a picture on the whole period to its own frame: see `offset`.
 
         Beyond the period, the picture goes on as at its edge.
         """
@@ -397,7 +379,7 @@ class Observation:
 
     @property
     def picture_window(self) -> tuple[slice, slice]:
-        """The rows and columns of the deconvolution's period that the picture's frame shows."""
+        """The rows and columns of the period that the picture's frame shows."""
         if self.border == "periodic":
             return slice(None), slice(None)
         first = [
@@ -414,38 +396,35 @@ class Observation:
 
     @property
     def bands(self) -> int:
-        """The number of the scene's bands that a deconvolution restores."""
+        """The number of the scene's bands."""
         return 1
 
     @property
     def needs_filters(self) -> bool:
-        """Whether the photograph to deconvolve was taken through a mosaic of filters."""
+        """Whether the photograph was taken through a mosaic of filters."""
         return False
 
     @property
     def squared_response(self) -> torch.Tensor:
-        """The squared response of blur and filters to each frequency, to be deconvolved.
-
-        It is a mean over the pixels.
-        """
+        """The squared response of blur and filters to each frequency, a mean over the pixels."""
         return self.squared_mtf
 
     @property
     def filter_power(self) -> float | torch.Tensor:
-        """The squared transmission of the sensor's filters, summed over the bands to deconvolve."""
+        """The squared transmission of the sensor's filters, summed over the bands."""
         return 1.0
 
     @property
     def channels(self) -> tuple[Observation, torch.Tensor]:
         """The photograph as one of the blurred light of each channel, and how bands mix into it.
 
-        The mixing is (channels, bands). A deconvolution of many bands splits off the light of the
-        sensor's channels, which are fewer.
+        The mixing is (channels, bands). For many bands, the light of the sensor's channels, which
+        are fewer, is split off.
         """
         return self, torch.eye(self.bands, dtype=torch.float64)
 
     def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
-        """Return what the sensor measures of the deconvolved bands' light in the frame.
+        """Return what the sensor measures of the bands' light in the frame.
 
         `light` is (bands, rows, columns), and the result is (1, rows, columns), on the scale of
         `normalised_image`.
@@ -453,12 +432,12 @@ class Observation:
         return light
 
     def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of sum_bands() to a picture in the deconvolution's frame."""
+        """Apply the adjoint of sum_bands() to a picture in the frame."""
         return frame
 
     @torch.no_grad()
     def mean_squared_residual(self, light: torch.Tensor) -> float:
-        """Compute a deconvolution's mean squared residual, relative to the noise variance.
+        """Compute the mean squared residual, relative to the noise variance.
 
         The residual is the normalised photograph less `light`, the blurred picture on the whole
         period. The mean is over pixels with a weight.
@@ -474,7 +453,7 @@ class Observation:
 
 
 def _require_less_noise(image: torch.Tensor, noise: float | None) -> None:
-    """Raise ValueError for a told noise beside which the photograph to deconvolve is nothing."""
+    """Raise ValueError for a told noise beside which the photograph is nothing."""
     brightest = float(image.detach().abs().max())
     if noise is not None and brightest > 0 and noise > brightest:
         raise ValueError(
@@ -484,14 +463,14 @@ def _require_less_noise(image: torch.Tensor, noise: float | None) -> None:
 
 
 def require_weights(weights: torch.Tensor) -> None:
-    """Raise ValueError for deconvolution weights that are negative, all zero or not finite."""
+    """Raise ValueError for weights that are negative, all zero or not finite."""
     require_finite("weights", weights)
     if bool((weights < 0).any()) or not bool((weights > 0).any()):
         raise ValueError("weights must be positive somewhere, and negative nowhere")
 
 
 def require_psf(psf: torch.Tensor) -> None:
-    """Raise ValueError for a PSF that can't be deconvolved: not finite, or no positive sum."""
+    """Raise ValueError for a PSF that isn't finite or has no positive sum."""
     if not torch.isfinite(psf).all():
         raise ValueError("psf has NaN or infinite values; measure or compute it again")
     light = float(psf.detach().sum())
@@ -500,7 +479,7 @@ def require_psf(psf: torch.Tensor) -> None:
 
 
 def _require_share(psf: torch.Tensor) -> None:
-    """Raise ValueError for a PSF that sends more light than there is to deconvolve."""
+    """Raise ValueError for a PSF that sends more light than there is."""
     light = float(psf.detach().sum())
     if light > _MOST_LIGHT:
         raise ValueError(
@@ -510,7 +489,7 @@ def _require_share(psf: torch.Tensor) -> None:
 
 
 def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
-    """Fill pixels that a deconvolution can't use with the mean of the nearest valid ones."""
+    """Fill invalid pixels with the mean of the nearest valid ones."""
     value = torch.where(valid, image, 0.0)[None, None]
     share = valid.to(image)[None, None]
     answer, missing = value.clone(), share == 0

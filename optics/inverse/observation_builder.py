@@ -28,42 +28,26 @@ Chosen: verdicts doubt a told noise from the same ratio."""
 
 
 def with_variance(observation: Observation, variance: torch.Tensor) -> Observation:
-    """Return a photograph's restoration problem with the variance of each of its pixels.
+    """Weight each pixel by the inverse of its standard deviation σ.
 
-    The weight of a pixel is the inverse of its standard deviation σ. With one prior for the whole
-    picture, this is what the likelihood asks for where noise grows with the light. There, the
-    negative logarithm of the posterior is the sum of (H x - y)² / (2 σ²) and of ``|∇x| / s``. The
-    scale s of the scene's gradients follows the light, as σ does. Multiplied by σ, which is about
-    constant in a region, it is the sum of (H x - y)² / (2 σ) and of ``|∇x|`` times a constant. The
-    inverse variance would suit a scene whose gradients are as large in the shade as in the sun; it
-    restores bright parts worse than one noise for all. The scale of the weights makes the mean of
-    weight times variance the mean variance, so that a residual relative to the noise is about 1.
+    With one prior for the whole picture, this is what the likelihood asks for where noise grows
+    with the light. There, the negative logarithm of the posterior is the sum of (H x - y)² / (2 σ²)
+    and of ``|∇x| / s``. The scale s of the scene's gradients follows the light, as σ does.
+    Multiplied by σ, which is about constant in a region, it is the sum of (H x - y)² / (2 σ) and of
+    ``|∇x|`` times a constant. The inverse variance would suit a scene whose gradients are as large
+    in the shade as in the sun; it restores bright parts worse than one noise for all. The scale of
+    the weights makes the mean of weight times variance the mean variance, so that a residual
+    relative to the noise is about 1. See Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354,
+    for weighted data and missing pixels in a splitting, and Granados et al. 2010, doi
+    10.1109/CVPR.2010.5540208, for the noise of a merged bracket.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF. Its own weights only say which pixels are used.
-    variance : torch.Tensor, (rows, columns)
-        Variance of each pixel, above 0, in the photograph's unit squared; infinite where nothing
-        was measured.
+    The noise of the result is the root mean square of the map. If the noise is even, `variance` is
+    None in it, and all pixels have the same weight. Raises ValueError for a map of another shape,
+    values that are NaN or not above 0, and a map without a finite value at a pixel that is used.
 
-    Returns
-    -------
-    Observation
-        The problem with weights, and the root mean square of the map as its noise. If the noise is
-        even, `variance` is None in it, and all pixels have the same weight.
-
-    Raises
-    ------
-    ValueError
-        For a map of another shape, values that are NaN or not above 0, and a map without a finite
-        value at a pixel that is used.
-
-    References
-    ----------
-    Weighted data and missing pixels in a splitting: Almeida and Figueiredo 2013, doi
-    10.1109/TIP.2013.2258354. The noise of a merged bracket: Granados et al. 2010, doi
-    10.1109/CVPR.2010.5540208.
+    observation: its own weights only say which pixels are used.
+    variance: variance of each pixel, (rows, columns), above 0, in the photograph's unit squared;
+        infinite where nothing was measured.
     """
     _require_variance(observation, variance)
     trust = observation.effective_weights
@@ -97,11 +81,11 @@ def with_variance(observation: Observation, variance: torch.Tensor) -> Observati
 
 
 def with_doubted_variance(observation: Observation, variance: torch.Tensor) -> Observation:
-    """Return a restoration problem with a variance map that may leave something unexplained.
+    """Weight pixels by a variance map that may leave something unexplained: see with_variance().
 
     If the photograph shows much more noise than its map has in the mean, PSF or model are wrong by
     more than the noise. What exceeds the map is then added to every pixel, which makes the noise
-    more even. The arguments are those of with_variance().
+    more even.
     """
     mapped = with_variance(observation, variance)
     excess = observation.noise**2 - mapped.noise**2
@@ -111,7 +95,7 @@ def with_doubted_variance(observation: Observation, variance: torch.Tensor) -> O
 
 
 def without_variance(observation: Observation) -> Observation:
-    """Return a restoration problem with one noise for all pixels, the rms of its variance map."""
+    """Return the problem with one noise for all pixels, the rms of its variance map."""
     if observation.variance is None or observation.weights is None:
         return observation
     used = observation.weights > 0
@@ -120,7 +104,7 @@ def without_variance(observation: Observation) -> Observation:
 
 
 def _require_variance(observation: Observation, variance: torch.Tensor) -> None:
-    """Raise ValueError for a variance map that a restoration can't use."""
+    """Raise ValueError for a variance map of another shape, or not above 0, or NaN."""
     shape = tuple(observation.image.shape)
     if tuple(variance.shape) != shape:
         raise ValueError(f"variance is {tuple(variance.shape)} and image {shape}; give one a pixel")
@@ -145,7 +129,7 @@ def build_observation(
     *,
     variance: Any = None,
 ) -> Observation:
-    """Gather what a deconvolution needs: the blurred photograph, PSF, noise and weights.
+    """Gather a blurred photograph, its PSF, noise and weights.
 
     The arrays may be of any kind. The photograph is restored in double precision if `image` is
     double, otherwise in single precision. See `Observation` for what the quantities mean.
@@ -203,7 +187,6 @@ def _build_observation(
     clipped: torch.Tensor | None,
     variance: torch.Tensor | None,
 ) -> Observation:
-    """Build a deconvolution's observation from tensors or arrays of any real numbers."""
     given = {"image": image, "psf": psf, "weights": weights, "clipped": clipped}
     given["variance"] = variance
     for name, value in given.items():

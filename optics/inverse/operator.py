@@ -1,4 +1,4 @@
-"""The interface of all forward operators, their products and sums, and A^T A and its inverses."""
+"""Linear operators, their products and sums, and A^T A and its inverses."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class GramOperator:
 
     @property
     def largest_eigenvalue(self) -> float:
-        """The largest eigenvalue of the operator A^T A."""
+        """The largest eigenvalue of A^T A."""
         each = self.weights.square().sum(-3) if self.domain == "bands" else self.weights
         return float(each.max())
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        """Apply the operator A^T A to `x`."""
+        """Apply A^T A to `x`."""
         if self.domain == "frequencies":
             return irfft2(rfft2(x) * self.weights, self.shape)
         if self.domain == "pixels":
@@ -59,7 +59,7 @@ class GramOperator:
         return product if self.diagonal is None else self.diagonal * x - product
 
     def inverse(self, penalty: float | torch.Tensor) -> GramOperator:
-        """Compute the inverse of A^T A + penalty, with A a forward operator.
+        """Compute the inverse of A^T A + penalty.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class GramOperator:
 
 
 def squared_modulus(values: torch.Tensor) -> torch.Tensor:
-    """Return the squared modulus of an operator's real diagonal, or of a complex spectrum."""
+    """Return the squared modulus of real or complex values."""
     if not values.is_complex():
         return values.square()
     return values.real.square().addcmul_(values.imag, values.imag)
@@ -111,7 +111,7 @@ Shape = tuple[int, ...]
 
 
 class Operator(ABC):
-    """Base class of all forward operators: a linear map A between real arrays.
+    """Base class of a linear map A between real arrays.
 
     Differentiable. ``first_then = then @ first`` chains operators, ``+`` adds them, and ``.T`` is
     the transpose as an operator of its own. A call and `adjoint` raise ValueError for an array
@@ -137,22 +137,16 @@ class Operator(ABC):
     @property
     @abstractmethod
     def bytes(self) -> int:
-        """The memory in bytes that one call of the operator needs besides input and output."""
+        """The memory in bytes that one call needs besides input and output."""
 
     @property
     def diagonal(self) -> tuple[Domain, torch.Tensor] | None:
-        """The factors of a forward operator that only multiplies pixels or frequencies, else None.
-
-        They stand behind the domain's name.
-        """
+        """The domain and the factors if A only multiplies pixels or frequencies, else None."""
         return None
 
     @property
     def gram(self) -> GramOperator | None:
-        """The forward operator's A^T A if it has a simple closed form, else None.
-
-        See GramOperator.
-        """
+        """A^T A if it has a simple closed form, else None: see GramOperator."""
         if self.diagonal is None:
             return None
         domain, values = self.diagonal
@@ -160,26 +154,23 @@ class Operator(ABC):
         return GramOperator(domain, squared_modulus(values), shape)
 
     def gram_with(self, then: GramOperator) -> GramOperator | None:
-        """Return the Gram operator of B A if it has a closed form, for the `then` of B, else None.
-
-        A is this forward operator.
-        """
+        """Return A^T (B^T B) A if it has a closed form, for `then` = B^T B, else None."""
         return None if self.diagonal is None else then.after_diagonal(*self.diagonal)
 
     @accepts_numpy
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        """Apply the forward operator A to `x`."""
+        """Apply A to `x`."""
         _require_shape("x", x, self.domain)
         return self._forward(x)
 
     @accepts_numpy
     def adjoint(self, y: torch.Tensor) -> torch.Tensor:
-        """Apply the operator's adjoint A^T to `y`, defined by <A x, y> = <x, A^T y>."""
+        """Apply the adjoint A^T to `y`, defined by <A x, y> = <x, A^T y>."""
         _require_shape("y", y, self.codomain)
         return self._adjoint(y)
 
     def norm(self) -> float:
-        """Compute the operator norm, the largest ``|A x|`` over all x of norm 1.
+        """Compute the largest ``|A x|`` over all x of norm 1.
 
         It is exact where A^T A is known as a GramOperator. Otherwise a power iteration approaches
         the norm from below.
@@ -188,7 +179,7 @@ class Operator(ABC):
         return math.sqrt(gram.largest_eigenvalue) if gram else self._norm_by_power()
 
     def _norm_by_power(self) -> float:
-        """Approximate the operator's norm from below by at most 100 steps of power iteration."""
+        """Approximate the norm from below by at most 100 steps of power iteration."""
         x = torch.rand(self.domain, generator=torch.Generator().manual_seed(0)) + 0.5
         found = 0.0
         for _ in range(100):
@@ -203,7 +194,7 @@ class Operator(ABC):
 
     @property
     def T(self) -> Operator:
-        """The transpose A^T of the forward operator, as an operator of its own."""
+        """The transpose A^T as an operator of its own."""
         return _Transpose(self)
 
     def __matmul__(self, first: Operator) -> Operator:
@@ -214,7 +205,7 @@ class Operator(ABC):
 
 
 class _Transpose(Operator):
-    """The transpose of another forward operator."""
+    """The transpose of another operator."""
 
     def __init__(self, of: Operator) -> None:
         self._of = of
@@ -239,13 +230,13 @@ class _Transpose(Operator):
 
 
 def _require_shape(name: str, array: torch.Tensor, shape: Shape) -> None:
-    """Raise ValueError if an array's last axes don't fit a forward operator."""
+    """Raise ValueError if an array's last axes haven't a shape."""
     if tuple(array.shape[-len(shape) :]) != shape:
         raise ValueError(f"{name} is {tuple(array.shape)}; its last axes must be {shape}")
 
 
 class OperatorProduct(Operator):
-    """The product of several forward operators, which are applied one after the other.
+    """Several operators, applied one after the other.
 
     Parameters
     ----------
@@ -282,12 +273,12 @@ class OperatorProduct(Operator):
 
     @property
     def diagonal(self) -> tuple[Domain, torch.Tensor] | None:
-        """The product of the operators' factors, if all act on pixels, or all on frequencies."""
+        """The product of all factors, if all act on pixels, or all on frequencies."""
         return _common_diagonal(self.steps, torch.mul)
 
     @property
     def gram(self) -> GramOperator | None:
-        """The operator product's A^T A where it has a closed form, else None."""
+        """A^T A of the product where it has a closed form, else None."""
         *first, last = self.steps
         found = last.gram
         for step in reversed(first):
@@ -296,12 +287,12 @@ class OperatorProduct(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the operator in the product that needs most."""
+        """The memory in bytes of the step that needs most."""
         return max(step.bytes for step in self.steps)
 
 
 class OperatorSum(Operator):
-    """The sum of several forward operators.
+    """The sum of several operators.
 
     Parameters
     ----------
@@ -331,12 +322,12 @@ class OperatorSum(Operator):
 
     @property
     def diagonal(self) -> tuple[Domain, torch.Tensor] | None:
-        """The sum of the operators' factors, if all act on pixels, or all on frequencies."""
+        """The sum of all factors, if all act on pixels, or all on frequencies."""
         return _common_diagonal(self.parts, torch.add)
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the operator in the sum that needs most."""
+        """The memory in bytes of the part that needs most."""
         return max(part.bytes for part in self.parts)
 
 

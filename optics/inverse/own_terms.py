@@ -1,7 +1,7 @@
-"""Restoration in terms of the photograph itself: its unit, and a centred PSF.
+"""Solve in terms of the photograph itself: in its unit, and with a centred PSF.
 
 The unit of the light and the place of the PSF's origin are conventions, on which no restored detail
-may depend. Restorations are therefore decorated by `in_own_unit` and `with_centred_psf`.
+may depend. Methods are therefore decorated by `in_own_unit` and `with_centred_psf`.
 """
 
 from __future__ import annotations
@@ -27,12 +27,14 @@ Power = float | Callable[[dict[str, Any]], float]
 def in_own_unit(
     *, bounds: tuple[str, ...] = (), **powers: Power
 ) -> Callable[[Callable[Given, RestoredImage]], Callable[Given, RestoredImage]]:
-    """Decorate a restoration to work in the photograph's own unit: see `Observation.in_own_unit`.
+    """Decorate a method to work in the photograph's own unit: see `Observation.in_own_unit`.
 
-    `powers` names the arguments that have a unit, and says which power of that of the light it is.
-    That of `weight` is the restored image's weight as well. A function's arguments and results are
-    light, where the power is 1. `bounds` names arguments that are light and may be negative; other
-    negative numbers are left for the restoration to refuse.
+    A function's arguments and results are light, where the power is 1.
+
+    bounds: names of arguments that are light and may be negative; other negative numbers are left
+        for the method to refuse.
+    powers: which power of the light's unit the unit of each named argument is. That of `weight` is
+        the restored image's weight as well.
     """
 
     def decorate(solve: Callable[Given, RestoredImage]) -> Callable[Given, RestoredImage]:
@@ -62,12 +64,12 @@ def in_own_unit(
 
 
 def _is_refused(value: Any) -> bool:
-    """Tell whether a restoration's argument is a number that isn't above 0, which it refuses."""
+    """Tell whether a value is a number that isn't above 0, which the method refuses."""
     return isinstance(value, (int, float)) and not value > 0
 
 
 def _over_unit(value: Any, unit: float) -> Any:
-    """Return a restoration's argument in the photograph's own unit."""
+    """Return a value, or a function of light, in the photograph's own unit."""
     if value is None:
         return None
     if callable(value):
@@ -97,12 +99,12 @@ def _in_given_unit(found: RestoredImage, unit: float, weight_unit: float) -> Res
 
 
 def with_centred_psf(solve: Callable[Given, RestoredImage]) -> Callable[Given, RestoredImage]:
-    """Decorate a restoration so that a PSF whose light is off its origin only moves the picture.
+    """Decorate a method so that a PSF whose light is off its origin only moves the picture.
 
-    The restoration gets a PSF with its light about the origin, and the frame in which the picture
-    stands where the given PSF puts it. So the picture from which iterations start, and what is dark
-    or unknown beyond the frame, fit the photograph. A map of bounds of the picture's frame leaves
-    all where it is.
+    The method gets a PSF with its light about the origin, and the frame in which the picture stands
+    where the given PSF puts it. So the picture from which iterations start, and what is dark or
+    unknown beyond the frame, fit the photograph. A map of bounds of the picture's frame leaves all
+    where it is.
     """
 
     @functools.wraps(solve)
@@ -122,8 +124,5 @@ def with_centred_psf(solve: Callable[Given, RestoredImage]) -> Callable[Given, R
 
 
 def _fresh(observation: Observation) -> Observation:
-    """Return the observation to deconvolve, without what it has computed if derivatives are wanted.
-
-    What was computed may not have recorded them.
-    """
+    """Forget what an observation has computed if derivatives are wanted: it may lack theirs."""
     return replace(observation) if observation.records_derivatives else observation

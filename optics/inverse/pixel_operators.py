@@ -1,4 +1,4 @@
-"""Forward operators of single pixels: a crop, a mask, and a mosaic of colour filters."""
+"""Operators on single pixels: a crop, a mask, and a mosaic of colour filters."""
 
 from __future__ import annotations
 
@@ -48,20 +48,17 @@ class CentredCrop(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the crop operator needs: none.
-
-        The input and the output aren't counted.
-        """
+        """The memory in bytes that one call needs besides input and output: none."""
         return 0
 
     @property
     def gram(self) -> GramOperator:
-        """The crop operator's A^T A, which is diagonal in pixels."""
+        """A^T A, which is diagonal in pixels."""
         inside = centred_pad(torch.ones(self._shape), self._whole)
         return GramOperator("pixels", inside, (self._whole[0], self._whole[1]))
 
     def gram_with(self, then: GramOperator) -> GramOperator | None:
-        """Return the Gram operator of B A with this crop operator A, where B acts on pixels."""
+        """Return A^T (B^T B) A with this crop A, where B acts on pixels."""
         if then.domain == "frequencies":
             return None
         shape = self._whole[0], self._whole[1]
@@ -97,15 +94,12 @@ class Mask(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the mask operator needs: none.
-
-        The input and the output aren't counted.
-        """
+        """The memory in bytes that one call needs besides input and output: none."""
         return 0
 
     @property
     def diagonal(self) -> tuple[Domain, torch.Tensor]:
-        """The mask operator's weights, by which it multiplies the pixels."""
+        """The weights, by which the pixels are multiplied."""
         return "pixels", self.weights
 
 
@@ -145,15 +139,12 @@ class SpectralMosaic(Operator):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that one call of the mosaic operator needs.
-
-        The input and the output aren't counted.
-        """
+        """The memory in bytes that one call needs besides input and output."""
         return self.weights.nelement() * self.weights.element_size()
 
     @property
     def gram(self) -> GramOperator:
-        """The mosaic operator's A^T A, which is an outer product over the bands at each pixel."""
+        """A^T A, which is an outer product over the bands at each pixel."""
         return GramOperator("bands", self.weights, (self.domain[-2], self.domain[-1]))
 
 
@@ -161,7 +152,7 @@ class SpectralMosaic(Operator):
 def filter_weights(
     pattern: Sequence[str], response: torch.Tensor, channels: str, shape: Sequence[int]
 ) -> torch.Tensor:
-    """Compute the weights of the mosaic operator from a repeated pattern of colour filters.
+    """Repeat a pattern of colour filters over a picture, and return what each pixel transmits.
 
     The pattern repeats from the first pixel on.
 

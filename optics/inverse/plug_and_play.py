@@ -1,4 +1,4 @@
-"""Restore with a denoising network in the place of a prior."""
+"""A denoising network in the place of a prior."""
 
 from __future__ import annotations
 
@@ -30,10 +30,7 @@ MULTIPLE = 8
 
 
 class _ResidualBlock(nn.Module):
-    """A residual block of the denoiser: two convolutions with a skip connection.
-
-    See He et al. 2016, doi 10.1109/CVPR.2016.90.
-    """
+    """Two convolutions with a skip connection (He et al. 2016, doi 10.1109/CVPR.2016.90)."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -46,7 +43,7 @@ class _ResidualBlock(nn.Module):
 
 
 def _blocks(width: int) -> nn.Sequential:
-    """Build the two residual blocks that a deconvolution denoiser has at each resolution."""
+    """Build the two residual blocks of one resolution."""
     return nn.Sequential(*(_ResidualBlock(width) for _ in range(2)))
 
 
@@ -79,11 +76,9 @@ class Denoiser(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, pictures: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Denoise a batch of pictures; plug-and-play deconvolution does this in each iteration.
+        """Denoise a batch, (pictures, 1, rows, columns), with sides that are multiples of 8.
 
-        The batch is (pictures, 1, rows, columns), with rows and columns that are multiples of 8.
-        `level` is the standard deviation of the noise: of each picture, (pictures,), or of each
-        pixel.
+        level: standard deviation of the noise: of each picture, (pictures,), or of each pixel.
         """
         folded = functional.pixel_unshuffle(pictures, 2)
         if level.ndim == 4:
@@ -106,10 +101,10 @@ class Denoiser(nn.Module):
         noise: float | torch.Tensor,
         axes: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Denoise the components of a picture, for plug-and-play deconvolution: see Denoise.
+        """Denoise the components of a picture of any size: see Denoise.
 
-        The picture may have any size. Components of several bands are shifted and scaled to the
-        range from 0 to 1, on which the network was trained.
+        Components of several bands are shifted and scaled to the range from 0 to 1, on which the
+        network was trained.
         """
         rows, columns = picture.shape[-2:]
         bands = picture.reshape(-1, rows, columns)
@@ -133,10 +128,11 @@ class Denoiser(nn.Module):
 
 
 def load_denoiser(weights: Mapping[str, torch.Tensor]) -> Denoiser:
-    """Build the denoiser of plug-and-play deconvolution with trained weights, for inference.
+    """Build the denoiser with trained weights, for inference.
 
-    The keys of `weights` are those of Denoiser.state_dict(). Raises ValueError if a weight is
-    missing, isn't expected, or has another shape.
+    Raises ValueError if a weight is missing, isn't expected, or has another shape.
+
+    weights: by the keys of Denoiser.state_dict().
     """
     network = Denoiser()
     try:
@@ -148,32 +144,25 @@ def load_denoiser(weights: Mapping[str, torch.Tensor]) -> Denoiser:
 
 @dataclass(frozen=True)
 class PlugAndPlaySettings:
-    """Tune plug-and-play deconvolution and the noise level that its denoiser gets.
+    """Tune the rounds and the noise level that the denoiser gets.
 
-    All values are chosen.
+    Values are chosen where no other origin is given.
 
-    Attributes
-    ----------
-    first_level : float
-        Noise level of the denoiser in the first round, relative to white.
-    min_level : float
-        Smallest noise level of the denoiser in any round, relative to white.
-    level_factor : float
-        Factor between the denoiser's noise level and the noise that a linear step leaves.
-    worst_frequency_share : float
-        Weight of the worst frequency in that noise, which is a geometric mean of the rms over all
-        frequencies and of the noise at the worst frequency. Some frequencies have far more noise
-        than others, and a denoiser that gets the rms takes them for texture.
-    min_penalty : float
-        Smallest penalty of the first round, relative to |H|² of a frequency without blur. Conjugate
-        gradients take many steps with smaller ones where the PSF is wide and the border unknown.
-    cg_steps : int
-        Steps of conjugate gradients in each round, which starts from the result of the last one.
-    first_share : float
-        Share of the first picture in the result. Its errors are partly independent of the last
-        one's. Measured for 44 photographs with 8 PSFs: with 0.2 to 0.3 none is below the first.
-    white_quantile : float
-        Quantile of a picture's light that counts as white.
+    first_level: noise level of the denoiser in the first round, relative to white.
+    min_level: smallest noise level of the denoiser in any round, relative to white.
+    level_factor: factor between the denoiser's noise level and the noise that a linear step leaves.
+    worst_frequency_share: weight of the worst frequency in that noise, which is a geometric mean of
+        the rms over all frequencies and of the noise at the worst frequency. Some frequencies have
+        far more noise than others, and a denoiser that gets the rms takes them for texture.
+    min_penalty: smallest penalty of the first round, relative to |H|² of a frequency without blur.
+        Conjugate gradients take many steps with smaller ones where the PSF is wide and the border
+        unknown.
+    cg_steps: steps of conjugate gradients in each round, which starts from the result of the last
+        one.
+    first_share: share of the first picture in the result. Its errors are partly independent of the
+        last one's. Measured for 44 photographs with 8 PSFs: with 0.2 to 0.3 none is below the
+        first.
+    white_quantile: quantile of a picture's light that counts as white.
     """
 
     first_level: float = 0.15
@@ -201,7 +190,7 @@ def plug_and_play(
     rounds: int = 12,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a blurred photograph by plug-and-play, with a denoiser in place of a prior.
+    """Deblur a photograph with a denoiser in the place of a prior.
 
     The method is that of Venkatakrishnan et al. (2013, doi 10.1109/GlobalSIP.2013.6737048) with
     half-quadratic splitting (Zhang et al. 2021, doi 10.1109/TPAMI.2021.3088914). The first picture
@@ -209,30 +198,14 @@ def plug_and_play(
     minimises |H x - y|² + K |x - z|², where the first term counts trusted pixels only. K grows
     geometrically up to `strength`, or less far for data with little noise. The denoiser's noise
     level in each round is the noise that the last step left in x, which follows from K and the
-    blur. The result is a weighted mean of the first and the last picture.
+    blur. The result is a weighted mean of the first and the last picture, cut to be nowhere
+    negative.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF.
-    denoise : Denoise
-        Denoiser of a picture with white at about 1.
-    strength : float, optional
-        Largest K, relative to |H|² of a frequency without blur.
-    rounds : int, optional
-        Number of rounds, 1 or more.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
+    Raises ValueError for a strength that isn't positive, or no round.
 
-    Returns
-    -------
-    RestoredImage
-        The picture in the photograph's frame, never negative.
-
-    Raises
-    ------
-    ValueError
-        For a strength that isn't positive, or no round.
+    denoise: denoiser of a picture with white at about 1.
+    strength: largest K, relative to |H|² of a frequency without blur.
+    rounds: number of rounds, 1 or more.
     """
     require_positive("strength", strength, "")
     require_count("rounds", rounds)
@@ -258,7 +231,7 @@ def plug_and_play(
 
 
 class _DenoisedPicture(Prior):
-    """The split picture of plug-and-play deconvolution, which a denoiser takes from the last one.
+    """The split picture, which a denoiser takes from the last one.
 
     The coupling K grows from round to round, and the denoiser's noise level falls with it.
     """
@@ -299,10 +272,11 @@ class _DenoisedPicture(Prior):
 
 @dataclass(frozen=True, eq=False)
 class _RemainingNoise:
-    """The noise that a linear step of plug-and-play leaves in x, relative to white.
+    """The noise that a linear step leaves in x, relative to white.
 
-    `noise` is the noise of the photograph. `power` is |H|² of each sampled frequency, and `count`
-    is the number of frequencies of the full FFT that it represents.
+    noise: noise of the photograph.
+    power: |H|² of each sampled frequency.
+    count: number of frequencies of the full FFT that each represents.
     """
 
     noise: float
@@ -311,10 +285,7 @@ class _RemainingNoise:
 
     @classmethod
     def of(cls, observation: Observation, white: float) -> _RemainingNoise:
-        """Sample a blur's frequencies to predict the noise that plug-and-play deconvolution leaves.
-
-        About 16,000 frequencies are sampled.
-        """
+        """Sample about 16,000 frequencies of a blur."""
         response = observation.squared_response
         every = max(1, math.isqrt(response.numel() // (1 << 14)))
         power = response[..., ::every, ::every].double()
@@ -322,7 +293,7 @@ class _RemainingNoise:
         return cls(observation.disturbance / white, power, count.double().expand(power.shape))
 
     def denoiser_level(self, penalty: float) -> float:
-        """Return the noise level of plug-and-play deconvolution's denoiser for a penalty K."""
+        """Return the denoiser's noise level for a penalty K."""
         share = _SETTINGS.worst_frequency_share
         squares = self.power / (self.power + penalty).square() * self.count
         mean = math.sqrt(float(squares.sum() / self.count.sum()))
@@ -330,10 +301,7 @@ class _RemainingNoise:
         return _SETTINGS.level_factor * self.noise * mean ** (1 - share) * worst**share
 
     def penalty_for(self, level: float) -> float:
-        """Find the penalty K of plug-and-play deconvolution for the denoiser's noise level `level`.
-
-        The search is a bisection. The result isn't below the smallest penalty.
-        """
+        """Find the penalty K for the denoiser's noise level, but not below the smallest K."""
         low, high = math.log(_SETTINGS.min_penalty), math.log(1e3)
         for _ in range(40):
             middle = 0.5 * (low + high)
@@ -344,7 +312,7 @@ class _RemainingNoise:
 
 
 def _subsample(picture: torch.Tensor) -> torch.Tensor:
-    """Return about 2^18 evenly spaced values of a deconvolved picture, for statistics."""
+    """Return about 2^18 evenly spaced values of a picture."""
     return picture.flatten()[:: max(1, picture.numel() >> 18)]
 
 
@@ -356,7 +324,6 @@ def _solve(
     progress: Progress,
     denoise: Denoise | None = None,
 ) -> RestoredImage:
-    """Run plug-and-play deconvolution through the interface of all restorations."""
     if denoise is None:
         raise ValueError("method is plug-and-play, and no denoiser is given; give one")
     chosen = {} if weight is None else {"strength": weight}
@@ -364,7 +331,7 @@ def _solve(
 
 
 def _round_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one round of plug-and-play deconvolution, including the denoiser.
+    """Return the cost of one round with the denoiser.
 
     Conjugate gradients are included if part of the period wasn't measured.
     """

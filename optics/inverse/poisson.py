@@ -1,4 +1,4 @@
-"""Deconvolution with the Poisson likelihood of counted photons and total variation."""
+"""Deblur with the Poisson likelihood of counted photons and total variation."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def poisson_total_variation(
     positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a blurred photograph with a Poisson likelihood and a total-variation prior.
+    """Deblur with a Poisson likelihood and a total-variation prior.
 
     The result x minimises m * the sum of (H x - y log H x) + weight * the sum of |∇x|. The first
-    sum is over trusted pixels y, and m is their mean. total_variation() has squares instead of
-    this likelihood.
+    sum is over trusted pixels y, and m is their mean. total_variation() has squares instead of this
+    likelihood.
 
     The likelihood of counting y photons where v are expected is proportional to exp(y log v - v)
     (thesis Eq. 2.30). Negative light, which the subtraction of dark frames leaves, counts as 0.
@@ -42,36 +42,18 @@ def poisson_total_variation(
     the same meaning and is estimated in the same way.
 
     The problem is convex (Figueiredo and Bioucas-Dias 2010, doi 10.1109/TIP.2010.2053941; Chambolle
-    and Pock 2011, doi 10.1007/s10851-010-0251-1, solve it too). It is split, with
-    v = H x split off, and the step for v is the root of a quadratic.
+    and Pock 2011, doi 10.1007/s10851-010-0251-1, solve it too). It is split, with v = H x split
+    off, and the step for v is the root of a quadratic.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF.
-    weight : float, optional
-        Regularisation weight, in light per pixel. Estimated from the evidence of the picture if
+    Raises ValueError for a weight that isn't positive, or no iteration.
+
+    weight: regularisation weight, in light per pixel. Estimated from the evidence of the picture if
         None.
-    iterations : int, optional
-        Largest number of iterations.
-    tol : float, optional
-        Relative change of the picture at which the iteration ends; 0 for all iterations.
-    positive : bool, optional
-        Whether x is kept from being negative in each iteration. Photographs of few photons and of
-        stars on a dark sky need this, and more iterations. H x is never negative, and the result is
-        clipped at 0.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    RestoredImage
-        The picture in the photograph's frame, never negative.
-
-    Raises
-    ------
-    ValueError
-        For a weight that isn't positive, or no iteration.
+    iterations: largest number of iterations.
+    tol: relative change of the picture at which the iteration ends; 0 for all iterations.
+    positive: whether x is kept from being negative in each iteration. Photographs of few photons
+        and of stars on a dark sky need this, and more iterations. H x is never negative, and the
+        result is clipped at 0.
     """
     how: dict[str, Any] = {"iterations": iterations, "tol": tol, "positive": positive}
     return total_variation(
@@ -80,7 +62,7 @@ def poisson_total_variation(
 
 
 def poisson_data_prox(observation: Observation) -> DataProx:
-    """Build the proximal step of a deconvolution's Poisson data term.
+    """Build the proximal step of the Poisson data term.
 
     The step returns the light v that minimises m t (v - y log v) + coupling / 2 * (v - light)²,
     where t is a pixel's weight. There the derivative m t (1 - y / v) + coupling * (v - light) is 0,

@@ -1,4 +1,4 @@
-"""Priors of pictures for restoration by splitting; each is one split of the problem.
+"""Priors of pictures, each of which is one split of the problem.
 
 They penalise derivatives of periodic pictures. Linearised at the solution, they give the derivative
 by what it depends on.
@@ -16,32 +16,28 @@ from optics.inverse.band_coupling import BandCoupling, Shrinkage
 
 
 class Derivative(ABC):
-    """Base class of the derivatives of periodic pictures that a deconvolution's prior penalises.
+    """Base class of the derivatives of periodic pictures, (..., rows, columns).
 
-    Pictures are (..., rows, columns). `parts` is the number of pictures that make up a derivative.
+    parts: number of pictures that make up a derivative.
     """
 
     parts: int
 
     @abstractmethod
     def gram_spectrum(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Return a derivative's adjoint times the derivative, as factors of frequencies.
-
-        The factors, for a deconvolution's prior, are on the rfft2 grid of a period, in double
-        precision.
-        """
+        """Return the adjoint times the derivative on the rfft2 grid of a period, float64."""
 
     @abstractmethod
     def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
-        """Add a deconvolved picture's derivative, times a factor, to `parts` in place."""
+        """Add a picture's derivative, times a factor, to `parts` in place."""
 
     @abstractmethod
     def adjoint(self, parts: Sequence[torch.Tensor], out: torch.Tensor) -> torch.Tensor:
-        """Apply the derivative's adjoint to a deconvolution prior's split; write it to `out`."""
+        """Apply the adjoint, and write the result to `out`."""
 
 
 class _Gradient(Derivative):
-    """The gradient of a deconvolved picture: forward differences down columns and along rows."""
+    """Forward differences down columns and along rows."""
 
     parts = 2
 
@@ -58,10 +54,9 @@ class _Gradient(Derivative):
 
 
 class _Curvature(Derivative):
-    """The second differences of a deconvolved picture.
+    """Second differences down the columns, along the rows, and across both, times √2.
 
-    They go down the columns, along the rows, and across both, times √2. Together they don't depend
-    on the direction.
+    Together they don't depend on the direction.
     """
 
     parts = 3
@@ -100,10 +95,9 @@ GRADIENT, CURVATURE = _Gradient(), _Curvature()
 
 
 def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
-    """Return the spectrum of the negative Laplacian, as a deconvolution's prior uses it.
+    """Return the spectrum of the negative Laplacian, the gradient's adjoint times the gradient.
 
-    The negative Laplacian is the gradient's adjoint times the gradient. The spectrum is on the
-    rfft2 grid of a period, (rows, columns // 2 + 1), in double precision.
+    It is on the rfft2 grid of a period, (rows, columns // 2 + 1), in double precision.
     """
     y = 2 - 2 * torch.cos(2 * math.pi * torch.fft.fftfreq(shape[0], dtype=torch.float64))
     x = 2 - 2 * torch.cos(2 * math.pi * torch.fft.rfftfreq(shape[1], dtype=torch.float64))
@@ -113,10 +107,7 @@ def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
 def add_gradient(
     x: torch.Tensor, down: torch.Tensor, along: torch.Tensor, factor: float = 1.0
 ) -> None:
-    """Add a picture's periodic gradient, for a deconvolution prior, to `down` and `along` in place.
-
-    The gradient consists of forward differences, and is multiplied by a factor.
-    """
+    """Add a picture's periodic forward differences, times a factor, to `down` and `along`."""
     plus, minus = {"alpha": factor}, {"alpha": -factor}
     down[..., :-1, :].add_(x[..., 1:, :], **plus).add_(x[..., :-1, :], **minus)
     down[..., -1, :].add_(x[..., 0, :], **plus).add_(x[..., -1, :], **minus)
@@ -125,7 +116,7 @@ def add_gradient(
 
 
 def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
-    """Apply the adjoint of a deconvolution prior's periodic gradient; write the result to `out`."""
+    """Apply the adjoint of the periodic gradient, and write the result to `out`."""
     torch.add(down, along, out=out).neg_()
     out[..., 1:, :].add_(down[..., :-1, :])
     out[..., 0, :].add_(down[..., -1, :])
@@ -139,12 +130,13 @@ LEAST_WEIGHT_SHARE = 0.7
 
 
 def weight_by_evidence(penalty: float, power: float, noise: float, explained_share: float) -> float:
-    """Estimate the weight of a deconvolution's prior from the evidence of a picture.
+    """Estimate a prior's weight from the evidence of a picture.
 
     For a penalty that grows with a power of the picture, the evidence (MacKay 1992, doi
-    10.1162/neco.1992.4.3.415) gives power * weight * penalty = freedom * noise². `penalty` is the
-    mean penalty of a pixel, and `explained_share` is the share of the data that the picture
-    explains.
+    10.1162/neco.1992.4.3.415) gives power * weight * penalty = freedom * noise².
+
+    penalty: mean penalty of a pixel.
+    explained_share: share of the data that the picture explains.
     """
     # 0.9 of the weight by the evidence restores best: measured for 72 photographs, between 0.78
     # and 1.1, where it hardly matters. Of the two components of the gradient, the one along an
@@ -158,21 +150,16 @@ RELAXATION = 1.8
 
 
 class Prior(ABC):
-    """Base class of priors on D x in a restoration by splitting, where D x is split off.
+    """Base class of priors on D x, where D x is split off.
 
     Pictures are (bands, rows, columns), on a whole period.
 
-    Attributes
-    ----------
-    gram_spectrum : torch.Tensor
-        D^T D on the frequencies of a period, (rows, columns // 2 + 1), or one number.
-    adjoint_target : torch.Tensor or None
-        D^T (d - b), the split's contribution to the right-hand side of the next picture's step for
-        a coupling of 1; d is the split and b its scaled dual variable. None before the first step.
-        Each step may overwrite the array.
-    component_scales : torch.Tensor or None
-        Factors of the components before they are split, (bands,), whose squares multiply D^T D.
-        All are 1 if None.
+    gram_spectrum: D^T D on the frequencies of a period, (rows, columns // 2 + 1), or one number.
+    adjoint_target: D^T (d - b), the split's contribution to the right-hand side of the next
+        picture's step for a coupling of 1; d is the split and b its scaled dual variable. None
+        before the first step. Each step may overwrite the array.
+    component_scales: factors of the components before they are split, (bands,), whose squares
+        multiply D^T D. All are 1 if None.
     """
 
     gram_spectrum: torch.Tensor
@@ -181,23 +168,24 @@ class Prior(ABC):
 
     @abstractmethod
     def update(self, x: torch.Tensor, weight: float) -> None:
-        """Update a deconvolution prior's split and dual variable for the next picture `x`."""
+        """Update split and dual variable for the next picture `x`."""
 
     @abstractmethod
     def coupling(self, weight: float, data: float) -> float:
-        """Return the coupling of a deconvolution prior's split, for a weight and data coupling."""
+        """Return the split's coupling, for a weight and the data's coupling."""
 
 
 class DerivativePenalty(Prior):
-    """The prior that penalises the joint length of derivatives to a power.
+    """The joint length of derivatives to a power, as a penalty.
 
     With gradients and a power of 1 it is total variation (Rudin, Osher and Fatemi 1992, doi
     10.1016/0167-2789(92)90242-F), and with curvatures second-order total variation (Lefkimmiatis,
     Bourquard and Unser 2012, doi 10.1109/TIP.2011.2168232). A lower power suits the heavier tails
     of natural pictures (Krishnan and Fergus 2009). The penalty doesn't depend on the direction.
-    `threshold` is the length, in light per pixel, below which a first iteration sets derivatives to
-    0. `bands` says how the bands of pictures of `shape` are coupled, and `weight_factor` multiplies
-    the weight by the evidence.
+
+    bands: how the bands of pictures of `shape` are coupled.
+    threshold: length, in light per pixel, below which a first iteration sets derivatives to 0.
+    weight_factor: multiplies the weight by the evidence.
     """
 
     def __init__(
@@ -226,7 +214,6 @@ class DerivativePenalty(Prior):
         return self._power * weight / self.threshold ** (2 - self._power)
 
     def estimate_weight(self, x: torch.Tensor, noise: float, explained_share: float) -> float:
-        """Estimate the weight of a deconvolution's gradient penalty by weight_by_evidence()."""
         mean = mean_gradient(x, self._power, self.bands)
         estimate = weight_by_evidence(mean, self._power, noise, explained_share)
         return self._weight_factor * estimate
@@ -245,23 +232,20 @@ class DerivativePenalty(Prior):
         self.adjoint_target = self.bands.components_adjoint(target)
 
     def derivative_of(self, x: torch.Tensor) -> list[torch.Tensor]:
-        """Return the derivative of a deconvolved picture's components, in its parts."""
+        """Return the derivative of a picture's components, in its parts."""
         parts = [torch.zeros_like(part) for part in self._parts]
         self.derivative.add(self.bands.components(x), parts)
         return parts
 
     def is_flat(self, x: torch.Tensor) -> torch.Tensor:
-        """Return where the split of a deconvolution's next step at its solution x is 0.
-
-        The result broadcasts to the components.
-        """
+        """Return where the next step's split at the solution x is 0, broadcast to components."""
         parts = [part.clone() for part in self._parts]
         self.derivative.add(self.bands.components(x), parts, self._relaxation)
         return self._shrinkage.removed_share(sum_products(parts, parts)) >= 1
 
 
 def sum_products(parts: Sequence[torch.Tensor], others: Sequence[torch.Tensor]) -> torch.Tensor:
-    """Return the inner product of two derivatives of a deconvolved picture, at each pixel."""
+    """Return the inner product of two derivatives at each pixel."""
     total = parts[0] * others[0]
     for a, b in zip(parts[1:], others[1:], strict=True):
         total.addcmul_(a, b)
@@ -274,7 +258,7 @@ BOX_COUPLING = 0.3
 
 
 class Box(Prior):
-    """The prior that light is within bounds, and is 0 outside a known support of the scene."""
+    """The prior that light is within bounds, and is 0 outside a known support."""
 
     def __init__(self, support: torch.Tensor | None = None, upper: float = math.inf) -> None:
         self.gram_spectrum = torch.ones(())
@@ -285,11 +269,11 @@ class Box(Prior):
         return data * BOX_COUPLING
 
     def _unlimited_split(self, x: torch.Tensor) -> torch.Tensor:
-        """Return what the next step of the deconvolution limits: picture and dual variable."""
+        """Return what the next step limits: picture and dual variable."""
         return x * RELAXATION if self._kept is None else self._kept.add(x, alpha=RELAXATION)
 
     def is_held(self, x: torch.Tensor) -> torch.Tensor:
-        """Return 1 where the bounds hold the deconvolved picture's light, else 0."""
+        """Return 1 where the bounds hold the light at the solution x, else 0."""
         moved = self._unlimited_split(x)
         held = (moved <= 0) | (moved >= self._upper)
         return (held if self._support is None else held | (self._support == 0)).to(x)
@@ -305,7 +289,7 @@ class Box(Prior):
 
 
 def mean_gradient(x: torch.Tensor, power: float, bands: BandCoupling | None = None) -> float:
-    """Compute a deconvolved picture's mean gradient length to a power, for the prior's weight.
+    """Compute the mean length of a picture's gradients to a power.
 
     Of large pictures, the mean is taken over every n-th row. With several bands, it is the mean
     over the pixels of the penalty of all groups of components.
@@ -325,7 +309,7 @@ def mean_gradient(x: torch.Tensor, power: float, bands: BandCoupling | None = No
 
 
 def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
-    """Compute the total-variation term div(∇x / ``|∇x|``) of a deconvolved picture.
+    """Compute div(∇x / ``|∇x|``), the total-variation term.
 
     To avoid division by 0, ``|∇x|`` is replaced by √(``|∇x|²`` + smooth²).
     """
@@ -336,17 +320,14 @@ def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
 
 
 def laplacian_of(x: torch.Tensor) -> torch.Tensor:
-    """Compute the Laplacian ∇²x of a deconvolved picture, for the Tikhonov term.
-
-    The picture is periodic. The Laplacian is computed from differences of neighbouring pixels.
-    """
+    """Compute ∇²x of a periodic picture from differences of neighbouring pixels."""
     down, along = torch.zeros_like(x), torch.zeros_like(x)
     add_gradient(x, down, along)
     return gradient_adjoint(down, along, torch.empty_like(x)).neg_()
 
 
 class LinearTerm(Prior):
-    """A term -<slope, x> of the objective of a deconvolution by splitting; it has no split."""
+    """A term -<slope, x> of the objective, which has no split."""
 
     def __init__(self, slope: torch.Tensor) -> None:
         self.gram_spectrum = torch.zeros(()).to(slope)
@@ -360,7 +341,7 @@ class LinearTerm(Prior):
 
 
 class LinearisedPenalty(Prior):
-    """The second derivative of a deconvolution's penalty at its solution, as a quadratic penalty.
+    """The second derivative of a penalty at the solution, as a quadratic penalty.
 
     The joint length of derivatives, for a power of 1, is |W z|, with the weights W of the
     components. Its second derivative is (W² - g g^T) / |W z|, with g = W² z / |W z|. The split's
@@ -405,7 +386,7 @@ class LinearisedPenalty(Prior):
 
 
 class LinearisedBox(Prior):
-    """The bounds of a deconvolution at its solution: what they hold doesn't move."""
+    """The bounds at the solution: what they hold doesn't move."""
 
     def __init__(self, box: Box, solution: torch.Tensor) -> None:
         self.gram_spectrum = box.gram_spectrum

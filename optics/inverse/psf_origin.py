@@ -53,7 +53,7 @@ in two quarters only, as a thin line's. Chosen."""
 
 
 def has_origin_in_corner(psf: NDArray[np.floating]) -> bool:
-    """Tell whether a PSF, (rows, columns), has its origin at index 0, by its wrapped light.
+    """Tell by its wrapped light whether a PSF, (rows, columns), has its origin at index 0.
 
     Parts that don't touch each other, as spots, aren't torn by the edges and can't tell. Audited on
     296 computed PSFs that made no limit (disks, rings, motions, shakes, cubic masks, spots and
@@ -82,7 +82,7 @@ def has_origin_in_corner(psf: NDArray[np.floating]) -> bool:
 
 
 def _light_of_psf(psf: Light) -> Light:
-    """Return a PSF's light above background and noise, and above a share of its peak."""
+    """Return the light above background and noise, and above a share of its peak."""
     lowest, low = (float(one) for one in np.quantile(psf, _LOW_QUANTILES))
     far, near = _NORMAL_DISTANCES
     noise = (low - lowest) / (far - near)
@@ -92,7 +92,7 @@ def _light_of_psf(psf: Light) -> Light:
 
 
 def _largest_part(light: Light, *, joins: bool) -> Light:
-    """Return the connected part of a PSF that has most light; `joins` bridges two dark pixels."""
+    """Return the connected part that has most light; `joins` bridges two dark pixels."""
     square = np.ones((3, 3), dtype=bool)
     lit = scipy.ndimage.binary_dilation(light > 0, square) if joins else light > 0
     labels, count = scipy.ndimage.label(lit, square)
@@ -103,7 +103,7 @@ def _largest_part(light: Light, *, joins: bool) -> Light:
 
 
 def _lies_along_edge(light: Light) -> bool:
-    """Tell whether a PSF lies along its first and last row, on both sides, not in the middle."""
+    """Tell whether light lies along the first and last row, on both sides, not in the middle."""
     rows = light.sum(1)
     # The last lines that a shift of the origin to the middle puts at the edges.
     middle = len(rows) - len(rows) // 2 + np.array([-1, 0])
@@ -116,7 +116,7 @@ def _lies_along_edge(light: Light) -> bool:
 
 
 def _continues_across_edge(light: Light) -> bool:
-    """Tell whether a PSF lies on both sides of its first row's edge, as one piece."""
+    """Tell whether light lies on both sides of the first row's edge, as one piece."""
     rows = light.sum(1)
     sides = sorted((rows[:_NEAR_LINES].sum(), rows[-_NEAR_LINES:].sum()))
     is_valley = rows[1] > _VALLEY * rows[0] and rows[-2] > _VALLEY * rows[-1]
@@ -125,14 +125,14 @@ def _continues_across_edge(light: Light) -> bool:
 
 
 def _misfit_across_edge(light: Light) -> float:
-    """Return the difference of a PSF's first and last row over their light, for the best shift."""
+    """Return the difference of the first and last row over their light, for the best shift."""
     first, last = light[0], light[-1]
     both = float((first + last).sum())
     return min(float(np.abs(first - np.roll(last, step)).sum()) for step in (-1, 0, 1)) / both
 
 
 def _lit_quarters(light: Light) -> int:
-    """Return the number of quarters of a PSF's array that have light."""
+    """Return the number of quarters of the array that have light."""
 
     def halves(whole: Light) -> Iterator[Light]:
         half = math.ceil(len(whole) / 2)
@@ -150,7 +150,7 @@ the mean of 132 photographs with these kernels."""
 
 
 def light_offset(psf: torch.Tensor) -> tuple[int, int]:
-    """Return the (rows, columns) by which the light of a deconvolution's PSF lies off its origin.
+    """Return the (rows, columns) by which a PSF's light lies off its origin.
 
     It is that of the centroid in whole pixels; 0 where it may be the PSF's own, but -1 in an even
     array whose last line is dark, and whose light lies before the origin.
@@ -166,7 +166,7 @@ def light_offset(psf: torch.Tensor) -> tuple[int, int]:
 
 
 def centroid_offset(psf: torch.Tensor) -> tuple[float, float]:
-    """Return how far a deconvolution's PSF has its centroid off index n // 2, (rows, columns).
+    """Return how far the centroid lies off index n // 2, (rows, columns), in pixels.
 
     Negative values of the PSF don't count.
     """
@@ -180,7 +180,7 @@ def centroid_offset(psf: torch.Tensor) -> tuple[float, float]:
 
 
 def about_offset(psfs: torch.Tensor, offset: tuple[int, int]) -> torch.Tensor:
-    """Return a deconvolution's PSFs, (..., rows, columns), with their light at `offset` central.
+    """Return PSFs, (..., rows, columns), with their light at `offset` central.
 
     If it is 0 or -1, nothing but a dark last line is left out. Otherwise the array is odd, and has
     some room around all light that isn't 0.
@@ -199,7 +199,7 @@ def about_offset(psfs: torch.Tensor, offset: tuple[int, int]) -> torch.Tensor:
 
 
 def _cut_line(psfs: torch.Tensor, axis: int, middle: int, reach: int) -> torch.Tensor:
-    """Cut a deconvolution's PSFs along an axis about an index, with zeros beyond their array."""
+    """Cut PSFs along an axis about an index, with zeros beyond their array."""
     n = psfs.shape[axis]
     place = torch.arange(middle - reach, middle + reach + 1)
     inside = (place >= 0) & (place < n)
@@ -210,7 +210,7 @@ def _cut_line(psfs: torch.Tensor, axis: int, middle: int, reach: int) -> torch.T
 def shifted_window(
     picture: torch.Tensor, offset: tuple[int, int], shape: tuple[int, ...], wraps: bool
 ) -> torch.Tensor:
-    """Cut a window of a shape out of a deconvolved picture, `offset` pixels off its middle.
+    """Cut a window of a shape out of a picture, `offset` pixels off its middle.
 
     Beyond the picture its edge is repeated, or its other side if it `wraps`.
     """

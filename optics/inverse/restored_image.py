@@ -1,4 +1,4 @@
-"""The restored picture with residual, weight and convergence, and what it leaves unexplained."""
+"""A deblurred picture with residual, weight and convergence, and what it leaves unexplained."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FORETOLD_CHANGES = 8
 
 @dataclass(frozen=True, eq=False)
 class RestoredImage:
-    """A restored picture, with the data by which its quality can be judged.
+    """A deblurred picture, with the data by which its quality can be judged.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class RestoredImage:
 
     @property
     def residual(self) -> float:
-        """The deconvolution's rms residual, relative to the noise.
+        """The rms residual, relative to the noise.
 
         The residual is the photograph less the blurred restoration, as it is returned. It is about
         1 if model, PSF and noise are right. Above 1.2, one of them is wrong.
@@ -77,7 +77,7 @@ class RestoredImage:
         return residual
 
     def to_numpy(self) -> RestoredImage:
-        """Return the same restoration with numpy arrays in the place of tensors."""
+        """Return the same result with numpy arrays in the place of tensors."""
         whole = self.period_image
         return replace(
             self,
@@ -87,10 +87,11 @@ class RestoredImage:
 
 
 def remaining_change(changes: Sequence[float]) -> float:
-    """Extrapolate the relative change that is left of a deconvolution's iterations.
+    """Extrapolate the relative change that further iterations would make.
 
-    The last changes are taken for a geometric series. `changes` are those of all iterations; the
-    result of fewer than two is infinite.
+    The last changes are taken for a geometric series; the result of fewer than two is infinite.
+
+    changes: relative changes of all iterations.
     """
     last = changes[-1 - _FORETOLD_CHANGES :]
     if len(last) < 2:
@@ -102,13 +103,13 @@ def remaining_change(changes: Sequence[float]) -> float:
 
 
 def has_converged(changes: Sequence[float]) -> bool:
-    """Tell whether more iterations of a deconvolution would change its picture by little."""
+    """Tell whether more iterations would change the picture by little."""
     return remaining_change(changes) <= CONVERGED_CHANGE
 
 
 @torch.no_grad()
 def relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
-    """Return the relative L2 change between the pictures of two iterations of a deconvolution.
+    """Return the relative L2 change of a picture from one iteration to the next.
 
     The change is measured on every fourth row.
     """
@@ -121,18 +122,8 @@ def relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
 def residual_map(observation: Observation, restored: RestoredImage) -> torch.Tensor:
     """Compute the photograph less the blurred restoration, over the noise, at each pixel.
 
-    Parameters
-    ----------
-    observation : Observation
-        What was restored.
-    restored : RestoredImage
-        The restoration. If it doesn't have the scene beyond the frame, pixels whose light comes
-        from there aren't known.
-
-    Returns
-    -------
-    torch.Tensor, (rows, columns)
-        The residual; NaN where it isn't known, and where a pixel has no weight.
+    The map, (rows, columns), is NaN where a pixel has no weight, and where its light comes from a
+    scene beyond the frame that `restored` doesn't have.
     """
     unit, observation = observation.unit, observation.in_own_unit
     known = restored.period_image

@@ -1,4 +1,4 @@
-"""Richardson-Lucy deconvolution (thesis Eq. 2.30), with an unknown border."""
+"""The iteration of Richardson and Lucy (thesis Eq. 2.30), with an unknown border."""
 
 from __future__ import annotations
 
@@ -32,42 +32,24 @@ def richardson_lucy(
     continue_past_noise: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a blurred photograph by the Richardson-Lucy iteration, (rows, columns).
+    """Deblur a photograph by the Richardson-Lucy iteration.
 
     The iteration converges towards the picture of greatest likelihood under photon noise. Negative
     light, which the subtraction of dark frames leaves, counts as 0, and so do negative values of
     the PSF. Pixels that weren't measured, beyond the frame or in it, are restored with the others
-    (Bertero and Boccacci 2005, doi 10.1051/0004-6361:20052717), so that they cause no ringing.
+    (Bertero and Boccacci 2005, doi 10.1051/0004-6361:20052717), so that they cause no ringing. The
+    picture is nowhere negative.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF.
-    iterations : int, optional
-        Largest number of iterations.
-    accelerate : bool, optional
-        Whether each iteration starts from an extrapolation of the last two (Biggs and Andrews 1997,
-        doi 10.1364/AO.36.001766), which replaces several iterations.
-    total_variation : float, optional
-        Weight w of the regulariser in Eq. 2.30 of the thesis, whose factor is 1 / (1 - w Γ), with
-        Γ = div(∇I / |∇I|) (Dey et al. 2006, doi 10.1002/jemt.20294).
-    tikhonov : float, optional
-        Weight w of the same factor with Γ = ∇²I over the mean light.
-    continue_past_noise : bool, optional
-        Whether the iteration continues when the residual is no larger than the noise (Morozov
-        1966). It then turns noise into detail.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
+    Raises ValueError for negative weights, or too few iterations.
 
-    Returns
-    -------
-    RestoredImage
-        The picture in the photograph's frame, never negative.
-
-    Raises
-    ------
-    ValueError
-        For negative weights, or too few iterations.
+    iterations: largest number of iterations.
+    accelerate: whether each iteration starts from an extrapolation of the last two (Biggs and
+        Andrews 1997, doi 10.1364/AO.36.001766), which replaces several iterations.
+    total_variation: weight w of the regulariser in Eq. 2.30 of the thesis, whose factor is 1 / (1 -
+        w Γ), with Γ = div(∇I / |∇I|) (Dey et al. 2006, doi 10.1002/jemt.20294).
+    tikhonov: weight w of the same factor with Γ = ∇²I over the mean light.
+    continue_past_noise: whether the iteration continues when the residual is no larger than the
+        noise (Morozov 1966). It then turns noise into detail.
     """
     require_count("iterations", iterations)
     for name, value in (("total_variation", total_variation), ("tikhonov", tikhonov)):
@@ -103,7 +85,7 @@ def richardson_lucy(
 
 @dataclass(frozen=True, eq=False)
 class _Likelihood:
-    """The Poisson likelihood of pictures on the whole period, for the Richardson-Lucy iteration."""
+    """The Poisson likelihood of pictures on the whole period."""
 
     observation: Observation
     otf: torch.Tensor
@@ -116,7 +98,7 @@ class _Likelihood:
 
     @classmethod
     def of(cls, observation: Observation) -> _Likelihood:
-        """Precompute the Poisson likelihood of a blurred photograph for Richardson-Lucy."""
+        """Prepare the likelihood of a blurred photograph."""
         psf = observation.psf.clamp(min=0) / observation.psf_sum
         transfer = transfer_function(psf, observation.period_shape)
         data = observation.normalised_image.clamp(min=0)
@@ -144,20 +126,21 @@ class _Likelihood:
         )
 
     def initial_picture(self) -> torch.Tensor:
-        """Return Richardson-Lucy's first picture, even light inside the scene's support."""
+        """Return even light inside the scene's support."""
         even = torch.full_like(self.data, self.mean_light)
         return even if self.observation.support is None else even * self.observation.support
 
     def blur(self, picture: torch.Tensor) -> torch.Tensor:
-        """Blur Richardson-Lucy's picture by the PSF, on the whole period of the deconvolution."""
+        """Blur a picture by the PSF, on the whole period."""
         return irfft2(rfft2(picture) * self.otf, self.observation.period_shape)
 
     def updated_picture(
         self, picture: torch.Tensor, expected: torch.Tensor, factor: torch.Tensor | None
     ) -> torch.Tensor:
-        """Update a deconvolved picture by one Richardson-Lucy step (thesis Eq. 2.30).
+        """Update a picture by one step (thesis Eq. 2.30).
 
-        `expected` is the blurred picture, and `factor` is the regulariser's factor, or None.
+        expected: the blurred picture.
+        factor: the regulariser's factor, if there is one.
         """
         # The lower limit avoids a division by 0.
         ratio = self.data / expected.clamp(min=1e-6 * self.mean_light)
@@ -170,7 +153,7 @@ class _Likelihood:
 
 
 class _Iterates:
-    """The iterates of Richardson-Lucy, and their extrapolation."""
+    """The iterates, and their extrapolation."""
 
     def __init__(self, start: torch.Tensor, accelerate: bool) -> None:
         self.current, self._accelerate = start, accelerate
@@ -178,7 +161,7 @@ class _Iterates:
         self._gains: list[torch.Tensor] = []
 
     def extrapolate(self) -> torch.Tensor:
-        """Extrapolate Richardson-Lucy's last two deconvolved pictures to the next step's start."""
+        """Extrapolate the last two pictures to the next step's start."""
         if not self._accelerate or self._direction is None or len(self._gains) < 2:
             return self.current
         before, last = self._gains
@@ -188,7 +171,7 @@ class _Iterates:
         return torch.add(self.current, self._direction, alpha=share).clamp_(min=0)
 
     def advance(self, fresh: torch.Tensor, ahead: torch.Tensor) -> float:
-        """Store the next picture of Richardson-Lucy and return its relative change."""
+        """Store the next picture and return its relative change."""
         self._direction = fresh - self.current
         if self._accelerate:
             self._gains = [*self._gains[-1:], (fresh - ahead).detach()]
@@ -199,7 +182,7 @@ class _Iterates:
 def _regulariser_factor(
     picture: torch.Tensor, level: float, total_variation: float, tikhonov: float
 ) -> torch.Tensor | None:
-    """Return the regulariser's factor 1 / (1 - w Γ) in Richardson-Lucy deconvolution, or None."""
+    """Return the regulariser's factor 1 / (1 - w Γ), or None if there is none."""
     if not total_variation and not tikhonov:
         return None
     taken = torch.zeros_like(picture)
@@ -214,7 +197,6 @@ def _regulariser_factor(
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
-    """Run Richardson-Lucy deconvolution through the interface of all restorations."""
     return richardson_lucy(
         observation, iterations, total_variation=weight or 0.0, progress=progress
     )

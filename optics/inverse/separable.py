@@ -44,11 +44,12 @@ SCENE_PRIORS: tuple[ScenePrior, ...] = ("neighbours", "flat")
 
 @accepts_numpy
 def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor, torch.Tensor]:
-    """Split a separable PSF into a column and a row for deconvolution: psf = down x along.
+    """Split a PSF, (rows, columns), into a column and a row: psf = down x along.
 
-    The PSF is (rows, columns). Of all products of a column and a row, the result is nearest to it
-    (Eckart and Young 1936). `down` sums to 1. `tol` is the largest relative L2 difference between
-    PSF and product that is allowed; a larger one raises a ValueError that states it.
+    Of all products of a column and a row, the result is nearest to it (Eckart and Young 1936).
+    `down` sums to 1. Raises a ValueError that states the difference if it is above `tol`.
+
+    tol: largest relative L2 difference between PSF and product that is allowed.
     """
     require_finite("psf", psf)
     if psf.ndim != 2:
@@ -69,11 +70,13 @@ def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor,
 
 @accepts_numpy
 def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tensor:
-    """Build the blur matrix of one axis, which a separable deconvolution inverts.
+    """Build the matrix that blurs along one axis, (length, scene).
 
-    `kernel` is (n,) with its origin at n // 2, and the matrix is (length, scene). The scene is as
-    long as the frame of `length` pixels. With an "unknown" border it is n - 1 pixels longer, which
-    are all that send light into the frame; n - 1 - n // 2 of them lie before the frame.
+    The scene is as long as the frame of `length` pixels. With an "unknown" border it is n - 1
+    pixels longer, which are all that send light into the frame; n - 1 - n // 2 of them lie before
+    the frame.
+
+    kernel: (n,), with its origin at n // 2.
     """
     require_border(border)
     n = len(kernel)
@@ -95,8 +98,10 @@ def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tens
 class _Axis:
     """The singular value decomposition U diag(s) V^T of one axis' blur of a whitened scene.
 
-    `left_vectors` is U, (frame, rank), and `singular_values` is s. `right_vectors` is the root of
-    the prior's covariance times V, for the pixels in the frame, (frame, rank).
+    left_vectors: U, (frame, rank).
+    singular_values: s.
+    right_vectors: root of the prior's covariance times V, for the pixels in the frame, (frame,
+        rank).
     """
 
     left_vectors: torch.Tensor
@@ -105,7 +110,6 @@ class _Axis:
 
     @classmethod
     def of(cls, kernel: torch.Tensor, length: int, border: Border, prior: ScenePrior) -> _Axis:
-        """Decompose the blur of one axis for a separable deconvolution."""
         blur = blur_matrix(kernel.to(torch.float64), length, border)
         root = _prior_root(blur.shape[1], border, prior)
         u, s, vh = torch.linalg.svd(blur if root is None else blur @ root, full_matrices=False)
@@ -116,10 +120,7 @@ class _Axis:
 
 
 def _prior_root(length: int, border: Border, prior: ScenePrior) -> torch.Tensor | None:
-    """Return the root R of a separable deconvolution's prior correlation R R^T, along one axis.
-
-    The prior describes the scene. The result is None if R is the identity.
-    """
+    """Return the root R of the scene's correlation R R^T along one axis; None for the identity."""
     if prior == "flat":
         return None
     # Correlation of neighbouring pixels in photographs (Jain 1989, chapter 2).
@@ -136,31 +137,19 @@ def _prior_root(length: int, border: Border, prior: ScenePrior) -> torch.Tensor 
 
 
 class SeparableFilter:
-    """A linear restoration of photographs of one shape with a separable PSF; differentiable.
+    """A linear filter for photographs of one shape with a separable PSF; differentiable.
 
-    The singular values of two matrices are computed once, for any number of photographs.
+    The singular values of two matrices are computed once, for any number of photographs. Raises
+    ValueError for another prior or border, or kernels that aren't finite.
 
-    Parameters
-    ----------
-    down, along : torch.Tensor or numpy.ndarray
-        Column and row of the PSF: see separable_parts().
-    shape : tuple of int
-        The photograph's (rows, columns).
-    border : {"unknown", "dark", "periodic"}, optional
-        What the scene does beyond the frame.
-    prior : {"flat", "neighbours"}, optional
-        "flat" takes the scene's pixels as uncorrelated. "neighbours" takes them as correlated by
+    down, along: column and row of the PSF: see separable_parts().
+    shape: the photograph's (rows, columns).
+    border: what the scene does beyond the frame.
+    prior: "flat" takes the scene's pixels as uncorrelated. "neighbours" takes them as correlated by
         0.95 per pixel along each axis.
-    joint : bool, optional
-        Whether the weight is compared with the product of both axes' singular values, as in a
+    joint: whether the weight is compared with the product of both axes' singular values, as in a
         Wiener filter. Otherwise each axis has its own filter.
-    dtype : torch.dtype, optional
-        Precision of the restoration.
-
-    Raises
-    ------
-    ValueError
-        For another prior or border, or kernels that aren't finite.
+    dtype: precision of the computation.
     """
 
     @accepts_numpy
@@ -199,7 +188,7 @@ class SeparableFilter:
 
     @property
     def multiplications(self) -> int:
-        """The number of multiplications of one separable deconvolution.
+        """The number of multiplications for one photograph.
 
         A joint filter takes four matrix products and the gain. One filter for each axis takes two
         matrix products.
@@ -212,16 +201,13 @@ class SeparableFilter:
 
     @accepts_numpy
     def coefficients(self, image: torch.Tensor) -> torch.Tensor:
-        """Return blurred photographs' coefficients in the separable filter's two SVD bases.
-
-        The photographs are (..., rows, columns).
-        """
+        """Return the coefficients of photographs, (..., rows, columns), in the two SVD bases."""
         if tuple(image.shape[-2:]) != self.shape:
             raise ValueError(f"image is {tuple(image.shape)}; its last axes must be {self.shape}")
         return self._rows.left_vectors.mT @ image @ self._columns.left_vectors
 
     def coefficient_gain(self, weight: float) -> torch.Tensor:
-        """Return the deconvolution's gain of each SVD coefficient, from photograph to scene.
+        """Return the gain of each SVD coefficient, from photograph to scene.
 
         The gain times the singular values is 1 where nothing is lost.
         """
@@ -233,7 +219,7 @@ class SeparableFilter:
 
     @accepts_numpy
     def restore(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
-        """Deconvolve: restore the scene in the frame from the photograph's coefficients()."""
+        """Compute the scene in the frame from the photograph's coefficients()."""
         return (
             self._rows.right_vectors
             @ (coefficients * self.coefficient_gain(weight))
@@ -242,10 +228,10 @@ class SeparableFilter:
 
     @accepts_numpy
     def __call__(self, image: torch.Tensor, weight: float) -> torch.Tensor:
-        """Restore a photograph with a separable PSF; the result is in the frame.
+        """Compute the scene X in the frame from a photograph.
 
-        The restored X minimises |A X B^T - image|² + weight * (X in the norm of the inverse prior
-        covariance). Subtract the mean from `image` first, since the prior pulls X to 0.
+        X minimises |A X B^T - image|² + weight * (X in the norm of the inverse prior covariance).
+        Subtract the mean from `image` first, since the prior pulls X to 0.
         """
         if self.joint:
             return self.restore(self.coefficients(image), weight)
@@ -253,7 +239,7 @@ class SeparableFilter:
         return down @ image @ along.mT
 
     def axis_filters(self, weight: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the deconvolving filter of each axis, (rows, rows) and (columns, columns)."""
+        """Return the filter of each axis, (rows, rows) and (columns, columns)."""
         require_positive("weight", weight, "")
         down, along = (
             (axis.right_vectors * (axis.singular_values / (axis.singular_values.square() + weight)))
@@ -263,7 +249,7 @@ class SeparableFilter:
         return down, along
 
     def residual_coefficients(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
-        """Return a separable deconvolution's residual as coefficients of the photograph."""
+        """Return the residual as coefficients of the photograph."""
         through = (
             self._rows.singular_values[:, None]
             * self._columns.singular_values
@@ -282,36 +268,20 @@ def restore_separable(
     joint: bool = True,
     tol: float = 1e-3,
 ) -> RestoredImage:
-    """Restore a photograph blurred by a separable PSF by a linear filter, without iterations.
+    """Deblur a photograph with a separable PSF by a linear filter, without iterations.
 
     The result X minimises |H X - O|² + weight * (X in the norm of the inverse prior covariance)
     exactly. It is linear, so that it may be negative where the light is dim, and differentiable.
     The mean of the photograph is subtracted before and added afterwards.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF.
-    weight : float, optional
-        Regularisation weight. If None, it comes from cross-validation, or for a flat prior it is
-        the one with the least error that the photograph's spectrum predicts.
-    prior : {"flat", "neighbours"}, optional
-        See SeparableFilter. "flat" is the limit of wiener() with "flat" and many steps.
-    joint : bool, optional
-        See SeparableFilter.
-    tol : float, optional
-        Largest part of the PSF that isn't separable: see separable_parts().
+    Raises ValueError for a PSF that isn't separable, a weight that isn't positive, or pixels that
+    have weights or are clipped, which aren't separable.
 
-    Returns
-    -------
-    RestoredImage
-        The picture in the photograph's frame, (rows, columns).
-
-    Raises
-    ------
-    ValueError
-        For a PSF that isn't separable, a weight that isn't positive, or pixels that have weights or
-        are clipped, which aren't separable.
+    weight: regularisation weight. If None, it comes from cross-validation, or for a flat prior it
+        is the one with the least error that the photograph's spectrum predicts.
+    prior: see SeparableFilter. "flat" is the limit of wiener() with "flat" and many steps.
+    joint: see SeparableFilter.
+    tol: largest part of the PSF that isn't separable: see separable_parts().
     """
     if observation.effective_weights is not None:
         raise ValueError("weights or clipped pixels don't separate into rows and columns; use "
@@ -339,7 +309,7 @@ def _choose_weight(
     coefficients: torch.Tensor,
     kernels: tuple[torch.Tensor, torch.Tensor],
 ) -> float:
-    """Choose the weight of a separable deconvolution's prior.
+    """Choose the prior's weight by cross-validation, or for a flat prior by prediction.
 
     A flat prior describes photographs too poorly for cross-validation. Its weight therefore comes
     from the error that the photograph's spectrum predicts.
@@ -353,7 +323,7 @@ def _choose_weight(
 
 
 def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch.Tensor) -> float:
-    """Predict the best weight of a separable deconvolution with one filter for each axis.
+    """Predict the best weight with one filter for each axis.
 
     The prior is flat. The prediction assumes that the whole period was measured.
     """
@@ -369,7 +339,7 @@ def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch
 
 
 def _cross_validated_weight(separable_filter: SeparableFilter, coefficients: torch.Tensor) -> float:
-    """Choose the weight of a separable deconvolution by generalised cross-validation.
+    """Choose the weight by generalised cross-validation.
 
     With this weight, each pixel is predicted best from the others (Golub, Heath and Wahba 1979, doi
     10.1080/00401706.1979.10489751). The method takes the border into account and doesn't need the

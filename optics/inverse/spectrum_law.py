@@ -24,7 +24,7 @@ _STEPS = 40
 
 @dataclass(frozen=True)
 class SpectrumLaw:
-    """A law of a photograph's binned spectrum: |H|² S / f^slope + noise + E / f^error_slope.
+    """A law of binned power, |H|² S / f^slope + noise + E / f^error_slope.
 
     `strength` is S and `error` is E; without a PSF error, E is 0.
     """
@@ -50,10 +50,10 @@ class SpectrumLaw:
 
 @dataclass(frozen=True)
 class SpectrumBins:
-    """A photograph's power spectrum, averaged over frequencies of similar modulus and MTF.
+    """A power spectrum, averaged over frequencies of similar modulus and MTF.
 
-    `share` is the share of all frequencies in each bin; `radius` is the mean logarithm of the
-    frequency's modulus.
+    share: share of all frequencies in each bin.
+    radius: mean logarithm of the frequency's modulus.
     """
 
     share: Array
@@ -69,10 +69,7 @@ class SpectrumBins:
         squared_mtf: torch.Tensor,
         weight: torch.Tensor,
     ) -> SpectrumBins:
-        """Average a power spectrum over frequency and MTF bins, for a deconvolution's noise fit.
-
-        Frequencies are binned by their modulus, and count by their weight.
-        """
+        """Average a power spectrum over bins of modulus and MTF, by the frequencies' weight."""
         radius_bins, mtf_bins = _RADIUS_BINS, _MTF_BINS
         radius = 0.5 * squares.log()
         ring = _bin_index(radius, radius_bins)
@@ -90,22 +87,19 @@ class SpectrumBins:
         return cls(share, mean(power), mean(radius), mean(squared_mtf))
 
     def signal_power(self, law: SpectrumLaw) -> Array:
-        """Return the blurred scene's power in each bin of the spectrum, for deconvolution.
-
-        Neither noise nor the PSF's error is included.
-        """
+        """Return the blurred scene's power in each bin, without noise or the PSF's error."""
         return np.asarray(law.strength * self.squared_mtf * np.exp(-law.slope * self.radius))
 
     def _error_power(self, law: SpectrumLaw) -> Array:
         return np.asarray(law.error * np.exp(-law.error_slope * self.radius))
 
     def negative_log_likelihood(self, law: SpectrumLaw) -> float:
-        """Return Whittle's negative log-likelihood of a photograph's law, for deconvolution."""
+        """Return Whittle's negative log-likelihood of a law."""
         model = self.signal_power(law) + law.noise + self._error_power(law)
         return float((self.share * (np.log(model) + self.power / model)).sum())
 
     def initial_law(self, noise: float) -> SpectrumLaw:
-        """Return a first law of a photograph's spectrum for a noise variance."""
+        """Return a first law for a noise variance."""
         above = (self.share * (self.power - noise).clip(min=0)).sum()
         signal = (self.share * self.signal_power(SpectrumLaw(1.0, 2.4, 0.0))).sum()
         return SpectrumLaw(max(float(above / signal), 1e-30), 2.4, max(noise, 1e-30))
@@ -116,7 +110,7 @@ class SpectrumBins:
         return SpectrumLaw(law.strength, law.slope, law.noise, error, slope)
 
     def harmful_variance(self, law: SpectrumLaw) -> float:
-        """Return the white noise's variance that harms a restoration as noise and PSF error do.
+        """Return the variance of white noise that does as much harm as noise and PSF error.
 
         It is the geometric mean over frequencies at which neither the scene nor the disturbance
         prevails: there, a restoration depends on how strong its prior is. An arithmetic mean
@@ -128,7 +122,7 @@ class SpectrumBins:
         return math.exp(float((weight * np.log(disturbance)).sum() / weight.sum()))
 
     def fit(self, start: SpectrumLaw) -> SpectrumLaw:
-        """Fit a photograph's law from a first one, for deconvolution, by Fisher scoring.
+        """Fit a law by Fisher scoring, from a first one.
 
         A step that doesn't raise the likelihood is repeated with more damping. The PSF's error is
         fitted if the first law has one.
@@ -147,7 +141,7 @@ class SpectrumBins:
         return now
 
     def _scoring_step(self, now: SpectrumLaw, damping: float) -> list[float]:
-        """Return one damped Fisher-scoring step in the fit of a law for deconvolution."""
+        """Return one damped step of Fisher scoring."""
         signal, error = self.signal_power(now), self._error_power(now)
         model = signal + now.noise + error
         slopes = [signal, -signal * self.radius, np.full_like(signal, now.noise)]
@@ -163,10 +157,7 @@ class SpectrumBins:
 
 
 def _bin_index(value: torch.Tensor, count: int) -> torch.Tensor:
-    """Return the index of each spectrum value's bin, for the noise fit of a deconvolution.
-
-    The `count` bins have equal width over the range of the values.
-    """
+    """Return the index of each value's bin, of `count` that divide the values' range evenly."""
     low, high = value.min(), value.max()
     place = (value - low) / (high - low).clamp(min=1e-12) * count
     return place.long().clamp(0, count - 1)

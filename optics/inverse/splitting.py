@@ -1,4 +1,4 @@
-"""Restoration by splitting: one iteration for all data terms, priors and pictures of several bands.
+"""One iteration by splitting for all data terms, priors and pictures of several bands.
 
 A restoration minimises a data term plus a weight times penalties of D x. With every D x split off
 as a variable of its own, an iteration has two parts: the splits' steps, which act on single pixels,
@@ -24,7 +24,7 @@ from optics.progress import Progress
 
 
 class PictureStep(ABC):
-    """Base class of the step for the picture in a restoration by splitting.
+    """Base class of the step for the picture.
 
     Pictures are (bands, rows, columns), on the observation's period.
     """
@@ -34,15 +34,15 @@ class PictureStep(ABC):
 
     @abstractmethod
     def next_picture(self, priors: Sequence[Prior], weight: float) -> torch.Tensor:
-        """Compute the deconvolution's next picture from the photograph and the priors' splits."""
+        """Compute the next picture from the photograph and the priors' splits."""
 
     @property
     @abstractmethod
     def mean_squared_residual(self) -> float:
-        """The last deconvolved picture's mean squared residual, relative to the noise variance."""
+        """The last picture's mean squared residual, relative to the noise variance."""
 
     def residual_of(self, picture: torch.Tensor) -> float:
-        """Return the mean squared residual of any picture, deconvolved here or changed after."""
+        """Return the mean squared residual of any picture."""
         seen = self.observation
         light = irfft2(rfft2(picture) * seen.otf, seen.period_shape)
         return seen.mean_squared_residual(light)
@@ -52,30 +52,22 @@ class PictureStep(ABC):
         return self.observation.extended_image.reshape(-1, *self.observation.period_shape)
 
     def visible_picture(self, picture: torch.Tensor) -> torch.Tensor:
-        """Return what a camera without blur would see of the deconvolved picture."""
+        """Return what a camera without blur would see of the picture."""
         return picture
 
 
 @dataclass(frozen=True)
 class SplittingSettings:
-    """The iterations, tolerance and weight of a restoration by splitting.
+    """The number of iterations, and how the weight is found.
 
-    Attributes
-    ----------
-    iterations : int
-        Largest number of iterations.
-    weight : float
-        Regularisation weight of the penalty in the first iterations.
-    estimate_weight : callable, optional
-        The next weight, for the last picture, the last weight and the mean squared residual. The
-        weight is fixed if None.
-    weight_delay : int
-        Number of iterations before the weight is estimated.
-    tol : float
-        Relative change of the picture at which the iteration ends; 0 for all iterations.
-    starts_from_picture : bool
-        Whether the first iteration splits the first picture, as half-quadratic splitting does.
-        Otherwise it starts with the picture's step.
+    iterations: largest number of iterations.
+    weight: regularisation weight of the penalty in the first iterations.
+    estimate_weight: the next weight, for the last picture, the last weight and the mean squared
+        residual. The weight is fixed if None.
+    weight_delay: number of iterations before the weight is estimated.
+    tol: relative change of the picture at which the iteration ends; 0 for all iterations.
+    starts_from_picture: whether the first iteration splits the first picture, as half-quadratic
+        splitting does. Otherwise it starts with the picture's step.
     """
 
     iterations: int
@@ -88,19 +80,13 @@ class SplittingSettings:
 
 @dataclass(frozen=True, eq=False)
 class SplitSolution:
-    """The result of a restoration by splitting.
+    """The picture that the iterations end with.
 
-    Attributes
-    ----------
-    picture : torch.Tensor
-        The picture on the period, (bands, rows, columns).
-    weight : float
-        The last regularisation weight.
-    relative_changes : list of float
-        Relative change of the picture in each iteration.
-    converged : bool
-        Whether the tolerance was reached, or without one, whether further iterations would change
-        the picture by little.
+    picture: (bands, rows, columns), on the period.
+    weight: the last regularisation weight.
+    relative_changes: relative change of the picture in each iteration.
+    converged: whether the tolerance was reached, or without one, whether further iterations would
+        change the picture by little.
     """
 
     picture: torch.Tensor
@@ -117,10 +103,10 @@ def solve_by_splitting(
     progress: Progress,
     start: torch.Tensor | None = None,
 ) -> SplitSolution:
-    """Run the iterations of a restoration by splitting.
+    """Run the iterations.
 
-    `method` is the name for progress reports. `start` is the first picture, (bands, rows, columns);
-    the photograph if None.
+    method: name for progress reports.
+    start: first picture, (bands, rows, columns); the photograph if None.
     """
     picture = step.start() if start is None else start
     weight, changes, count = settings.weight, list[float](), settings.iterations
@@ -147,10 +133,12 @@ def restored_image(
     converged: bool | None = None,
     upper: float = math.inf,
 ) -> RestoredImage:
-    """Gather the result of a restoration by splitting; its light is from 0 to `upper`.
+    """Gather the result, with light from 0 to `upper`.
 
-    `method` is its name. Whether it has converged follows from the changes if `converged` is None.
     A picture of one band is (rows, columns).
+
+    method: the method's name.
+    converged: follows from the relative changes if None.
     """
     with torch.no_grad():
         uncut = step.mean_squared_residual**0.5
@@ -173,10 +161,10 @@ def restored_image(
 
 
 def _residual_within_bounds(step: PictureStep, picture: torch.Tensor, upper: float) -> float | None:
-    """Return the rms residual of a deconvolved picture after its frame is cut to its bounds.
+    """Return the rms residual after the frame is cut to its bounds; None if nothing is cut.
 
     The scene around the frame stays as it explains the photograph, or is made dark where it is
-    known to be. None if there is nothing to cut.
+    known to be.
     """
     seen = step.observation
     shown = picture.clone() if seen.support is None else picture * seen.support
@@ -188,7 +176,7 @@ def _residual_within_bounds(step: PictureStep, picture: torch.Tensor, upper: flo
 def damped_weight(
     target: float, weight: float, initial: float, min_factor: float, max_factor: float
 ) -> float:
-    """Move the weight of a deconvolution's prior 30 % of the way to its target, in logarithms.
+    """Move a weight 30 % of the way to its target, in logarithms.
 
     The target is limited to `min_factor` to `max_factor` times the initial weight. Before the
     iterations have converged, the picture explains too little, and would ask for less weight.

@@ -1,4 +1,4 @@
-"""Restore with a total variation prior, or with a lower power of the gradients."""
+"""Deblur with a total-variation prior, or with a lower power of the gradients."""
 
 from __future__ import annotations
 
@@ -50,20 +50,19 @@ _ENTRIES = 2048
 
 
 def require_power(power: float) -> None:
-    """Raise ValueError unless a deconvolution prior's power of gradients is above 0 and up to 1."""
+    """Raise ValueError unless a power of gradients is above 0 and up to 1."""
     if not 0 < power <= 1:
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
 
 
 @accepts_numpy
 def shrink(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
-    """Shrink each value as a deconvolution's hyper-Laplacian prior requires.
+    """Return the v that minimises ``|v|^power + coupling / 2 (v - value)²`` for each value.
 
-    The result is the v that minimises ``|v|^power + coupling / 2 (v - value)²``. v is 0 up to a
-    threshold of |value|. Beyond it, |v| is the largest root of v - |value| = -(power / coupling)
-    v^(power - 1) (Krishnan and Fergus 2009, "Fast image deconvolution using hyper-Laplacian
-    priors", NIPS 22). The result is accurate to 1e-6 of the value. Raises ValueError for a power
-    outside 0 to 1, or a coupling that isn't positive.
+    v is 0 up to a threshold of |value|. Beyond it, |v| is the largest root of v - |value| = -(power
+    / coupling) v^(power - 1) (Krishnan and Fergus 2009, "Fast image deconvolution using
+    hyper-Laplacian priors", NIPS 22). The result is accurate to 1e-6 of the value. Raises
+    ValueError for a power outside 0 to 1, or a coupling that isn't positive.
     """
     require_power(power)
     require_positive("coupling", coupling, "")
@@ -72,9 +71,9 @@ def shrink(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
 
 
 def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
-    """Return the share of a gradient that a deconvolution prior's shrink() keeps.
+    """Return the share of a gradient that shrink() keeps.
 
-    `squares` are the squared lengths of the gradients.
+    squares: squared lengths of the gradients.
     """
     threshold, table = _shrinkage_table(power)
     table = table.to(squares)
@@ -89,10 +88,9 @@ def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> to
 
 @lru_cache
 def _shrinkage_table(power: float) -> tuple[float, torch.Tensor]:
-    """Compute a deconvolution prior's shrinkage threshold, and a table of the shares kept.
+    """Compute the shrinkage threshold for a coupling of 1, and a table of the shares kept.
 
-    The threshold is for a coupling of 1. Entry i is the share that is kept of a gradient of length
-    threshold / (i / _ENTRIES).
+    Entry i is the share that is kept of a gradient of length threshold / (i / _ENTRIES).
     """
     least = (2 * (1 - power)) ** (1 / (2 - power))
     threshold = least + power * least ** (power - 1) if power < 1 else 1.0
@@ -134,7 +132,7 @@ in its logarithm -1.2 dB, -0.2 dB and 0.4 dB."""
 
 
 def light_in_weight(given: Mapping[str, Any]) -> float:
-    """Return the power of the light's unit in the weight of a deconvolution's gradient penalty."""
+    """Return the power of the light's unit in the weight of a gradient penalty."""
     return 2 - float(given["power"])
 
 
@@ -155,50 +153,27 @@ def total_variation(
     weight_factor: float = 1.0,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore a blurred photograph with the total-variation prior, which keeps edges sharp.
+    """Deblur with the total-variation prior, which keeps edges sharp (thesis Eq. 2.27).
 
-    See thesis Eq. 2.27.
+    The picture is nowhere negative. It has derivatives by the photograph, the PSFs, the pixel
+    weights and `weight` where these record them: those of the exact solution, which the iterations
+    must have reached about. What is flat in it stays flat, and clipped pixels have none.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF.
-    weight : float or torch.Tensor, optional
-        Regularisation weight of the sum of the gradients' lengths, in light per pixel. If None, the
-        photograph's spectrum predicts a first value, and the evidence of the picture refines it.
-    power : float, optional
-        Power of the gradients' lengths, above 0 and up to 1. It is 0.6 for natural pictures.
-    bands : BandCoupling, optional
-        How the scene's bands are coupled. If None, luminance and colour differences are penalised
-        separately.
-    iterations : int, optional
-        Largest number of iterations.
-    tol : float, optional
-        Relative change of the picture at which the iteration ends; 0 for all iterations.
-    positive : bool, optional
-        Whether the light is kept from being negative in each iteration, which dark pictures need.
-        The result is never negative.
-    upper : float, optional
-        Bound that the light doesn't exceed, above 0.
-    data_prox : callable, optional
-        Proximal step of another data term than least squares: see DataProx.
-    weight_factor : float, optional
-        Factor on a weight that is estimated, above 0.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
+    Raises ValueError for a weight that isn't positive, or a power outside 0 to 1.
 
-    Returns
-    -------
-    RestoredImage
-        The picture in the photograph's frame, never negative. It has derivatives by the photograph,
-        the PSFs, the pixel weights and `weight` where these record them: those of the exact
-        solution, which the iterations must have reached about. What is flat in it stays flat, and
-        clipped pixels have none.
-
-    Raises
-    ------
-    ValueError
-        For a weight that isn't positive, or a power outside 0 to 1.
+    weight: regularisation weight of the sum of the gradients' lengths, in light per pixel. If None,
+        the photograph's spectrum predicts a first value, and the evidence of the picture refines
+        it.
+    power: power of the gradients' lengths, above 0 and up to 1. It is 0.6 for natural pictures.
+    bands: how the scene's bands are coupled. If None, luminance and colour differences are
+        penalised separately.
+    iterations: largest number of iterations.
+    tol: relative change of the picture at which the iteration ends; 0 for all iterations.
+    positive: whether the light is kept from being negative in each iteration, which dark pictures
+        need.
+    upper: bound that the light doesn't exceed, above 0.
+    data_prox: proximal step of another data term than least squares: see DataProx.
+    weight_factor: factor on a weight that is estimated, above 0.
     """
     number = None
     if weight is not None:
@@ -246,10 +221,7 @@ def _picture_with_gradients(
     weight: float | torch.Tensor,
     settings: SplittingSettings,
 ) -> torch.Tensor:
-    """Return the picture of total-variation deconvolution with its derivatives.
-
-    They take as many iterations as the picture.
-    """
+    """Return the picture with its derivatives, which take as many iterations as the picture."""
     # A fresh observation has computed nothing yet without recording its derivatives.
     equations = NormalEquations(replace(observation), keeps_mean=True)
     found = solution.picture.detach()
@@ -278,10 +250,12 @@ def weight_settings(
     power: float,
     is_predictable: bool,
 ) -> SplittingSettings:
-    """Return the settings of a deconvolution by splitting, whose weight is estimated if None.
+    """Choose how the weight is found: as given, or estimated if None.
 
-    The weight follows the evidence of the pictures after some iterations. `is_predictable` says
-    whether the photograph's spectrum predicts the weight well, so that it needn't move far.
+    The weight follows the evidence of the pictures after some iterations.
+
+    is_predictable: whether the photograph's spectrum predicts the weight well, so that it needn't
+        move far.
     """
     if weight is not None:
         return SplittingSettings(iterations, weight, tol=tol)
@@ -305,10 +279,7 @@ def weight_settings(
 
 
 def _gradient_threshold(observation: Observation) -> float:
-    """Return the gradient threshold of total-variation deconvolution.
-
-    The first iteration sets gradients below this length to 0.
-    """
+    """Return the length of gradients below which the first iteration sets them to 0."""
     bright = observation.clipped is not None and bool(observation.clipped.any())
     # Clipped light may be many times brighter than the measured value. With a small threshold, it
     # would take many iterations to reach it.
@@ -316,7 +287,7 @@ def _gradient_threshold(observation: Observation) -> float:
 
 
 def initial_weight(observation: Observation, power: float = 1.0) -> float:
-    """Predict the weight of deconvolution's total-variation prior from the photograph's spectrum.
+    """Predict the weight from the photograph's spectrum.
 
     The prediction estimates what the Wiener filter would restore, and takes the weight from the
     evidence of that picture.

@@ -1,4 +1,4 @@
-"""What a restoration gains by the variance map of its photograph, estimated without the truth."""
+"""How much a photograph's variance map helps, estimated without the truth."""
 
 from __future__ import annotations
 
@@ -35,16 +35,12 @@ _DIM = 1e-4
 
 @dataclass(frozen=True)
 class VarianceGain:
-    """What a restoration gains by a variance map over one noise for all pixels, in dB.
+    """What a variance map gains over one noise for all pixels, dB.
 
-    Attributes
-    ----------
-    light : float
-        Mean squared error of the light with one noise, over that with the map. Bright parts make
+    light: mean squared error of the light with one noise, over that with the map. Bright parts make
         most of it.
-    logarithm : float
-        The same for the logarithm of the light above a ten-thousandth of its peak, to which dim
-        parts contribute as much.
+    logarithm: the same for the logarithm of the light above a ten-thousandth of its peak, to which
+        dim parts contribute as much.
     """
 
     light: float
@@ -55,7 +51,7 @@ class VarianceGain:
 def estimate_variance_gain(
     observation: Observation, solve: Solve, generator: torch.Generator
 ) -> VarianceGain:
-    """Estimate what a restoration gains by its photograph's variance map, in dB.
+    """Estimate what a photograph's variance map gains; 0 if the noise is even.
 
     This is a parametric bootstrap (Efron and Tibshirani 1993, chapter 6). The middle of the
     photograph is restored with the map, more sharply than usual. The result is blurred, noise of
@@ -63,24 +59,11 @@ def estimate_variance_gain(
     estimate is as good as that scene resembles the true one: `make figures ONLY=variance-map`
     compares it with the true gain.
 
-    Parameters
-    ----------
-    observation : Observation
-        A photograph with a variance map: see with_variance().
-    solve : callable
-        Restores an observation with a regularisation weight, or chooses the weight for None.
-    generator : torch.Generator
-        Gives the noise.
+    Raises ValueError if nothing was measured in the middle, or if it is darker than its noise.
 
-    Returns
-    -------
-    VarianceGain
-        Above 0 if the map gains; 0 if the noise is even.
-
-    Raises
-    ------
-    ValueError
-        If nothing was measured in the middle, or if it is darker than its noise.
+    observation: a photograph with a variance map: see with_variance().
+    solve: restores an observation with a regularisation weight, or chooses the weight for None.
+    generator: gives the noise.
     """
     observation = observation.in_own_unit
     if observation.variance is None:
@@ -103,10 +86,7 @@ def estimate_variance_gain(
 
 
 def _squared_errors(restored: RestoredImage, scene: torch.Tensor) -> torch.Tensor:
-    """Return the squared errors of the light and of its logarithm in a restoration, (2,), above 0.
-
-    The scene is known. The rim doesn't count.
-    """
+    """Return the squared errors of the light and of its logarithm off the rim, (2,), above 0."""
     rim = [min(_RIM, (n - 1) // 2) for n in scene.shape[-2:]]
     found, truth = (
         torch.as_tensor(one).to(torch.float64)[
@@ -121,7 +101,7 @@ def _squared_errors(restored: RestoredImage, scene: torch.Tensor) -> torch.Tenso
 
 
 def _middle(observation: Observation, variance: torch.Tensor) -> Observation:
-    """Return the middle of a photograph to be restored, with its own variance map."""
+    """Return the middle of a photograph, with its own variance map."""
     rows, columns = (
         min(n, max(_SIDE, 2 * m))
         for n, m in zip(observation.image.shape, observation.psf.shape, strict=True)

@@ -1,4 +1,4 @@
-"""Judge a restoration: whether photograph, PSF and noise fit together, and what doesn't."""
+"""Judge a deblurred picture: whether photograph, PSF and noise fit together, and what doesn't."""
 
 from __future__ import annotations
 
@@ -27,16 +27,11 @@ and grows with their number of frequencies."""
 
 @dataclass(frozen=True)
 class PSFScale:
-    """The likeliest scale of a PSF in a photograph, for deconvolution.
+    """The likeliest scale of a PSF in a photograph.
 
-    Attributes
-    ----------
-    scale : float
-        The true PSF's size over that of the given one, 0.85 to 1.15.
-    evidence : float
-        Logarithm of the likelihood of this scale over that of 1, not negative.
-    frequencies : float
-        Number of frequencies of the photograph's spectrum.
+    scale: the true PSF's size over that of the given one, 0.85 to 1.15.
+    evidence: logarithm of the likelihood of this scale over that of 1, not negative.
+    frequencies: number of frequencies of the photograph's spectrum.
     """
 
     scale: float
@@ -45,7 +40,7 @@ class PSFScale:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the photograph shows that the PSF to deconvolve with has another scale.
+        """Whether the photograph shows that the PSF has another scale.
 
         A likelihood that still grows at the end of the range doesn't show it: what grows is then
         the picture's departure from a power law.
@@ -57,7 +52,7 @@ class PSFScale:
 @single_threaded
 @torch.no_grad()
 def find_psf_scale(observation: Observation, progress: Progress | None = None) -> PSFScale:
-    """Find the scale of a deconvolution's PSF that the photograph's spectrum shows.
+    """Find the scale of the PSF that the photograph's spectrum shows.
 
     Each trial scale is given the power law and noise that fit best: see fit_power_law(). The
     likeliest scale is found on a grid, and then between its neighbours.
@@ -101,22 +96,12 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
 
 
 def scaled_psf(psf: torch.Tensor, scale: float) -> torch.Tensor:
-    """Enlarge or shrink a PSF about its origin, for a deconvolution that refines its scale.
+    """Enlarge or shrink a PSF about its origin at n // 2, with the same sum.
 
-    The sum stays the same.
+    The result may be larger than `psf`. Negative values of the cubic interpolation are 0.
 
-    Parameters
-    ----------
-    psf : torch.Tensor, (rows, columns)
-        Point spread function, with its origin at n // 2.
-    scale : float
-        Size of the result over that of `psf`, above 0.
-
-    Returns
-    -------
-    torch.Tensor, (rows, columns)
-        The scaled PSF, with its origin at n // 2. Negative values of the cubic interpolation are
-        0. It may be larger than `psf`.
+    psf: (rows, columns), with its origin at n // 2.
+    scale: size of the result over that of `psf`, above 0.
     """
     require_positive("scale", scale, "")
     if scale == 1:
@@ -133,7 +118,7 @@ def scaled_psf(psf: torch.Tensor, scale: float) -> torch.Tensor:
 
 
 def refine_psf_scale(observation: Observation, found: PSFScale) -> Observation:
-    """Return an observation to deconvolve whose PSF has the scale that was found."""
+    """Give an observation's PSF the scale that was found."""
     return replace(observation, psf=scaled_psf(observation.psf, found.scale))
 
 
@@ -170,20 +155,13 @@ doesn't fit. Chosen."""
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that doesn't fit in a restoration, with the remedy.
+    """Something that doesn't fit, with the remedy.
 
-    Attributes
-    ----------
-    cause : str
-        "psf-scale", "noise", "clipping", "psf", "dark", "negative", "fit", "smoothing" or
-        "iterations":
-        What is wrong, in a word.
-    words : str
-        What the photograph shows.
-    remedy : str
-        What to do about it.
-    is_grave : bool
-        Whether it is likely to cost more than 1 dB.
+    cause: "psf-scale", "noise", "clipping", "psf", "dark", "negative", "fit", "smoothing" or
+        "iterations": what is wrong, in a word.
+    words: what the photograph shows.
+    remedy: what to do about it.
+    is_grave: whether it is likely to cost more than 1 dB.
     """
 
     cause: str
@@ -194,7 +172,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a restoration; it is good if nothing grave was found.
+    """What was found; good if the PSF was judged and nothing is grave.
 
     `judges_psf` is False where the photograph doesn't show whether its PSF is right.
     """
@@ -204,11 +182,11 @@ class Verdict:
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing was found that makes the restoration much worse than it could be."""
+        """Whether the PSF was judged, and nothing was found that makes the picture much worse."""
         return self.judges_psf and not any(one.is_grave for one in self.findings)
 
     def __str__(self) -> str:
-        """Return the verdict on a restoration in words, with what was found."""
+        """Say in words what was found."""
         found = [f"{one.words}: {one.remedy}" for one in self.findings]
         if self.is_good:
             found = ["good: what is left looks like noise", *found]
@@ -262,7 +240,7 @@ def judge_restoration(
 
 
 def _scale_finding(scale: PSFScale | None) -> Finding | None:
-    """Return what a restoration's photograph shows of the PSF's scale."""
+    """Report a PSF whose scale doesn't fit the photograph."""
     if scale is None or not scale.is_wrong:
         return None
     size = "too small" if scale.scale > 1 else "too large"
@@ -276,7 +254,7 @@ def _scale_finding(scale: PSFScale | None) -> Finding | None:
 
 
 def _clipping_finding(observation: Observation, restored: RestoredImage) -> Finding | None:
-    """Return what the brightest pixels of a photograph to be restored show of clipping."""
+    """Report many pixels that share the highest level, as clipped ones do."""
     image, trust = observation.image, observation.effective_weights
     known = image.flatten() if trust is None else image[trust > 0]
     top = known.max()
@@ -296,7 +274,7 @@ def _clipping_finding(observation: Observation, restored: RestoredImage) -> Find
 def _residual_around(
     pixels: torch.Tensor, observation: Observation, restored: RestoredImage
 ) -> float:
-    """Return the rms residual of a restoration near some pixels, over that of all pixels."""
+    """Return the rms residual near some pixels, over that of all pixels."""
     left = residual_map(observation, restored).square()
     near = torch.nn.functional.max_pool2d(pixels[None, None].float(), 5, 1, 2)[0, 0] > 0
     everywhere, there = float(left.nanmean()), float(left[near].nanmean())
@@ -304,7 +282,7 @@ def _residual_around(
 
 
 def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding | None:
-    """Return what a photograph's spectrum and a restoration's residual show of the told noise."""
+    """Report a told noise that spectrum and residual contradict."""
     told, shown = observation.given_noise, math.sqrt(observation.power_law.noise_variance)
     # The spectrum is that of the middle, and a map's noise differs from place to place.
     if told is None or shown <= 0 or observation.variance is not None:
@@ -324,7 +302,7 @@ def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding
 
 
 def _dark_finding(observation: Observation, restored: RestoredImage) -> Finding | None:
-    """Return what a photograph's negative light shows; no scene to restore explains it."""
+    """Report negative light, which no scene explains."""
     seen, psf = observation.in_own_unit, observation.psf.detach()
     if float(psf.clamp(max=0).sum()) < -_NEGATIVE_PSF * float(psf.sum()):
         return None
@@ -347,7 +325,7 @@ def _dark_finding(observation: Observation, restored: RestoredImage) -> Finding 
 
 
 def _psf_finding(observation: Observation) -> Finding | None:
-    """Return what the spectrum of a photograph to be restored shows of the PSF's error."""
+    """Report what the spectrum shows of the PSF's error."""
     ratio = observation.disturbance / observation.scene_noise
     if ratio <= 1.05:
         return None
@@ -359,7 +337,7 @@ def _psf_finding(observation: Observation) -> Finding | None:
 
 
 def _residual_finding(restored: RestoredImage) -> Finding | None:
-    """Return what a restoration's residual shows where no cause is known."""
+    """Report a residual that is too large or too small without a known cause."""
     if restored.residual > MOST_RESIDUAL:
         uncut = restored.uncut_residual
         if uncut is not None and restored.residual > _CUT_COST * uncut:

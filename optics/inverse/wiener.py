@@ -1,4 +1,4 @@
-"""Linear restoration by the Wiener filter (thesis Eq. 2.28), with an unknown border."""
+"""The Wiener filter (thesis Eq. 2.28), with an unknown border."""
 
 from __future__ import annotations
 
@@ -44,41 +44,26 @@ def wiener(
     *,
     steps: int = 30,
 ) -> RestoredImage:
-    """Restore a blurred photograph by the Wiener filter, ``H* O / (|H|² + K)``, (rows, columns).
+    """Deblur a photograph by the Wiener filter, ``H* O / (|H|² + K)``.
 
     The filter is linear, so that the result may be negative where the light is dim, and it is
     differentiable. The mean of the photograph isn't changed by K.
 
-    If part of the period wasn't measured, the filter for the measured pixels is the solution of
-    (H* M H + K) x = H* M y. Conjugate gradients on frequencies find it, starting from the smooth
+    If part of the period wasn't measured, the filter for the measured pixels is the solution of (H*
+    M H + K) x = H* M y. Conjugate gradients on frequencies find it, starting from the smooth
     continuation of the photograph, which is filtered if the PSF is narrow. K isn't chosen smaller
     than what `steps` can solve. Derivatives by photograph and PSF are those of the solution, not of
     its steps.
 
-    Parameters
-    ----------
-    observation : Observation
-        Photograph and PSF.
-    weight : float, optional
-        Factor of K. If None, the one with the least predicted error.
-    penalty_kind : {"gradient", "spectrum", "flat"}, optional
-        The shape of K. "gradient": the squared frequency. "spectrum": the ratio of noise to signal
-        power at each frequency, which is estimated from the photograph. No linear filter has a
-        smaller error if PSF and noise are exact. "flat": the same for all frequencies, as in
+    Raises ValueError for a weight that isn't positive, or another name of the penalty.
+
+    weight: factor of K. If None, the one with the least predicted error.
+    penalty_kind: the shape of K. "gradient": the squared frequency. "spectrum": the ratio of noise
+        to signal power at each frequency, which is estimated from the photograph. No linear filter
+        has a smaller error if PSF and noise are exact. "flat": the same for all frequencies, as in
         Eq. 2.28 of the thesis.
-    steps : int, optional
-        Largest number of steps of conjugate gradients. After 30 steps, the unmeasured surroundings
-        hardly change the picture in the frame.
-
-    Returns
-    -------
-    RestoredImage
-        The picture in the photograph's frame.
-
-    Raises
-    ------
-    ValueError
-        For a weight that isn't positive, or another name of the penalty.
+    steps: largest number of steps of conjugate gradients. After 30 steps, the unmeasured
+        surroundings hardly change the picture in the frame.
     """
     if penalty_kind not in PENALTY_KINDS:
         raise ValueError(
@@ -123,7 +108,7 @@ def wiener(
 def _solve_equations(
     observation: Observation, penalty: torch.Tensor, steps: int
 ) -> tuple[torch.Tensor, int, float]:
-    """Solve the equations of Wiener deconvolution, from the start that suits the PSF's size."""
+    """Solve the filter's equations, from the start that suits the PSF's size."""
     equations = NormalEquations(observation)
     wide = observation.is_wide_beyond_frame
     start = equations.extended_spectrum() if wide else equations.initial_spectrum(penalty)
@@ -133,7 +118,7 @@ def _solve_equations(
 def penalty_of(
     observation: Observation, weight: float | None, penalty_kind: PenaltyKind, steps: int
 ) -> tuple[torch.Tensor, float]:
-    """Return Wiener deconvolution's penalty K of each frequency of the period, and its weight.
+    """Return the penalty K of each frequency of the period, and its weight.
 
     If `weight` is None, it has the least predicted error of those that `steps` of conjugate
     gradients can solve.
@@ -151,14 +136,17 @@ def penalty_of(
 def _penalty_shape(
     observation: Observation, penalty_kind: PenaltyKind, squares: torch.Tensor
 ) -> torch.Tensor:
-    """Return Wiener deconvolution's penalty K for a weight of 1, by squared frequency."""
+    """Return K for a weight of 1.
+
+    squares: squared frequencies, (cycles/pixel)².
+    """
     if penalty_kind == "spectrum":
         return _noise_to_signal(observation, squares)
     return torch.ones_like(squares) if penalty_kind == "flat" else squares
 
 
 def _best_weight(observation: Observation, penalty_kind: PenaltyKind, shape: torch.Tensor) -> float:
-    """Return the weight of Wiener deconvolution's K with the least predicted error."""
+    """Return the weight of K with the least predicted error."""
     if penalty_kind == "spectrum":
         return 1.0
     power = observation.squared_mtf.detach().to(torch.float64, copy=True)
@@ -167,7 +155,7 @@ def _best_weight(observation: Observation, penalty_kind: PenaltyKind, shape: tor
 
 
 def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.Tensor:
-    """Return the noise-to-signal power ratio for Wiener deconvolution, by squared frequency.
+    """Return the noise-to-signal power ratio by squared frequency, (cycles/pixel)².
 
     Frequencies below the lowest one of the period get the ratio of the lowest one.
     """
@@ -179,10 +167,12 @@ def _noise_to_signal(observation: Observation, squares: torch.Tensor) -> torch.T
 def least_error_weight(
     observation: Observation, system_response: Callable[[float, Frequencies], torch.Tensor]
 ) -> float:
-    """Find the weight of a linear deconvolution with the least predicted mean square error.
+    """Find the weight of a linear filter with the least predicted mean square error.
 
-    The prediction uses the photograph's spectrum. For a weight and some frequencies of the period,
-    `system_response` returns the transfer function of blur and filter together.
+    The prediction uses the photograph's spectrum.
+
+    system_response: returns the transfer function of blur and filter together, for a weight and
+        some frequencies of the period.
     """
     # About 4000 frequencies are enough for the prediction.
     every = slice(None, None, max(1, math.isqrt(observation.squared_mtf.numel() // (1 << 12))))
@@ -200,17 +190,13 @@ def least_error_weight(
 def _solve(
     observation: Observation, weight: float | None, *, iterations: int, progress: Progress
 ) -> RestoredImage:
-    """Run Wiener deconvolution through the interface of all restorations."""
     # Pixels that are missing within the frame need at least 10 steps.
     least = 0 if observation.effective_weights is None else 10
     return wiener(observation, weight, steps=max(iterations - 1, least))
 
 
 def _iteration_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of a conjugate-gradient step of Wiener deconvolution.
-
-    If the period is fully measured, no step is needed and the cost is 0.
-    """
+    """Return the cost of a conjugate-gradient step, 0 if the period is fully measured."""
     return RestorationCost(0, 0) if observation.is_fully_measured else RestorationCost(2, 24)
 
 

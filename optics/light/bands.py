@@ -1,4 +1,4 @@
-"""Define the band of a spectral filter: its transmission by wavelength."""
+"""The band of a spectral filter: its transmission by wavelength."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ class Band:
     def from_table(
         table: Spectrum, leak: float = 0.0, leak_range: tuple[float, float] = (400e-9, 720e-9)
     ) -> Band:
-        """Make the filter band of a measured filter from its transmission curve.
+        """Make the band of a measured filter from its transmission curve.
 
         Its centre is the mean of the wavelengths, weighted by transmission; its width lies between
         the outermost half maxima.
@@ -193,10 +193,7 @@ class Band:
         return Band(moment / one.integral(), width, "table", leak, leak_range, one)
 
     def transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """Compute the filter band's transmission, 0 to 1, at wavelengths in metres.
-
-        The leak is left out.
-        """
+        """Compute the transmission, 0 to 1, at wavelengths in metres, the leak left out."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         if self.table is not None:
             return self.table.at(asked)
@@ -210,17 +207,14 @@ class Band:
         return self._lyot(asked)
 
     def total_transmission(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """Compute the filter band's transmission at wavelengths in metres, with the leak."""
+        """Compute the transmission at wavelengths in metres, with the leak."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         low, high = self.leak_range
         return self.transmission(asked) + self.leak * ((low <= asked) & (asked <= high))
 
     @cached_property
     def support(self) -> tuple[float, float]:
-        """The shortest and longest wavelength in metres at which the filter band passes 1e-6.
-
-        The leak is left out.
-        """
+        """The shortest and longest wavelength in metres at which 1e-6 passes, the leak left out."""
         if self.table is not None:
             return self.table.low, self.table.high
         if self.shape == "lyot":
@@ -240,7 +234,7 @@ class Band:
 
     @property
     def whole_support(self) -> tuple[float, float]:
-        """The shortest and longest wavelength in metres that pass the filter, the leak included."""
+        """The shortest and longest wavelength in metres that pass, the leak included."""
         if not self.leak:
             return self.support
         low, high = zip(self.support, self.leak_range, strict=True)
@@ -248,7 +242,7 @@ class Band:
 
     @cached_property
     def _stages(self) -> tuple[int, float]:
-        """The number of stages of a filter band's Lyot model, and the order of its thinnest stage.
+        """The number of stages of the Lyot model, and the order of its thinnest stage.
 
         The order lies between half a wave and one wave. The filter then has the requested width,
         and its next order lies below half its wavelength.
@@ -262,7 +256,7 @@ class Band:
         return stages, _lyot_half(stages) / (math.pi * a)
 
     def _lyot(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the Lyot filter band's transmission at wavelengths in metres."""
+        """Return the transmission of the Lyot model at wavelengths in metres."""
         stages, order = self._stages
         low, high = self.support
         inside = (low <= wavelengths) & (wavelengths <= high)
@@ -274,7 +268,7 @@ class Band:
 
 
 def _lyot_half(stages: int) -> float:
-    """Return the phase u at which a Lyot filter band of `stages` stages passes half the light."""
+    """Return the phase u at which a Lyot filter of `stages` stages passes half the light."""
 
     def above_half(u: float) -> float:
         return math.prod(math.cos(2**k * u) ** 2 for k in range(stages)) - 0.5
@@ -283,10 +277,7 @@ def _lyot_half(stages: int) -> float:
 
 
 def _half_width(nodes: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    """Return the width of a filter band's curve between its outermost half maxima.
-
-    The curve is piecewise linear and has a peak of 1.
-    """
+    """Return the width between the outermost half maxima of a piecewise linear curve of peak 1."""
     above = np.flatnonzero(values >= 0.5)
     first, last = int(above[0]), int(above[-1])
 

@@ -66,7 +66,7 @@ class Spectrum:
     def flat(
         value: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
     ) -> Spectrum:
-        """Make a light spectrum with the same value at all wavelengths of a range.
+        """Make a spectrum with the same value at all wavelengths of a range.
 
         Parameters
         ----------
@@ -84,30 +84,30 @@ class Spectrum:
 
     @property
     def low(self) -> float:
-        """The shortest wavelength of the light spectrum, in metres."""
+        """The shortest wavelength, in metres."""
         return self.wavelengths[0]
 
     @property
     def high(self) -> float:
-        """The longest wavelength of the light spectrum, in metres."""
+        """The longest wavelength, in metres."""
         return self.wavelengths[-1]
 
     @property
     def peak(self) -> float:
-        """The largest value of the light spectrum."""
+        """The largest value."""
         return max(self.values)
 
     def at(self, wavelengths: ArrayLike) -> NDArray[np.float64]:
-        """Interpolate the light spectrum at wavelengths in metres; the same shape, float64."""
+        """Interpolate at wavelengths in metres; the same shape, float64."""
         asked = np.asarray(wavelengths, dtype=np.float64)
         return np.interp(asked, self.wavelengths, self.values, left=0.0, right=0.0)
 
     def with_scale(self, factor: float) -> Spectrum:
-        """Return the light spectrum with every value multiplied by a factor, 0 or more."""
+        """Return the spectrum with every value multiplied by a factor, 0 or more."""
         return Spectrum(self.wavelengths, tuple(factor * value for value in self.values))
 
     def times(self, other: Spectrum) -> Spectrum:
-        """Multiply a light spectrum by another spectrum, such as a filter's.
+        """Multiply by another spectrum, such as a filter's.
 
         The product is exact at the nodes of both, and linear between them. Between two nodes the
         true product is a parabola, which differs by (a₂-a₁)(b₂-b₁)/4 at most. If the two ranges
@@ -121,7 +121,7 @@ class Spectrum:
         return Spectrum(tuple(nodes), tuple(self.at(nodes) * other.at(nodes)))
 
     def integral(self, low: float | None = None, high: float | None = None) -> float:
-        """Integrate the light spectrum over wavelength, exactly.
+        """Integrate over wavelength, exactly.
 
         Parameters
         ----------
@@ -166,9 +166,7 @@ _SECOND_RADIATION_CONSTANT = 0.01438776877503933
 def blackbody(
     temperature: float, low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
 ) -> Spectrum:
-    """Compute the spectrum of a black-body light source: the radiance by wavelength.
-
-    The radiance follows Planck's law, λ⁻⁵ / (exp(c₂ / λ T) - 1).
+    """Compute a black body's radiance by wavelength, λ⁻⁵ / (exp(c₂ / λ T) - 1) (Planck's law).
 
     Parameters
     ----------
@@ -197,7 +195,7 @@ def blackbody(
 
 
 def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
-    """Compute the spectrum of a tungsten-halogen light source, modelled as a black body.
+    """Compute the spectrum of a tungsten-halogen lamp, modelled as a black body.
 
     Tungsten's emissivity falls by a few per cent from 450 to 700 nm. The colour temperature, a
     little above the filament's own, accounts for that. The studio tungsten of ISO 7589 differs from
@@ -222,7 +220,7 @@ def halogen(temperature: float = HALOGEN_TEMPERATURE) -> Spectrum:
 
 
 def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
-    """Make the spectrum of a monochromatic light source: a narrow triangle around a wavelength.
+    """Make the spectrum of a single line: a narrow triangle around a wavelength.
 
     Parameters
     ----------
@@ -249,7 +247,7 @@ def monochromatic(wavelength: float, width: float = 1e-9) -> Spectrum:
 
 
 def broadband(low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH) -> Spectrum:
-    """Make the spectrum of a broadband light source: 1 at all wavelengths of a range.
+    """Make a spectrum that is 1 at all wavelengths of a range.
 
     Parameters
     ----------
@@ -265,7 +263,7 @@ def broadband(low: float = SHORTEST_WAVELENGTH, high: float = LONGEST_WAVELENGTH
 
 
 def lamp_from_table(table: Spectrum) -> Spectrum:
-    """Make the relative light spectrum of a measured lamp.
+    """Make the relative spectrum of a measured lamp.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Define waveforms: periodic changes of a lamp's light with time (flicker)."""
+"""Waveforms: periodic changes of a lamp's light with time (flicker)."""
 
 from __future__ import annotations
 
@@ -64,17 +64,17 @@ class Waveform:
 
     @property
     def period(self) -> float:
-        """The period of a light source's flicker, in seconds."""
+        """The period, in seconds."""
         return 1 / self.frequency
 
     @property
     def is_constant(self) -> bool:
-        """Whether the light source never flickers."""
+        """Whether the lamp never flickers."""
         return self.shape == "constant" or self.depth == 0
 
     @property
     def ripple(self) -> float:
-        """The ripple of a light source's flicker: its largest relative deviation from the mean."""
+        """The largest relative deviation from the mean."""
         if self.is_constant:
             return 0.0
         if self.shape == "square":
@@ -82,7 +82,7 @@ class Waveform:
         return self.depth
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Compute the light source's flicker factor, light over its mean, at times in seconds."""
+        """Compute the factor, light over its mean, at times in seconds."""
         turns = self._turns(time)
         if self.is_constant:
             return np.ones_like(turns)
@@ -91,7 +91,7 @@ class Waveform:
         return 1 + self._sign * self.depth * np.sin(2 * np.pi * (turns % 1))
 
     def mean(self, start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-        """Average the light source's flicker factor over intervals of time, exactly.
+        """Average the factor over intervals of time, exactly.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class Waveform:
 
     @property
     def _excess(self) -> float:
-        """The relative excess of a square-wave light source over its mean, while it is bright."""
+        """The relative excess of a square wave over its mean, while it is bright."""
         return self.depth * (1 - self.duty) / self.duty
 
     def _turns(self, time: ArrayLike) -> NDArray[np.float64]:
@@ -148,10 +148,7 @@ class Waveform:
         return np.where(long, mean, self.at(start))
 
     def _deviation(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Integrate the light source's square-wave flicker, less its mean, from turn 0 on.
-
-        The result is in turns.
-        """
+        """Integrate a square wave, less its mean, from turn 0 on, in turns."""
         part = turns % 1
         bright = np.minimum(part, self.duty)
         return self._excess * bright - self.depth * (part - bright)

@@ -1,4 +1,4 @@
-"""Characterise a camera from frames of even light and of darkness, after EMVA 1288 release 4."""
+"""A camera's figures from frames of even light and of darkness, after EMVA 1288 release 4."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from optics.measuring.pixel_maps import Defects, collect_defects
 
 
 def photo_response_nonuniformity(groups: Sequence[GroupStatistics]) -> Measured | None:
-    """Return a camera's PRNU: the relative standard deviation of its pixels' response.
+    """Return the PRNU: the relative standard deviation of the pixels' response.
 
     Slow changes over the sensor are left out, as the light's (EMVA 1288 release 4, section 8), and
     defective pixels. None if no exposure was bright and unclipped.
@@ -43,10 +43,11 @@ def photo_response_nonuniformity(groups: Sequence[GroupStatistics]) -> Measured 
 
 
 def dark_signal_nonuniformity(groups: Sequence[GroupStatistics], *, is_coarse: bool) -> Measured:
-    """Return a camera's DSNU: the standard deviation over pixels of the dark number, DN.
+    """Return the DSNU: the standard deviation over pixels of the dark number, DN.
 
-    It is that at the exposure times of the light, without defective pixels. is_coarse: whether the
-    noise is too small to average over the converter's steps, so that their rounding is in it.
+    It is that at the exposure times of the light, without defective pixels.
+    is_coarse: whether the noise is too small to average over the converter's steps, so that their
+        rounding is in it.
     """
     found = _covariance(sum((one.offsets for one in groups), HalfProducts()))
     if is_coarse:
@@ -55,7 +56,7 @@ def dark_signal_nonuniformity(groups: Sequence[GroupStatistics], *, is_coarse: b
 
 
 def _covariance(sums: HalfProducts) -> Measured:
-    """Return the covariance of two halves of a camera's map over its pixels.
+    """Return the covariance of a map's two halves over its pixels.
 
     The uncertainty is that of normal pixels (Wishart's distribution).
     """
@@ -79,7 +80,7 @@ _EVERY_ROW = 5
 
 @dataclass(frozen=True, eq=False)
 class CameraNoise:
-    """Characteristics of a camera, each with its standard uncertainty.
+    """What a camera's noise and signal amount to, each with its standard uncertainty.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ class CameraNoise:
 
 
 def characterise_camera(source: PairedFrames) -> CameraNoise:
-    """Characterise a camera: gain, noise, saturation, linearity, non-uniformity and defects.
+    """Find a camera's gain, noise, saturation, linearity, non-uniformity and defects.
 
     Parameters
     ----------
@@ -229,7 +230,7 @@ def characterise_camera(source: PairedFrames) -> CameraNoise:
 
 
 def _require_rising_light(source: PairedFrames) -> None:
-    """Raise ValueError if a camera's signal is that of darkness, or the same at all exposures."""
+    """Raise ValueError if the signal is that of darkness, or the same at all exposures."""
     dark = {time: _mean_number(source, pairs[0][0]) for time, pairs in source.dark.items()}
     numbers = {time: _mean_number(source, pairs[0][0]) for time, pairs in source.light.items()}
     signals = [number - dark[time] for time, number in numbers.items()]
@@ -250,18 +251,17 @@ def _require_rising_light(source: PairedFrames) -> None:
 
 
 def _mean_number(source: PairedFrames, index: int) -> float:
-    """Return the mean number of a camera's frame, from some of its rows."""
+    """Return a frame's mean number, from some of its rows."""
     return float(_some_rows(source, index).mean())
 
 
 def _some_rows(source: PairedFrames, index: int) -> Array:
-    """Return some of the rows of a camera's frame."""
     rows = slice(0, source.shape[0], _EVERY_ROW)
     return np.asarray(source.frames[index][rows, slice(None)], dtype=np.float64)
 
 
 def _likely_variance(coarse: tuple[Measured, bool] | None) -> Measured | None:
-    """Return the variance of a camera's dark noise, DN²; anything below a limit is as likely."""
+    """Return the variance of the dark noise, DN²; anything below a limit is as likely."""
     if coarse is None or not coarse[1]:
         return coarse and coarse[0]
     limit = coarse[0].value
@@ -269,14 +269,14 @@ def _likely_variance(coarse: tuple[Measured, bool] | None) -> Measured | None:
 
 
 def _black_level(dark: DarkSignal, transfer: PhotonTransfer) -> Measured:
-    """Return a camera's black level, DN, by what tells it better: darkness or photon transfer."""
+    """Return the black level, DN, by what tells it better: darkness or photon transfer."""
     if not dark.is_coarse or transfer.offset.sigma > dark.black_level.sigma:
         return dark.black_level
     return Measured(dark.black_level.value - transfer.offset.value, transfer.offset.sigma)
 
 
 def _full_well(clip: ClipLevel, dark: DarkSignal, transfer: PhotonTransfer) -> Measured:
-    """Return the electrons at which a camera's pixels clip."""
+    """Return the electrons at which pixels clip."""
     level = dark.black_level
     # Where steps are coarse, the offset's uncertainty is that of the dark number.
     own = 0.0 if dark.is_coarse else level.sigma
@@ -285,7 +285,7 @@ def _full_well(clip: ClipLevel, dark: DarkSignal, transfer: PhotonTransfer) -> M
 
 
 def _sensitivity_threshold(read_noise: Measured, gain: Measured) -> Measured:
-    """Return the electrons at which a camera's signal equals its noise (EMVA 1288, equation 27)."""
+    """Return the electrons at which signal and noise are equal (EMVA 1288, equation 27)."""
     variance = read_noise.value**2 + gain.value**2 * STEP_VARIANCE
     value = math.sqrt(variance + 0.25) + 0.5
     slopes = read_noise.value, gain.value * STEP_VARIANCE
@@ -294,7 +294,7 @@ def _sensitivity_threshold(read_noise: Measured, gain: Measured) -> Measured:
 
 
 def _light_times(source: PairedFrames) -> dict[float, float]:
-    """Return when the camera took the light of each exposure time, seconds; empty if unknown."""
+    """Return when the light of each exposure time was taken, seconds; empty if unknown."""
     if source.times is None:
         return {}
     return {
@@ -304,7 +304,7 @@ def _light_times(source: PairedFrames) -> dict[float, float]:
 
 
 def _lamp_jump(groups: list[GroupStatistics]) -> float:
-    """Return the largest change of the light between a camera's two frames of a pair."""
+    """Return the largest relative change of the light between the two frames of a pair."""
     ratios = np.array([[one.ratio for one in group.light] for group in groups])
     return float(np.abs(np.median(ratios, axis=0) - 1).max())
 

@@ -1,4 +1,4 @@
-"""Fit a camera's dark frames: black level, dark current, and noise of a frame without exposure."""
+"""Black level, dark current and noise of a frame without exposure, from dark frames."""
 
 from __future__ import annotations
 
@@ -26,10 +26,14 @@ _LIMIT_EVENTS = 3.0
 
 @dataclass(frozen=True)
 class DarkPoint:
-    """Dark frames of one exposure time, over the camera's whole sensor.
+    """Dark frames of one exposure time, over the whole sensor.
 
-    exposure: seconds. mean: number, DN. mean_sigma: its uncertainty by the pixels' noise. variance:
-    temporal, DN². variance_sigma: its uncertainty. over_pixels: variance of all numbers, DN².
+    exposure: seconds.
+    mean: number, DN.
+    mean_sigma: its uncertainty by the pixels' noise.
+    variance: temporal, DN².
+    variance_sigma: its uncertainty.
+    over_pixels: variance of all numbers, DN².
     """
 
     exposure: float
@@ -42,7 +46,7 @@ class DarkPoint:
 
 @dataclass(frozen=True)
 class DarkSignal:
-    """A camera's black level (DN), dark current (DN/s), and what the points are."""
+    """Black level (DN), dark current (DN/s), and the points that tell them."""
 
     black_level: Measured
     current: Measured
@@ -50,14 +54,14 @@ class DarkSignal:
 
     @property
     def is_coarse(self) -> bool:
-        """Whether the camera's dark noise is too small for the converter's steps to measure it."""
+        """Whether the noise is too small for the converter's steps to measure it."""
         return self.points[0].variance - STEP_VARIANCE < SURE_VARIANCE
 
 
 def fit_dark_signal(groups: Sequence[GroupStatistics]) -> DarkSignal:
-    """Fit black level and dark current of a camera to the mean numbers of its dark frames.
+    """Fit black level and dark current to the mean numbers of dark frames.
 
-    Raises ValueError if the numbers end at 0.
+    Raises ValueError if the numbers end at 0, or darkness was taken at one exposure time only.
     """
     points = _dark_points(groups)
     x, y, sigma = (
@@ -76,7 +80,7 @@ def fit_dark_signal(groups: Sequence[GroupStatistics]) -> DarkSignal:
 
 
 def _dark_points(groups: Sequence[GroupStatistics]) -> list[DarkPoint]:
-    """Return the dark points of a camera, from all groups of its pixels."""
+    """Return the points of all exposure times, from all groups of pixels."""
     points = []
     for same in zip(*(group.dark for group in groups), strict=True):
         zeros = float(np.average([one.zeros for one in same], weights=[o.pixels for o in same]))
@@ -93,7 +97,7 @@ def _dark_points(groups: Sequence[GroupStatistics]) -> list[DarkPoint]:
 
 
 def _dark_point(same: Sequence[DarkStatistics]) -> DarkPoint:
-    """Return a camera's dark point from its groups of pixels."""
+    """Return the point of one exposure time from its groups of pixels."""
     pixels = np.array([one.pixels for one in same], dtype=np.float64)
     counts = np.array([one.count for one in same], dtype=np.float64)
     means = np.array([one.mean for one in same])
@@ -113,7 +117,7 @@ def _dark_point(same: Sequence[DarkStatistics]) -> DarkPoint:
 
 
 def temporal_dark_noise(dark: DarkSignal, system_gain: float) -> tuple[Measured, bool]:
-    """Return the variance of a camera's read noise, DN², and whether it is only an upper limit.
+    """Return the variance of the read noise, DN², and whether it is only an upper limit.
 
     The shot noise of the dark current, system_gain (DN per electron) times its mean, is taken off,
     and the rounding of the converter.
@@ -132,7 +136,7 @@ def temporal_dark_noise(dark: DarkSignal, system_gain: float) -> tuple[Measured,
 
 
 def _noise_below_a_step(dark: DarkSignal) -> tuple[Measured, bool]:
-    """Return the variance of a camera's read noise where it is less than a step of the converter.
+    """Return the variance of a read noise of less than a step, DN², and whether it is a limit.
 
     The shortest exposure tells it, which has the least dark current.
     """

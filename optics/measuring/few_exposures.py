@@ -1,4 +1,4 @@
-"""Tell black level, linearity and clip level of a camera from few frames.
+"""Black level, linearity and clip level of a camera from few frames.
 
 Repeated frames tell a lamp that flickers from a camera that isn't linear.
 """
@@ -22,28 +22,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FewExposuresSettings:
-    """Tune what few frames tell of a camera; all values are chosen.
+    """Tune what few frames tell; all values are chosen.
 
-    Attributes
-    ----------
-    seen_rise : float
-        Rise of the brightest pixels with the exposure, in deviations, from which on there is light.
-    surely_clipped : float
-        Light of a pixel by the shorter exposure, over the longer one's largest number, from which
-        on it must be clipped there.
-    surely_open : float
-        Number of a pixel, over the largest one, up to which it surely isn't clipped.
-    same_number, same_level : float
-        Deviation of clipped pixels' numbers up to which a converter ends there, in DN; and up to
-        which wells are full, over their number.
-    well_deviations : float
-        Deviations below the mean full well from which a pixel counts as clipped.
-    least_pixels : int
-        Pixels that tell the linearity, at least.
-    least_snr : float
-        Signal of such a pixel over its noise, at least.
-    cut : float
-        Share of pixels at 0 from which on darkness is cut off.
+    seen_rise: rise of the brightest pixels with the exposure, in deviations, from which on there is
+        light.
+    surely_clipped: light of a pixel by the shorter exposure, over the longer one's largest number,
+        from which on it must be clipped there.
+    surely_open: number of a pixel, over the largest one, up to which it surely isn't clipped.
+    same_number: deviation of clipped pixels' numbers, DN, up to which a converter ends there.
+    same_level: the same over their number, up to which wells are full.
+    well_deviations: deviations below the mean full well from which a pixel counts as clipped.
+    least_pixels: pixels that tell the linearity, at least.
+    least_snr: signal of such a pixel over its noise, at least.
+    cut: share of pixels at 0 from which on darkness is cut off.
     """
 
     seen_rise: float = 8.0
@@ -65,7 +56,7 @@ _GROUPS = 8
 
 @dataclass(frozen=True)
 class SeenClip:
-    """Where a camera's pixels clip, DN, what ends there, and how many pixels showed it."""
+    """Where pixels clip, DN, what ends there, and how many pixels showed it."""
 
     number: int
     limit: Literal["converter", "well"]
@@ -74,10 +65,11 @@ class SeenClip:
 
 @dataclass(frozen=True)
 class Linearity:
-    """How a camera's numbers rise with the exposure.
+    """How numbers rise with the exposure.
 
-    exponent: power of the exposure with which light rises, 1 if it is linear. exposures: seconds,
-    those that told it. pixels: their number.
+    exponent: power of the exposure with which light rises, 1 if it is linear.
+    exposures: seconds, those that told it.
+    pixels: their number.
     """
 
     exponent: Measured
@@ -86,9 +78,10 @@ class Linearity:
 
 
 class FewExposures:
-    """What frames of a camera, of one scene and one of each exposure, tell of it.
+    """What frames of one scene, one of each exposure, tell of a camera.
 
-    exposures: seconds, in rising order, each some times the last. images: (rows, columns).
+    exposures: seconds, in rising order, each some times the last.
+    images: (rows, columns).
     """
 
     def __init__(self, exposures: Sequence[float], images: Sequence[NDArray[np.generic]]) -> None:
@@ -101,22 +94,22 @@ class FewExposures:
 
     @cached_property
     def top(self) -> float:
-        """The largest number in any of the camera's frames."""
+        """The largest number in any frame."""
         return max(float(image.max()) for image in self._images)
 
     @cached_property
     def share_at_zero(self) -> float:
-        """Share of the pixels at 0 in the camera's shortest exposure."""
+        """Share of the pixels at 0 in the shortest exposure."""
         return float(np.mean(self._images[0] == 0))
 
     @property
     def is_cut_at_zero(self) -> bool:
-        """Whether the camera's darkness ends at 0, so that its noise is cut off below."""
+        """Whether darkness ends at 0, so that its noise is cut off below."""
         return self.share_at_zero > _SETTINGS.cut
 
     @cached_property
     def sees_light(self) -> bool:
-        """Whether the camera's brightest pixels rise with the exposure."""
+        """Whether the brightest pixels rise with the exposure."""
         last = self._images[-1]
         chosen = last >= np.quantile(last, 1 - min(0.5, LEAST_PILE / last.size))
         rise = last[chosen] - self._images[0][chosen]
@@ -126,14 +119,14 @@ class FewExposures:
 
     @cached_property
     def _dark_noise(self) -> float:
-        """Deviation of a camera's pixels in the shortest exposure, where light is least, in DN."""
+        """Deviation of the pixels in the shortest exposure, where light is least, in DN."""
         first = self._images[0]
         low, middle = np.quantile(first, [0.16, 0.5])
         return float(middle - low)
 
     @cached_property
     def black_level(self) -> Measured:
-        """The camera's mean number at no exposure, in DN, by its two shortest ones."""
+        """The mean number at no exposure, in DN, by the two shortest ones."""
         (short, long), (a, b) = self._times[:2], self._images[:2]
         open_ = b <= (self.top + float(np.median(a))) / 2
         if not open_.any():
@@ -145,7 +138,7 @@ class FewExposures:
 
     @cached_property
     def clip(self) -> SeenClip | None:
-        """Where the camera's pixels clip; None if the exposures don't show it."""
+        """Where pixels clip; None if the exposures don't show it."""
         for number in reversed(range(1, len(self._images))):
             found = self._clip_by_pixels(number) or self._clip_by_pile(number)
             if found is not None:
@@ -153,7 +146,7 @@ class FewExposures:
         return None
 
     def _clip_by_pixels(self, number: int) -> SeenClip | None:
-        """Return the camera's clip level by pixels that must be clipped by the shorter exposure."""
+        """Return the clip level by pixels that must be clipped by the shorter exposure."""
         a, b, black = self._images[number - 1], self._images[number], self.black_level.value
         room = float(b.max()) - black
         light = (a - black) * (self._times[number] / self._times[number - 1])
@@ -172,7 +165,7 @@ class FewExposures:
         return None
 
     def _clip_by_pile(self, number: int) -> SeenClip | None:
-        """Return the camera's clip level by pixels at a number that a longer exposure keeps."""
+        """Return the clip level by pixels at a number that a longer exposure keeps."""
         a, b = self._images[number - 1], self._images[number]
         pile = top_pile(b)
         if pile is None or pile != a.max() or not self.sees_light:
@@ -181,7 +174,7 @@ class FewExposures:
 
     @cached_property
     def linearity(self) -> Linearity | None:
-        """How the camera's numbers rise over three exposures; None if there is too little light."""
+        """How numbers rise over three exposures; None if there is too little light."""
         for number in reversed(range(2, len(self._images))):
             found = self._linearity(number)
             if found is not None:
@@ -189,7 +182,7 @@ class FewExposures:
         return None
 
     def _linearity(self, number: int) -> Linearity | None:
-        """Return the camera's linearity over an exposure and the two before it, if light tells it.
+        """Return the linearity over an exposure and the two before it, if light tells it.
 
         Differences are compared, so that the black level plays no part: for light that rises with
         the power p of exposures t, (y3 - y2) / (y2 - y1) is (t3/t2)^p if each t is as many times
@@ -229,10 +222,11 @@ _SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class RepeatedLinearity:
-    """How a camera's numbers rise with the exposure, in the mean of repeated frames.
+    """How numbers rise with the exposure, in the mean of repeated frames.
 
-    exponent: power of the exposure, 1 if it is linear; its deviation holds the lamp's. flicker:
-    deviation of the light from frame to frame of one exposure, relative, 0 where noise explains it.
+    exponent: power of the exposure, 1 if it is linear; its deviation holds the lamp's.
+    flicker: deviation of the light from frame to frame of one exposure, relative, 0 where noise
+        explains it.
     """
 
     exponent: Measured
@@ -242,7 +236,7 @@ class RepeatedLinearity:
 def repeated_linearity(
     exposures: Sequence[float], repeats: Sequence[Sequence[NDArray[np.generic]]]
 ) -> RepeatedLinearity | None:
-    """Return a camera's linearity by several frames of each of three exposures; None if it is dark.
+    """Return the linearity by several frames of each of three exposures; None if it is dark.
 
     A lamp that flickers gives each frame another light. Its mean stays, and how much the result
     depends on single frames tells how well it is known (the jackknife of Quenouille and Tukey).
@@ -271,9 +265,11 @@ def _exponent(exposures: Sequence[float], means: Sequence[Array]) -> Measured | 
 
 
 def frame_flicker(images: Sequence[NDArray[np.generic]] | Array, black: float) -> float:
-    """Return how much the light of a camera's frames of one exposure differs, relative.
+    """Return how much the light of frames of one exposure differs, relative.
 
-    black: level of darkness in DN. The result is 0 where noise explains the difference.
+    black: level of darkness in DN.
+
+    The result is 0 where noise explains the difference.
     """
     frames = np.asarray(images, dtype=np.float64)
     mean = frames.mean(axis=0)

@@ -1,4 +1,4 @@
-"""Measure what a lens is focused and aligned by: sharpness, a star's place and width, its level.
+"""What a lens is focused and aligned by: sharpness, a star's place and width, its level.
 
 Hot pixels aren't taken for light.
 """
@@ -21,10 +21,7 @@ Array = NDArray[np.float64]
 
 
 def filter_period(sensor: Sensor) -> tuple[int, int]:
-    """Return the period of the colour filters that a star is seen through, (rows, columns).
-
-    It is (1, 1) for a monochrome sensor.
-    """
+    """Return the period of the colour filters, (rows, columns); (1, 1) for a monochrome sensor."""
     if sensor.colour is None:
         return 1, 1
     pattern = sensor.colour.pattern
@@ -32,10 +29,10 @@ def filter_period(sensor: Sensor) -> tuple[int, int]:
 
 
 def without_hot(light: Array, variance: Array, sensor: Sensor) -> Array:
-    """Return a picture to be aligned with hot pixels replaced by the median of their neighbours.
+    """Replace hot pixels by the median of their neighbours behind the same colour filter.
 
-    Neighbours are those of the same colour filter: light of one colour makes single bright pixels
-    among those of the other colours. light, variance: (rows, columns), DN and DN².
+    Light of one colour makes single bright pixels among those of the other colours.
+    light, variance: (rows, columns), DN and DN².
     """
     rows, columns = filter_period(sensor)
     clean = light.copy()
@@ -49,7 +46,7 @@ def without_hot(light: Array, variance: Array, sensor: Sensor) -> Array:
 
 @dataclass(frozen=True)
 class PeakLevel:
-    """Level of the brightest pixel of a picture that is exposed for alignment.
+    """Level of the brightest pixel of a picture.
 
     Parameters
     ----------
@@ -188,26 +185,17 @@ LEAST_SIDE = 8
 
 @dataclass(frozen=True)
 class StarShapeSettings:
-    """Tune the measurement of a star's shape for alignment; all values are chosen.
+    """Tune the measurement of a star's shape; all values are chosen.
 
-    Attributes
-    ----------
-    first_width : float
-        Standard deviation of the first window in pixels.
-    narrowest : float
-        Least standard deviation of the window in pixels: the neighbours of a star in a single pixel
-        have 0.4 % of its light.
-    widest : float
-        Largest standard deviation, as a share of the region's shorter side. Of a star that is
+    first_width: standard deviation of the first window in pixels.
+    narrowest: least standard deviation of the window in pixels: the neighbours of a star in a
+        single pixel have 0.4 % of its light.
+    widest: largest standard deviation, as a share of the region's shorter side. Of a star that is
         wider, the region shows too little.
-    rounds : int
-        Most steps. Each halves the error for a Gaussian.
-    tolerance : float
-        Relative change of the window's variances with which the steps end.
-    reach : float
-        Standard deviations of the window beyond which its weight, below 4e-6, isn't counted.
-    rim : int
-        Width in pixels of the region's rim, whose median is the background.
+    rounds: most steps. Each halves the error for a Gaussian.
+    tolerance: relative change of the window's variances with which the steps end.
+    reach: standard deviations of the window beyond which its weight, below 4e-6, isn't counted.
+    rim: width in pixels of the region's rim, whose median is the background.
     """
 
     first_width: float = 2.0
@@ -224,7 +212,7 @@ _SETTINGS = StarShapeSettings()
 
 @dataclass(frozen=True)
 class StarShape:
-    """Place, width and light of a star in a region, for focusing and aligning.
+    """Place, width and light of a star in a region.
 
     Parameters
     ----------
@@ -254,7 +242,7 @@ class StarShape:
 
     @property
     def fwhm(self) -> float:
-        """Return the geometric mean of both widths of the aligned star, in pixels."""
+        """The geometric mean of both widths, in pixels."""
         return math.sqrt(self.fwhm_major * self.fwhm_minor)
 
 
@@ -323,7 +311,7 @@ def star_shape(numbers: NDArray[Any], sensor: Sensor) -> StarShape:
 
 
 def _rim_median(raw: Array) -> float:
-    """Return the median of a star region's rim: the background, in DN."""
+    """Return the median of a region's rim: the background, in DN."""
     inner = np.ones(raw.shape, dtype=bool)
     rim = _SETTINGS.rim
     inner[rim:-rim, rim:-rim] = False
@@ -331,7 +319,7 @@ def _rim_median(raw: Array) -> float:
 
 
 def _shift(period: int) -> float:
-    """Return by how many pixels a star moves in a mean over an even number of pixels."""
+    """Return by how many pixels a mean over an even number of pixels moves a star."""
     return 0.5 if period % 2 == 0 else 0.0
 
 
@@ -365,7 +353,7 @@ def _adaptive_moments(light: Array, start: tuple[float, float]) -> tuple[Array, 
 
 
 def _moments(weighted: Array, dy: Array, dx: Array) -> tuple[Array, Array]:
-    """Return the mean (y, x) of a star's weighted light, and its second moments, (2, 2).
+    """Return the mean (y, x) of weighted light, and its second moments, (2, 2).
 
     Raises ValueError if there is no light.
     """
@@ -379,7 +367,7 @@ def _moments(weighted: Array, dy: Array, dx: Array) -> tuple[Array, Array]:
 
 
 def _window_pixels(centre: Array, window: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Return the rows and columns of a star's region on which its window isn't negligible."""
+    """Return the rows and columns on which a window isn't negligible."""
     reaches = _SETTINGS.reach * np.sqrt(np.diag(window))
     rows, columns = (
         slice(max(math.floor(c - reach), 0), min(math.ceil(c + reach) + 1, n))
@@ -389,7 +377,7 @@ def _window_pixels(centre: Array, window: Array, shape: tuple[int, ...]) -> tupl
 
 
 def _widen_narrow_axes(covariance: Array) -> Array:
-    """Return a star window's covariance with neither axis narrower than it may be."""
+    """Return a window's covariance with neither axis narrower than it may be."""
     values, vectors = np.linalg.eigh(covariance)
     limited: Array = (vectors * np.maximum(values, _SETTINGS.narrowest**2)) @ vectors.T
     return limited

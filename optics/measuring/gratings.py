@@ -1,4 +1,4 @@
-"""Design gratings that distinguish positions on the sensor and regions of the panel.
+"""Gratings that distinguish positions on the sensor and regions of the panel.
 
 A grating of k cycles per panel pixel sends light to k λ z / pitch on the sensor. Grating vectors
 are (y, x) in cycles per panel pixel, with y down the rows.
@@ -38,10 +38,7 @@ rotation and no reflection maps this set onto itself."""
 
 
 def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tuple[slice, slice]]:
-    """Return the slices (rows, columns) of every panel region that is calibrated.
-
-    The regions follow each other row by row.
-    """
+    """Return the slices (rows, columns) of every region of the panel, row by row."""
     if min(regions) < 1 or regions[0] > shape[0] or regions[1] > shape[1]:
         raise ValueError(
             f"regions is {regions}; a panel of {shape[0]}x{shape[1]} pixels has 1x1 to as many "
@@ -53,10 +50,11 @@ def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tupl
 
 
 def registration_vectors(max_frequency: float) -> Array:
-    """Return six vectors of calibration gratings that register panel and sensor, (6, 2).
+    """Return six grating vectors that register panel and sensor, (6, 2).
 
-    No rotation and no reflection maps the set onto itself. max_frequency: cycles per panel pixel,
-    low enough for the spots to fall on the sensor in any orientation.
+    No rotation and no reflection maps the set onto itself.
+    max_frequency: cycles per panel pixel, low enough for the spots to fall on the sensor in any
+        orientation.
     """
     _require_frequency(max_frequency)
     return np.array(
@@ -73,14 +71,18 @@ def registration_vectors(max_frequency: float) -> Array:
 def region_vectors(
     shape: tuple[int, int], regions: tuple[int, int], max_frequency: float, blur: float = 0.0
 ) -> Array:
-    """Choose one calibration grating vector per region, (regions, 2), so that spots don't overlap.
+    """Choose one grating vector per region, (regions, 2), so that spots don't overlap.
 
     Each vector has whole numbers of cycles in its region. A region's light is then dark where the
     other regions send theirs, because the line shape of a rectangle is zero at all other points of
     this lattice. The vectors are chosen one after the other, each where the tails of all orders of
-    the previous ones are weakest, with periods as long as possible. max_frequency: cycles per
-    panel pixel. blur: in the same unit, additional distance between spots because star, lens and
-    sensor widen them. Raises ValueError if the sensor has no room for so many separate spots.
+    the previous ones are weakest, with periods as long as possible.
+
+    max_frequency: cycles per panel pixel.
+    blur: in the same unit, additional distance between spots because star, lens and sensor widen
+        them.
+
+    Raises ValueError if the sensor has no room for so many separate spots.
     """
     _require_frequency(max_frequency)
     count = len(region_slices(shape, regions))
@@ -104,10 +106,7 @@ def region_vectors(
 
 
 def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64]:
-    """Return the calibration grating vectors up to a length, one of each pair of opposites.
-
-    The vectors are in cycles per region, (y, x).
-    """
+    """Return the vectors up to a length, (y, x) cycles per region, one of each opposite pair."""
     most = np.floor(max_frequency * lines).astype(int)
     grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
     return grid[np.hypot(*(grid / lines).T) <= max_frequency]
@@ -116,7 +115,7 @@ def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64
 def _choose_lattice_points(
     grid: NDArray[np.int64], count: int, separation: Array
 ) -> list[NDArray[np.int64]]:
-    """Choose up to `count` calibration grating vectors whose spots lie apart from each other.
+    """Choose up to `count` grating vectors whose spots lie apart from each other.
 
     separation: least distance in line widths, (y, x).
     """
@@ -141,10 +140,9 @@ def _choose_lattice_points(
 def stripe_pattern(
     shape: tuple[int, int], regions: tuple[int, int], vectors: Array, low: int, high: int
 ) -> NDArray[np.uint8]:
-    """Draw a calibration grating in every region: equally wide stripes of two grey levels.
+    """Draw equally wide stripes of two grey levels in every region, (rows, columns).
 
-    The result is the pattern's grey levels, (rows, columns). vectors: grating vectors of the
-    regions, row by row.
+    vectors: grating vectors of the regions, row by row.
     """
     grey = np.empty(shape, dtype=np.uint8)
     for (rows, columns), vector in zip(region_slices(shape, regions), vectors, strict=True):
@@ -159,9 +157,9 @@ def stripe_pattern(
 
 
 def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Array:
-    """Compute the phase of a blazed calibration grating in radians, (rows, columns).
+    """Compute the phase of a blazed grating in radians, (rows, columns), 0 at the panel's centre.
 
-    The phase is 0 at the panel's centre. vector: (y, x) in cycles per panel pixel.
+    vector: (y, x) in cycles per panel pixel.
     """
     rows, columns = shape
     y = (np.arange(rows) - rows // 2)[:, None]
@@ -172,13 +170,15 @@ def blazed_grating_phase(shape: tuple[int, int], vector: Sequence[float]) -> Arr
 def max_grating_frequency(
     shape: tuple[int, int], sensor_pitch: float, panel_pitch: float, scale: float
 ) -> float:
-    """Compute the highest calibration grating frequency whose light surely falls on the sensor.
+    """Compute the highest frequency whose light surely falls on the sensor, cycles per panel pixel.
 
-    The result is in cycles per panel pixel. shape: (rows, columns) of the sensor. The pitches are
-    in metres. scale: wavelength times the distance from lens to sensor, in square metres. The
-    light goes to at most three quarters of the shorter half side, which leaves room for a star
-    off the centre and for a rotated sensor. The frequency is at most 0.25, because steeper
-    gratings aren't stripes any more.
+    shape: (rows, columns) of the sensor.
+    sensor_pitch, panel_pitch: metres.
+    scale: wavelength times the distance from lens to sensor, in square metres.
+
+    The light goes to at most three quarters of the shorter half side, which leaves room for a star
+    off the centre and for a rotated sensor. The frequency is at most 0.25, because steeper gratings
+    aren't stripes any more.
     """
     half = 0.75 * min(shape) / 2 * sensor_pitch
     return min(half * panel_pitch / scale, 0.25)

@@ -1,4 +1,4 @@
-"""Measure a group of a camera's pixels: an area of the sensor, behind one colour of filter.
+"""Mean, noise and defects of a group of pixels: those of an area behind one colour of filter.
 
 Noise of less than a step of the converter is told from its numbers.
 """
@@ -42,7 +42,7 @@ _LEAST = 1e-3
 
 
 def rounded_moments(level: Array, noise: float) -> tuple[Array, Array]:
-    """Compute mean and variance of a camera's noisy levels after rounding, in steps."""
+    """Compute mean and variance of noisy levels after rounding, in steps."""
     centre = np.round(level)
     reach = math.ceil(6 * noise) + 1
     mean, square = np.zeros_like(level), np.zeros_like(level)
@@ -55,9 +55,10 @@ def rounded_moments(level: Array, noise: float) -> tuple[Array, Array]:
 
 
 def temporal_variance(mean: float, spread: float, noise: float) -> float:
-    """Compute the mean temporal variance of a camera's pixels after rounding, in steps².
+    """Compute the mean temporal variance of pixels after rounding, in steps².
 
-    mean, spread: of the normal distribution of the pixels' levels. noise: of each, in steps.
+    mean, spread: of the normal distribution of the pixels' levels.
+    noise: of each, in steps.
     """
     if spread < _LEAST:
         return float(rounded_moments(np.array([mean]), noise)[1][0])
@@ -68,10 +69,12 @@ def temporal_variance(mean: float, spread: float, noise: float) -> float:
 
 
 def noise_below_a_step(mean: float, over_pixels: float, temporal: float) -> float:
-    """Find the noise of a camera before rounding, in steps.
+    """Find the noise before rounding, in steps.
 
-    mean, over_pixels: mean and variance of all numbers of a frame. temporal: mean temporal variance
-    of the pixels. The larger of two values is given where both explain it.
+    mean, over_pixels: mean and variance of all numbers of a frame.
+    temporal: mean temporal variance of the pixels.
+
+    The larger of two values is given where both explain it.
     """
 
     def misfit(parameters: Array) -> Array:
@@ -107,12 +110,16 @@ _LIT_SHARE = 0.05
 
 @dataclass(frozen=True)
 class LightStatistics:
-    """A group of a camera's pixels in light of one exposure time.
+    """A group of pixels in light of one exposure time.
 
-    exposure: seconds. mean: number, DN. brightest: number of the brightest pixel, DN. signal: mean
-    less the mean dark number. variance, dark_variance: temporal, of a frame, DN². spread,
-    dark_spread: as in PairNoise. count, dark_count: independent squares of both. ratio: light of
-    the later frames over that of the earlier ones.
+    exposure: seconds.
+    mean: number, DN.
+    brightest: number of the brightest pixel, DN.
+    signal: mean less the mean dark number.
+    variance, dark_variance: temporal, of a frame, DN².
+    spread, dark_spread: as in PairNoise.
+    count, dark_count: independent squares of both.
+    ratio: light of the later frames over that of the earlier ones.
     """
 
     exposure: float
@@ -130,11 +137,15 @@ class LightStatistics:
 
 @dataclass(frozen=True)
 class DarkStatistics:
-    """A group of a camera's pixels in darkness of one exposure time.
+    """A group of pixels in darkness of one exposure time.
 
-    exposure: seconds. mean: number, DN. variance: temporal, of a frame, DN². over_pixels: variance
-    of all numbers of a frame, DN². spread, count: as in PairNoise. zeros: share of numbers that are
-    0. pixels: good ones.
+    exposure: seconds.
+    mean: number, DN.
+    variance: temporal, of a frame, DN².
+    over_pixels: variance of all numbers of a frame, DN².
+    spread, count: as in PairNoise.
+    zeros: share of numbers that are 0.
+    pixels: good ones.
     """
 
     exposure: float
@@ -149,7 +160,7 @@ class DarkStatistics:
 
 @dataclass(frozen=True)
 class HalfProducts:
-    """Sums over a camera's pixels of two halves of a map, from which their covariance follows."""
+    """Sums over pixels of two halves of a map, from which their covariance follows."""
 
     count: int = 0
     first: float = 0.0
@@ -160,7 +171,7 @@ class HalfProducts:
 
     @staticmethod
     def of(first: NDArray[np.float64], second: NDArray[np.float64]) -> HalfProducts:
-        """Sum the two halves of a camera's map, (n,) each."""
+        """Sum two halves, (n,) each."""
         return HalfProducts(
             len(first), float(first.sum()), float(second.sum()), float((first**2).sum()),
             float((second**2).sum()), float((first * second).sum()),
@@ -176,12 +187,14 @@ class HalfProducts:
 
 @dataclass(frozen=True, eq=False)
 class GroupStatistics:
-    """What is measured on a group of a camera's pixels.
+    """What is measured on a group of pixels.
 
-    filter: (row, column) of the group's colour filter in its period. light, dark: by rising
-    exposure time. response, offsets: sums of the halves of both maps, of relative response without
-    slow changes and of dark numbers less a reference. defects: masks. rows, columns: of the pixels.
-    box: share of a pixel's own spread that is left of the response.
+    filter: (row, column) of the group's colour filter in its period.
+    light, dark: by rising exposure time.
+    response, offsets: sums of the halves of both maps, of relative response without slow changes
+        and of dark numbers less a reference.
+    defects: masks.
+    rows, columns: of the pixels.
     """
 
     filter: tuple[int, int]
@@ -195,9 +208,9 @@ class GroupStatistics:
 
 
 def measure_groups(source: PairedFrames) -> list[GroupStatistics]:
-    """Measure all groups of a camera's pixels, area by area.
+    """Measure all groups of pixels, area by area.
 
-    Raises ValueError if frames are repeated, or dark numbers end at 0.
+    Raises ValueError for numbers that aren't finite, or if half of a group looks defective.
     """
     found = []
     for rows, columns in source.areas:
@@ -223,7 +236,7 @@ def _measure_group(
     place: tuple[int, int],
     places: NDArray[np.int64],
 ) -> GroupStatistics:
-    """Measure a group of a camera's pixels on all of its frames, (frames, rows, columns)."""
+    """Measure one group on all of its frames, (frames, rows, columns)."""
     maps = average_frames(frames, source.light, source.dark, _bright_exposures(source, frames))
     defects = find_defects(maps, max(source.dark))
     good = defects.good
@@ -243,7 +256,7 @@ def _measure_group(
 
 
 def _bright_exposures(source: PairedFrames, frames: NDArray[Any]) -> list[float]:
-    """Return exposure times at which a group of the camera is bright, and clear of clipping."""
+    """Return exposure times at which a group is bright, and clear of clipping."""
     darkness = {time: float(frames[source.dark[time][0][0]].mean()) for time in source.light}
     first = {time: frames[pairs[0][0]] for time, pairs in source.light.items()}
     room = max(float(frame.mean()) - darkness[time] for time, frame in first.items())
@@ -258,7 +271,7 @@ def _bright_exposures(source: PairedFrames, frames: NDArray[Any]) -> list[float]
 def _dark_statistics(
     source: PairedFrames, frames: NDArray[Any], time: float, good: Mask
 ) -> DarkStatistics:
-    """Measure a camera's dark pairs of an exposure time on a group of pixels."""
+    """Measure the dark pairs of an exposure time on a group's good pixels."""
     pairs = [measure_pair(frames[a], frames[b], good) for a, b in source.dark[time]]
     every = [frames[index][good] for pair in source.dark[time] for index in pair]
     mean, variance, spread, count = _combine(pairs)
@@ -271,7 +284,7 @@ def _dark_statistics(
 def _light_statistics(
     source: PairedFrames, frames: NDArray[Any], dark: DarkStatistics, good: Mask
 ) -> LightStatistics:
-    """Measure a camera's pairs in light of an exposure time on a group of pixels."""
+    """Measure the pairs in light of an exposure time on a group's good pixels."""
     listed = source.light[dark.exposure]
     pairs = [measure_pair(frames[a], frames[b], good, dark.mean) for a, b in listed]
     mean, variance, spread, count = _combine(pairs)
@@ -283,7 +296,7 @@ def _light_statistics(
 
 
 def _combine(pairs: list[PairNoise]) -> tuple[float, float, float, int]:
-    """Return mean, variance, spread and count of several of a camera's pairs."""
+    """Return mean, variance, spread and count of several pairs."""
     counts = [one.count for one in pairs]
     return (
         float(np.mean([one.mean for one in pairs])),
@@ -294,7 +307,7 @@ def _combine(pairs: list[PairNoise]) -> tuple[float, float, float, int]:
 
 
 def _response_products(maps: GroupMaps, good: Mask) -> HalfProducts:
-    """Sum the halves of the response of a group of a camera's pixels."""
+    """Sum the halves of a group's response."""
     if maps.response is None:
         return HalfProducts()
     first, second = (without_slow_changes(one, good)[good] for one in maps.response)
@@ -302,10 +315,10 @@ def _response_products(maps: GroupMaps, good: Mask) -> HalfProducts:
 
 
 def _offset_products(maps: GroupMaps, good: Mask) -> HalfProducts:
-    """Sum the halves of the dark numbers of a group of a camera's pixels."""
+    """Sum the halves of a group's dark numbers."""
     return HalfProducts.of(maps.dark[0][good], maps.dark[1][good])
 
 
 def box_share() -> float:
-    """Return the share of a camera's response variance that is left without slow changes."""
+    """Return the share of the response's variance that is left without slow changes."""
     return 1 - 1 / BOX**2

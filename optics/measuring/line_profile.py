@@ -18,7 +18,7 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class LineProfile:
-    """Numbers along a line of a picture that is aligned.
+    """Numbers along a line of a picture.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Hold a measured quantity with its standard uncertainty."""
+"""A measured quantity with its standard uncertainty, and what is computed from several."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Measured:
-    """A measured quantity of a camera, and its standard uncertainty in the same unit.
+    """A measured quantity, and its standard uncertainty in the same unit.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Measured:
         return Measured(self.value * factor, self.sigma * abs(factor))
 
     def times(self, other: Measured) -> Measured:
-        """Return the product with an independent quantity of the camera."""
+        """Return the product with an independent quantity."""
         return Measured(
             self.value * other.value,
             math.hypot(self.sigma * other.value, self.value * other.sigma),
@@ -38,12 +38,12 @@ class Measured:
 
     @property
     def inverse(self) -> Measured:
-        """The inverse of the camera's quantity, with its uncertainty."""
+        """The inverse, with its uncertainty."""
         return Measured(1 / self.value, self.sigma / self.value**2)
 
     @property
     def root(self) -> Measured:
-        """The square root of the camera's quantity; 0 for a negative one.
+        """The square root; 0 for a negative quantity.
 
         Near 0, the uncertainty is the root of that of the square.
         """
@@ -52,7 +52,7 @@ class Measured:
 
 
 def weighted_mean(values: Array, sigmas: Array) -> Measured:
-    """Return the mean of a camera's values, (n,), weighted by their uncertainties.
+    """Return the mean of values, (n,), weighted by their uncertainties.
 
     Where they scatter more than they should, the uncertainty is larger by as much.
     """
@@ -64,9 +64,10 @@ def weighted_mean(values: Array, sigmas: Array) -> Measured:
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line through a camera's points: value at 0 and slope, and how well it fits.
+    """A straight line through points: value at 0 and slope, and how well it fits.
 
-    covariance: (2, 2), of both. chi2: mean squared residual per degree of freedom, in variances.
+    covariance: (2, 2), of both.
+    chi2: mean squared residual per degree of freedom, in variances.
     """
 
     start: float
@@ -76,7 +77,7 @@ class Line:
 
 
 def fit_line(x: Array, y: Array, sigmas: Array) -> Line:
-    """Fit a straight line to a camera's points of known uncertainty, all (n,).
+    """Fit a straight line to points of known uncertainty, all (n,).
 
     Where they scatter more than they should, the covariance is larger by as much.
     """

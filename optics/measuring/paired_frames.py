@@ -1,4 +1,4 @@
-"""Hold a camera's frames in pairs of the same exposure time, and measure a pair's noise."""
+"""Frames in pairs of the same exposure time, and the noise of a pair."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class PairedFrames:
         self._require_darks()
 
     def _require_alike(self) -> None:
-        """Raise ValueError unless all of the camera's frames fit together."""
+        """Raise ValueError unless all frames fit together."""
         count = len(self.frames)
         if not count or len(self.exposures) != count or len(self.lit) != count:
             raise ValueError(
@@ -101,7 +101,7 @@ class PairedFrames:
             raise ValueError("no frame is dark; take two dark frames of every exposure time, too")
 
     def _require_darks(self) -> None:
-        """Raise ValueError unless the camera's exposures are enough, each with its dark frames."""
+        """Raise ValueError unless the exposures are enough, each with its dark frames."""
         missing = [time for time in self.light if time not in self.dark]
         if missing:
             listed = ", ".join(f"{time * 1e3:g}" for time in missing[:5])
@@ -117,7 +117,7 @@ class PairedFrames:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the camera's frames."""
+        """Rows and columns of the frames."""
         rows, columns = self.frames[0].shape
         return int(rows), int(columns)
 
@@ -135,14 +135,14 @@ class PairedFrames:
 
 
 def _edges(length: int, count: int, step: int) -> list[slice]:
-    """Divide one side of a camera's frame into slices that begin at multiples of a step."""
+    """Divide a side of a frame into slices that begin at multiples of a step."""
     ends = np.linspace(0, length / step, count + 1).round().astype(int) * step
     ends[-1] = length
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends) if b > a]
 
 
 def _pairs(exposures: NDArray[np.float64], chosen: NDArray[np.bool_], kind: str) -> Pairs:
-    """Group the camera's chosen frames in pairs, in the order in which they were taken."""
+    """Group the chosen frames in pairs, in the order in which they were taken."""
     found: Pairs = {}
     for time in np.unique(exposures[chosen]):
         indices = np.flatnonzero(chosen & (exposures == time)).tolist()
@@ -170,9 +170,12 @@ nothing of the lamp. Chosen."""
 class PairNoise:
     """Mean and temporal noise of two frames of the same exposure time.
 
-    mean: of both, DN. variance: temporal, of a frame, DN². spread: variance of a squared difference
-    over the square of its mean, 2 for normal noise on evenly lit pixels. count: independent squared
-    differences. ratio: light of the second frame over that of the first.
+    mean: of both, DN.
+    variance: temporal, of a frame, DN².
+    spread: variance of a squared difference over the square of its mean, 2 for normal noise on
+        evenly lit pixels.
+    count: independent squared differences.
+    ratio: light of the second frame over that of the first.
     """
 
     mean: float
@@ -183,10 +186,11 @@ class PairNoise:
 
 
 def measure_pair(first: Frame, second: Frame, good: Mask, dark: float | None = None) -> PairNoise:
-    """Measure mean and temporal noise of a camera's pair of frames, on its good pixels.
+    """Measure mean and temporal noise of a pair of frames, on good pixels.
 
-    `dark` is the mean number without light; None for frames that are dark themselves. The estimate
-    of the variance is unbiased for any light, even or not, that keeps its shape.
+    dark: mean number without light; None for frames that are dark themselves.
+
+    The estimate of the variance is unbiased for any light, even or not, that keeps its shape.
     """
     a, b = first.astype(np.float64), second.astype(np.float64)
     count = int(good.sum())
@@ -209,7 +213,7 @@ def measure_pair(first: Frame, second: Frame, good: Mask, dark: float | None = N
 
 
 def _without_blocks(difference: NDArray[np.float64], good: Mask) -> tuple[Frame, int]:
-    """Return a pair's difference less the mean of each block, and the degrees of freedom."""
+    """Return a difference less the mean of each block, and the degrees of freedom."""
     starts = [np.arange(0, n, _BLOCK) for n in difference.shape]
     sums, counts = (
         np.add.reduceat(np.add.reduceat(one, starts[0], axis=0), starts[1], axis=1)

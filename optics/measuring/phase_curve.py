@@ -1,4 +1,4 @@
-"""Model a panel's phase curve over grey levels, and what light stripes send into first orders."""
+"""A panel's phase curve over grey levels, and what light stripes send into first orders."""
 
 from __future__ import annotations
 
@@ -35,17 +35,19 @@ _GAUSS_HERMITE = ((-math.sqrt(3.0), 1 / 6), (0.0, 2 / 3), (math.sqrt(3.0), 1 / 6
 
 
 class StripeLaw:
-    """Compute the light in a grating's first order from phase step and blur by neighbours.
+    """Computes the light in a grating's first order from phase step and blur by neighbours.
 
     upper: (rows, columns), where the pattern has the upper level; a part of the pattern represents
-    the whole. vector: its grating vector, (y, x) cycles per pixel. active_side: side of the square
-    of a pixel that modulates, in pixels. max_step: largest step in radians.
+        the whole.
+    vector: its grating vector, (y, x) cycles per pixel.
+    active_side: side of the square of a pixel that modulates, in pixels.
+    max_step: largest step in radians.
 
     Hard stripes send the share sin²(step / 2) of the largest possible light into each first order.
-    The coupling of neighbouring pixels blurs the phase, which then takes all values between the
-    two levels at the stripes' edges. The pattern is therefore blurred by a Gaussian, sampled in
-    the active areas, and sorted by height, and the first order's wave is summed for each height.
-    The light is relative to the most that hard stripes send.
+    The coupling of neighbouring pixels blurs the phase, which then takes all values between the two
+    levels at the stripes' edges. The pattern is therefore blurred by a Gaussian, sampled in the
+    active areas, and sorted by height, and the first order's wave is summed for each height. The
+    light is relative to the most that hard stripes send.
     """
 
     def __init__(
@@ -80,9 +82,9 @@ class StripeLaw:
         """Compute the first-order light of phase steps, relative to the most of hard stripes.
 
         step: radians.
-
-        blur2: pixels², variance of the Gaussian. ripple2: variance of the phase within an
-        exposure or a filter's band, as a share of the phase.
+        blur2: pixels², variance of the Gaussian.
+        ripple2: variance of the phase within an exposure or a filter's band, as a share of the
+            phase.
         """
         light = np.zeros(np.shape(step))
         for stretch, weight in _ripple_nodes(ripple2):
@@ -90,7 +92,7 @@ class StripeLaw:
         return light
 
     def derivatives(self, step: Array, blur2: float, ripple2: float) -> tuple[Array, Array]:
-        """Compute derivatives of a calibration grating's first-order light by step and blur2."""
+        """Compute the derivatives of the light by step and by blur2."""
         by_step, by_blur = np.zeros(np.shape(step)), np.zeros(np.shape(step))
         for stretch, weight in _ripple_nodes(ripple2):
             by_step += (
@@ -105,14 +107,14 @@ class StripeLaw:
 
 
 def _ripple_nodes(ripple2: float) -> list[tuple[float, float]]:
-    """Return Gauss-Hermite nodes and weights over the ripple of a calibration frame's phase."""
+    """Return Gauss-Hermite nodes and weights over the ripple of the phase within a frame."""
     if ripple2 == 0:
         return [(1.0, 1.0)]
     return [(1 + node * math.sqrt(ripple2), weight) for node, weight in _GAUSS_HERMITE]
 
 
 def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.complex128]:
-    """Return a calibration grating's first-order wave exp(-2πi k·r) at the panel's pixels.
+    """Return the first-order wave exp(-2πi k·r) at the panel's pixels.
 
     The wave is multiplied by a tapered window. Its mean is subtracted, because a constant phase of
     the whole panel sends no light into the first order.
@@ -126,10 +128,7 @@ def _first_order_wave(shape: tuple[int, int], vector: Array) -> NDArray[np.compl
 def _wave_by_height(
     patch: Array, wave: NDArray[np.complex128], vector: Array, blur: float, side: float
 ) -> NDArray[np.complex128]:
-    """Sum the first-order wave over a blurred calibration grating's points, by their height.
-
-    The result has one sum per height, (heights,).
-    """
+    """Sum the first-order wave over the points of blurred stripes, by their height, (heights,)."""
     total = np.zeros(_HEIGHTS, dtype=np.complex128)
     nodes = list(zip(_NODES * side / 2, _WEIGHTS / 2, strict=True))
     for dy, high in nodes:
@@ -146,10 +145,11 @@ def _wave_by_height(
 
 
 def _blur_axis(values: Array, blur: float, place: float, axis: int) -> Array:
-    """Blur a calibration grating's pixel staircase along an axis by a Gaussian.
+    """Blur a staircase of pixels along an axis by a Gaussian, to one sample per pixel.
 
-    The result has one sample per pixel. place: the position of the sample in its pixel, in pixels
-    from the centre. The outermost pixels are continued.
+    place: the position of the sample in its pixel, in pixels from the centre.
+
+    The outermost pixels are continued.
     """
     if blur == 0:
         return values
@@ -166,12 +166,15 @@ MIN_LEVELS = 12
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Hold the light of one region's first orders in a sweep, frame by frame.
+    """Light of one region's first orders in a sweep of grey levels, frame by frame.
 
-    low, high: (n,) grey levels of the two stripes of each frame. light: (n,) in any unit.
-    noise: (n,) standard deviation of the light. law: that of the displayed stripes. Raises
-    ValueError for arrays of different shapes, for too few levels, and for light or noise that
-    isn't valid.
+    low, high: (n,) grey levels of the two stripes of each frame.
+    light: (n,) in any unit.
+    noise: (n,) standard deviation of the light.
+    law: that of the displayed stripes.
+
+    Raises ValueError for arrays of different shapes, for too few levels, and for light or noise
+    that isn't valid.
     """
 
     low: NDArray[np.int64]
@@ -194,7 +197,7 @@ class Sweep:
             raise ValueError("light must be finite and its noise positive")
 
     def select(self, inliers: NDArray[np.bool_]) -> Sweep:
-        """Return the calibration sweep with its inlier frames only."""
+        """Return the sweep with its inlier frames only."""
         return Sweep(
             self.low[inliers],
             self.high[inliers],
@@ -212,25 +215,16 @@ SWING, OFFSET, BLUR2, RIPPLE2, GHOST, FIRST_INCREMENT = range(6)
 class PhaseCurveSettings:
     """Tune the fit of phase curves; all values are chosen.
 
-    Attributes
-    ----------
-    no_ghost, some_ghost : float
-        Expected standard deviations of the ghost, as shares of the swing, of a fit without and
-        of one with a ghost.
-    usual_blur2 : float
-        Expected square of the blur, panel pixels squared.
-    usual_ripple2 : float
-        Expected square of the ripple, which is a share of the phase.
-    most_ripple : float
-        Upper bound of the ripple, as a share of the phase.
-    most_ghost : float
-        Bound of the ghost, as a share of the swing.
-    difference_step : float
-        Step of the squared ripple for its derivative by differences.
-    steps : int
-        Most evaluations of one least-squares fit.
-    end_knot_density : float
-        How much denser the spline's knots are at the ends, where a curve may bend most.
+    no_ghost, some_ghost: expected standard deviations of the ghost, as shares of the swing, of a
+        fit without and of one with a ghost.
+    usual_blur2: expected square of the blur, panel pixels squared.
+    usual_ripple2: expected square of the ripple, which is a share of the phase.
+    most_ripple: upper bound of the ripple, as a share of the phase.
+    most_ghost: bound of the ghost, as a share of the swing.
+    difference_step: step of the squared ripple for its derivative by differences.
+    steps: most evaluations of one least-squares fit.
+    end_knot_density: how much denser the spline's knots are at the ends, where a curve may bend
+        most.
     """
 
     no_ghost: float = 1e-5
@@ -249,13 +243,15 @@ SETTINGS = PhaseCurveSettings()
 
 @dataclass(frozen=True, eq=False)
 class PhaseCurve:
-    """Model the light of a sweep as swing (law + ghost sin step) + offset of a phase spline.
+    """The light of a sweep as swing (law + ghost sin step) + offset of a phase spline.
 
-    The step is the phase difference of a frame's two stripes. parameters: swing and offset of the
-    light; squares of blur and ripple, in which the light is linear while they are small; the
-    ghost, a share of the swing, which is the tail of the zeroth order that interferes with the
-    first; and the spline's increments. top: the highest grey level. ghost_sigma: the expected
-    ghost, `SETTINGS.no_ghost` or `SETTINGS.some_ghost`.
+    The step is the phase difference of a frame's two stripes.
+
+    top: the highest grey level.
+    parameters: swing and offset of the light; squares of blur and ripple, in which the light is
+        linear while they are small; the ghost, a share of the swing, which is the tail of the
+        zeroth order that interferes with the first; and the spline's increments.
+    ghost_sigma: the expected ghost, `SETTINGS.no_ghost` or `SETTINGS.some_ghost`.
     """
 
     sweep: Sweep
@@ -265,7 +261,7 @@ class PhaseCurve:
 
     @property
     def _prior_sigmas(self) -> dict[int, float]:
-        """The prior standard deviations of the calibration fit's parameters, by index."""
+        """The prior standard deviations of parameters, by index."""
         return {
             BLUR2: SETTINGS.usual_blur2,
             RIPPLE2: SETTINGS.usual_ripple2,
@@ -282,12 +278,12 @@ class PhaseCurve:
 
     @property
     def phase_range(self) -> float:
-        """The fitted phase of the calibration curve at the highest grey level, radians."""
+        """The phase at the highest grey level, radians."""
         return float(self.increments.sum())
 
     @cached_property
     def basis(self) -> Array:
-        """The derivative of each calibration frame's phase step by each increment, (n, count)."""
+        """The derivative of each frame's phase step by each increment, (n, count)."""
         low, high = (
             monotone_spline_basis(levels, self.top, self.increment_count)
             for levels in (self.sweep.low, self.sweep.high)
@@ -295,7 +291,7 @@ class PhaseCurve:
         return high - low
 
     def predicted_light(self, parameters: Array | None = None) -> Array:
-        """Predict the first-order light of each calibration frame from the phase curve, (n,)."""
+        """Predict the first-order light of each frame, (n,)."""
         p = self.parameters if parameters is None else parameters
         return p[SWING] * self._relative_light(p) + p[OFFSET]
 
@@ -304,16 +300,13 @@ class PhaseCurve:
         return self.sweep.law(steps, p[BLUR2], p[RIPPLE2]) + p[GHOST] * np.sin(steps)
 
     def residuals(self, parameters: Array) -> Array:
-        """Compute the calibration fit's residuals in standard deviations, (n + 3,).
-
-        The last three residuals belong to the priors.
-        """
+        """Compute the residuals in standard deviations, (n + 3,), the last three of the priors."""
         misfit = (self.predicted_light(parameters) - self.sweep.light) / self.sweep.noise
         known = [parameters[k] / usual for k, usual in self._prior_sigmas.items()]
         return np.concatenate([misfit, known])
 
     def jacobian(self, parameters: Array) -> Array:
-        """Compute the derivatives of the calibration fit's residuals, (n + 3, parameters)."""
+        """Compute the derivatives of the residuals, (n + 3, parameters)."""
         p, law, dr = parameters, self.sweep.law, SETTINGS.difference_step
         steps = self.basis @ p[FIRST_INCREMENT:]
         share = law(steps, p[BLUR2], p[RIPPLE2])
@@ -330,7 +323,7 @@ class PhaseCurve:
 
     @property
     def misfit(self) -> Array:
-        """The calibration fit's residuals without the priors, in standard deviations, (n,)."""
+        """The residuals without the priors, in standard deviations, (n,)."""
         return self.residuals(self.parameters)[: -len(self._prior_sigmas)]
 
     @property
@@ -339,15 +332,12 @@ class PhaseCurve:
 
     @property
     def information_criterion(self) -> float:
-        """The calibration fit's Bayesian information criterion; less is better.
-
-        The criterion assumes noise of unknown scale.
-        """
+        """The Bayesian information criterion, for noise of unknown scale; less is better."""
         n = len(self.sweep.light)
         return n * math.log(max(self.cost, 1e-3 * n) / n) + len(self.parameters) * math.log(n)
 
     def covariance(self, inliers: NDArray[np.bool_]) -> Array:
-        """Compute the covariance of the calibration fit's parameters from inlier frames, (p, p).
+        """Compute the covariance of the parameters from inlier frames, (p, p).
 
         A parameter on a bound counts as free, so that the covariance isn't too small.
         """
@@ -356,17 +346,14 @@ class PhaseCurve:
         return np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
 
     def with_fitted_swing(self) -> PhaseCurve:
-        """Return the calibration curve with its linear parameters, swing and offset, fitted."""
+        """Return the curve with its linear parameters, swing and offset, fitted."""
         share = self._relative_light(self.parameters)
         design = np.column_stack([share, np.ones_like(share)]) / self.sweep.noise[:, None]
         lamp, *_ = np.linalg.lstsq(design, self.sweep.light / self.sweep.noise, rcond=None)
         return replace(self, parameters=np.concatenate([lamp, self.parameters[2:]]))
 
     def fit(self) -> PhaseCurve:
-        """Fit the phase curve to its calibration sweep by least squares.
-
-        The fit starts from the curve's own parameters.
-        """
+        """Fit the curve to its sweep by least squares, from its own parameters on."""
         lower = np.zeros_like(self.parameters)
         upper = np.full_like(self.parameters, np.inf)
         ghost = SETTINGS.most_ghost
@@ -384,7 +371,7 @@ class PhaseCurve:
         return replace(self, parameters=found.x)
 
     def with_increments(self, count: int) -> PhaseCurve:
-        """Return the same calibration curve with another number of spline increments."""
+        """Return the same curve with another number of spline increments."""
         fine = np.linspace(0, self.top, 8 * count)
         phase = monotone_spline_basis(fine, self.top, self.increment_count) @ self.increments
         basis = monotone_spline_basis(fine, self.top, count)
@@ -394,7 +381,7 @@ class PhaseCurve:
 
 
 def monotone_spline_basis(levels: Array | NDArray[np.int64], top: int, count: int) -> Array:
-    """Compute the basis of a monotone phase spline for calibration fits, (levels, count).
+    """Compute the basis of a monotone phase spline, (levels, count).
 
     Each column is the change of the spline by one increment. The curve is 0 at level 0. It is a
     cubic spline over 0 to `top`, with denser knots at the ends. It rises if its coefficients rise

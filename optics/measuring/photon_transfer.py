@@ -1,4 +1,4 @@
-"""Fit a camera's gain, saturation and linearity to noise and signal over exposure time.
+"""Gain, saturation and linearity of a camera, from noise and signal over exposure time.
 
 The slope of the photon transfer curve, temporal variance over signal, is the gain.
 """
@@ -31,14 +31,14 @@ _AT_TOP = 0.5
 
 @dataclass(frozen=True)
 class ClipLevel:
-    """The number at which a camera's pixels clip, DN, and what ends there."""
+    """The number at which pixels clip, DN, and what ends there."""
 
     number: Measured
     limit: Literal["converter", "well"]
 
 
 def find_clip_level(groups: Sequence[GroupStatistics], top_number: int) -> ClipLevel | None:
-    """Find the number at which a camera's pixels clip; None if no group of them saturates.
+    """Find the number at which pixels clip; None if no group of them saturates.
 
     Raises ValueError if numbers exceed the converter's end as it is said to be.
     """
@@ -63,17 +63,18 @@ def find_clip_level(groups: Sequence[GroupStatistics], top_number: int) -> ClipL
 
 
 def _saturated_exposures(light: Sequence[LightStatistics]) -> list[LightStatistics]:
-    """Return the exposures of a group of a camera's pixels at which all are saturated."""
+    """Return the exposures of a group at which all of its pixels are saturated."""
     largest = max(range(len(light)), key=lambda number: light[number].variance)
     limit = _FULL_VARIANCE * light[largest].variance
     return [one for one in light[largest + 1 :] if one.variance < limit + one.dark_variance]
 
 
 def is_open(one: LightStatistics, full: float | None, share: float) -> bool:
-    """Tell whether a group of a camera's pixels is below a share of saturation.
+    """Tell whether a group of pixels is below a share of saturation.
 
-    full: signal at which pixels clip, DN; None if none does. Its brightest pixel must be clear of
-    clipping, too, which counts where light is uneven.
+    full: signal at which pixels clip, DN; None if none does.
+
+    The brightest pixel must be clear of clipping, too, which counts where light is uneven.
     """
     if full is None:
         return True
@@ -82,7 +83,7 @@ def is_open(one: LightStatistics, full: float | None, share: float) -> bool:
 
 
 def saturation_signal(groups: Sequence[GroupStatistics]) -> Measured | None:
-    """Return the signal at which a camera's variance is largest, DN (EMVA 1288, section 6.6).
+    """Return the signal at which the variance is largest, DN (EMVA 1288, section 6.6).
 
     It is known to the spacing of the exposures. None if the variance still rises at the longest.
     The groups that are lit as the middle one is tell it.
@@ -106,7 +107,8 @@ FIT_SHARE = 0.7
 """Share of saturation up to which the curve is fitted (EMVA 1288, section 6.6)."""
 
 _PASSES = 4
-"""Passes in which weights follow the fit. The third changes the gain by less than 1e-6."""
+"""Passes in which weights follow the fit: the third changes the gain by less than 1e-6. Also those
+in which a lamp's drift is found; a drift of a fifth is then right to 1e-4."""
 
 _FEWEST = 3
 """Fewest exposure times that are fitted."""
@@ -114,12 +116,16 @@ _FEWEST = 3
 
 @dataclass(frozen=True, eq=False)
 class PhotonTransfer:
-    """A camera's photon transfer curve and its fit.
+    """The photon transfer curve and its fit.
 
-    system_gain: K, DN per electron. offset: what the dark number is too large by, DN, where the
-    converter's steps are too coarse to tell it; 0 otherwise. covariance: (2, 2), of both. chi2:
-    mean squared residual per degree of freedom. signal, variance, sigma: points, DN, DN² and the
-    variance's uncertainty, (n,). exposure: of each, seconds. used: whether the fit uses it.
+    system_gain: K, DN per electron.
+    offset: what the dark number is too large by, DN, where the converter's steps are too coarse to
+        tell it; 0 otherwise.
+    covariance: (2, 2), of both.
+    chi2: mean squared residual per degree of freedom.
+    signal, variance, sigma: points, DN, DN² and the variance's uncertainty, (n,).
+    exposure: of each, seconds.
+    used: whether the fit uses it.
     """
 
     system_gain: Measured
@@ -137,12 +143,14 @@ class PhotonTransfer:
 def fit_photon_transfer(
     groups: Sequence[GroupStatistics], full: float | None, coarse: Measured | None
 ) -> PhotonTransfer:
-    """Fit a camera's photon transfer curve through zero to all groups of its pixels.
+    """Fit a photon transfer curve through zero to all groups of pixels.
 
-    full: signal at which pixels clip, DN; None if none does. coarse: variance of the dark noise,
-    DN², where the dark numbers don't show it. The dark number is then uncertain by a part of a
-    step, and is fitted too. Weights are those that the fit predicts, since measured ones would
-    favour what is low by chance. Raises ValueError if too few exposures are below saturation.
+    full: signal at which pixels clip, DN; None if none does.
+    coarse: variance of the dark noise, DN², where the dark numbers don't show it. The dark number
+        is then uncertain by a part of a step, and is fitted too.
+
+    Weights are those that the fit predicts, since measured ones would favour what is low by chance.
+    Raises ValueError if too few exposures are below saturation.
     """
     points = [one for group in groups for one in group.light]
     signal = np.array([one.signal for one in points])
@@ -177,7 +185,7 @@ def fit_photon_transfer(
 
 
 def electrons(transfer: PhotonTransfer, signal: Measured) -> Measured:
-    """Return the electrons of a camera's signal, DN, above its measured dark number."""
+    """Return the electrons of a signal, DN, above the measured dark number."""
     gain, offset = transfer.system_gain.value, transfer.offset.value
     value = (signal.value + offset) / gain
     slopes = np.array([-value / gain, 1 / gain])
@@ -186,7 +194,6 @@ def electrons(transfer: PhotonTransfer, signal: Measured) -> Measured:
 
 
 def _is_fitted(one: LightStatistics, full: float | None, coarse: Measured | None) -> bool:
-    """Tell whether a camera's photon transfer curve is fitted to a group of pixels."""
     sure = coarse is None or one.variance - STEP_VARIANCE > SURE_VARIANCE
     return sure and one.signal > 0 and is_open(one, full, FIT_SHARE)
 
@@ -194,7 +201,7 @@ def _is_fitted(one: LightStatistics, full: float | None, coarse: Measured | None
 def _uncertainties(
     points: Sequence[LightStatistics], gain: float, offset: float, coarse: Measured | None
 ) -> Array:
-    """Return the uncertainties of a camera's points, variances less dark variances, DN²."""
+    """Return the uncertainties of the points, variances less dark variances, DN²."""
     found = []
     for one in points:
         dark = one.dark_variance if coarse is None else STEP_VARIANCE + coarse.value
@@ -210,7 +217,7 @@ def _uncertainties(
 def _fit(
     signal: Array, variance: Array, sigma: Array, used: NDArray[np.bool_], with_offset: bool
 ) -> tuple[float, float, Array]:
-    """Return slope and offset of a camera's photon transfer curve, and their covariance."""
+    """Return slope and offset of the curve, and their covariance."""
     x, y, s = signal[used], variance[used], sigma[used]
     if not with_offset:
         information = float((x**2 / s**2).sum())
@@ -229,7 +236,6 @@ _LOW, _HIGH = 0.05, 0.95
 
 _LINEARITY_FEWEST = 4
 """Fewest exposure times from which linearity is told."""
-"""Passes in which a lamp's drift is found; a drift of a fifth is then right to 1e-4."""
 
 _ALIKE = 0.9
 """Correlation of exposure time and clock from which drift can't be told from a bent line. Chosen:
@@ -238,12 +244,14 @@ exposures that only rise have .95 and more."""
 
 @dataclass(frozen=True, eq=False)
 class Linearity:
-    """A camera's signal by exposure time, and how far it is from a line.
+    """Signal by exposure time, and how far it is from a line.
 
-    error: mean absolute deviation, relative (EMVA's LE, as a share). drift: of the lamp from first
-    to last exposure, relative; None where the order of exposures can't tell it. exposure, signal,
-    deviation: seconds, DN and relative deviation of each point of the fit, drift taken off.
+    error: mean absolute deviation, relative (EMVA's LE, as a share).
+    drift: of the lamp from first to last exposure, relative; None where the order of exposures
+        can't tell it.
     rate: signal by time, DN/s.
+    exposure, signal, deviation: seconds, DN and relative deviation of each point of the fit, drift
+        taken off.
     """
 
     error: Measured
@@ -257,11 +265,13 @@ class Linearity:
 def measure_linearity(
     groups: Sequence[GroupStatistics], full: float | None, times: dict[float, float]
 ) -> Linearity | None:
-    """Measure a camera's linearity error; None with fewer than four exposures in between.
+    """Measure the linearity error; None with fewer than four exposures in between.
 
-    full: signal at which pixels clip, DN; the largest signal where none does. times: when each
-    exposure was taken, seconds, by exposure time; empty if unknown. Light that drifts with time is
-    fitted beside the line, if exposures weren't taken in the order of their length.
+    full: signal at which pixels clip, DN; the largest signal where none does.
+    times: when each exposure was taken, seconds, by exposure time; empty if unknown.
+
+    Light that drifts with time is fitted beside the line, if exposures weren't taken in the order
+    of their length.
     """
     exposure, signal, sigma, colour = _points(groups, full)
     if len(set(exposure)) < _LINEARITY_FEWEST:
@@ -291,7 +301,7 @@ def measure_linearity(
 
 
 def _clock(exposure: Array, times: dict[float, float]) -> tuple[Array, float]:
-    """Return when each of a camera's points was taken, from -.5 to .5, and the whole time in s.
+    """Return when each point was taken, from -.5 to .5, and the whole time in seconds.
 
     The time is 0 where it is unknown, or where exposures were taken in the order of their length.
     """
@@ -307,7 +317,7 @@ def _clock(exposure: Array, times: dict[float, float]) -> tuple[Array, float]:
 def _design(
     exposure: Array, signal: Array, colour: Sequence[tuple[int, int]], clock: Array | None
 ) -> Array:
-    """Return the matrix of a camera's lines, one for each colour, and of drift, over the signals.
+    """Return the matrix of lines, one for each colour, and of drift, over the signals.
 
     Relative deviations are made the smallest (EMVA 1288, section 6.7).
     """
@@ -323,7 +333,7 @@ def _design(
 def _points(
     groups: Sequence[GroupStatistics], full: float | None
 ) -> tuple[Array, Array, Array, list[tuple[int, int]]]:
-    """Return exposure, signal, its noise and the filter's colour of a camera's mean signals."""
+    """Return exposure, signal, its noise and the filter's colour of the mean signals."""
     rows: list[tuple[float, float, float]] = []
     colours = []
     for colour in sorted({group.filter for group in groups}):

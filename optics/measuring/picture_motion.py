@@ -1,4 +1,4 @@
-"""Find how a hand-held picture moved, a shift and a turn, and resample it to a reference."""
+"""How a hand-held picture moved, a shift and a turn, and what it shows at a reference's places."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class RigidMotion:
 
     @property
     def matrix(self) -> Array:
-        """Return the rigid motion's turn as a matrix, (2, 2), of (row, column)."""
+        """The turn as a matrix, (2, 2), of (row, column)."""
         cos, sin = math.cos(self.turn), math.sin(self.turn)
         return np.array([[cos, -sin], [sin, cos]])
 
     @property
     def shift(self) -> Array:
-        """Return the rigid motion's shift, (row, column), pixels."""
+        """The shift, (row, column), pixels."""
         return np.array([self.down, self.right])
 
     def places(self, at: Array) -> Array:
@@ -48,17 +48,17 @@ class RigidMotion:
         return np.asarray(self.matrix @ at + self.shift[:, None])
 
     def after(self, first: RigidMotion) -> RigidMotion:
-        """Return the rigid motion that does another one first, and then this one."""
+        """Return the motion that does another one first, and then this one."""
         shift = self.matrix @ first.shift + self.shift
         return RigidMotion(self.turn + first.turn, float(shift[0]), float(shift[1]))
 
     def inverse(self) -> RigidMotion:
-        """Return the rigid motion that undoes this one."""
+        """Return the motion that undoes this one."""
         shift = -self.matrix.T @ self.shift
         return RigidMotion(-self.turn, float(shift[0]), float(shift[1]))
 
     def corner_distance(self, other: RigidMotion, shape: tuple[int, ...]) -> float:
-        """Return by how many pixels two rigid motions differ at the corners of a picture, at most.
+        """Return by how many pixels two motions differ at the corners of a picture, at most.
 
         shape: rows and columns of the picture.
         """
@@ -222,7 +222,7 @@ def register_pictures(
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """Pictures of one size of the pyramid, (bands, rows, columns), to be registered."""
+    """Pictures of one size of the pyramid, (bands, rows, columns)."""
 
     fixed: Picture
     moving: Picture
@@ -236,7 +236,7 @@ def _pyramid(
     fixed_valid: Sequence[Mask],
     moving_valid: Sequence[Mask],
 ) -> list[_Level]:
-    """Return pictures to register, and each halved until it is small, the finest first."""
+    """Return the pictures, and each halved until it is small, the finest first."""
     level = _Level(
         np.stack([np.asarray(band, np.float32) for band in fixed]),
         np.stack([np.asarray(band, np.float32) for band in moving]),
@@ -254,7 +254,7 @@ def _pyramid(
 
 
 def _halved(bands: NDArray[np.generic]) -> Picture:
-    """Return bands of a picture to register, with the means of 2 x 2 pixels."""
+    """Return the means of 2 x 2 pixels of each band."""
     count, rows, columns = (n // side for n, side in zip(bands.shape, (1, 2, 2), strict=True))
     even = bands[:, : 2 * rows, : 2 * columns].reshape(count, rows, 2, columns, 2)
     return np.asarray(even.mean(axis=(2, 4), dtype=np.float32))
@@ -263,7 +263,7 @@ def _halved(bands: NDArray[np.generic]) -> Picture:
 def _register_level(
     level: _Level, number: int, shape: tuple[int, ...], start: RigidMotion
 ) -> Registration:
-    """Register the pictures of a level of the pyramid, halved so many times."""
+    """Find the motion at a level of the pyramid, halved `number` times."""
     parts = [
         _BandPoints(*one, number, shape)
         for one in zip(
@@ -290,19 +290,19 @@ def _register_level(
 
 
 def _deviation(information: Array) -> float:
-    """Return the standard deviation of registered corners; infinite without enough information."""
+    """Return the standard deviation at the corners; infinite without enough information."""
     if np.linalg.eigvalsh(information)[0] <= 0:
         return math.inf
     return _CORRELATED * math.sqrt(np.trace(np.linalg.inv(information)))
 
 
 def _radius(shape: tuple[int, ...]) -> float:
-    """Return the distance of a registered picture's corners from its centre, pixels."""
+    """Return the distance of a picture's corners from its centre, pixels."""
     return math.hypot(*((n - 1) / 2 for n in shape))
 
 
 class _BandPoints:
-    """The pixels of one band by which pictures are registered, with slopes of the fixed one."""
+    """The pixels of one band that are compared, with slopes of the fixed picture."""
 
     def __init__(
         self, fixed: Picture, moving: Picture, fixed_valid: Mask, moving_valid: Mask,
@@ -370,13 +370,13 @@ class _BandPoints:
 
 
 def _slope(picture: Picture, axis: int) -> Picture:
-    """Return a registered picture's slope along an axis: central, smoothed across (Scharr's)."""
+    """Return the slope along an axis: central, smoothed across (Scharr's)."""
     along = ndimage.correlate1d(picture, [-0.5, 0, 0.5], axis, mode="nearest")
     return np.asarray(ndimage.correlate1d(along, [3 / 16, 10 / 16, 3 / 16], 1 - axis))
 
 
 def _steepest(slope: Picture, valid: Mask) -> tuple[NDArray[np.intp], ...]:
-    """Return rows and columns of the steepest valid pixels of each region to register."""
+    """Return rows and columns of the steepest valid pixels of each region."""
     if valid.sum() <= _POINTS:
         return tuple(np.nonzero(valid))
     chosen = np.zeros_like(valid)

@@ -1,4 +1,4 @@
-"""Average a group of pixels over all frames, and find defective ones by it.
+"""Means of a group of pixels over all frames, and the defective ones among them.
 
 Hot ones are told by dark signal and by response, and dead ones.
 """
@@ -26,11 +26,12 @@ vignetting and shading are taken off, and of the pixels' own spread 1/BOX²."""
 
 @dataclass(frozen=True, eq=False)
 class GroupMaps:
-    """Maps of a group of a camera's pixels, (rows, columns) each.
+    """Maps of a group of pixels, (rows, columns) each.
 
-    dark: halves of the mean dark number at the exposure times of the light, DN. current: growth of
-    the dark number with the exposure time, DN/s. response: halves of each pixel's light over the
-    group's mean; None where no exposure is bright and unclipped.
+    dark: halves of the mean dark number at the exposure times of the light, DN.
+    current: growth of the dark number with the exposure time, DN/s.
+    response: halves of each pixel's light over the group's mean; None where no exposure is bright
+        and unclipped.
     """
 
     dark: Halves
@@ -39,14 +40,14 @@ class GroupMaps:
 
     @property
     def mean_dark(self) -> Map:
-        """Mean dark number of each of the camera's pixels, DN."""
+        """Mean dark number of each pixel, DN."""
         return (self.dark[0] + self.dark[1]) / 2
 
 
 def average_frames(
     frames: NDArray[Any], light: Pairs, dark: Pairs, bright: Iterable[float]
 ) -> GroupMaps:
-    """Average all frames of a group of a camera's pixels, (frames, rows, columns).
+    """Average all frames of a group of pixels, (frames, rows, columns).
 
     bright: exposure times whose light is clear of darkness and of clipping.
     """
@@ -65,7 +66,7 @@ def average_frames(
 
 
 def _half_means(frames: NDArray[Any], pairs: list[tuple[int, int]]) -> Halves:
-    """Return the means of a camera's first and of its second frames of pairs."""
+    """Return the means of the first and of the second frames of pairs."""
     halves = []
     for side in (0, 1):
         total = np.zeros(frames.shape[1:])
@@ -76,7 +77,7 @@ def _half_means(frames: NDArray[Any], pairs: list[tuple[int, int]]) -> Halves:
 
 
 def _growth(frames: NDArray[Any], dark: Pairs) -> Map:
-    """Return the slope of each of the camera's pixels over the exposure time of its dark frames."""
+    """Return the slope of each pixel over the exposure time of its dark frames, DN/s."""
     listed = [(time, index) for time, pairs in dark.items() for pair in pairs for index in pair]
     middle = float(np.mean([time for time, _ in listed]))
     weights = [time - middle for time, _ in listed]
@@ -87,7 +88,7 @@ def _growth(frames: NDArray[Any], dark: Pairs) -> Map:
 
 
 def local_mean(response: Map, good: Mask) -> Map:
-    """Return the mean response of the good pixels around each of a camera's pixels.
+    """Return the mean response of the good pixels around each pixel.
 
     A paraboloid over all of them is taken off first, so that the border is as good as the middle.
     """
@@ -100,7 +101,7 @@ def local_mean(response: Map, good: Mask) -> Map:
 
 
 def _paraboloid(response: Map, good: Mask) -> Map:
-    """Fit a paraboloid to a camera's response; it is never below a tenth of the mean."""
+    """Fit a paraboloid to the response; it is never below a tenth of the mean."""
     y, x = (np.linspace(-1, 1, n) for n in response.shape)
     terms = np.stack([
         np.broadcast_to(term, response.shape)
@@ -112,7 +113,7 @@ def _paraboloid(response: Map, good: Mask) -> Map:
 
 
 def without_slow_changes(response: Map, good: Mask) -> Map:
-    """Return a camera's response over that of its surroundings, less 1, and 0 at defects."""
+    """Return the response over that of the surroundings, less 1, and 0 at defects."""
     return np.where(good, response / np.where(good, local_mean(response, good), 1.0) - 1, 0.0)
 
 
@@ -163,11 +164,11 @@ class Defects:
 
     @property
     def every(self) -> Indices:
-        """All defective pixels of the camera, each once."""
+        """All defective pixels, each once."""
         return np.unique(np.concatenate([self.hot, self.bright, self.weak, self.dead]), axis=0)
 
     def mask(self, shape: tuple[int, int]) -> Mask:
-        """Return a mask of the camera's (rows, columns), true at defective pixels."""
+        """Return a mask of (rows, columns), true at defective pixels."""
         found = np.zeros(shape, dtype=bool)
         found[tuple(self.every.T)] = True
         return found
@@ -175,7 +176,7 @@ class Defects:
 
 @dataclass(frozen=True, eq=False)
 class GroupDefects:
-    """Masks of defective pixels in a group of the camera's pixels, with the limits of Defects."""
+    """Masks of defective pixels in a group, with the limits of Defects."""
 
     hot: Mask
     bright: Mask
@@ -186,12 +187,12 @@ class GroupDefects:
 
     @property
     def good(self) -> Mask:
-        """Mask of the camera's pixels without a defect."""
+        """Pixels without a defect."""
         return ~(self.hot | self.bright | self.weak | self.dead)
 
 
 def find_defects(maps: GroupMaps, longest: float) -> GroupDefects:
-    """Find the defective pixels in a group of a camera's pixels.
+    """Find the defective pixels in a group.
 
     longest: exposure time in seconds of the longest dark frame.
     """
@@ -213,13 +214,13 @@ def find_defects(maps: GroupMaps, longest: float) -> GroupDefects:
 
 
 def _deviations(values: Map, least: float) -> tuple[Map, float]:
-    """Return a camera's deviations from the median, and the limit of those without a defect."""
+    """Return deviations from the median, and the limit of those without a defect."""
     away = values - np.median(values)
     return away, DARK_DEVIATIONS * max(_MAD * float(np.median(np.abs(away))), least)
 
 
 def collect_defects(found: Sequence[tuple[GroupDefects, Indices, Indices]]) -> Defects:
-    """Collect the defects of all groups of a camera's pixels, each with its rows and columns."""
+    """Join the defects of all groups, each with its rows and columns."""
 
     def indices_of(kind: str) -> Indices:
         parts = [

@@ -13,7 +13,7 @@ from optics.validation import require_unmasked
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle of whole pixels in a picture that is measured for alignment.
+    """A rectangle of whole pixels in a picture.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Region:
             )
 
     def within(self, shape: tuple[int, int]) -> Region:
-        """Return the part of the region that lies in a picture to be aligned.
+        """Return the part that lies in a picture.
 
         Parameters
         ----------
@@ -68,7 +68,7 @@ class Region:
         return Region(top, left, rows, columns)
 
     def of(self, numbers: NDArray[Any]) -> NDArray[Any]:
-        """Return the region's pixels of a picture that is aligned, as a view.
+        """Return the region's pixels of a picture, as a view.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Region:
 
 @dataclass(frozen=True)
 class RegionStatistics:
-    """The digital numbers of a region, summed up for alignment.
+    """The digital numbers of a region, summed up.
 
     Parameters
     ----------

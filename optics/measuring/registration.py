@@ -1,4 +1,4 @@
-"""Register panel and sensor by spots of gratings, and measure the light in their first orders."""
+"""Where on the sensor a panel's gratings send light, and how much goes into their first orders."""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ _FLIPS: dict[tuple[bool, bool], Flip] = {
 
 @dataclass(frozen=True)
 class AffineParts:
-    """Hold the parts of a registration's affine map: reflection, shear, scale and rotation.
+    """Parts of an affine map: reflection, shear, scale and rotation, applied in this order.
 
-    They apply in this order. flip: none, left-right, up-down or both. rotation: radians from x
-    towards y, at most a quarter turn in either direction. scale: (y, x) camera pixels per cycle
-    per panel pixel. shear: that of x by y, as a tangent.
+    flip: none, left-right, up-down or both.
+    rotation: radians from x towards y, at most a quarter turn in either direction.
+    scale: (y, x) camera pixels per cycle per panel pixel.
+    shear: that of x by y, as a tangent.
     """
 
     flip: Flip
@@ -46,14 +47,16 @@ class AffineParts:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Hold the registration: a grating sends light to centre + matrix @ vector on the sensor.
+    """Where gratings send light: to centre + matrix @ vector on the sensor.
 
-    wavelength: metres; the distance from the centre is proportional to it. centre: (y, x) pixel
-    of the zeroth order. matrix: (2, 2), camera pixels per cycle per panel pixel, (y, x) of both.
-    covariance: (3, 3) of centre and matrix, the same for y and for x, pixels². shift: (y, x)
-    pixels by which all steered spots were displaced from the map, as happens when the response
-    differs over the panel. residuals: (spots, 2) pixels, measured less fitted. inliers: which
-    spots were used in the fit; the others are outliers.
+    wavelength: metres; the distance from the centre is proportional to it.
+    centre: (y, x) pixel of the zeroth order.
+    matrix: (2, 2), camera pixels per cycle per panel pixel, (y, x) of both.
+    covariance: (3, 3) of centre and matrix, the same for y and for x, pixels².
+    shift: (y, x) pixels by which all steered spots were displaced from the map, as happens when the
+        response differs over the panel.
+    residuals: (spots, 2) pixels, measured less fitted.
+    inliers: which spots were used in the fit; the others are outliers.
     """
 
     wavelength: float
@@ -65,43 +68,36 @@ class Registration:
     inliers: NDArray[np.bool_]
 
     def to_pixels(self, vectors: Array, wavelength: float | None = None) -> Array:
-        """Convert grating vectors (..., 2) to sensor pixels by the calibrated registration.
-
-        Vectors and pixels are (y, x).
-        """
+        """Convert grating vectors (..., 2) to sensor pixels; both are (y, x)."""
         return np.asarray(self.centre) + self._wavelength_ratio(wavelength) * (
             vectors @ self.matrix.T
         )
 
     def to_vectors(self, pixels: Array, wavelength: float | None = None) -> Array:
-        """Convert sensor pixels (..., 2) to grating vectors by the calibrated registration.
-
-        A grating of the returned vector sends light to the pixel. The vectors are (..., 2).
-        """
+        """Return the grating vectors, (..., 2), that send light to sensor pixels (..., 2)."""
         away = (pixels - np.asarray(self.centre)) / self._wavelength_ratio(wavelength)
         return away @ np.linalg.inv(self.matrix).T
 
     def uncertainty(self, vectors: Array) -> Array:
-        """Compute the calibrated registration's standard deviation in pixels, (...).
+        """Compute the standard deviation in pixels, (...), the same along both axes.
 
-        vectors: grating vectors, (..., 2). The standard deviation is the same along both axes.
+        vectors: grating vectors, (..., 2).
         """
         ones = np.ones((*vectors.shape[:-1], 1))
         design = np.concatenate([ones, vectors], axis=-1)
         return np.sqrt(np.einsum("...i,ij,...j", design, self.covariance, design))
 
     def field_uncertainty(self, shape: tuple[int, int]) -> float:
-        """Compute the calibrated registration's largest uncertainty on a sensor, in pixels.
+        """Compute the largest uncertainty on a sensor, which is at a corner, in pixels.
 
-        The uncertainty is largest at one of the sensor's corners. shape: (rows, columns) of the
-        sensor.
+        shape: (rows, columns) of the sensor.
         """
         corners = np.array(list(itertools.product((0, shape[0] - 1), (0, shape[1] - 1))), float)
         return float(self.uncertainty(self.to_vectors(corners)).max())
 
     @property
     def residual(self) -> float:
-        """The root mean square misfit of inlier spots to the calibrated registration, pixels."""
+        """The root mean square misfit of inlier spots, pixels."""
         return float(np.sqrt((self.residuals[self.inliers] ** 2).sum(1).mean()))
 
     @property
@@ -109,26 +105,27 @@ class Registration:
         return decompose_affine(self.matrix)
 
     def _wavelength_ratio(self, wavelength: float | None) -> float:
-        """Return a wavelength divided by the wavelength of the calibrated registration."""
+        """Return a wavelength over that of the registration."""
         return 1.0 if wavelength is None else wavelength / self.wavelength
 
 
 def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Registration:
-    """Fit the calibrated registration of panel and sensor to grating vectors and their spots.
+    """Fit the map from panel to sensor to grating vectors and their spots.
 
     vectors: (spots, 2) cycles per panel pixel; (0, 0) is the zeroth order of a neutral pattern,
-    which must be among them. If the panel's response differs from region to region and isn't
-    known yet, the displayed gratings have phase steps or slopes between the regions, which shift
-    all steered spots equally. This shift is fitted together with the map. The map's centre is the
-    zeroth order.
+        which must be among them.
+    wavelength: metres.
 
-    Outliers are spots that don't fit a map of the others. All maps through three steered spots
-    are tried. The one with the most inliers is kept, and fitted to these by weighted least squares
-    (Fischler and Bolles 1981, doi 10.1145/358669.358692, with every sample instead of random
-    ones).
+    If the panel's response differs from region to region and isn't known yet, the displayed
+    gratings have phase steps or slopes between the regions, which shift all steered spots equally.
+    This shift is fitted together with the map. The map's centre is the zeroth order.
 
-    Raises ValueError for fewer than four steered spots or no zeroth order, for vectors that lie
-    on a line, and if fewer than four spots agree on one map.
+    Outliers are spots that don't fit a map of the others. All maps through three steered spots are
+    tried. The one with the most inliers is kept, and fitted to these by weighted least squares
+    (Fischler and Bolles 1981, doi 10.1145/358669.358692, with every sample instead of random ones).
+
+    Raises ValueError for fewer than four steered spots or no zeroth order, for vectors that lie on
+    a line, and if fewer than four spots agree on one map.
     """
     vectors = np.asarray(vectors, dtype=np.float64)
     steered = _find_steered_spots(vectors, spots)
@@ -163,7 +160,7 @@ def register(vectors: Array, spots: Sequence[Spot], wavelength: float) -> Regist
 
 
 def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.bool_]:
-    """Tell which calibration spots are steered.
+    """Tell which spots are steered.
 
     Raises ValueError if the spots don't determine a registration.
     """
@@ -183,7 +180,7 @@ def _find_steered_spots(vectors: Array, spots: Sequence[Spot]) -> NDArray[np.boo
 
 
 def _find_consensus(design: Array, places: Array, sigma: Array) -> NDArray[np.bool_]:
-    """Find the calibration spots that agree with the best map through any three of them."""
+    """Find the spots that agree with the best map through any three of them."""
     # A spot is an inlier within 5 standard deviations, or within half a pixel, because the lens
     # distorts.
     allowed = np.maximum(0.5, 5.0 * sigma)
@@ -200,9 +197,9 @@ def _find_consensus(design: Array, places: Array, sigma: Array) -> NDArray[np.bo
 
 
 def decompose_affine(matrix: Array) -> AffineParts:
-    """Decompose the calibrated registration's matrix into flip, rotation, scale and shear.
+    """Decompose a (2, 2) matrix, of (y, x), into flip, rotation, scale and shear.
 
-    matrix: (2, 2), of (y, x). Raises ValueError if it is singular.
+    Raises ValueError if it is singular.
     """
     turned = matrix[::-1, ::-1]
     if abs(np.linalg.det(turned)) < 1e-9 * np.abs(turned).max() ** 2:
@@ -224,10 +221,10 @@ def decompose_affine(matrix: Array) -> AffineParts:
 
 @dataclass(frozen=True, eq=False)
 class FirstOrders:
-    """Hold the measured light in one region's first orders, (frames,), and its noise.
+    """Light in one region's first orders, (frames,), and its noise.
 
-    clipped: (frames,) whether a pixel of the windows was at full scale. windows: (rows, columns) of
-    the pixels of both spots, or of the one that is on the sensor.
+    clipped: (frames,) whether a pixel of the windows was at full scale.
+    windows: (rows, columns) of the pixels of both spots, or of the one that is on the sensor.
     """
 
     light: Array
@@ -245,16 +242,18 @@ def measure_first_orders(
     sensor: Sensor,
     wavelength: float,
 ) -> list[FirstOrders]:
-    """Measure every region's first-order light in a calibration sweep of gratings.
+    """Measure every region's first-order light in a sweep of gratings.
 
-    The light is weighted by the shapes of the region's spots. frames: digital numbers as read.
-    dark: the mean dark frame of the same exposure time. vectors: grating vectors of the regions,
-    (regions, 2). region_shape: (rows, columns) of a region's panel pixels.
+    frames: digital numbers as read.
+    dark: the mean dark frame of the same exposure time.
+    vectors: grating vectors of the regions, (regions, 2).
+    region_shape: (rows, columns) of a region's panel pixels.
 
-    A pixel's weight is its mean in the brighter half of the sweep less that in the dimmer half.
-    All pixels of a spot vary in proportion, so that any weights keep the dependence on the phase
-    step; these weights give the least noise. Hot pixels have no weight. Raises ValueError if a
-    region's spots lie outside of the frame, or are clipped in more than a fifth of the frames.
+    The light is weighted by the shapes of the region's spots. A pixel's weight is its mean in the
+    brighter half of the sweep less that in the dimmer half. All pixels of a spot vary in
+    proportion, so that any weights keep the dependence on the phase step; these weights give the
+    least noise. Hot pixels have no weight. Raises ValueError if a region's spots lie outside of the
+    frame, or are clipped in more than a fifth of the frames.
     """
     # A pixel of a dark frame is hot from 8 standard deviations of read noise on.
     hot = dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
@@ -277,7 +276,7 @@ def _windows(
     shape: tuple[int, ...],
     wavelength: float,
 ) -> list[tuple[slice, slice]]:
-    """Return pixel windows around a calibration grating's two first orders.
+    """Return pixel windows around a grating's two first orders.
 
     A window that doesn't lie wholly on the sensor is left out.
     """
@@ -303,7 +302,7 @@ def _measure_region(
     sensor: Sensor,
     number: int,
 ) -> FirstOrders:
-    """Measure one region's first-order light in the frames of a calibration sweep."""
+    """Measure one region's first-order light in all frames."""
 
     def cut(frame: NDArray[Any]) -> Array:
         return np.concatenate([frame[window].ravel() for window in windows]).astype(np.float64)

@@ -1,10 +1,10 @@
-"""Fit the phase response over grey levels to the light in the first orders of stripe patterns.
+"""The phase response over grey levels, from the light in the first orders of stripe patterns.
 
-Stripes of two levels send the share sin²(step / 2) of the largest possible light into their
-first order, where step is the difference of their phases. Over a sweep of levels this light rises
-and falls once per wave. A smooth, rising phase is fitted to it, which also counts the waves. Near
-the light's maxima and minima it hardly depends on the phase. A second reference level, about a
-quarter of a wave from the first, is most sensitive at these levels.
+Stripes of two levels send the share sin²(step / 2) of the largest possible light into their first
+order, where step is the difference of their phases. Over a sweep of levels this light rises and
+falls once per wave. A smooth, rising phase is fitted to it, which also counts the waves. Near the
+light's maxima and minima it hardly depends on the phase. A second reference level, about a quarter
+of a wave from the first, is most sensitive at these levels.
 """
 
 from __future__ import annotations
@@ -37,35 +37,21 @@ Array = NDArray[np.float64]
 class ResponseFitSettings:
     """Tune the search for a panel's phase response; all values are chosen.
 
-    Attributes
-    ----------
-    increment_counts : tuple of int
-        Numbers of spline increments, tried in this order, each from the result of the one before.
-    gammas : tuple of float
-        Exponents of the level in the starting curves.
-    ghost_margin : float
-        Improvement of the information criterion from which a ghost is accepted.
-    first_blur2 : float
-        Starting value of the squared blur, panel pixels squared.
-    first_ripple2 : float
-        Starting value of the squared ripple.
-    starts_fitted : int
-        Number of the starting curves that are fitted.
-    starts_refined : int
-        Number of the fitted curves that are refined with more increments.
-    same_range : float
-        Radians at the highest level within which two coarse curves count as the same.
-    outlier_sigmas : float
-        Standard deviations beyond which a frame is an outlier.
-    min_swing_to_noise : float
-        Least swing of the light, in standard deviations of its noise.
-    blur_phase_error : float
-        Radians by which blur moves the light's turning points, per square of the ratio of blur to
-        the stripes' period.
-    blur_uncertainty : float
-        Relative uncertainty of that shift, because the blur needn't be a Gaussian.
-    max_residual : float
-        Root mean square residual, as a share of the swing, beyond which a fit is refused.
+    increment_counts: numbers of spline increments, tried in this order, each from the result of the
+        one before.
+    gammas: exponents of the level in the starting curves.
+    ghost_margin: improvement of the information criterion from which a ghost is accepted.
+    first_blur2: starting value of the squared blur, panel pixels squared.
+    first_ripple2: starting value of the squared ripple.
+    starts_fitted: number of the starting curves that are fitted.
+    starts_refined: number of the fitted curves that are refined with more increments.
+    same_range: radians at the highest level within which two coarse curves count as the same.
+    outlier_sigmas: standard deviations beyond which a frame is an outlier.
+    min_swing_to_noise: least swing of the light, in standard deviations of its noise.
+    blur_phase_error: radians by which blur moves the light's turning points, per square of the
+        ratio of blur to the stripes' period.
+    blur_uncertainty: relative uncertainty of that shift, because the blur needn't be a Gaussian.
+    max_residual: root mean square residual, as a share of the swing, beyond which a fit is refused.
     """
 
     increment_counts: tuple[int, ...] = (5, 7, 9, 11, 13, 15, 18)
@@ -91,16 +77,19 @@ _TRIAL_RANGES = np.linspace(0.6, 1.45, 35)
 
 @dataclass(frozen=True, eq=False)
 class ResponseFit:
-    """Hold a fitted phase response, in radians relative to level 0, (levels,).
+    """A fitted phase response, in radians relative to level 0, (levels,).
 
-    sigma: standard deviation of the phase, (levels,). blur: standard deviation of the phase's blur
-    by neighbouring pixels, panel pixels. ripple: that of the phase within a frame, as a share of
-    the phase. swing, offset: amplitude and offset of the light. ghost: light of the zeroth order
-    that interferes, as a share of the swing. predicted: (n,) light of each frame according to the
-    fit. inliers: which frames were used; the others are outliers. residual: root mean square of
-    light less `predicted`, as a share of the swing. chi2: mean squared residual in standard
-    deviations, per degree of freedom. rival_margin: information criterion of the best fit with
-    another count of waves, less that of this fit; below 10 the count is in doubt.
+    sigma: standard deviation of the phase, (levels,).
+    blur: standard deviation of the phase's blur by neighbouring pixels, panel pixels.
+    ripple: that of the phase within a frame, as a share of the phase.
+    swing, offset: amplitude and offset of the light.
+    ghost: light of the zeroth order that interferes, as a share of the swing.
+    predicted: (n,) light of each frame according to the fit.
+    inliers: which frames were used; the others are outliers.
+    residual: root mean square of light less `predicted`, as a share of the swing.
+    chi2: mean squared residual in standard deviations, per degree of freedom.
+    rival_margin: information criterion of the best fit with another count of waves, less that of
+        this fit; below 10 the count is in doubt.
     """
 
     phase: Array
@@ -118,7 +107,7 @@ class ResponseFit:
 
 
 def fit_response(sweep: Sweep, levels: int, expected_range: float) -> ResponseFit:
-    """Fit the phase response of `levels` grey levels to a calibration sweep.
+    """Fit the phase of `levels` grey levels to a sweep.
 
     expected_range: radians at the highest level, as stated by a data sheet.
 
@@ -147,7 +136,7 @@ def fit_response(sweep: Sweep, levels: int, expected_range: float) -> ResponseFi
 
 
 def _require_swing(sweep: Sweep) -> None:
-    """Raise ValueError for a calibration sweep whose light hardly varies."""
+    """Raise ValueError for a sweep whose light hardly varies."""
     low, high = np.percentile(sweep.light, [5, 95])
     if not high - low > _SETTINGS.min_swing_to_noise * np.median(sweep.noise):
         raise ValueError(
@@ -158,16 +147,13 @@ def _require_swing(sweep: Sweep) -> None:
 
 
 def _scatter(misses: Array, noise: Array) -> Array:
-    """Estimate the standard deviation of each calibration frame's residual.
-
-    The estimate follows from the median residual, and is at least the frame's noise.
-    """
+    """Estimate each frame's standard deviation from the median residual; its noise at least."""
     typical = 1.4826 * float(np.median(np.abs(misses / noise)))
     return noise * max(typical, 1.0)
 
 
 def _fit_curves(sweep: Sweep, levels: int, expected_range: float) -> list[PhaseCurve]:
-    """Fit phase curves to a calibration sweep from several starts; the best comes first.
+    """Fit phase curves to a sweep from several starts; the best comes first.
 
     Each curve has the number of increments that suits it best.
     """
@@ -190,7 +176,7 @@ def _fit_curves(sweep: Sweep, levels: int, expected_range: float) -> list[PhaseC
 
 
 def _distinct_curves(curves: list[PhaseCurve]) -> list[PhaseCurve]:
-    """Drop calibration curves whose phase range is that of a better curve; the best come first."""
+    """Drop curves whose phase range is that of a better curve; the best come first."""
     kept: list[PhaseCurve] = []
     for curve in curves:
         if all(abs(curve.phase_range - other.phase_range) > _SETTINGS.same_range for other in kept):
@@ -199,10 +185,7 @@ def _distinct_curves(curves: list[PhaseCurve]) -> list[PhaseCurve]:
 
 
 def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurve]:
-    """Choose the starting curves of a calibration fit: the best of many trial curves.
-
-    The trial curves differ in phase range and shape.
-    """
+    """Choose the starting curves: the best of many that differ in phase range and shape."""
     count = _SETTINGS.increment_counts[0]
     fine = np.linspace(0, top, 200)
     basis = monotone_spline_basis(fine, top, count)
@@ -220,10 +203,9 @@ def _starts(sweep: Sweep, top: int, expected_range: float) -> Iterable[PhaseCurv
 
 
 def _rival_margin(curves: list[PhaseCurve]) -> float:
-    """Compute by how much the best calibration fit of another phase range is worse.
+    """Compute by how much the best fit of another phase range is worse.
 
-    The result is a difference of information criteria. Another phase range differs by more than
-    π/2.
+    It is a difference of information criteria. Another phase range differs by more than π/2.
     """
     best = curves[0]
     others = [
@@ -237,7 +219,7 @@ def _rival_margin(curves: list[PhaseCurve]) -> float:
 def _build_response_fit(
     best: PhaseCurve, inliers: NDArray[np.bool_], levels: int, rival: float
 ) -> ResponseFit:
-    """Build the calibrated response from the best curve, or raise ValueError for a bad fit."""
+    """Build the response from the best curve, or raise ValueError for a bad fit."""
     sweep, p = best.sweep, best.parameters
     predicted = best.predicted_light()
     misses = (sweep.light - predicted)[inliers]

@@ -1,4 +1,4 @@
-"""Measure the MTF of a camera from a picture of a slanted edge (ISO 12233, e-SFR)."""
+"""The MTF of a camera from a picture of a slanted edge (ISO 12233, e-SFR)."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class EdgeResponse:
-    """Hold the MTF and the edge spread function measured from a slanted edge.
+    """MTF and edge spread function across a slanted edge.
 
-    frequencies: cycles per pixel across the edge. mtf: 1 at frequency 0. angle: radians between
-    the edge and the columns, or the rows if `horizontal`. edge_spread: the oversampled edge spread
-    function at `positions`, which are pixels from the edge.
+    frequencies: cycles per pixel across the edge.
+    mtf: 1 at frequency 0.
+    angle: radians between the edge and the columns, or the rows if `horizontal`.
+    edge_spread: the oversampled edge spread function at `positions`, which are pixels from the
+        edge.
     """
 
     frequencies: Array
@@ -30,7 +32,7 @@ class EdgeResponse:
     edge_spread: Array
 
     def mtf_at(self, frequencies: ArrayLike) -> Array:
-        """Interpolate the slanted edge's MTF linearly at frequencies in cycles per pixel.
+        """Interpolate the MTF linearly at frequencies in cycles per pixel.
 
         Raises ValueError for frequencies beyond the highest measured one.
         """
@@ -44,16 +46,17 @@ class EdgeResponse:
 
 
 def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResponse:
-    """Measure the camera's MTF across a slanted edge from its picture (ISO 12233).
+    """Measure the MTF across a slanted edge from its picture (ISO 12233).
 
     picture: (rows, columns), linear in the light, of one edge between two uniform sides. The edge
-    passes through all rows, or all columns, at an angle of a few degrees. Each row's edge is the
-    centroid of the row's derivative. A line is fitted to these centroids, and all pixels are
-    sorted by their distance from it into bins 1 / `oversampling` pixels wide. The differences of
-    neighbouring bins are windowed and Fourier transformed. The average over a bin and the
-    difference in place of a derivative each attenuate by sinc(f / oversampling); both factors
-    are divided out. Raises ValueError for a picture without an edge, or an edge too upright to
-    fill all bins.
+        passes through all rows, or all columns, at an angle of a few degrees.
+
+    Each row's edge is the centroid of the row's derivative. A line is fitted to these centroids,
+    and all pixels are sorted by their distance from it into bins 1 / `oversampling` pixels wide.
+    The differences of neighbouring bins are windowed and Fourier transformed. The average over a
+    bin and the difference in place of a derivative each attenuate by sinc(f / oversampling); both
+    factors are divided out. Raises ValueError for a picture without an edge, or an edge too upright
+    to fill all bins.
     """
     require_unmasked(picture)
     values = np.asarray(picture, dtype=np.float64)
@@ -74,7 +77,7 @@ def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResp
 
 
 def _fit_edge_line(values: Array) -> tuple[float, float]:
-    """Fit a line to the slanted edge for the MTF: column at row 0, and slope in columns per row."""
+    """Fit a line to the edge: column at row 0, and slope in columns per row."""
     derivative = np.diff(values, axis=1)
     if not np.abs(derivative).max() > 1e-9 * max(np.abs(values).max(), 1e-300):
         raise ValueError("picture has no edge: it is the same everywhere")
@@ -101,7 +104,7 @@ def _fit_edge_line(values: Array) -> tuple[float, float]:
 def _edge_spread(
     values: Array, offset: float, slope: float, oversampling: int
 ) -> tuple[Array, Array]:
-    """Compute the oversampled edge spread function of a slanted edge, for the MTF.
+    """Compute the oversampled edge spread function.
 
     Returns the centres of the bins in pixels from the edge, and the mean of the pixels in each.
     """
@@ -130,7 +133,7 @@ def _edge_spread(
 
 
 def _mtf_from_edge_spread(edge: Array, oversampling: int) -> tuple[Array, Array]:
-    """Compute the MTF from the edge spread function of a slanted edge."""
+    """Return frequencies in cycles per pixel, and the MTF at them."""
     spread = np.diff(edge)
     window = _tukey_window(len(spread))
     transform = np.abs(np.fft.rfft(spread * window))
@@ -141,7 +144,7 @@ def _mtf_from_edge_spread(edge: Array, oversampling: int) -> tuple[Array, Array]
 
 
 def _tukey_window(count: int) -> Array:
-    """Return Tukey's window, flat with cosine tapers, for the MTF's line spread function."""
+    """Return Tukey's window, flat with cosine tapers."""
     taper = 0.3  # The tapers take this share of the window.
     place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
     fall = np.clip((place - (1 - taper)) / taper, 0, 1)

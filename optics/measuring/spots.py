@@ -1,4 +1,4 @@
-"""Find spots of light in a frame, and measure their centroid and light with uncertainties."""
+"""Spots of light in a frame: where they are, and their centroid and light with uncertainties."""
 
 from __future__ import annotations
 
@@ -18,20 +18,13 @@ Array = NDArray[np.float64]
 class SpotSettings:
     """Tune how spots are found and measured; all values are chosen.
 
-    Attributes
-    ----------
-    detection_sigmas : float
-        Standard deviations of noise from which a maximum counts as a spot.
-    smoothing : float
-        Standard deviation, in pixels, of the Gaussian that smooths a frame for detection.
-    hot_pixel_ratio : float
-        Ratio of a hot pixel to its brightest neighbour. In a focused spot the ratio is smaller.
-    rounds : int
-        Most iterations of a centroid.
-    centroid_tolerance : float
-        Pixels; the iteration ends when the centroid moves by less.
-    narrowest, widest : float
-        Limits, in pixels, of the centroid window's standard deviation.
+    detection_sigmas: standard deviations of noise from which a maximum counts as a spot.
+    smoothing: standard deviation, in pixels, of the Gaussian that smooths a frame for detection.
+    hot_pixel_ratio: ratio of a hot pixel to its brightest neighbour. In a focused spot the ratio is
+        smaller.
+    rounds: most iterations of a centroid.
+    centroid_tolerance: pixels; the iteration ends when the centroid moves by less.
+    narrowest, widest: limits, in pixels, of the centroid window's standard deviation.
     """
 
     detection_sigmas: float = 8.0
@@ -48,11 +41,13 @@ _SETTINGS = SpotSettings()
 
 @dataclass(frozen=True)
 class Spot:
-    """Hold a spot's centroid and light.
+    """Centroid and light of a spot.
 
-    y, x: pixels from the corner pixel's centre. sigma: standard deviation of either, pixels.
-    light: in the frame's unit. noise: standard deviation of the light. clipped: whether one of
-    its pixels is at full scale.
+    y, x: pixels from the corner pixel's centre.
+    sigma: standard deviation of either, pixels.
+    light: in the frame's unit.
+    noise: standard deviation of the light.
+    clipped: whether one of its pixels is at full scale.
     """
 
     y: float
@@ -68,7 +63,7 @@ class Spot:
 
 
 def frame_variance(numbers: Array, sensor: Sensor) -> Array:
-    """Compute the variance of a calibration frame's digital numbers by EMVA 1288.
+    """Compute the variance of digital numbers by EMVA 1288, DN².
 
     Shot noise, read noise and rounding add up.
     """
@@ -77,7 +72,7 @@ def frame_variance(numbers: Array, sensor: Sensor) -> Array:
 
 
 def without_hot_pixels(frame: Array, variance: Array) -> Array:
-    """Replace a calibration frame's hot pixels by the median of their neighbours.
+    """Replace hot pixels by the median of their neighbours.
 
     A pixel is hot if it stands out of the noise and is far brighter than each of its neighbours.
     Light through a lens never makes such a pixel.
@@ -95,7 +90,7 @@ def without_hot_pixels(frame: Array, variance: Array) -> Array:
 
 
 def _median_around(frame: Array, chosen: NDArray[np.bool_]) -> Array:
-    """Return the median of the neighbours of some pixels of a calibration frame, the upper one.
+    """Return the median of the neighbours of some pixels, the upper one.
 
     Few pixels are hot, and a median over the whole frame takes half a second for 5 megapixels.
     """
@@ -118,11 +113,13 @@ def find_spot(
     clipped: NDArray[np.bool_] | None = None,
     excluded: NDArray[np.bool_] | None = None,
 ) -> Spot:
-    """Find the spot that stands out most in a calibration frame.
+    """Find the spot that stands out most in a frame.
 
-    light, variance: (rows, columns); the background is already subtracted. clipped: pixels at full
-    scale. excluded: pixels that aren't searched. Raises ValueError if no spot stands out of the
-    noise.
+    light, variance: (rows, columns); the background is already subtracted.
+    clipped: pixels at full scale.
+    excluded: pixels that aren't searched.
+
+    Raises ValueError if no spot stands out of the noise.
     """
     _require_frame(light, variance)
     clean = without_hot_pixels(light, variance)
@@ -152,7 +149,7 @@ def measure_spot(
     start: tuple[float, float],
     clipped: NDArray[np.bool_] | None = None,
 ) -> Spot:
-    """Measure a calibration spot near a position (y, x) by its windowed centroid.
+    """Measure a spot near a position (y, x) by its windowed centroid.
 
     The window is a Gaussian that follows the spot and is as wide as the spot (Bertin, SExtractor's
     windowed positions). The noise of far pixels therefore doesn't count, and the centroid isn't
@@ -193,7 +190,7 @@ def _spot_at(
     width: float,
     clipped: NDArray[np.bool_] | None,
 ) -> Spot:
-    """Measure light, noise and accuracy of a calibration spot at a known place and width."""
+    """Measure light, noise and accuracy at a known place and width."""
     part, py, px = _window_pixels(place, width, light.shape)
     y, x = place
     weight = np.exp(-((py - y) ** 2 + (px - x) ** 2) / (2 * width**2))
@@ -214,10 +211,7 @@ def _spot_at(
 def _window_pixels(
     place: tuple[float, float], width: float, shape: tuple[int, int]
 ) -> tuple[tuple[slice, slice], Array, Array]:
-    """Return the window of pixels within four widths of a calibration spot, and its y and x.
-
-    The window is two slices. y is a column, and x is a row.
-    """
+    """Return the pixels within four widths of a place: two slices, and y (column) and x (row)."""
     reach = math.ceil(4 * width)
     spans = [
         slice(max(round(c) - reach, 0), min(round(c) + reach + 1, n))

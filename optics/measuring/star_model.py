@@ -1,4 +1,4 @@
-"""Model the picture of a star through panel and lens, on sensor pixels rotated to the panel."""
+"""The picture of a star through panel and lens, on sensor pixels rotated to the panel."""
 
 from __future__ import annotations
 
@@ -21,20 +21,14 @@ from optics.validation import require_wavelength
 
 @dataclass(frozen=True)
 class StarModelSettings:
-    """Tune the sampling of the star's model.
+    """Tune the sampling of the star's model; all values are chosen.
 
-    Attributes
-    ----------
-    most_pixels : int
-        Most pixels along a side of the coarser panel that replaces the real one; chosen. It is
+    most_pixels: most pixels along a side of the coarser panel that replaces the real one. It is
         enough because wavefronts are smooth.
-    oversampling : float
-        Samples relative to the fewest that resolve the PSF, for cubic interpolation; chosen.
-    tol : float
-        Tolerance of the PSF; chosen to force double precision. In single precision the
-        derivatives would be dominated by rounding before a fit converges.
-    margin : int
-        Sensor pixels around the window; chosen.
+    oversampling: samples relative to the fewest that resolve the PSF, for cubic interpolation.
+    tol: tolerance of the PSF, to force double precision. In single precision the derivatives would
+        be dominated by rounding before a fit converges.
+    margin: sensor pixels around the window.
     """
 
     most_pixels: int = 300
@@ -47,13 +41,16 @@ _SETTINGS = StarModelSettings()
 
 
 class StarModel:
-    """Model the share of a star's light on each pixel of a window, for several panel patterns.
+    """Computes the share of a star's light on each pixel of a window, for several panel patterns.
 
     camera: its panel, lens and stop are used; the panel's flatness is left out, because it is part
-    of the wavefront to be fitted. phases: (rows, columns) radians on the panel as it really
-    displays them, one for each pattern. registration: that of panel and sensor. corner:
-    (row, column) of the window's first pixel. shape: that of the window. diameter, distance: those
-    of the star, metres. unmodulated: unmodulated share of the light.
+        of the wavefront to be fitted.
+    phases: (rows, columns) radians on the panel as it really displays them, one for each pattern.
+    registration: that of panel and sensor.
+    corner: (row, column) of the window's first pixel.
+    shape: that of the window.
+    diameter, distance: those of the star, metres.
+    unmodulated: unmodulated share of the light.
 
     Call the model with tensors: the optical path on `plane` in metres, (rows, columns); the star's
     position (y, x) relative to the registration's centre in pixels; and the light's amplitude on
@@ -124,7 +121,7 @@ class StarModel:
         return self._sample_pixels(light, place) * area
 
     def _sample_pixels(self, light: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
-        """Sample the calibration star's light at the sensor pixels by cubic interpolation."""
+        """Sample the light at the sensor pixels by cubic interpolation."""
         places = self._pixel_positions - (self._position_per_pixel @ place)
         unit = [
             (places[..., axis] / self._grid.pitch[axis] + n // 2) * 2 / (n - 1) - 1
@@ -138,12 +135,12 @@ class StarModel:
 
 
 def _with_lens_at_panel(camera: Camera, distance: float) -> Camera:
-    """Return an equivalent camera with its lens at the panel, for the calibration star's model.
+    """Return an equivalent camera with its lens at the panel.
 
     The equivalent follows from the ray matrix and the stop's shadow. The lens' aberrations are
-    mapped back to the panel along the rays. The light that the stop's edge scatters is left out:
-    it is far below the noise of the pictures, and a fit computes hundreds of them. A camera
-    without separation is returned unchanged.
+    mapped back to the panel along the rays. The light that the stop's edge scatters is left out: it
+    is far below the noise of the pictures, and a fit computes hundreds of them. A camera without
+    separation is returned unchanged.
     """
     if not camera.separation:
         return camera
@@ -155,10 +152,7 @@ def _with_lens_at_panel(camera: Camera, distance: float) -> Camera:
 
 
 def _coarsening_factor(shape: tuple[int, int]) -> int:
-    """Return the factor that coarsens the panel enough for the calibration star's model.
-
-    The factor is the smallest common divisor of the panel's sides that leaves few enough pixels.
-    """
+    """Return the smallest common divisor of the panel's sides that leaves few enough pixels."""
     common = math.gcd(*shape)
     divisors = [d for d in range(1, common + 1) if common % d == 0]
     few = [d for d in divisors if max(shape) / d <= _SETTINGS.most_pixels]
@@ -166,7 +160,7 @@ def _coarsening_factor(shape: tuple[int, int]) -> int:
 
 
 def _coarse_panel(panel: Panel, factor: int) -> Panel:
-    """Return a panel with coarser, perfect pixels for the calibration star's model."""
+    """Return a panel with coarser, perfect pixels."""
     rows, columns = panel.shape
     return Panel(
         shape=(rows // factor, columns // factor),
@@ -181,7 +175,7 @@ def _coarse_panel(panel: Panel, factor: int) -> Panel:
 def _block_average(
     phase: torch.Tensor, amplitude: torch.Tensor | None, factor: int
 ) -> torch.Tensor:
-    """Compute the mean field of blocks of panel pixels for the calibration star, complex128."""
+    """Compute the mean field of blocks of panel pixels, complex128."""
     phase = phase.to(torch.float64)
     wave = torch.polar(torch.ones_like(phase) if amplitude is None else amplitude, phase)
     rows, columns = phase.shape
@@ -192,10 +186,7 @@ def _block_average(
 def _window_vectors(
     registration: Registration, wavelength: float, corner: tuple[int, int], shape: tuple[int, int]
 ) -> torch.Tensor:
-    """Return the calibrated grating vectors for a window's pixels, (rows, columns, 2).
-
-    A grating of such a vector (y, x) sends light to the pixel.
-    """
+    """Return the grating vectors (y, x) that send light to a window, (rows, columns, 2)."""
     y = corner[0] + np.arange(shape[0], dtype=np.float64)
     x = corner[1] + np.arange(shape[1], dtype=np.float64)
     pixels = np.stack(np.broadcast_arrays(y[:, None], x[None, :]), axis=-1)
@@ -203,16 +194,13 @@ def _window_vectors(
 
 
 def _vector_per_pixel(registration: Registration, wavelength: float) -> torch.Tensor:
-    """Return the calibrated change of the grating vector from sensor pixel to pixel, (2, 2)."""
+    """Return the change of the grating vector from sensor pixel to pixel, (2, 2)."""
     stretch = wavelength / registration.wavelength
     return torch.from_numpy(np.linalg.inv(registration.matrix * stretch))
 
 
 def _grid(camera: Camera, wavelength: float, places: torch.Tensor) -> Plane:
-    """Return the calibration star model's grid along the panel's axes, over the sensor window.
-
-    The grid is fine enough for cubic interpolation.
-    """
+    """Return a grid along the panel's axes over the window, fine enough for cubic interpolation."""
     finer = math.ceil(_SETTINGS.oversampling * nyquist_samples_per_pixel(camera, wavelength))
     pitch = camera.sensor.pitch / finer
     reach = places.abs().amax(dim=(0, 1)) + _SETTINGS.margin * camera.sensor.pitch
@@ -221,9 +209,9 @@ def _grid(camera: Camera, wavelength: float, places: torch.Tensor) -> Plane:
 
 
 def _disc_and_pixel_transfer(grid: Plane, star: float, step: torch.Tensor) -> torch.Tensor:
-    """Compute the transfer function of the calibration star's disc and of a rotated pixel.
+    """Compute the transfer function of the star's disc and of a rotated pixel, laid out as rfft2's.
 
-    The array has the layout of rfft2.
+    star: diameter of the disc, metres.
     """
     fy = torch.fft.fftfreq(grid.shape[0], grid.pitch[0], dtype=torch.float64)[:, None]
     fx = torch.fft.rfftfreq(grid.shape[1], grid.pitch[1], dtype=torch.float64)[None, :]

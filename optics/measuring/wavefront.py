@@ -1,8 +1,8 @@
-"""Fit wavefront and focus to pictures of the star with known phases on the panel.
+"""Wavefront and focus from pictures of the star with known phases on the panel.
 
 One picture of a point can't distinguish a wavefront from its mirror image. Several pictures that
-differ by a known defocus on the panel can (phase diversity: Gonsalves 1982,
-doi 10.1117/12.7972989).
+differ by a known defocus on the panel can (phase diversity: Gonsalves 1982, doi
+10.1117/12.7972989).
 """
 
 from __future__ import annotations
@@ -37,24 +37,15 @@ _START_DEFOCUS = np.linspace(-1.0, 1.0, 9)
 class WavefrontFitSettings:
     """Tune the fit of a wavefront; all values are chosen.
 
-    Attributes
-    ----------
-    starts_followed : int
-        Most starting values from which the fit is run.
-    steps : int
-        Most iterations of one fit.
-    good_chi2 : float
-        Mean squared misfit, in standard deviations, below which no other start is tried.
-    parameter_unit : float
-        Waves, root mean square, and pixels that make one unit of the optimiser's parameters.
-    beam_unit : float
-        Change of the log amplitude at the disc's edge that makes one unit of the parameters.
-    max_correlation : float
-        Upper limit of the correlation of neighbouring pixels' misfits.
-    difference_step : float
-        Step of derivatives by differences, in units of the parameters.
-    model_error : float
-        Error of the model besides the noise, as a share of a picture's peak.
+    starts_followed: most starting values from which the fit is run.
+    steps: most iterations of one fit.
+    good_chi2: mean squared misfit, in standard deviations, below which no other start is tried.
+    parameter_unit: waves, root mean square, and pixels that make one unit of the optimiser's
+        parameters.
+    beam_unit: change of the log amplitude at the disc's edge that makes one unit of the parameters.
+    max_correlation: upper limit of the correlation of neighbouring pixels' misfits.
+    difference_step: step of derivatives by differences, in units of the parameters.
+    model_error: error of the model besides the noise, as a share of a picture's peak.
     """
 
     starts_followed: int = 2
@@ -72,14 +63,17 @@ _SETTINGS = WavefrontFitSettings()
 
 @dataclass(frozen=True, eq=False)
 class WavefrontFit:
-    """Hold a fitted wavefront: optical path besides the pattern, as Zernike polynomials.
+    """A fitted wavefront: optical path besides the pattern, as Zernike polynomials.
 
-    terms: (n, m) of the polynomials. coefficients: metres, root mean square over the disc around
-    the pupil; covariance: m². radius: that of the disc, metres on the panel. rms: root mean square
-    of the path over the open pupil, without mean and tilt, metres; sigma: its standard deviation.
+    terms: (n, m) of the polynomials.
+    coefficients: metres, root mean square over the disc around the pupil.
+    covariance: of the coefficients, m².
+    radius: that of the disc, metres on the panel.
+    rms: root mean square of the path over the open pupil, without mean and tilt, metres.
+    sigma: standard deviation of `rms`.
     offset: (y, x) pixels between the star's geometric image and the registration's centre.
-    residual: relative L2 difference of pictures and model. chi2: mean squared residual in standard
-    deviations, per degree of freedom.
+    residual: relative L2 difference of pictures and model.
+    chi2: mean squared residual in standard deviations, per degree of freedom.
     """
 
     terms: tuple[Term, ...]
@@ -94,7 +88,7 @@ class WavefrontFit:
 
     @property
     def vergence(self) -> tuple[float, float]:
-        """The calibrated focus error in dioptres, and its standard deviation.
+        """The focus error in dioptres, and its standard deviation.
 
         A star outside of the plane in focus has this vergence error.
         """
@@ -104,17 +98,14 @@ class WavefrontFit:
         return scale * float(self.coefficients[k]), scale * sigma
 
     def path(self, panel: Panel) -> torch.Tensor:
-        """Compute the calibrated wavefront at the panel's pixels in metres, (rows, columns).
-
-        The values are float64.
-        """
+        """Compute the optical path at the panel's pixels in metres, (rows, columns), float64."""
         return zernike_path(self.terms, self.coefficients, self.radius, panel.plane)
 
 
 def zernike_path(
     terms: Sequence[Term], coefficients: Sequence[float] | Array, radius: float, plane: Plane
 ) -> torch.Tensor:
-    """Sum the calibration's Zernike terms to a wavefront on a plane, metres, (rows, columns)."""
+    """Sum Zernike terms to a wavefront on a plane, metres, (rows, columns)."""
     y, x = plane.mesh()
     total = torch.zeros(plane.shape, dtype=torch.float64)
     for (n, m), strength in zip(terms, coefficients, strict=True):
@@ -124,9 +115,10 @@ def zernike_path(
 
 @dataclass(frozen=True, eq=False)
 class StarPictures:
-    """Hold pictures of the star, (pictures, rows, columns), less their dark frames.
+    """Pictures of the star, (pictures, rows, columns), less their dark frames.
 
-    variance: that of the light. usable: pixels that are neither clipped nor hot.
+    variance: that of the light.
+    usable: pixels that are neither clipped nor hot.
     """
 
     light: Array
@@ -151,12 +143,13 @@ def fit_wavefront(
     terms: Sequence[Term] = TERMS,
     progress: Progress | None = None,
 ) -> WavefrontFit:
-    """Fit a wavefront of Zernike polynomials to calibration pictures of the star.
+    """Fit Zernike polynomials to pictures of the star.
 
-    model: the model of the star through panel and lens, with the displayed patterns. The fit is
-    by least squares in units of the noise, with gradients through the PSF (L-BFGS). It begins at
-    the best of nine values of defocus. The light and the background of each picture are fitted,
-    too. Raises ValueError for fewer than two pictures, or if defocus isn't among the terms.
+    model: the model of the star through panel and lens, with the displayed patterns.
+
+    The fit is by least squares in units of the noise, with gradients through the PSF (L-BFGS). It
+    begins at the best of nine values of defocus. The light and the background of each picture are
+    fitted, too. Raises ValueError for fewer than two pictures, or if defocus isn't among the terms.
     """
     if len(pictures.light) < 2 or len(pictures.light) != model.pattern_count:
         raise ValueError(
@@ -183,12 +176,11 @@ def fit_wavefront(
 
 
 class _WavefrontProblem:
-    """Define the least-squares problem of a wavefront fit.
+    """The least-squares problem of the fit, and its parameters.
 
-    The parameters are the polynomials' coefficients, in `parameter_unit` waves; the star's
-    position (y, x), in `parameter_unit` pixels; and three numbers of the log amplitude on the
-    panel, in `beam_unit`: its slopes along y and x, and its quadratic fall towards the edge, as
-    for a Gaussian beam.
+    They are the polynomials' coefficients, in `parameter_unit` waves; the star's position (y, x),
+    in `parameter_unit` pixels; and three numbers of the log amplitude on the panel, in `beam_unit`:
+    its slopes along y and x, and its quadratic fall towards the edge, as for a Gaussian beam.
     """
 
     def __init__(self, model: StarModel, pictures: StarPictures, terms: tuple[Term, ...]) -> None:
@@ -213,12 +205,12 @@ class _WavefrontProblem:
     def _split_parameters(
         self, parameters: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Split the calibration fit's parameters into Zernike terms, star position and beam."""
+        """Split the parameters into Zernike terms, star position and beam."""
         n = len(self._terms)
         return parameters[:n], parameters[n : n + 2], parameters[n + 2 :]
 
     def predict_pictures(self, parameters: torch.Tensor) -> torch.Tensor:
-        """Predict the calibration star's pictures, each with fitted light and background."""
+        """Predict the pictures, each with fitted light and background."""
         polynomials, place, beam = self._split_parameters(parameters)
         path = torch.tensordot(polynomials, self._shapes, 1) * self._path_unit
         amplitude = torch.exp(torch.tensordot(beam, self._beam, 1))
@@ -238,7 +230,7 @@ class _WavefrontProblem:
             return float(self.misfit(parameters))
 
     def chi2(self, parameters: torch.Tensor) -> float:
-        """Compute the wavefront calibration's chi², the squared misfit per degree of freedom."""
+        """Compute the squared misfit per degree of freedom."""
         used = int((self._weight > 0).sum())
         return self.cost(parameters) / max(used - len(parameters) - 2 * len(self._light), 1)
 
@@ -263,7 +255,7 @@ class _WavefrontProblem:
         return parameters.detach()
 
     def build_fit(self, parameters: torch.Tensor) -> WavefrontFit:
-        """Build the calibrated wavefront and its uncertainty from the best parameters."""
+        """Build the wavefront and its uncertainty from the best parameters."""
         step = _SETTINGS.difference_step
         with torch.no_grad():
             seen = self.predict_pictures(parameters)
@@ -300,10 +292,7 @@ class _WavefrontProblem:
         )
 
     def _rms_over_pupil(self, coefficients: Array, covariance: Array) -> tuple[float, float]:
-        """Compute the calibrated wavefront's rms over the open pupil, and its sigma.
-
-        The mean and the tilt are removed first.
-        """
+        """Compute the path's rms over the open pupil without mean and tilt, and its sigma."""
         lit = self._model.light_on_panel.numpy()
         weight = (lit / lit.sum()).ravel()
         y, x = self._model.plane.mesh()
@@ -316,10 +305,10 @@ class _WavefrontProblem:
 
 
 def _correlation_area(misfit: torch.Tensor) -> float:
-    """Estimate the area in pixels over which a calibration picture's misfits are correlated.
+    """Estimate the area in pixels over which the misfits of a picture are correlated.
 
     misfit: (pictures, rows, columns). The correlation is assumed to fall exponentially with
-    distance.
+        distance.
     """
     area = 1.0
     power = float((misfit**2).sum())
@@ -335,10 +324,7 @@ def _correlation_area(misfit: torch.Tensor) -> float:
 def _fit_light_and_background(
     share: torch.Tensor, light: torch.Tensor, weight: torch.Tensor
 ) -> torch.Tensor:
-    """Fit light and background of a calibration star's picture, and return the fitted picture.
-
-    The fitted picture is share x light + background.
-    """
+    """Return share x light + background, with light and background fitted to a picture."""
     with torch.no_grad():
         design = torch.stack([share.ravel(), torch.ones(share.numel(), dtype=share.dtype)], dim=1)
         root = weight.ravel().sqrt()

@@ -1,4 +1,4 @@
-"""Measure the share of the light that no pattern moves out of the zeroth order."""
+"""The share of the light that no pattern moves out of the zeroth order."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ZerothOrder:
-    """Hold the measured zeroth order: the share of the light that no pattern moves.
+    """The share of the light that no pattern moves.
 
-    sigma: standard deviation of the share. by_frame: the share according to each frame.
+    sigma: standard deviation of the share.
+    by_frame: the share according to each frame.
     """
 
     share: float
@@ -32,15 +33,19 @@ def measure_zeroth_order(
     centre: tuple[float, float],
     usable: NDArray[np.bool_],
 ) -> ZerothOrder:
-    """Measure the zeroth order that calibration gratings leave, relative to a neutral pattern.
+    """Measure the light that gratings leave in the centre, relative to a neutral pattern.
 
     neutral_picture: light less its dark frame, (rows, columns), of a pattern that leaves all light
-    in the centre. steered_pictures: those of gratings that send the light away, at the same
-    exposure time. variance: that of each picture's difference from the expected one. expected:
-    share of the modulated light that each grating leaves in the centre by itself, according to the
-    calibrated response. centre: (y, x) pixel. usable: pixels neither clipped nor hot. The spot in
-    the centre has the same shape in all pictures, so the neutral picture is used as the weight.
-    Raises ValueError if the neutral picture is dark in the centre, or no grating was shown.
+        in the centre.
+    steered_pictures: those of gratings that send the light away, at the same exposure time.
+    variance: that of each picture's difference from the expected one.
+    expected: share of the modulated light that each grating leaves in the centre by itself,
+        according to the calibrated response.
+    centre: (y, x) pixel.
+    usable: pixels neither clipped nor hot.
+
+    The spot in the centre has the same shape in all pictures, so the neutral picture is used as the
+    weight. Raises ValueError if the neutral picture is dark in the centre, or no grating was shown.
     """
     if not steered_pictures or not len(steered_pictures) == len(variance) == len(expected):
         raise ValueError(
@@ -68,7 +73,7 @@ def measure_zeroth_order(
 
 
 def zeroth_order_share(field: NDArray[np.complexfloating]) -> float:
-    """Compute the share of modulated light left in the zeroth order of calibration gratings.
+    """Compute the share of modulated light that a pattern leaves in the zeroth order.
 
     field: (rows, columns) on the panel, with amplitude 1 where no light is lost.
     """

@@ -1,4 +1,4 @@
-"""Families of spectral PSFs, and the search for those whose bands are restored best."""
+"""Families of coded PSFs, and the search for those whose bands are restored best."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def ring_psfs(
     width: float | None = None,
     unmodulated: float = 0.0,
 ) -> torch.Tensor:
-    """Draw spectral PSFs of concentric rings, whose radii grow with the wavelength.
+    """Draw PSFs of concentric rings, whose radii grow with the wavelength.
 
     The rings are evenly spaced and equally bright along their circumference.
 
@@ -83,7 +83,7 @@ def spiral_psfs(
     width: float | None = None,
     unmodulated: float = 0.0,
 ) -> torch.Tensor:
-    """Draw spectral PSFs of a spiral, whose size grows with the wavelength.
+    """Draw PSFs of a spiral, whose size grows with the wavelength.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def dot_psfs(
     width: float | None = None,
     unmodulated: float = 0.0,
 ) -> torch.Tensor:
-    """Draw spectral PSFs of equal dots, whose distances from the axis grow with the wavelength.
+    """Draw PSFs of equal dots, whose distances from the axis grow with the wavelength.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def linear_dispersion_psfs(
     width: float | None = None,
     unmodulated: float = 0.0,
 ) -> torch.Tensor:
-    """Draw spectral PSFs of a prism: one dot, which moves along a line through the axis.
+    """Draw PSFs of a prism: one dot, which moves along a line through the axis.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def _draw_bands(
     wavelengths: Sequence[float],
     unmodulated: float,
 ) -> torch.Tensor:
-    """Draw a shape for each spectral band, scaled by its wavelength relative to the longest."""
+    """Draw a shape for each band, scaled by its wavelength relative to the longest."""
     _require_wavelengths(wavelengths)
     longest = max(wavelengths)
     pictures = [draw(float(one) / float(longest)) for one in wavelengths]
@@ -229,7 +229,7 @@ def _draw_bands(
 
 
 def _add_unmodulated(pictures: torch.Tensor, unmodulated: float) -> torch.Tensor:
-    """Move a share of the light of spectral PSFs to the pixel on the axis."""
+    """Move a share of each PSF's light to the pixel on the axis."""
     require_share("unmodulated", unmodulated)
     stack = pictures * (1 - unmodulated)
     stack[:, stack.shape[1] // 2, stack.shape[2] // 2] += unmodulated
@@ -237,7 +237,7 @@ def _add_unmodulated(pictures: torch.Tensor, unmodulated: float) -> torch.Tensor
 
 
 def _stroke_width(plane: Plane, width: float | None) -> float:
-    """Return the width of the strokes of spectral PSFs, which depends on the pixels if None."""
+    """Return the width of strokes in metres, which depends on the pixels if None."""
     if width is None:
         return _WIDTH * max(plane.pitch)
     require_positive("width", width, "m")
@@ -245,7 +245,6 @@ def _stroke_width(plane: Plane, width: float | None) -> float:
 
 
 def _require_wavelengths(wavelengths: Sequence[float]) -> None:
-    """Raise ValueError for wavelengths from which spectral PSFs can't be drawn."""
     if not len(wavelengths):
         raise ValueError("wavelengths is empty; give one for each band")
     for one in wavelengths:
@@ -273,7 +272,7 @@ _FIRST_STEP, _LAST_STEP = 0.4, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Describe a design of the spectral bands' PSFs, with its merit.
+    """One design of the bands' PSFs, with its merit.
 
     Parameters
     ----------
@@ -358,7 +357,7 @@ def search_design(
 
 
 class _Search:
-    """The search for spectral PSFs: what is given, and the best designs so far."""
+    """What a search is given, and the best designs so far."""
 
     def __init__(
         self,
@@ -387,7 +386,7 @@ class _Search:
         return self._best
 
     def try_families(self, progress: Progress) -> None:
-        """Try the regular shapes of spectral PSFs."""
+        """Try rings, spirals, and dots at the corners of regular polygons."""
         given, share = (self._plane, self._wavelengths, self._radius), self._unmodulated
         for count in range(1, _MOST_RINGS + 1):
             self._keep_better(f"{count} rings", ring_psfs(*given, count=count, unmodulated=share))
@@ -405,7 +404,7 @@ class _Search:
             progress.report(1.0, "polygons of dots")
 
     def try_random_dots(self, candidates: int, progress: Progress) -> None:
-        """Try spectral PSFs of dots at random places, few of them as often as many."""
+        """Try dots at random places, few of them as often as many."""
         for n in range(candidates):
             count = round(_MOST_DOTS ** self._random())
             positions = list[Position]()
@@ -420,14 +419,14 @@ class _Search:
             progress.report((n + 1) / candidates, f"random dots {n + 1}/{candidates}")
 
     def move_dots(self, steps: int, progress: Progress) -> None:
-        """Move, add or remove dots of the best spectral PSFs of dots."""
+        """Move, add or remove single dots of the best design that is made of dots."""
         for n in range(steps):
             step = _FIRST_STEP * (_LAST_STEP / _FIRST_STEP) ** (n / steps)
             self._try_dots(self._changed_dots(step * self._radius))
             progress.report((n + 1) / steps, f"moves of dots {n + 1}/{steps}")
 
     def _changed_dots(self, step: float) -> list[Position]:
-        """Return the best dots of spectral PSFs after a random change of one dot."""
+        """Return the best dots after a random change of one of them."""
         assert self._best_dots is not None
         positions = list(self._best_dots.positions)
         chosen = positions[int(self._random() * len(positions))]
@@ -442,7 +441,7 @@ class _Search:
         return [*positions, place] if self._is_apart(place, positions) else [*positions, chosen]
 
     def _try_dots(self, positions: Sequence[Position]) -> None:
-        """Try spectral PSFs of dots around the axis, of which the outermost is at the radius."""
+        """Try dots around the axis, of which the outermost is at the radius."""
         middle = [sum(axis) / len(positions) for axis in zip(*positions, strict=True)]
         around = [(y - middle[0], x - middle[1]) for y, x in positions]
         farthest = max(math.hypot(*place) for place in around)
@@ -460,16 +459,16 @@ class _Search:
     def _keep_better(
         self, name: str, psfs: torch.Tensor, positions: tuple[Position, ...] = ()
     ) -> Design:
-        """Rate spectral PSFs, and keep them if they are the best."""
+        """Rate PSFs, and keep them if they are the best."""
         found = Design(name, psfs, self._merit(psfs), positions)
         if self._best is None or found.level > self._best.level:
             self._best = found
         return found
 
     def _is_apart(self, place: Position, others: Sequence[Position]) -> bool:
-        """Tell whether a dot of spectral PSFs is far enough from the axis and from other dots."""
+        """Tell whether a dot is far enough from the axis and from other dots."""
         return all(math.dist(place, other) >= self._least_distance for other in ((0, 0), *others))
 
     def _random(self) -> float:
-        """Draw a number between 0 and 1 for the search for spectral PSFs."""
+        """Draw a number between 0 and 1."""
         return float(torch.rand((), generator=self._generator, dtype=torch.float64))

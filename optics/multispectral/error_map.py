@@ -1,4 +1,4 @@
-"""An estimate of the error of each pixel and band of a spectral restoration.
+"""Estimate the error of each pixel and band of a restoration.
 
 It's told from bands that the sensor's filters see alike, and from the picture.
 """
@@ -27,18 +27,13 @@ _SAME_PSFS = 0.99
 
 
 def find_alike_bands(filters: torch.Tensor) -> list[tuple[int, ...]]:
-    """Find the groups of spectral bands that the filters see alike, but for a factor.
+    """Find the groups of bands that the filters see alike, but for a factor.
 
-    Parameters
-    ----------
-    filters : torch.Tensor, (bands, rows, columns)
-        One period of the mosaic's pattern: the share of each band that each pixel transmits.
+    Returns ascending indices of two bands or more in each group. A band is in a group if it is like
+    another of them, and in one group at most.
 
-    Returns
-    -------
-    list of tuple of int
-        Indices of two bands or more in each group, ascending. A band is in a group if it is like
-        another of them, and in one group at most.
+    filters: one period of the mosaic's pattern, (bands, rows, columns): the share of each band that
+        each pixel transmits.
     """
     alike = cosines(filters) >= _ALIKE
     groups: list[set[int]] = []
@@ -52,10 +47,10 @@ def find_alike_bands(filters: torch.Tensor) -> list[tuple[int, ...]]:
 
 
 def cosines(pictures: torch.Tensor) -> torch.Tensor:
-    """Compute how alike the filters, or the PSFs, of each two spectral bands are.
+    """Compute how alike the pictures of each two bands are: filters or PSFs.
 
-    `pictures` are those of each band, (bands, rows, columns). The result is (bands, bands),
-    float64: the cosines of the angles between them, 1 for bands that differ by a factor only.
+    `pictures` are (bands, rows, columns). The result is (bands, bands), float64: the cosines of the
+    angles between them, 1 for bands that differ by a factor only.
     """
     flat = pictures.flatten(1).to(torch.float64)
     directions = flat / flat.norm(dim=1, keepdim=True)
@@ -63,7 +58,7 @@ def cosines(pictures: torch.Tensor) -> torch.Tensor:
 
 
 def filter_period(observation: MosaicObservation) -> torch.Tensor:
-    """Return one period of a mosaic's spectral filters, (bands, rows, columns), float64."""
+    """Return one period of a mosaic's filters, (bands, rows, columns), float64."""
     rows, columns = observation.filter_period
     return observation.filters[:, :rows, :columns].to(torch.float64)
 
@@ -71,21 +66,11 @@ def filter_period(observation: MosaicObservation) -> torch.Tensor:
 def describe_alike_bands(
     groups: Sequence[Sequence[int]], psfs: torch.Tensor, labels: Sequence[str]
 ) -> str:
-    """Describe in words which spectral bands only the PSFs separate, or nothing at all.
+    """Describe which bands only the PSFs separate, a sentence for each group; empty without any.
 
-    Parameters
-    ----------
-    groups : sequence of sequence of int
-        Indices of the bands of each group that the filters see alike.
-    psfs : torch.Tensor, (bands, rows, columns)
-        PSF of each band.
-    labels : sequence of str
-        Name of each band.
-
-    Returns
-    -------
-    str
-        One sentence for each group; empty without any.
+    groups: indices of the bands of each group that the filters see alike.
+    psfs: PSF of each band, (bands, rows, columns).
+    labels: name of each band.
     """
     return " ".join(
         f"The filters see {_enumerate([labels[band] for band in group])} alike: "
@@ -95,7 +80,7 @@ def describe_alike_bands(
 
 
 def _describe_separation(psfs: torch.Tensor) -> str:
-    """Describe whether PSFs separate spectral bands that the filters see alike."""
+    """Describe whether PSFs separate bands that the filters see alike."""
     apart = cosines(psfs) - torch.eye(len(psfs), dtype=torch.float64)
     if float(apart.max()) >= _SAME_PSFS:
         return (
@@ -109,7 +94,7 @@ def _describe_separation(psfs: torch.Tensor) -> str:
 
 
 def _enumerate(words: Sequence[str]) -> str:
-    """Join names of spectral bands to a list in plain English."""
+    """Join words to a list in plain English."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
@@ -134,15 +119,11 @@ _PERIOD = 64
 
 @dataclass(frozen=True, eq=False)
 class ErrorFeatures:
-    """Hold the features from which a spectral restoration's error is estimated.
+    """What the error of a restoration is estimated from.
 
-    Parameters
-    ----------
-    logarithms : dict of str to torch.Tensor
-        By name, the natural logarithm of each feature relative to `scale`; shapes broadcast to
-        (bands, rows, columns).
-    scale : float
-        Root mean square length of the restored spectra, in the picture's unit.
+    logarithms: by name, the natural logarithm of each feature relative to `scale`; shapes broadcast
+        to (bands, rows, columns).
+    scale: root mean square length of the restored spectra, in the picture's unit.
     """
 
     logarithms: dict[str, torch.Tensor]
@@ -152,32 +133,18 @@ class ErrorFeatures:
 def error_features(
     observation: MosaicObservation, image: torch.Tensor, spectra: Any
 ) -> ErrorFeatures:
-    """Compute what a spectral restoration's error is estimated from.
+    """Compute what a restoration's error is estimated from, whatever the unit of light.
 
     The features are the restored light of the band, that of the bands which the filters see alike,
     and the length of the band's gradient, all smoothed; and the error of the band that is predicted
     for Gaussian scenes of typical spectra. Tried without gain: the noise, the length of the whole
     spectrum, light of wider surroundings, and a prediction for the scene's own spectra.
 
-    Parameters
-    ----------
-    observation : MosaicObservation
-        The raw picture with its filters and PSFs.
-    image : torch.Tensor, (bands, rows, columns)
-        The restored picture.
-    spectra : torch.Tensor or numpy.ndarray, (samples, bands)
-        Typical spectra.
+    Raises ValueError if the picture or the spectra don't fit the observation, or aren't finite, or
+    if the picture has no light.
 
-    Returns
-    -------
-    ErrorFeatures
-        The features, without dependence on the unit of light.
-
-    Raises
-    ------
-    ValueError
-        If the picture or the spectra don't fit the observation, or aren't finite, or if the
-        picture has no light.
+    image: the restored picture, (bands, rows, columns).
+    spectra: typical spectra, (samples, bands).
     """
     require_unmasked(spectra)
     samples = torch.as_tensor(spectra, dtype=torch.float64)
@@ -221,14 +188,14 @@ def _require(observation: MosaicObservation, image: torch.Tensor, samples: torch
 
 
 def _scene_noise(observation: MosaicObservation) -> float:
-    """Return the noise of a raw picture on the scale of the scene's spectral light."""
+    """Return the noise of a raw picture on the scale of the scene's light."""
     return observation.noise / float(observation.psfs.sum((-2, -1)).mean())
 
 
 def _predicted_shares(
     observation: MosaicObservation, samples: torch.Tensor, noise: float
 ) -> torch.Tensor:
-    """Predict the errors of spectral bands relative to their light, for typical spectra.
+    """Predict each band's error relative to its light, for typical spectra.
 
     `noise` is relative to the length of the spectra. The result is (bands, 1, 1).
     """
@@ -251,15 +218,12 @@ def _predicted_shares(
 
 
 def _logarithm(relative: torch.Tensor, least: float) -> torch.Tensor:
-    """Return the logarithm of a restoration's feature, which levels off at `least`."""
+    """Return the logarithm of a feature, which levels off at `least`."""
     return (relative.clamp(min=0) + least).log()
 
 
 def _smooth(bands: torch.Tensor, sigma: float) -> torch.Tensor:
-    """Smooth each band of a restored picture by a Gaussian of `sigma` pixels.
-
-    The picture's edge is repeated beyond it.
-    """
+    """Smooth each band by a Gaussian of `sigma` pixels; the edge is repeated beyond it."""
     reach = math.ceil(3 * sigma)
     at = torch.arange(-reach, reach + 1, dtype=bands.dtype)
     weights = (-(at / sigma).square() / 2).exp()
@@ -285,7 +249,7 @@ of the spectrum of 0.1, it was 91 and 12 %."""
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
-    """Hold the estimated error of a spectral restoration, with its doubtful bands.
+    """Estimated error of a restoration, with its doubtful bands.
 
     Parameters
     ----------
@@ -312,7 +276,7 @@ def estimate_error_map(
     *,
     labels: Sequence[str] | None = None,
 ) -> ErrorMap:
-    """Estimate the error of each pixel and band of a spectral restoration.
+    """Estimate the error of each pixel and band of a restoration.
 
     The half width of the 90 % interval is a product of powers of what is known where the truth
     isn't: the restored light of this band and of those that the filters see alike, the gradient,
@@ -361,7 +325,7 @@ def estimate_error_map(
 
 
 def _band_labels(labels: Sequence[str] | None, bands: int) -> list[str]:
-    """Return the names of a restoration's spectral bands, or ValueError for another number."""
+    """Return the names of the bands, or raise ValueError for another number of them."""
     if labels is None:
         return [f"band {number}" for number in range(1, bands + 1)]
     if len(labels) != bands:

@@ -1,4 +1,4 @@
-"""Calibration of a snapshot spectral camera from frames of even surfaces and of a star."""
+"""Calibrate a snapshot camera from frames of even surfaces and of a star."""
 
 from __future__ import annotations
 
@@ -24,47 +24,34 @@ of the pixels around it. Measured with rings and peaks of 0.6 pixels."""
 
 
 class FrameGroup:
-    """Base class of the calibration frames of one kind, whose light a snapshot model predicts.
+    """Calibration frames of one kind, whose light a model predicts.
 
-    Attributes
-    ----------
-    measured : torch.Tensor, (bands, samples), float64
-        What was measured.
-    counts : torch.Tensor, (samples,) or (1,), float64
-        Number of pixels that each sample is the mean of.
+    measured: what was measured, (bands, samples), float64.
+    counts: number of pixels that each sample is the mean of, (samples,) or (1,), float64.
     """
 
     measured: torch.Tensor
     counts: torch.Tensor
 
     def predict(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Return the snapshot camera's samples, (bands, samples), for a light source of 1."""
+        """Return the samples, (bands, samples), for a light source of 1."""
         raise NotImplementedError
 
     def derivatives(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Return the derivatives of predict() by the snapshot camera's parameters.
-
-        They are (bands, samples, parameters).
-        """
+        """Return the derivatives of predict() by the parameters, (bands, samples, parameters)."""
         raise NotImplementedError
 
     def model_variance(self, light: torch.Tensor) -> torch.Tensor:
-        """Return the variance of what the snapshot model can't follow in samples of this light."""
+        """Return the variance of what the model can't follow in samples of this light."""
         return torch.zeros_like(light)
 
 
 @dataclass(frozen=True, eq=False)
 class FlatFrames(FrameGroup):
-    """Flat calibration frames of a snapshot camera, as the mean of each channel's pixels.
+    """Flat frames, as the mean of each channel's pixels.
 
-    Attributes
-    ----------
-    model : SnapshotModel
-        The camera's model.
-    measured : torch.Tensor, (bands, channels), float64
-        Mean of each channel's pixels.
-    counts : torch.Tensor, (channels,), float64
-        Number of each channel's pixels.
+    measured: mean of each channel's pixels, (bands, channels), float64.
+    counts: number of each channel's pixels, (channels,), float64.
     """
 
     model: SnapshotModel
@@ -73,10 +60,7 @@ class FlatFrames(FrameGroup):
 
     @classmethod
     def create(cls, model: SnapshotModel, frames: Any) -> FlatFrames:
-        """Average the pixels of each channel of a snapshot camera's flat frames.
-
-        `frames` are (bands, rows, columns), of any kind.
-        """
+        """Average the pixels of each channel; `frames` are (bands, rows, columns), of any kind."""
         frames = _as_frames("flats", frames, model)
         chosen = model.channel_masks(frames.shape[1:])
         counts = chosen.sum((1, 2))
@@ -97,18 +81,12 @@ class FlatFrames(FrameGroup):
 
 @dataclass(frozen=True, eq=False)
 class StarFrames(FrameGroup):
-    """Star frames of a snapshot camera, cut to the pixels that its PSFs reach.
+    """Star frames, cut to the pixels that the PSFs reach.
 
-    Attributes
-    ----------
-    model : SnapshotModel
-        The camera's model.
-    measured : torch.Tensor, (bands, pixels), float64
-        The pixels around the star.
-    counts : torch.Tensor, (1,), float64
-        1: each sample is a pixel.
-    channel_masks : torch.Tensor, (channels, rows, columns), float64
-        1 where a pixel around the star has the channel's filter, else 0.
+    measured: the pixels around the star, (bands, pixels), float64.
+    counts: 1, as each sample is a pixel; (1,), float64.
+    channel_masks: 1 where a pixel around the star has the channel's filter, else 0; (channels,
+        rows, columns), float64.
     """
 
     model: SnapshotModel
@@ -118,7 +96,7 @@ class StarFrames(FrameGroup):
 
     @classmethod
     def create(cls, model: SnapshotModel, frames: Any) -> StarFrames:
-        """Find the star of a snapshot camera's frames, and cut the frames around it.
+        """Find the star, and cut the frames around it.
 
         `frames` are (bands, rows, columns), of any kind.
         """
@@ -158,7 +136,7 @@ class StarFrames(FrameGroup):
 
 
 def _set_by_band(found: torch.Tensor, places: torch.Tensor, slopes: torch.Tensor) -> None:
-    """Set derivatives of calibration samples, (bands, samples, parameters), by band and parameter.
+    """Set derivatives of samples, (bands, samples, parameters), by band and parameter.
 
     `places` are the parameters' places, (kinds, bands), and `slopes` are (kinds, samples, bands).
     """
@@ -168,7 +146,7 @@ def _set_by_band(found: torch.Tensor, places: torch.Tensor, slopes: torch.Tensor
 
 
 def _star_corner(model: SnapshotModel, frames: torch.Tensor, sides: list[int]) -> tuple[int, int]:
-    """Find the first pixel (row, column) of the window around the star of calibration frames.
+    """Find the first pixel (row, column) of the window around the star.
 
     Frames, each over its norm, are correlated with the nominal PSFs as seen through the mosaic.
     """
@@ -188,7 +166,7 @@ def _star_corner(model: SnapshotModel, frames: torch.Tensor, sides: list[int]) -
 
 
 def _as_frames(name: str, frames: Any, model: SnapshotModel) -> torch.Tensor:
-    """Return calibration frames of a snapshot camera as a tensor in double precision."""
+    """Return frames in double precision; raise ValueError for another number of bands."""
     require_unmasked(frames)
     tensor = torch.as_tensor(np.asarray(frames)).to(torch.float64)
     require_finite(name, tensor)
@@ -223,7 +201,7 @@ def calibrate_from_frames(
     noise: float,
     photon_variance: float = 0.0,
 ) -> SnapshotCalibration:
-    """Calibrate a snapshot spectral camera from pictures of an even surface and of a star.
+    """Calibrate a snapshot camera from pictures of an even surface and of a star.
 
     Flat frames give the ratios between the channels. Star frames through the coded pattern give
     the PSFs' centres relative to each other, the size of the coded PSFs, and the zeroth order. All
@@ -272,7 +250,7 @@ def calibrate_from_frames(
 
 
 class _JointFit:
-    """The least-squares fit of a snapshot camera's parameters to calibration frames.
+    """The least-squares fit of a camera's parameters to calibration frames.
 
     Unknown are the parameters, as standard normal variables of the prior, and the light of each
     frame.
@@ -291,7 +269,7 @@ class _JointFit:
         self._count = prior.model.layout.count
 
     def solve(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the calibrated deviations of the snapshot model and their covariance."""
+        """Return the estimated deviations from nominal and their covariance."""
         standard = torch.zeros(self._count, dtype=torch.float64)
         unknown = torch.cat([standard, *self._first_lights()])
         spreads = self._spreads(unknown)
@@ -307,7 +285,7 @@ class _JointFit:
         return self._deviation(unknown), self._covariance(unknown, spreads)
 
     def _first_lights(self) -> list[torch.Tensor]:
-        """Return the light of each calibration frame that fits the snapshot's prior best."""
+        """Return the light of each frame that fits the prior best."""
         predicted = [one.predict(self._prior.deviation) for one in self._groups]
         return [
             (one.counts * seen * one.measured).sum(1) / (one.counts * seen.square()).sum(1)
@@ -315,11 +293,11 @@ class _JointFit:
         ]
 
     def _deviation(self, unknown: torch.Tensor) -> torch.Tensor:
-        """Return the snapshot model's deviations for the calibration fit's unknowns."""
+        """Return the deviations from nominal for the fit's unknowns."""
         return self._prior.deviation + self._root @ unknown[: self._count]
 
     def _predictions(self, unknown: torch.Tensor) -> list[torch.Tensor]:
-        """Return the samples of each kind of calibration frames that the fit's model predicts."""
+        """Return the samples of each kind of frames that the model predicts."""
         deviation = self._deviation(unknown)
         lights = unknown[self._count :].reshape(len(self._groups), -1, 1)
         return [
@@ -328,7 +306,7 @@ class _JointFit:
         ]
 
     def _spreads(self, unknown: torch.Tensor) -> list[torch.Tensor]:
-        """Return the standard deviation of each sample of the calibration frames."""
+        """Return the standard deviation of each sample."""
         spreads = []
         for group, light in zip(self._groups, self._predictions(unknown), strict=True):
             bright = light.clamp(min=0)
@@ -337,7 +315,7 @@ class _JointFit:
         return spreads
 
     def _residuals(self, spreads: list[torch.Tensor], unknown: torch.Tensor) -> torch.Tensor:
-        """Return the calibration fit's residuals over their deviations, and the prior's."""
+        """Return residuals over their standard deviations, and then the prior's."""
         left = [
             ((light - one.measured) / spread).flatten()
             for one, light, spread in zip(
@@ -347,7 +325,7 @@ class _JointFit:
         return torch.cat([*left, unknown[: self._count]])
 
     def _jacobian(self, spreads: list[torch.Tensor], unknown: torch.Tensor) -> torch.Tensor:
-        """Return the derivatives of the calibration fit's residuals, (residuals, unknowns)."""
+        """Return the derivatives of the residuals, (residuals, unknowns)."""
         deviation, parts, first = self._deviation(unknown), list[torch.Tensor](), self._count
         for group, spread in zip(self._groups, spreads, strict=True):
             bands, samples = group.measured.shape
@@ -363,7 +341,7 @@ class _JointFit:
         return torch.cat([*parts, torch.eye(self._count, len(unknown), dtype=torch.float64)])
 
     def _covariance(self, unknown: torch.Tensor, spreads: list[torch.Tensor]) -> torch.Tensor:
-        """Return the covariance of the calibrated deviations of the snapshot model.
+        """Return the covariance of the estimated deviations.
 
         Where frames of a kind misfit by more than the noise, their variance is larger in
         proportion.
@@ -381,13 +359,13 @@ class _JointFit:
 
 
 def _apply_to_array(function: Any, unknown: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Apply a function of a calibration fit's unknowns to an array, for scipy."""
+    """Apply a function of a tensor to an array, for scipy."""
     result: NDArray[np.float64] = function(torch.from_numpy(unknown)).numpy()
     return result
 
 
 def _interpolation_variance(model: SnapshotModel) -> torch.Tensor:
-    """Return the variance that interpolation adds to a snapshot model's parameters."""
+    """Return the variance that interpolation adds to each parameter."""
     rows, columns = model.coded.shape[1:]
     y = torch.arange(rows, dtype=torch.float64) - rows // 2
     x = torch.arange(columns, dtype=torch.float64) - columns // 2

@@ -24,20 +24,14 @@ never more exact."""
 
 @dataclass(frozen=True, eq=False)
 class PhotographFit:
-    """Restore a photograph by models of a snapshot camera, and compare what they predict with it.
+    """Restores a photograph by models of a camera, and compares what they predict with it.
 
-    Attributes
-    ----------
-    observation : MosaicObservation
-        The photograph with its noise, border, weights and clipped pixels.
-    model : SnapshotModel
-        The camera's nominal model. Its parameters are vectors of deviations: see ParameterLayout.
-    gains : torch.Tensor, (bands,), float64
-        Transmission of each band, which multiplies the response.
-    coupling : BandCoupling
-        The restoration's prior of the scene's spectra.
-    iterations : int
-        Number of iterations of a restoration.
+    observation: the photograph with its noise, border, weights and clipped pixels.
+    model: the camera's nominal model. Its parameters are vectors of deviations: see
+        ParameterLayout.
+    gains: transmission of each band, (bands,), float64, which multiplies the response.
+    coupling: the restoration's prior of the scene's spectra.
+    iterations: number of iterations of a restoration.
     """
 
     observation: MosaicObservation
@@ -48,13 +42,13 @@ class PhotographFit:
 
     @cached_property
     def noise(self) -> float:
-        """The standard deviation of the snapshot's pixels of weight 1, kept above 0."""
+        """Standard deviation of pixels of weight 1, kept above 0."""
         rms = float(self.observation.image.square().mean().sqrt())
         return max(self.observation.noise, LEAST_NOISE_SHARE * rms)
 
     @cached_property
     def weights(self) -> torch.Tensor:
-        """The snapshot's pixel weights, (rows, columns); 0 where a pixel is dead or clipped."""
+        """Pixel weights, (rows, columns); 0 where a pixel is dead or clipped."""
         known = self.observation.effective_weights
         return torch.ones_like(self.observation.image) if known is None else known
 
@@ -64,7 +58,7 @@ class PhotographFit:
         image: torch.Tensor | None = None,
         weights: torch.Tensor | None = None,
     ) -> MosaicObservation:
-        """Return the snapshot's observation by the model of a vector of deviations.
+        """Return the observation by the model of a vector of deviations.
 
         `image` is another photograph of the same pixels, and `weights` are other weights, if given.
         """
@@ -79,20 +73,20 @@ class PhotographFit:
     def restore(
         self, seen: MosaicObservation, weight: float | None = None
     ) -> tuple[torch.Tensor, float]:
-        """Restore a snapshot's bands on the whole period, and return the prior's weight as well."""
+        """Restore the bands on the whole period, and return the prior's weight as well."""
         found = total_variation(seen, weight, bands=self.coupling, iterations=self.iterations)
         assert found.weight is not None
         return found.period_image, found.weight
 
     def predict(self, seen: MosaicObservation, picture: torch.Tensor) -> torch.Tensor:
-        """Return the snapshot, (rows, columns), that an observation's model predicts of bands."""
+        """Return the photograph, (rows, columns), that an observation's model predicts of bands."""
         light = _blur(seen, rfft2(picture), seen.psfs)
         return (seen.filters * light).sum(0)
 
     def score(
         self, seen: MosaicObservation, picture: torch.Tensor, deviation: torch.Tensor
     ) -> torch.Tensor:
-        """Return the derivative of a snapshot's log likelihood by the parameters, (parameters,).
+        """Return the derivative of the log likelihood by the parameters, (parameters,).
 
         The bands are held at the restored `picture`, (bands, rows, columns) on the period.
         """
@@ -119,7 +113,7 @@ def observe_by_model(
     deviation: torch.Tensor,
     gains: torch.Tensor,
 ) -> MosaicObservation:
-    """Return a photograph's observation with the PSFs and filters of a snapshot camera's model.
+    """Return an observation with the PSFs and filters of a camera's model.
 
     `deviation` is the vector of the model's deviations from nominal, and `gains`, (bands,),
     multiply the response. The photograph, its noise, border, weights and clipped pixels are kept.
@@ -137,7 +131,7 @@ def observe_by_model(
 
 
 def busiest_window(observation: MosaicObservation, side: int) -> MosaicObservation:
-    """Return the part of a snapshot, up to `side` pixels square, with the most contrast.
+    """Return the part of a photograph, up to `side` pixels square, with the most contrast.
 
     It begins at a whole period of the filter pattern. The scene goes on beyond it.
     """
@@ -164,7 +158,7 @@ def busiest_window(observation: MosaicObservation, side: int) -> MosaicObservati
 def _crop(
     observation: MosaicObservation, corner: tuple[int, int], sizes: Sequence[int]
 ) -> MosaicObservation:
-    """Return the part of a snapshot with these sizes that begins at a corner (row, column)."""
+    """Return the part with these sizes that begins at a corner (row, column)."""
     part = tuple(slice(first, first + n) for first, n in zip(corner, sizes, strict=True))
     weights, clipped = observation.weights, observation.clipped
     return replace(
@@ -179,7 +173,7 @@ def _crop(
 
 
 def _blur(seen: MosaicObservation, spectrum: torch.Tensor, psfs: torch.Tensor) -> torch.Tensor:
-    """Return a snapshot's bands in the frame, blurred by PSFs; `spectrum` is that of the period."""
+    """Return bands in the frame, blurred by PSFs; `spectrum` is that of the period."""
     transfer = transfer_function(psfs, seen.period_shape)
     return seen.crop_to_frame(irfft2(spectrum * transfer, seen.period_shape))
 
@@ -208,31 +202,17 @@ about five times as large as the residuals alone let expect."""
 def validate_on_held_out_pixels(
     fit: PhotographFit, prior: SnapshotCalibration, progress: Progress
 ) -> torch.Tensor:
-    """Estimate a snapshot camera's zeroth order and scale by cross-validation.
+    """Estimate a camera's zeroth order and scale by cross-validation.
 
     The photograph is restored without some of its pixels, and the model whose restoration predicts
     these pixels best is looked for by Gauss-Newton's method. An error of the zeroth order that all
     bands share and the scale are estimated, as they matter most; all else stays as it was. Unlike
     the residual of pixels that the restoration has seen, that of others isn't least for models that
-    allow the picture to explain noise.
+    allow the picture to explain noise. See Reeves and Mersereau 1992, doi 10.1109/83.148604 (blur
+    identification by cross-validation).
 
-    Parameters
-    ----------
-    fit : PhotographFit
-        The photograph.
-    prior : SnapshotCalibration
-        What is known before.
-    progress : Progress
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    torch.Tensor, (parameters,), float64
-        The model's deviations from nominal: a start for better estimates.
-
-    References
-    ----------
-    Reeves and Mersereau 1992, doi 10.1109/83.148604 (blur identification by cross-validation).
+    Returns the model's deviations from nominal, (parameters,), float64: a start for better
+    estimates.
     """
     layout, start = prior.model.layout, prior.deviation
     ways = torch.zeros(2, layout.count, dtype=torch.float64)
@@ -265,7 +245,7 @@ def validate_on_held_out_pixels(
 def _held_out_residual(
     fit: PhotographFit, deviation: torch.Tensor, judges: torch.Tensor, weight: float | None
 ) -> torch.Tensor:
-    """Return the residuals of a snapshot's held-out pixels, over their noise, as a vector."""
+    """Return the residuals of held-out pixels, over their noise, as a vector."""
     seen = fit.observe(deviation, weights=fit.weights * ~judges)
     picture, _ = fit.restore(seen, weight)
     left = seen.image - fit.predict(seen, picture)

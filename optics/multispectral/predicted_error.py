@@ -1,4 +1,4 @@
-"""Prediction of the error of restored spectral bands from PSFs, filters and noise alone."""
+"""Predict the error of restored bands from PSFs, filters and noise alone."""
 
 from __future__ import annotations
 
@@ -14,28 +14,23 @@ from optics.validation import require_count, require_finite, require_positive, r
 
 
 def forward_matrices(psfs: torch.Tensor, filters: torch.Tensor, period: int) -> torch.Tensor:
-    """Compute the matrices from a scene's spectral bands to the raw picture, on frequencies.
+    """Compute the matrices from a scene's bands to the raw picture, on frequencies.
 
-    Parameters
-    ----------
-    psfs : torch.Tensor, (bands, rows, columns)
-        PSF of each band, or one for all, with its origin at n // 2; wrapped around the period.
-    filters : torch.Tensor, (bands, rows, columns)
-        One period of the mosaic's pattern: the share of each band that each pixel transmits.
-    period : int
-        Rows and columns of the repeated scene, a multiple of the pattern's.
+    The result is (groups, measured frequencies, scene's frequencies, bands), complex: the matrices
+    of each group of frequencies that the mosaic mixes.
 
-    Returns
-    -------
-    torch.Tensor, (groups, measured frequencies, scene's frequencies, bands), complex
-        The matrices of each group of frequencies that the mosaic mixes.
+    psfs: PSF of each band, (bands, rows, columns), or one for all, with its origin at n // 2;
+        wrapped around the period.
+    filters: one period of the mosaic's pattern, (bands, rows, columns): the share of each band that
+        each pixel transmits.
+    period: rows and columns of the repeated scene, a multiple of the pattern's.
     """
     transfer = group_frequencies(_transfer(psfs, period), filters.shape[1:])
     return _mixing(filters)[None] * transfer[:, None]
 
 
 def group_frequencies(values: torch.Tensor, pattern: Sequence[int]) -> torch.Tensor:
-    """Group the frequencies that a mosaic of spectral filters mixes, which are whole steps apart.
+    """Group the frequencies that a mosaic mixes, which are whole steps apart.
 
     `values` is (bands, period, period). The result is (groups, frequencies, bands), where the
     frequency (i, j) is i times period / rows and j times period / columns above the group's first.
@@ -47,13 +42,13 @@ def group_frequencies(values: torch.Tensor, pattern: Sequence[int]) -> torch.Ten
 
 
 def squared_frequencies(period: int) -> torch.Tensor:
-    """Return the squared frequency in (cycles/pixel)² on a square period, for spectral models."""
+    """Return the squared frequency in (cycles/pixel)² on a square period."""
     squares = torch.fft.fftfreq(period, dtype=torch.float64).square()
     return squares[:, None] + squares
 
 
 def _transfer(psfs: torch.Tensor, period: int) -> torch.Tensor:
-    """Compute the PSFs' transfer functions on a square period, at all frequencies of the FFT."""
+    """Compute transfer functions on a square period, at all frequencies of the FFT."""
     rows = torch.arange(psfs.shape[-2]) - psfs.shape[-2] // 2
     columns = torch.arange(psfs.shape[-1]) - psfs.shape[-1] // 2
     wrapped = psfs.new_zeros(len(psfs), period, period)
@@ -67,7 +62,7 @@ def _transfer(psfs: torch.Tensor, period: int) -> torch.Tensor:
 
 
 def _mixing(filters: torch.Tensor) -> torch.Tensor:
-    """Compute how a mosaic of spectral filters mixes the frequencies of one group.
+    """Compute how a mosaic of filters mixes the frequencies of one group.
 
     `filters` is one period of the pattern, (bands, rows, columns). The result is (measured
     frequencies, the scene's frequencies, bands).
@@ -119,10 +114,7 @@ class SceneSpectrum:
             raise ValueError(f"contrast is {self.contrast:g}; it must be above 0, and at most 1")
 
     def on_period(self, period: int) -> torch.Tensor:
-        """Compute the scene's power at each frequency of a square period.
-
-        Its mean is the squared contrast.
-        """
+        """Compute the power on a square period of frequencies; its mean is the squared contrast."""
         squares = squared_frequencies(period)
         squares[0, 0] = torch.inf
         power = squares ** (-self.slope / 2)
@@ -131,7 +123,7 @@ class SceneSpectrum:
 
 @dataclass(frozen=True, eq=False)
 class PredictedErrors:
-    """Hold the predicted errors of restored spectral bands.
+    """Errors that are predicted of restored bands.
 
     Parameters
     ----------
@@ -149,17 +141,17 @@ class PredictedErrors:
 
     @property
     def psnr(self) -> torch.Tensor:
-        """The predicted PSNR of each spectral band in dB, for a peak of 1."""
+        """PSNR of each band in dB, for a peak of 1."""
         return -20 * self.rms.log10()
 
     @property
     def mean_psnr(self) -> float:
-        """The predicted PSNR in dB, a mean over the spectral bands."""
+        """Mean PSNR over the bands, in dB."""
         return float(self.psnr.mean())
 
     @property
     def separated_share(self) -> torch.Tensor:
-        """The share of each spectral band's variance that only the PSFs separate from other bands.
+        """Share of each band's variance that only the PSFs separate from other bands.
 
         It is what filters and typical spectra leave unknown less what the PSFs leave. It is
         negative where blur costs more than the dispersion separates.
@@ -181,7 +173,7 @@ def predict_errors(
     noise_excess: float = _NOISE_EXCESS,
     period: int = _PERIOD,
 ) -> PredictedErrors:
-    """Predict the errors of spectral bands that are restored from one photograph.
+    """Predict the errors of bands that are restored from one photograph.
 
     The prediction is the posterior covariance of a Gaussian scene, given the raw picture with white
     noise. With a `noise_excess` of 1 it is the error of the best possible linear restoration, and
@@ -259,7 +251,7 @@ def _posterior_variance(
     power: torch.Tensor,
     noise: float,
 ) -> torch.Tensor:
-    """Compute the variance that is left of each spectral band once the raw picture is known.
+    """Compute the variance that is left of each band once the raw picture is known.
 
     `filters` are those of one period of the pattern, (bands, rows, columns). For each group of
     frequencies that the mosaic mixes, the posterior covariance is C - C Aᴴ (A C Aᴴ + noise²)⁻¹ A C.
@@ -282,7 +274,7 @@ def _posterior_variance(
 def _require(
     psfs: torch.Tensor, response: torch.Tensor, spectra: torch.Tensor, noise: float
 ) -> None:
-    """Raise ValueError for PSFs, filters or spectra whose errors can't be predicted."""
+    """Raise ValueError for arrays that aren't finite or don't fit, or noise that isn't positive."""
     for name, value, axes in (
         ("psfs", psfs, "(bands, rows, columns)"),
         ("response", response, "(channels, bands)"),

@@ -1,4 +1,4 @@
-"""Figures of a stack of band PSFs: dispersion power and Fourier coverage (thesis appendix A.1)."""
+"""Dispersion power and Fourier coverage, figures of a stack of band PSFs (thesis appendix A.1)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NYQUIST = 0.5
 
 
 def dispersion_power(psfs: Any) -> float:
-    """Compute the dispersion power of the spectral bands' PSFs as the thesis prints it (Eq. A.1).
+    """Compute the dispersion power of band PSFs as the thesis prints it (Eq. A.1).
 
     It is ``1/N sum_n |I_n|₁ / (|I_{n+1} - I_n|₁ + |I_n - I_{n-1}|₁)``, summed over all bands but
     the first and the last. As printed, it is large where the PSFs of neighbouring bands differ
@@ -53,7 +53,7 @@ def dispersion_power(psfs: Any) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FourierCoverage:
-    """Hold how well the PSFs of spectral bands transfer spatial frequencies.
+    """How well a stack of band PSFs transfers spatial frequencies.
 
     All frequencies are counted whose length is at most 0.5 cycles per pixel.
 
@@ -78,7 +78,7 @@ class FourierCoverage:
 
 
 def fourier_coverage(psfs: Any, *, period: int = _PERIOD) -> FourierCoverage:
-    """Compute how well the PSFs of spectral bands transfer spatial frequencies.
+    """Compute how well band PSFs transfer spatial frequencies.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def fourier_coverage(psfs: Any, *, period: int = _PERIOD) -> FourierCoverage:
 
 
 def _as_stack(psfs: Any) -> torch.Tensor:
-    """Return the PSFs of spectral bands in double precision; raise ValueError for others."""
+    """Return PSFs in double precision; raise ValueError unless each sends light."""
     require_unmasked(psfs)
     stack = torch.as_tensor(psfs, dtype=torch.float64)
     if stack.ndim != 3 or not stack.numel():
@@ -135,7 +135,7 @@ def _as_stack(psfs: Any) -> torch.Tensor:
 
 
 def _isotropy(mtf: torch.Tensor, rings: torch.Tensor) -> torch.Tensor:
-    """Compute the isotropy of each spectral band's MTF from its frequencies' lengths in steps."""
+    """Compute the isotropy of each band's MTF from its frequencies' lengths in steps."""
     count = torch.bincount(rings).to(mtf)
     sums, squares = (
         mtf.new_zeros(len(mtf), len(count)).index_add_(1, rings, one) for one in (mtf, mtf.square())
@@ -148,7 +148,7 @@ def _isotropy(mtf: torch.Tensor, rings: torch.Tensor) -> torch.Tensor:
 
 
 def _evenness(values: torch.Tensor, dim: int) -> torch.Tensor:
-    """Return the squared mean over the mean square of MTFs along an axis: 1 where they're even."""
+    """Return squared mean over mean square along an axis: 1 where all values are alike."""
     squares = values.square().mean(dim)
     even = values.mean(dim).square() / squares.clamp(min=torch.finfo(values.dtype).tiny)
     return torch.where(squares > 0, even, 1.0)

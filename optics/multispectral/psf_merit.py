@@ -1,4 +1,4 @@
-"""A merit function for the PSFs of spectral bands, judged on random scenes (dead leaves)."""
+"""A merit of band PSFs, judged on random scenes of overlapping disks (dead leaves)."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _random_colour(samples: torch.Tensor, chance: torch.Tensor) -> torch.Tensor:
 
 
 def _squared_distances(side: int, place: torch.Tensor) -> torch.Tensor:
-    """Return the squared distance of each row of a repeated scene from a place, in pixels²."""
+    """Return the squared distance in pixels² of rows that repeat from a place, 0 to 1."""
     away = (torch.arange(side, dtype=torch.float64) - place * side).abs()
     return torch.minimum(away, side - away).square()
 
@@ -101,7 +101,7 @@ _LEAST_SQUARE = 1e-14
 
 
 class PsfMerit:
-    """Rates PSFs by the mean PSNR in dB that spectral bands are expected to be restored with.
+    """Rates PSFs by the mean PSNR in dB that their restored bands are expected to have.
 
     The merit is the mean of two estimates, neither of which needs a picture. `predict_errors` is
     right for smooth scenes, but blind to what sharp edges add: a Gaussian scene has one datum for
@@ -155,13 +155,13 @@ class PsfMerit:
         self._disturbance = noise * random.to(torch.float32)
 
     def __call__(self, psfs: Any) -> float:
-        """Rate PSFs, (bands, rows, columns), by the expected mean PSNR of the bands in dB."""
+        """Rate PSFs, (bands, rows, columns), by the expected mean PSNR in dB."""
         require_unmasked(psfs)
         stack = torch.as_tensor(psfs, dtype=torch.float64)
         return (self.predicted_psnr(stack) + self.simulated_psnr(stack)) / 2
 
     def predicted_psnr(self, psfs: torch.Tensor) -> float:
-        """Predict the mean PSNR in dB of the spectral bands of a Gaussian scene."""
+        """Predict the mean PSNR in dB over the bands of a Gaussian scene."""
         return predict_errors(
             psfs, self._response, self._pattern, self._spectra, self._noise, channels=self._channels
         ).mean_psnr
@@ -169,7 +169,7 @@ class PsfMerit:
     @single_threaded
     @torch.no_grad()
     def simulated_psnr(self, psfs: torch.Tensor) -> float:
-        """Measure the mean PSNR in dB of the spectral bands of the simulated scene, restored."""
+        """Measure the mean PSNR in dB over the bands of the simulated scene, once restored."""
         single = psfs.to(torch.float32)
         shape = self._scene.shape[1:]
         filters = filter_weights(self._pattern, self._response.float(), self._channels, shape)

@@ -1,4 +1,4 @@
-"""Restoration of spectral bands by the published objective, within bounds (thesis Eq. 4.3-4.5)."""
+"""Restoration by the published objective, within bounds (thesis Eq. 4.3-4.6)."""
 
 from __future__ import annotations
 
@@ -23,28 +23,20 @@ from optics.validation import require_count, require_positive
 
 @dataclass(frozen=True, eq=False)
 class PublishedObjective:
-    """The objective of the thesis for the spectral bands of a scene (Eq. 4.3, 4.4 and 4.6).
+    """The objective of the thesis for all bands of a scene (Eq. 4.3, 4.4 and 4.6).
 
     It is ``|A x - y|² + sum_n (α |∇x_n|² + β |∇x_n|₁) + sum_{n≠i} σ |∇x_n x_i - ∇x_i x_n|₁``, where
     a gradient has two components, the differences to the next row and to the next column, and
     ``|t|₁`` sums √(t² + ε²) - ε over components and pixels. Each pair of bands counts twice, since
     the sum over n ≠ i is over ordered pairs.
 
-    Parameters
-    ----------
-    misfit : Misfit
-        Half the data term.
-    smoothness : float
-        α, the weight of the squared gradients (Sobolev).
-    variation : float
-        β, the weight of the absolute gradients (total variation), in the light's unit.
-    cross_channel : float
-        σ, the weight of differences between two bands' hues.
-    smoothing : float
-        ε, the size below which an absolute value is rounded; in the light's unit for gradients,
+    misfit: half the data term.
+    smoothness: α, weight of the squared gradients (Sobolev).
+    variation: β, weight of the absolute gradients (total variation), in the light's unit.
+    cross_channel: σ, weight of differences between two bands' hues.
+    smoothing: ε, size below which an absolute value is rounded; in the light's unit for gradients,
         and in its square for hues.
-    periodic : bool
-        Whether opposite edges of the scene are neighbours.
+    periodic: whether opposite edges of the scene are neighbours.
     """
 
     misfit: Misfit
@@ -67,7 +59,7 @@ class PublishedObjective:
         return value, gradient
 
     def _within_bands(self, x: torch.Tensor) -> ValueAndGradient:
-        """Compute the prior on each spectral band by itself, and its gradient (Eq. 4.4)."""
+        """Compute the prior on each band by itself, and its gradient (Eq. 4.4)."""
         value = x.new_zeros((), dtype=torch.float64)
         pulls = []
         for steps in differences(x, self.periodic):
@@ -78,7 +70,7 @@ class PublishedObjective:
         return value, differences_adjoint(*pulls)
 
     def _between_bands(self, x: torch.Tensor) -> ValueAndGradient:
-        """Compute the prior on each pair of spectral bands, and its gradient (Eq. 4.6)."""
+        """Compute the prior on each pair of bands, and its gradient (Eq. 4.6)."""
         value = x.new_zeros((), dtype=torch.float64)
         gradient = torch.zeros_like(x)
         for dim in (-2, -1):
@@ -114,7 +106,7 @@ class PublishedObjective:
         return value
 
     def _neighbours(self, x: torch.Tensor, dim: int) -> torch.Tensor:
-        """Return the next pixel of each pixel of the bands; itself where there is none."""
+        """Return the next pixel of each pixel along an axis; itself where there is none."""
         moved = x.roll(-1, dim)
         if not self.periodic:
             last = x.shape[dim] - 1
@@ -123,7 +115,7 @@ class PublishedObjective:
 
 
 def _excess(lengths: torch.Tensor, smoothing: float) -> torch.Tensor:
-    """Sum the rounded absolute values √(t² + ε²) of a spectral prior, less ε each."""
+    """Sum the rounded absolute values √(t² + ε²), less ε each."""
     return lengths.sum(dtype=torch.float64) - smoothing * lengths.numel()
 
 
@@ -151,7 +143,7 @@ def restore_by_published_objective(
     tol: float = 1e-6,
     progress: Progress | None = None,
 ) -> RestoredImage:
-    """Restore the spectral bands of a scene by the objective that the thesis published.
+    """Restore the bands of a scene by the objective that the thesis published.
 
     The objective is Eq. 4.3 with the priors of Eq. 4.4 and 4.6, whose absolute values are rounded
     at 0: see `PublishedObjective`. L-BFGS-B minimises it within 0 and `white`, from the
@@ -227,7 +219,7 @@ def restore_by_published_objective(
 
 
 def _require(observation: MosaicObservation, *weights: float) -> None:
-    """Raise ValueError for weights or a picture that the published objective can't take."""
+    """Raise ValueError for a weight that's negative or infinite, or for a scene of one band."""
     names = ("smoothness", "variation", "cross_channel")
     for name, weight in zip(names, weights, strict=True):
         if not (weight >= 0 and math.isfinite(weight)):
@@ -237,7 +229,7 @@ def _require(observation: MosaicObservation, *weights: float) -> None:
 
 
 def _forward_operator(observation: MosaicObservation) -> Operator:
-    """Return the operator from a scene's spectral bands to the raw picture (Eq. 4.1).
+    """Return the operator from a scene's bands to the raw picture (Eq. 4.1).
 
     Its domain is the frame where the border is dark, and else the period.
     """
@@ -255,7 +247,7 @@ def _minimise(
     tol: float,
     progress: Progress,
 ) -> OptimizeResult:
-    """Minimise the published objective within 0 and 1, from a first picture of the bands.
+    """Minimise an objective within 0 and 1 by L-BFGS-B, from a first picture of the bands.
 
     Pictures have the type of `start`; L-BFGS-B's own vectors are in double precision.
     """
@@ -284,10 +276,7 @@ def _minimise(
 
 
 def _mean_squared_residual(observation: MosaicObservation, light: torch.Tensor) -> float:
-    """Compute the mean squared difference between the raw picture and a restored scene's light.
-
-    The mean is over pixels with a weight.
-    """
+    """Compute the mean squared difference of raw picture and light, over pixels with a weight."""
     squares = (light - observation.image).square()
     trust = observation.effective_weights
     if trust is None:

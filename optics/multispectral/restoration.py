@@ -1,4 +1,4 @@
-"""Restoration of spectral bands from one photograph, by gradients and typical spectra.
+"""Restore the bands of a scene from one photograph, by gradients and typical spectra.
 
 The covariance of the scene's spectra is estimated from its first restoration.
 """
@@ -46,21 +46,14 @@ _LEAST_NOISE = 3e-4
 def adapt_covariance(
     observation: MosaicObservation, bands: torch.Tensor, typical: torch.Tensor
 ) -> torch.Tensor:
-    """Estimate the covariance of a scene's spectral gradients from its restoration.
+    """Estimate the covariance over bands of a scene's gradients from its restoration.
 
-    Parameters
-    ----------
-    observation : MosaicObservation
-        The raw picture with its filters and PSFs.
-    bands : torch.Tensor, (bands, rows, columns)
-        The restored picture.
-    typical : torch.Tensor, (bands, bands)
-        Covariance of typical spectra, of any scale, from which the estimate starts.
+    The result is (bands, bands), float64, with a trace of 1. It is `typical`, scaled to that trace,
+    for a picture without gradients.
 
-    Returns
-    -------
-    torch.Tensor, (bands, bands), float64
-        The covariance, with a trace of 1. It is `typical` for a picture without gradients.
+    bands: the restored picture, (bands, rows, columns).
+    typical: covariance of typical spectra, (bands, bands), of any scale, from which the estimate
+        starts.
     """
     start = typical.to(torch.float64) / typical.to(torch.float64).trace()
     restored = _gradient_moments(bands)
@@ -74,7 +67,7 @@ def adapt_covariance(
 
 
 def _gradient_moments(bands: torch.Tensor) -> torch.Tensor:
-    """Return the second moments of a picture's spectral gradients, (bands, bands), a pixel's."""
+    """Return the second moments over bands of a picture's gradients, (bands, bands), a pixel's."""
     total = torch.zeros(len(bands), len(bands), dtype=torch.float64)
     for axis in (1, 2):
         step = bands.diff(dim=axis).flatten(1).to(torch.float64)
@@ -84,7 +77,7 @@ def _gradient_moments(bands: torch.Tensor) -> torch.Tensor:
 
 
 class _GradientErrors:
-    """The posterior covariance of a Gaussian scene's spectral gradients, given its raw picture."""
+    """The posterior covariance of a Gaussian scene's gradients, given its raw picture."""
 
     def __init__(self, observation: MosaicObservation) -> None:
         rows, columns = observation.filter_period
@@ -105,7 +98,7 @@ class _GradientErrors:
         self._noise_variance = max(observation.noise, least) ** 2
 
     def posterior_covariance(self, covariance: torch.Tensor) -> torch.Tensor:
-        """Compute the covariance of the errors of a scene's spectral gradients, (bands, bands).
+        """Compute the covariance of the errors of a scene's gradients, (bands, bands).
 
         `covariance` is the scene's own. At each group of frequencies the errors have the covariance
         C - C Aᴴ (A C Aᴴ + noise²)⁻¹ A C, with the model A.

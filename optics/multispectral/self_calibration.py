@@ -1,4 +1,4 @@
-"""Refinement of a snapshot spectral camera's calibration from the photograph alone."""
+"""Refine the calibration of a snapshot camera from the photograph alone."""
 
 from __future__ import annotations
 
@@ -62,25 +62,13 @@ def solve_corrected_score(
     response_side: int,
     progress: Progress,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Estimate all parameters of a snapshot camera's model, where the corrected score is 0.
+    """Estimate all parameters of a camera's model, where the corrected score is 0.
 
-    Parameters
-    ----------
-    fit : PhotographFit
-        The photograph.
-    prior : SnapshotCalibration
-        What is known before; the estimates are drawn to it by its covariance.
-    start : torch.Tensor, (parameters,), float64
-        First deviations from nominal.
-    response_side : int
-        Sides in pixels of the part that shows how the score changes with the parameters.
-    progress : Progress
-        Receives reports, and can cancel the work.
+    Returns deviations from nominal, (parameters,), and their covariance, (parameters, parameters).
 
-    Returns
-    -------
-    tuple of torch.Tensor
-        Deviations from nominal, (parameters,), and their covariance, (parameters, parameters).
+    prior: what is known before; the estimates are drawn to it by its covariance.
+    start: first deviations from nominal, (parameters,), float64.
+    response_side: sides in pixels of the part that shows how the score changes with the parameters.
     """
     precision = torch.linalg.inv(prior.covariance)
     spread = prior.covariance.diagonal().sqrt()
@@ -107,7 +95,7 @@ def solve_corrected_score(
 def _scores(
     fit: PhotographFit, deviation: torch.Tensor, weight: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the snapshot's score and the one that is expected if the model is right.
+    """Return the photograph's score, and the one that is expected if the model is right.
 
     The expected one is the mean of two simulated photographs with opposite noise.
     """
@@ -123,7 +111,7 @@ def _scores(
 def _score_of(
     fit: PhotographFit, image: torch.Tensor, deviation: torch.Tensor, weight: float
 ) -> torch.Tensor:
-    """Restore another photograph by the snapshot camera's model, and return its score."""
+    """Restore another photograph by the model, and return its score."""
     seen = fit.observe(deviation, image)
     picture, _ = fit.restore(seen, weight)
     return fit.score(seen, picture, deviation)
@@ -137,11 +125,11 @@ def _score_information(
     side: int,
     progress: Progress,
 ) -> torch.Tensor:
-    """Return how fast the snapshot's score changes with the parameters: a symmetric matrix.
+    """Return how fast the score changes with the parameters: a symmetric matrix, not negative.
 
-    It is (parameters, parameters), and not negative. It is computed by differences: photographs
-    are simulated for each changed parameter, and restored by the unchanged model. They show a part
-    of the photograph, and the result is scaled to the whole.
+    It is (parameters, parameters), computed by differences: photographs are simulated for each
+    changed parameter, and restored by the unchanged model. They show a part of the photograph, and
+    the result is scaled to the whole.
     """
     part = replace(
         fit, observation=busiest_window(fit.observation, side), iterations=_RESPONSE_ITERATIONS
@@ -165,7 +153,7 @@ def _score_information(
 
 
 def _draw_noise(fit: PhotographFit, seed: int) -> torch.Tensor:
-    """Draw the noise of a simulated snapshot, 0 where pixels have no weight."""
+    """Draw the noise of a simulated photograph, 0 where pixels have no weight."""
     generator = torch.Generator().manual_seed(seed)
     standard = torch.randn(tuple(fit.weights.shape), generator=generator).to(fit.weights)
     inverse = torch.where(fit.weights > 0, fit.weights, 1.0).rsqrt()

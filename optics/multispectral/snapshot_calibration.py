@@ -30,7 +30,7 @@ _NO_SHIFT = (
 
 @dataclass(frozen=True, eq=False)
 class BandTransmission:
-    """What a spectroradiometer says of the spectral filter: its transmission in each band.
+    """What a spectroradiometer says of the filter: its transmission in each band.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class BandTransmission:
 
 @dataclass(frozen=True)
 class CalibratedParameter:
-    """One parameter of a snapshot camera, with its uncertainty.
+    """One parameter of a camera, with its uncertainty.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class SnapshotCalibration:
         uncertainty: ModelUncertainty | None = None,
         transmission: BandTransmission | None = None,
     ) -> SnapshotCalibration:
-        """Return what is known of a snapshot camera before any calibration.
+        """Return what is known of a camera before any calibration.
 
         Parameters
         ----------
@@ -156,12 +156,12 @@ class SnapshotCalibration:
     def with_estimates(
         self, deviation: torch.Tensor, covariance: torch.Tensor, source: str
     ) -> SnapshotCalibration:
-        """Return the snapshot camera's calibration with other estimates from `source`."""
+        """Return the calibration with other estimates from `source`."""
         return replace(self, deviation=deviation, covariance=covariance, source=source)
 
     @cached_property
     def _shift_removal(self) -> torch.Tensor:
-        """The matrix that takes the shift off that most bands of the snapshot have in common.
+        """The matrix that takes off the shift that most bands have in common.
 
         A band that lies beside the others counts less, so that one displaced band doesn't displace
         what all the others are compared with.
@@ -183,7 +183,7 @@ class SnapshotCalibration:
         return layout.shift_removal(shares)
 
     def remove_common_shift(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Take off a snapshot model's deviations the shift that this calibration calls common.
+        """Take off deviations the shift that this calibration calls common.
 
         Parameters
         ----------
@@ -199,33 +199,33 @@ class SnapshotCalibration:
 
     @property
     def relative_deviation(self) -> torch.Tensor:
-        """The snapshot parameters' deviations from nominal without the bands' common shift."""
+        """Deviations from nominal without the bands' common shift."""
         return self.remove_common_shift(self.deviation)
 
     @property
     def relative_covariance(self) -> torch.Tensor:
-        """The covariance of `relative_deviation` of the snapshot's parameters."""
+        """Covariance of `relative_deviation`."""
         return self._shift_removal @ self.covariance @ self._shift_removal.mT
 
     @property
     def psfs(self) -> torch.Tensor:
-        """The snapshot camera's calibrated PSFs, (bands, rows, columns), float64."""
+        """Calibrated PSFs, (bands, rows, columns), float64."""
         return self.model.psfs(self.relative_deviation)
 
     @property
     def response(self) -> torch.Tensor:
-        """The snapshot camera's calibrated response, (channels, bands), float64."""
+        """Calibrated response, (channels, bands), float64."""
         response = self.model.response_at(self.relative_deviation)
         return response if self.transmission is None else response * self.transmission.values
 
     @property
     def indeterminate(self) -> tuple[str, ...]:
-        """What the snapshot camera's calibration can't tell, and how it is fixed, in sentences."""
+        """What the calibration can't tell, and how it is fixed, in sentences."""
         return (_NO_SHIFT,) if self.transmission is not None else (_NO_GAINS, _NO_SHIFT)
 
     @property
     def parameters(self) -> tuple[CalibratedParameter, ...]:
-        """The snapshot camera's parameters with standard deviations and 90 % intervals."""
+        """All parameters with standard deviations and 90 % intervals."""
         model, layout = self.model, self.model.layout
         found = self.relative_deviation
         spread = self.relative_covariance.diagonal().clamp(min=0).sqrt()
@@ -250,7 +250,7 @@ class SnapshotCalibration:
     def _ratio(
         self, band: int, channel: int, log: torch.Tensor, spread: torch.Tensor
     ) -> CalibratedParameter:
-        """Return a ratio of the snapshot response's channels, whose logarithm is estimated."""
+        """Return a ratio of two channels' responses, whose logarithm is estimated."""
         letters, first = self.model.channels, int(self.model.strongest[band])
         response = self.model.response
         nominal = float(response[channel, band] / response[first, band])
@@ -262,7 +262,7 @@ class SnapshotCalibration:
         )
 
     def _gains(self) -> list[CalibratedParameter]:
-        """Return the transmissions of the snapshot's bands as parameters, if they are known."""
+        """Return the bands' transmissions as parameters, if they are known."""
         if self.transmission is None:
             return []
         known = zip(self.transmission.values, self.transmission.deviations, strict=True)
@@ -275,7 +275,7 @@ class SnapshotCalibration:
 def _additive(
     name: str, unit: str, nominal: float, change: torch.Tensor, spread: torch.Tensor
 ) -> CalibratedParameter:
-    """Return a snapshot parameter whose difference from its nominal value is estimated."""
+    """Return a parameter whose difference from its nominal value is estimated."""
     value, deviation = nominal + float(change), float(spread)
     half = NINETY_PERCENT * deviation
     return CalibratedParameter(name, unit, value, nominal, deviation, value - half, value + half)

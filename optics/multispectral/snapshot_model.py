@@ -1,4 +1,4 @@
-"""The model of a snapshot spectral camera, whose PSFs and response follow from parameters."""
+"""The model of a snapshot camera, whose PSFs and response follow from parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from optics.validation import require_finite, require_positive, require_unmasked
 
 @dataclass(frozen=True)
 class ModelUncertainty:
-    """How well the nominal model of a snapshot camera is known: standard deviations.
+    """How well the nominal model of a camera is known: standard deviations.
 
     Parameters
     ----------
@@ -52,18 +52,13 @@ class ModelUncertainty:
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """Where each parameter of a snapshot model stands in a vector of deviations from nominal.
+    """Where each parameter of a model stands in a vector of deviations from nominal.
 
     The vector holds the zeroth order's share of each band, the relative size of all coded PSFs, the
     centres' y and then x of each band in pixels, and the natural logarithms of each band's response
     of each other channel over that of its strongest channel.
 
-    Attributes
-    ----------
-    bands : int
-        Number of spectral bands.
-    ratios : int
-        Number of ratios of each band: that of the channels less 1.
+    ratios: number of ratios of each band: that of the channels less 1.
     """
 
     bands: int
@@ -71,32 +66,32 @@ class ParameterLayout:
 
     @property
     def count(self) -> int:
-        """The number of parameters of the snapshot model."""
+        """Number of parameters."""
         return (3 + self.ratios) * self.bands + 1
 
     @property
     def zeroth_orders(self) -> slice:
-        """The places of the zeroth orders' shares in the snapshot model's vector."""
+        """Places of the zeroth orders' shares."""
         return slice(0, self.bands)
 
     @property
     def scale(self) -> int:
-        """The place of the coded PSFs' relative size in the snapshot model's vector."""
+        """Place of the coded PSFs' relative size."""
         return self.bands
 
     @property
     def centres(self) -> slice:
-        """The places of the PSFs' centres in the snapshot model's vector: all y, then all x."""
+        """Places of the PSFs' centres: all y, then all x."""
         return slice(self.bands + 1, 3 * self.bands + 1)
 
     @property
     def log_ratios(self) -> slice:
-        """The places of the logarithms of the response's ratios in the snapshot model's vector."""
+        """Places of the logarithms of the response's ratios."""
         return slice(3 * self.bands + 1, self.count)
 
     @cached_property
     def band_places(self) -> torch.Tensor:
-        """The places of what each band's PSF depends on in a snapshot model's vector, (4, bands).
+        """Places of what each band's PSF depends on, (4, bands).
 
         The rows are zeroth order, size of the coded PSF, centre's y and centre's x.
         """
@@ -107,12 +102,12 @@ class ParameterLayout:
 
     @cached_property
     def ratio_places(self) -> torch.Tensor:
-        """The places of the response's ratios in a snapshot model's vector, (ratios, bands)."""
+        """Places of the response's ratios, (ratios, bands)."""
         every = torch.arange(self.log_ratios.start, self.log_ratios.stop)
         return every.reshape(self.ratios, self.bands)
 
     def prior_covariance(self, uncertainty: ModelUncertainty) -> torch.Tensor:
-        """Return the covariance of a nominal snapshot model's parameters, (count, count), float64.
+        """Return the covariance of the nominal parameters, (count, count), float64.
 
         Errors of a band's channels are independent, so that the ratios to one channel share its
         error.
@@ -131,7 +126,7 @@ class ParameterLayout:
 
     @cached_property
     def common_shifts(self) -> torch.Tensor:
-        """The shifts of all PSF centres together in a snapshot model, (2, count), float64."""
+        """Shifts of all PSF centres together along y and along x, (2, count), float64."""
         shifts = torch.zeros(2, self.count, dtype=torch.float64)
         first = self.centres.start
         for axis in (0, 1):
@@ -139,7 +134,7 @@ class ParameterLayout:
         return shifts
 
     def shift_removal(self, shares: Sequence[torch.Tensor]) -> torch.Tensor:
-        """Return the matrix that takes a snapshot model's common shift off, (count, count).
+        """Return the matrix that takes the common shift off, (count, count).
 
         `shares` are the bands' shares, (bands,), in what counts as the common shift along y and
         along x; each sums to 1.
@@ -154,33 +149,21 @@ class ParameterLayout:
 def move_psf(
     psf: torch.Tensor, scale: torch.Tensor | float, centre: torch.Tensor, margin: int
 ) -> torch.Tensor:
-    """Return a PSF of another size and at another place, by cubic B-splines.
+    """Scale and move a PSF by cubic B-splines, differentiably in `scale` and `centre`.
 
-    Of PSFs that are sharper than the sampling theorem asks for, as measured ones are, cubic
-    splines shift the pixels' light more exactly than phases of the spectrum: with a ring or peak of
-    a Gaussian profile of 0.5 or 0.6 pixels, integrated over pixels, the measured relative error is
-    5 or 3 % instead of 15 or 7 %.
+    Of PSFs that are sharper than the sampling theorem asks for, as measured ones are, cubic splines
+    shift the pixels' light more exactly than phases of the spectrum: with a ring or peak of a
+    Gaussian profile of 0.5 or 0.6 pixels, integrated over pixels, the measured relative error is 5
+    or 3 % instead of 15 or 7 %. See M. Unser, "Splines: a perfect fit for signal and image
+    processing", 1999, doi 10.1109/79.799930.
 
-    Parameters
-    ----------
-    psf : torch.Tensor, (rows, columns), float64
-        Point spread function with its origin at n // 2.
-    scale : torch.Tensor or float
-        Size of the result over that of `psf`, above 0.
-    centre : torch.Tensor, (2,)
-        Place (y, x) of the result's origin relative to the middle pixel, in pixels.
-    margin : int
-        Number of pixels by which the result is larger on every side, 0 or more.
+    The result is (rows + 2 margin, columns + 2 margin), float64. Its sum is that of `psf`, unless
+    light leaves the array.
 
-    Returns
-    -------
-    torch.Tensor, (rows + 2 margin, columns + 2 margin), float64
-        The moved PSF. Its sum is that of `psf`, unless light leaves the array. It is differentiable
-        in `scale` and `centre`.
-
-    References
-    ----------
-    M. Unser, "Splines: a perfect fit for signal and image processing", 1999, doi 10.1109/79.799930.
+    psf: (rows, columns), float64, with its origin at n // 2.
+    scale: size of the result over that of `psf`, above 0.
+    centre: place (y, x) of the result's origin relative to the middle pixel, in pixels.
+    margin: number of pixels by which the result is larger on every side, 0 or more.
     """
     down = _spline_matrix(psf.shape[0], margin, scale, centre[0])
     along = _spline_matrix(psf.shape[1], margin, scale, centre[1])
@@ -190,7 +173,7 @@ def move_psf(
 def _spline_matrix(
     length: int, margin: int, scale: torch.Tensor | float, shift: torch.Tensor
 ) -> torch.Tensor:
-    """Return the matrix that stretches and shifts one axis of a PSF by cubic B-splines.
+    """Return the matrix that stretches and shifts one axis by cubic B-splines.
 
     It is (length + 2 margin, length); index n // 2 is the origin on both axes.
     """
@@ -203,13 +186,13 @@ def _spline_matrix(
 
 @functools.lru_cache(maxsize=16)
 def _coefficient_matrix(length: int) -> torch.Tensor:
-    """Return the matrix from a PSF's samples along an axis to its cubic splines' coefficients."""
+    """Return the matrix from samples along an axis to coefficients of cubic splines."""
     knots = torch.arange(length, dtype=torch.float64)
     return torch.linalg.inv(_cubic_spline(knots[:, None] - knots))
 
 
 def _cubic_spline(distance: torch.Tensor) -> torch.Tensor:
-    """Return the cubic B-spline of a PSF's interpolation at distances in pixels from its knot."""
+    """Return the cubic B-spline at distances in pixels from its knot."""
     far = distance.abs()
     near = 2 / 3 - far.square() + far**3 / 2
     return torch.where(far < 1, near, (2 - far).clamp(min=0) ** 3 / 6)
@@ -222,7 +205,7 @@ every side: room for shifts and for growth by a few percent."""
 
 @dataclass(frozen=True, eq=False)
 class SnapshotModel:
-    """Describe a snapshot spectral camera as it is meant to be, and how it may differ from that.
+    """A snapshot spectral camera as it is meant to be, and how it may differ from that.
 
     A band's PSF is ``z_n p_n + (1 - z_n) q_n``, with the zeroth order's share z_n, the neutral PSF
     p_n, which is that without a pattern, and the coded PSF q_n. Both are moved to the band's
@@ -264,7 +247,7 @@ class SnapshotModel:
         pattern: Sequence[str] = ("RG", "GB"),
         channels: str = "RGB",
     ) -> SnapshotModel:
-        """Describe a snapshot spectral camera by its nominal PSFs and response.
+        """Describe a camera by its nominal PSFs and response.
 
         Parameters
         ----------
@@ -334,7 +317,7 @@ class SnapshotModel:
         pattern: tuple[str, ...],
         channels: str,
     ) -> SnapshotModel:
-        """Take the zeroth order off snapshot PSFs of any sum, and gather a model of the rest."""
+        """Take the zeroth order off PSFs of any sum, and gather a model of the rest."""
         whole, neutral = (one / one.sum((1, 2), keepdim=True) for one in (whole, neutral))
         share = order[:, None, None]
         # This raises for a pattern with other letters than the channels'.
@@ -345,32 +328,32 @@ class SnapshotModel:
 
     @property
     def bands(self) -> int:
-        """The number of spectral bands of the snapshot camera."""
+        """Number of spectral bands."""
         return len(self.coded)
 
     @cached_property
     def layout(self) -> ParameterLayout:
-        """The layout of the vector of the snapshot camera's deviations from nominal."""
+        """Layout of the vector of deviations from nominal."""
         return ParameterLayout(self.bands, len(self.response) - 1)
 
     @property
     def margin(self) -> int:
-        """The number of pixels by which the model's PSFs are larger on every side."""
+        """Number of pixels by which moved PSFs are larger on every side."""
         return _MARGIN + math.ceil(_MARGIN_SHARE * max(self.coded.shape[1:]) / 2)
 
     @cached_property
     def strongest(self) -> torch.Tensor:
-        """The index of the channel with the strongest nominal response to each band, (bands,)."""
+        """Index of the channel with the strongest nominal response to each band, (bands,)."""
         return self.response.argmax(0)
 
     @cached_property
     def others(self) -> torch.Tensor:
-        """The indices of each band's other channels, (channels - 1, bands)."""
+        """Indices of each band's other channels, (channels - 1, bands)."""
         every = torch.arange(len(self.response))
         return torch.stack([every[every != one] for one in self.strongest]).mT
 
     def psfs(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Compute the snapshot camera's PSFs for a vector of deviations from nominal.
+        """Compute the PSFs for a vector of deviations from nominal.
 
         Parameters
         ----------
@@ -385,7 +368,7 @@ class SnapshotModel:
         return self._psfs_of_bands(deviation[self.layout.band_places])
 
     def _psfs_of_bands(self, deviations: torch.Tensor) -> torch.Tensor:
-        """Compute the snapshot camera's PSFs for each band's own deviations, (4, bands)."""
+        """Compute the PSFs for each band's own deviations, (4, bands)."""
         stack = []
         for band, (order, growth, y, x) in enumerate(deviations.mT):
             centre, share = torch.stack([y, x]), self.zeroth_order[band] + order
@@ -395,7 +378,7 @@ class SnapshotModel:
         return torch.stack(stack)
 
     def psf_slopes(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Compute the derivatives of the snapshot camera's PSFs by each band's own parameters.
+        """Compute the derivatives of the PSFs by each band's own parameters.
 
         The result is (4, bands, rows, columns); see ParameterLayout.band_places. The pull-back of
         reverse differentiation is linear in the derivative of the output, so that its own
@@ -412,7 +395,7 @@ class SnapshotModel:
         return torch.stack(slopes)
 
     def response_at(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Compute the snapshot camera's response for a vector of deviations from nominal.
+        """Compute the response for a vector of deviations from nominal.
 
         The result is (channels, bands), float64, and differentiable; each band keeps its sum.
         """
@@ -422,7 +405,7 @@ class SnapshotModel:
         return changed * (self.response.sum(0) / changed.sum(0))
 
     def response_slopes(self, deviation: torch.Tensor) -> torch.Tensor:
-        """Compute the derivatives of the snapshot camera's response by each band's log ratios.
+        """Compute the derivatives of the response by each band's log ratios.
 
         The result is (channels - 1, channels, bands), in the order of `others`.
         """
@@ -432,12 +415,12 @@ class SnapshotModel:
         return response * (own - share[:, None])
 
     def filters(self, response: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
-        """Return the snapshot camera's share of each band at each pixel, (bands, rows, columns)."""
+        """Return the share of each band that each pixel transmits, (bands, rows, columns)."""
         weights: torch.Tensor = filter_weights(self.pattern, response, self.channels, shape)
         return weights
 
     def channel_masks(self, shape: Sequence[int]) -> torch.Tensor:
-        """Return which pixels of the snapshot have each channel's filter, 1 or 0.
+        """Return 1 where pixels have each channel's filter, else 0.
 
         The result is (channels, rows, columns), float64.
         """
@@ -445,7 +428,7 @@ class SnapshotModel:
 
 
 def _as_double(name: str, value: Any, axes: int) -> torch.Tensor:
-    """Return a snapshot model's array as a tensor in double precision, with so many axes."""
+    """Return a finite array with so many axes in double precision, or raise ValueError."""
     require_unmasked(value)
     tensor = torch.as_tensor(value).detach().to(torch.float64)
     require_finite(name, tensor)

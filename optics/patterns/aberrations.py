@@ -1,4 +1,4 @@
-"""Compute patterns of Zernike polynomials, which make aberrations or correct those of a lens."""
+"""Phases of Zernike polynomials, which make aberrations or correct those of a lens."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def zernike_pattern(
     radius: float,
     wavelength: float,
 ) -> torch.Tensor:
-    """Compute the phase pattern of a sum of Zernike polynomials, like the aberrations of a lens.
+    """Compute a sum of Zernike polynomials as a phase, like the aberrations of a lens.
 
     The polynomials also grow beyond their disc, and the slope is checked on the whole panel.
 
@@ -77,10 +77,7 @@ def zernike_pattern(
 def _zernike_path(
     panel: Panel, terms: Sequence[tuple[int, int, float]], radius: float
 ) -> torch.Tensor:
-    """Compute the optical path of a Zernike pattern in metres at the panel's pixels.
-
-    The result is (rows, columns).
-    """
+    """Compute the optical path at the panel's pixels, metres, (rows, columns)."""
 
     def path(y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
         parts = [strength * zernike(n, m, y / radius, x / radius) for n, m, strength in terms]

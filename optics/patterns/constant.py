@@ -1,4 +1,4 @@
-"""Compute the neutral pattern."""
+"""The neutral pattern."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["constant_phase"]
 
 
 def constant_phase(panel: Panel, phase: float = 0.0) -> torch.Tensor:
-    """Compute the neutral phase pattern, which has the same phase everywhere.
+    """Compute the neutral phase, which is the same everywhere.
 
     Parameters
     ----------

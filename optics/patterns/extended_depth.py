@@ -1,4 +1,4 @@
-"""Compute patterns that extend the depth of field: their PSFs hardly change with defocus."""
+"""Phase masks that extend the depth of field: their PSFs hardly change with defocus."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["annular_phase_mask", "cubic_phase_mask", "logarithmic_asphere"]
 
 
 def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None) -> torch.Tensor:
-    """Compute the cubic phase mask, a pattern of strength (x³ + y³) (thesis Eq. 2.41).
+    """Compute the cubic phase mask, strength (x³ + y³) (thesis Eq. 2.41).
 
     x and y are in units of `radius`.
 
@@ -59,7 +59,7 @@ def cubic_phase_mask(panel: Panel, strength: float, radius: float | None = None)
 def annular_phase_mask(
     panel: Panel, rings: int, depth: float, radius: float | None = None
 ) -> torch.Tensor:
-    """Compute the annular phase mask, a pattern of rings with the same parabola across each.
+    """Compute the annular phase mask, rings with the same parabola across each.
 
     The rings are equally wide, and each spreads its light by much more than defocus does. The
     phase is zero at the rings' edges and beyond the last ring. The thesis compares its results with
@@ -117,7 +117,7 @@ def annular_phase_mask(
 def logarithmic_asphere(
     panel: Panel, near: float, far: float, focus: float, wavelength: float, radius: float
 ) -> torch.Tensor:
-    """Compute the logarithmic asphere, a phase pattern whose zones focus at different distances.
+    """Compute the logarithmic asphere, whose zones focus at different distances.
 
     The middle of the panel is in focus for an object at `near`, and the zone at `radius` for one
     at `far`. Between them the distance in focus grows linearly with the zone's area, so that every

@@ -1,4 +1,4 @@
-"""Compute a round pattern whose depth in focus sweeps to and fro over a range."""
+"""An axicon whose depth in focus sweeps to and fro over a range."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def focal_sweep_axicon(
     radius: float | None = None,
     even_in: Literal["radius", "area"] = "radius",
 ) -> torch.Tensor:
-    """Compute a round pattern whose depth in focus sweeps to and fro between near and far.
+    """Compute an axicon whose depth in focus sweeps to and fro between near and far.
 
     The panel's centre is in focus at `near`; outwards the depth goes to `far`, back to `near`, and
     so on, `sweeps` times. The phase is the integral of -2 pi / wavelength (V(r) - focus) r, and has

@@ -31,7 +31,7 @@ def require_depth_range(near: float, far: float) -> None:
 
 
 def require_vergences(vergences: Sequence[float]) -> tuple[float, ...]:
-    """Return a pattern's depths in focus as floats; raise ValueError if they can't be vergences."""
+    """Return depths in focus as floats; raise ValueError if they can't be vergences."""
     foci = tuple(float(one) for one in vergences)
     if not foci:
         raise ValueError("vergences is empty; give one depth in dioptres or more")
@@ -44,7 +44,7 @@ def require_vergences(vergences: Sequence[float]) -> tuple[float, ...]:
 
 
 def require_lengths(panel: Panel, wavelength: float, focus: float, radius: float | None) -> float:
-    """Check the optical lengths of a pattern of several foci, and return its outer radius."""
+    """Check wavelength, focus and radius; return the outer radius in metres, up to the corners."""
     require_wavelength("wavelength", wavelength)
     if not math.isfinite(focus):
         raise ValueError(f"focus is {focus:g} dioptres; it must be finite (infinity is 0 dioptres)")
@@ -62,7 +62,7 @@ def require_slope_within(
     wavelength: float,
     focus: float,
 ) -> None:
-    """Raise ValueError for a pattern of several foci whose phase is too steep within a part.
+    """Raise ValueError for a phase that is too steep within a part.
 
     part: number of each pixel's part, between which the phase may jump; None for a smooth pattern.
     """

@@ -1,4 +1,4 @@
-"""Compute grating patterns, periodic or shifting the whole picture; periods in panel pixels."""
+"""Gratings: periodic ones, and one that shifts the whole picture. Periods are in panel pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["binary_grating", "blazed_grating", "sine_grating", "steering_grating
 
 
 def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch.Tensor:
-    """Compute a blazed grating, a phase pattern that sends all light into one order.
+    """Compute a blazed grating, which sends all light into one order.
 
     The phase is a ramp of one wave per period.
 
@@ -48,7 +48,7 @@ def blazed_grating(panel: Panel, period: float, direction: float = 0.0) -> torch
 def steering_grating(
     panel: Panel, shift: tuple[float, float], distance: float, wavelength: float
 ) -> torch.Tensor:
-    """Compute the blazed grating pattern that shifts the PSF on the sensor by a distance.
+    """Compute the blazed grating that shifts the PSF on the sensor by a distance.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def steering_grating(
 def binary_grating(
     panel: Panel, period: float, step: float, direction: float = 0.0
 ) -> torch.Tensor:
-    """Compute a binary grating, a phase pattern of equally wide stripes of phase 0 and `step`.
+    """Compute a binary grating, equally wide stripes of phase 0 and `step`.
 
     With a step of pi no light stays in the zeroth order. A stripe of phase 0 begins at the origin.
 
@@ -128,7 +128,7 @@ def binary_grating(
 def sine_grating(
     panel: Panel, amplitude: float, period: float, direction: float = 0.0
 ) -> torch.Tensor:
-    """Compute a sinusoidal phase grating pattern (thesis section 6.4).
+    """Compute a sinusoidal phase grating (thesis section 6.4).
 
     The phase is zero at the origin and grows there in `direction`.
 
@@ -174,16 +174,12 @@ def sine_grating(
 
 
 def _require_period(period: float, direction: float) -> None:
-    """Raise ValueError for an impossible period or direction of a grating pattern."""
     require_positive("period", period, "pixels")
     if not math.isfinite(direction):
         raise ValueError(f"direction is {direction} rad; it must be finite")
 
 
 def _distance_along(panel: Panel, direction: float) -> torch.Tensor:
-    """Compute each panel pixel's distance along a grating pattern's direction, in pixels.
-
-    The distance is measured from the panel's origin.
-    """
+    """Compute each pixel's distance from the panel's origin along a direction, in pixels."""
     y, x = (axis / panel.pitch for axis in panel.plane.mesh())
     return math.cos(direction) * x + math.sin(direction) * y

@@ -1,4 +1,4 @@
-"""Compute patterns that focus light: the Fresnel lens and the axicon."""
+"""Phases that focus light: the Fresnel lens and the axicon."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def fresnel_lens(
     wavelength: float,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> torch.Tensor:
-    """Compute the phase pattern of a thin lens, -pi r² / (wavelength f) (thesis Eq. 2.14).
+    """Compute the phase of a thin lens, -pi r² / (wavelength f) (thesis Eq. 2.14).
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def fresnel_lens(
 
 
 def axicon(panel: Panel, radius: float, distance: float, wavelength: float) -> torch.Tensor:
-    """Compute the axicon pattern, a cone of phase that images a point as a ring.
+    """Compute an axicon, a cone of phase that images a point as a ring.
 
     Parameters
     ----------

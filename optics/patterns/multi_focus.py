@@ -77,7 +77,7 @@ def multi_focus_rings(
     order: Literal["cyclic", "interleaved", "random"] = "interleaved",
     generator: torch.Generator | None = None,
 ) -> torch.Tensor:
-    """Compute a pattern of rings that are Fresnel lenses, each with one of several foci.
+    """Compute rings that are Fresnel lenses, each with one of several foci.
 
     The rings have equal areas on the panel: beyond half of the panel's shorter side, where its
     edges cut them, they are wider. The foci take turns over the rings, so that each has about the
@@ -240,7 +240,7 @@ def _waves_at_edges(
 
 
 def _ring_order(foci: int, rings: int, order: str, generator: torch.Generator | None) -> list[int]:
-    """Return the number of the focus of every ring of a pattern, from the centre outwards."""
+    """Return the number of every ring's focus, from the centre outwards."""
     cycles = -(-rings // foci)
     if order == "cyclic":
         turns = list(range(foci)) * cycles

@@ -1,4 +1,4 @@
-"""Compute patterns of patches with random phases."""
+"""Patches of random phase."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def random_patches(
     generator: torch.Generator,
     depth: float = 2 * math.pi,
 ) -> torch.Tensor:
-    """Compute a pattern of rectangular patches, each of one random phase (thesis section 6.4).
+    """Compute rectangular patches, each of one random phase (thesis section 6.4).
 
     The phase may jump by any amount at the edges, which don't count as slopes.
 

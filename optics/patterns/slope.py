@@ -17,19 +17,17 @@ _ROUNDING = 1 + 1e-9
 
 
 def largest_phase_step(phase: torch.Tensor) -> float:
-    """Compute a phase pattern's largest step between neighbouring pixels, in radians.
-
-    The neighbours lie along rows or columns.
-    """
+    """Compute the largest step between neighbours along rows or columns, in radians."""
     steps = [torch.diff(phase, dim=axis) for axis in (0, 1)]
     return max((float(step.abs().max()) for step in steps if step.numel()), default=0.0)
 
 
 def require_slope(name: str, step: float, remedy: str) -> None:
-    """Raise ValueError for a phase pattern whose step between pixels exceeds half a wave.
+    """Raise ValueError for a step between pixels of more than half a wave.
 
-    name: the argument that makes the pattern too steep. step: radians. remedy: the advice that
-    ends the message, with the limit.
+    name: the argument that makes the phase too steep.
+    step: radians.
+    remedy: the advice that ends the message, with the limit.
     """
     if not step <= math.pi * _ROUNDING:
         raise ValueError(
@@ -41,7 +39,7 @@ def require_slope(name: str, step: float, remedy: str) -> None:
 def scale_within_slope(
     name: str, shape: torch.Tensor, strength: float, remedy: Callable[[float], str]
 ) -> torch.Tensor:
-    """Multiply a smooth phase pattern by a strength; raise ValueError if it gets too steep.
+    """Multiply a smooth phase by a strength; raise ValueError if it gets too steep.
 
     remedy: returns the advice that ends the message, given the largest strength that the pixels
     allow.
@@ -55,7 +53,7 @@ def scale_within_slope(
 
 @accepts_numpy
 def superpose(panel: Panel, *phases: torch.Tensor) -> torch.Tensor:
-    """Sum smooth phase patterns, and check the slope of the sum.
+    """Sum smooth phases, and check the slope of the sum.
 
     For patterns with jumps (patches, binary gratings, retrieved ones) this check makes no sense;
     add them to the sum afterwards.

@@ -1,4 +1,4 @@
-"""Propagate light by transfer functions: exact, Fresnel's, and to a tilted target."""
+"""Transfer-function methods between planes: exact, Fresnel's, and to a tilted target."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from optics.validation import as_number, needs_gradient
 
 
 class ScaledAngularSpectrum(SpectralPropagator):
-    """Propagate by the angular spectrum to a plane of any pitch, window and centre.
+    """Use the angular spectrum to reach a plane of any pitch, window and centre.
 
     The spectrum is computed only at frequencies whose rays reach the target, and the field only
     at the target's samples. Both transforms are the cheapest available ones (chirp-Z, matrices,
@@ -42,7 +42,7 @@ class ScaledAngularSpectrum(SpectralPropagator):
 
 
 class BandLimitedAngularSpectrum(SpectralPropagator):
-    """Propagate by the band-limited angular spectrum between planes of one pitch.
+    """Use the band-limited angular spectrum between planes of one pitch.
 
     Matsushima and Shimobaba (2009, 10.1364/OE.17.019662) cut the spectrum where the transfer
     function is sampled too coarsely. Here the cut follows from the target, and the period from the
@@ -68,7 +68,7 @@ class BandLimitedAngularSpectrum(SpectralPropagator):
 
 
 class AngularSpectrum(BandLimitedAngularSpectrum):
-    """Propagate a smooth field by the plain angular spectrum (section 3.10 of Goodman).
+    """Use the plain angular spectrum for a smooth field (section 3.10 of Goodman).
 
     All frequencies that the samples resolve take part, without a taper. The FFTs are padded until
     light that wraps around misses the target, so their length grows with the lateral displacement
@@ -89,18 +89,12 @@ class AngularSpectrum(BandLimitedAngularSpectrum):
         return resolved_band(self.span)
 
     def _count(self, steps: float) -> int:
-        """Return the number of frequencies of the propagator's FFT.
-
-        The two ends of the band are the same frequency, which counts once.
-        """
+        """Return the number of frequencies of the FFT; the band's two ends are one frequency."""
         return max(round(steps), 1)
 
 
 def common_multiple(first: float, second: float) -> float:
-    """Return the least common multiple of two pitches of a propagation.
-
-    Returns 0 if the multiple exceeds 64 times the first pitch.
-    """
+    """Return the least common multiple of two pitches, or 0 if it exceeds 64 times the first."""
     for parts in range(1, 65):
         ratio = parts * first / second
         if abs(ratio - round(ratio)) < 1e-12 * ratio and round(ratio):
@@ -109,7 +103,7 @@ def common_multiple(first: float, second: float) -> float:
 
 
 class FresnelTransfer(ScaledAngularSpectrum):
-    """Propagate as the scaled angular spectrum does, with Fresnel's transfer function.
+    """Use the scaled angular spectrum with Fresnel's transfer function.
 
     It is H = exp(-i pi wavelength z f²) (section 4.2.3 of Goodman), the product of a function of y
     and one of x, so two lines are kept instead of a plane. The method is valid for the paraxial
@@ -124,7 +118,7 @@ class FresnelTransfer(ScaledAngularSpectrum):
         return sum(self.frequencies.shape)
 
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
-        """Compute the Fresnel propagation's filter W along y and along x, joined in one vector."""
+        """Compute the filter W along y and along x, joined in one vector."""
         y, x = (frequencies.coordinates(axis) for axis in (0, 1))
         zero = torch.zeros(1, dtype=torch.float64)
         down = self._transfer(y, zero) * self._weight(frequencies, 0)
@@ -147,7 +141,7 @@ _BLOCK_WAVES = 1 << 16
 
 
 class TiltedAngularSpectrum(SpectralPropagator):
-    """Propagate plane waves to a tilted target, where each has another spatial frequency.
+    """Sum plane waves on a tilted target, where each has another spatial frequency.
 
     A plane wave (f_y, f_x) has the axial frequency w = sqrt(1 / wavelength² - f²). On a target that
     is turned by a and b as FreeSpaceSpan describes, its frequencies are
@@ -189,9 +183,9 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return self._to_spectrum.error + self._nufft_error
 
     def _propagating_indices(self) -> torch.Tensor:
-        """Return the flat indices of the frequencies whose plane waves propagate in free space.
+        """Return the flat indices of the frequencies whose plane waves aren't evanescent.
 
-        Some frequencies beyond the taper may be evanescent. In the paraxial model all propagate.
+        Some frequencies beyond the taper may be. In the paraxial model none is.
         """
         y, x = self.frequencies.mesh()
         grazing = PlaneWaveRays(self._numeric_span.wavelength, self.paraxial).grazing_frequency
@@ -200,10 +194,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return torch.nonzero((torch.sqrt(y**2 + x**2) < grazing).flatten()).squeeze(-1)
 
     def _tilted_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the propagated waves' frequencies (f'_y, f'_x) on the tilted target.
-
-        The frequencies are reduced to the range that the target's samples resolve.
-        """
+        """Return (f'_y, f'_x) on the tilted target, within the range that its samples resolve."""
         y, x = self._wave_frequencies()
         parts = [
             self._tilted_block(*block)
@@ -222,7 +213,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return _wrap_frequency(turned_y, 1 / q[0]), _wrap_frequency(turned_x, 1 / q[1])
 
     def _wave_frequencies(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return (f_y, f_x) of the propagated plane waves that are summed on the tilted target."""
+        """Return (f_y, f_x) of the plane waves that are summed on the tilted target."""
         y, x = (f.expand(self.frequencies.shape).flatten() for f in self.frequencies.mesh())
         return y[self._wave_indices], x[self._wave_indices]
 
@@ -233,7 +224,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         self._cached_nufft = NonuniformTransform(y, x, self._image, 1.0, self._nufft_error)
 
     def _transfer(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Return the free-space transfer function to the target's centre, on or off the axis."""
+        """Return the transfer function to the target's centre, on or off the axis."""
         centre = self._numeric_span.target.centre
         way = unit_phasor(y * centre[0] + x * centre[1], torch.complex128)
         return super()._transfer(y, x) * way
@@ -274,7 +265,7 @@ class TiltedAngularSpectrum(SpectralPropagator):
         return self._cached_nufft
 
     def _wavelength_gradient_term(self, waves: torch.Tensor) -> torch.Tensor:
-        """Return a zero field that carries a derivative of the propagation in the wavelength.
+        """Return a zero field that carries a derivative in the wavelength.
 
         The wavelength changes the axial frequency w. The phase of a wave at the depth Z behind the
         target's centre is 2 pi w Z.

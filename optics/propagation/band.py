@@ -36,10 +36,9 @@ from optics.propagation.transfer_function import PlaneWaveRays
 
 @functools.lru_cache(maxsize=64)
 def edge_exponent(epsilon: float) -> float:
-    """Return the exponent L at which the propagation band's edges together cost `epsilon`.
+    """Return the exponent L at which the edges of a frequency band together cost `epsilon`.
 
-    All edges of the frequency band count. The exponent is 1 at least, because the estimate holds
-    from there on.
+    It is 1 at least, because the estimate holds from there on.
     """
     # Four edges and a circle count twice: for light that is removed, and for light from replicas.
     edges = 10
@@ -54,8 +53,8 @@ class FrequencyTaper:
     """A smooth low-pass step in spatial frequency, whose width suits the slope of the rays.
 
     last_full_frequency: the highest frequency that must pass without loss, cycles per metre.
-    ray_slope: the least dX/df there and beyond, square metres. epsilon: the share of the light that
-    may be lost.
+    ray_slope: the least dX/df there and beyond, square metres.
+    epsilon: the share of the light that may be lost.
     """
 
     last_full_frequency: float
@@ -76,12 +75,12 @@ class FrequencyTaper:
 
     @property
     def stop_frequency(self) -> float:
-        """Return the frequency from which on the propagation's taper passes no light."""
+        """The frequency from which on no light passes."""
         return self.centre + self.delta
 
     @property
     def end(self) -> float:
-        """Return the frequency where the propagation's taper is down to a twentieth of epsilon.
+        """The frequency at which the taper is down to a twentieth of epsilon.
 
         It follows from erfc(t) ~ exp(-t²) / (t sqrt(pi)).
         """
@@ -93,10 +92,11 @@ class FrequencyTaper:
 
 @dataclass(frozen=True)
 class AxisBand:
-    """The spatial frequencies of a propagation along one axis, cycles per metre.
+    """The spatial frequencies along one axis, cycles per metre.
 
-    low, high: the range of the samples. passband: the range of the light that passes. below, above:
-    the tapers at either end, if any; `below` is a taper in the negative frequency.
+    low, high: the range of the samples.
+    passband: the range of the light that passes.
+    below, above: the tapers at either end, if any; `below` is a taper in the negative frequency.
     """
 
     low: float
@@ -112,12 +112,12 @@ class AxisBand:
 
     @property
     def largest_passed_frequency(self) -> float:
-        """Return the largest frequency that the propagation's band passes along this axis."""
+        """The largest frequency that passes along this axis."""
         return max(map(abs, self.passband))
 
     @property
     def largest_target_frequency(self) -> float:
-        """Return the largest frequency along this axis of light that propagates to the target."""
+        """The largest frequency along this axis of light that reaches the target."""
         low, high = self.passband
         if self.above:
             high = min(high, self.above.last_full_frequency)
@@ -136,12 +136,14 @@ class AxisBand:
 
 @dataclass(frozen=True)
 class FrequencyBand:
-    """The spatial frequencies of a propagation along (y, x), and the period of their replicas.
+    """The spatial frequencies along (y, x), and the period of the source's replicas.
 
-    axes: the bands along y and x. radial: a taper in the modulus of the frequency, for bands whose
-    corners would contain grazing rays. period: least distance of the source's replicas along
-    (y, x), metres; the frequencies are 1 / period apart, or closer. epsilon: share of the light
-    that may be lost.
+    axes: the bands along y and x.
+    radial: a taper in the modulus of the frequency, for bands whose corners would contain grazing
+        rays.
+    period: least distance of the replicas along (y, x), metres; the frequencies are 1 / period
+        apart, or closer.
+    epsilon: share of the light that may be lost.
     """
 
     axes: tuple[AxisBand, AxisBand]
@@ -151,20 +153,18 @@ class FrequencyBand:
 
     @property
     def largest_target_frequency(self) -> float:
-        """Return the largest modulus of a frequency that propagates to the target."""
+        """The largest modulus of a frequency that reaches the target."""
         return math.hypot(*(axis.largest_target_frequency for axis in self.axes))
 
     @property
     def largest_frequency(self) -> float:
-        """Return the largest modulus of a frequency in the propagation's band."""
+        """The largest modulus of a frequency in the band."""
         corner = math.hypot(*(axis.largest_passed_frequency for axis in self.axes))
         return min(corner, self.radial.stop_frequency) if self.radial else corner
 
 
 def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
-    """Return the propagation's band of all frequencies that a smooth field's samples resolve.
-
-    The band has no taper.
+    """Return the band of all frequencies that a smooth field's samples resolve, without a taper.
 
     Raises ToleranceError if some rays of the field are grazing.
     """
@@ -178,7 +178,7 @@ def resolved_band(span: FreeSpaceSpan) -> FrequencyBand:
 
 
 def target_band(span: FreeSpaceSpan, epsilon: float) -> FrequencyBand:
-    """Return the band of the frequencies whose rays propagate to the target, with smooth ends.
+    """Return the band of the frequencies whose rays reach the target, with smooth ends.
 
     epsilon: largest share of the source's light that may be lost or come from replicas.
     Raises ToleranceError if some rays to the target are grazing.
@@ -209,10 +209,7 @@ class _TargetBands:
     epsilon: float
 
     def taper_above(self, edge: float, outward: bool) -> FrequencyTaper:
-        """Return the propagation's taper above a frequency.
-
-        The taper suits the least slope of the rays beyond that frequency.
-        """
+        """Return the taper above a frequency, which suits the least slope of the rays beyond it."""
         slowest = min(max(edge, 0.0), 0.999999 * self.rays.grazing_frequency) if outward else 0.0
         return FrequencyTaper(edge, self.rays.ray_slope(slowest, self.near), self.epsilon)
 
@@ -231,7 +228,7 @@ class _TargetBands:
         return self._within_field_band(band.mirror_image if backwards else band, axis)
 
     def _taper_beyond_tangent(self, tangent: float, across: float) -> FrequencyTaper:
-        """Return the propagation's taper beyond the frequency of rays with a given tangent.
+        """Return the taper beyond the frequency of rays with a given tangent.
 
         If the tangent isn't positive, an oblique wave reaches it with a frequency of smaller
         modulus.
@@ -241,7 +238,7 @@ class _TargetBands:
         return self.taper_above(self.rays.frequency(tangent, across), outward=False)
 
     def _within_field_band(self, band: AxisBand, axis: int) -> AxisBand:
-        """Return the part of a propagation's band that lies in the field's own band."""
+        """Return the part of a band that lies in the field's own band."""
         span = self.span
         least = span.carrier[axis] - span.half_bandwidths[axis]
         most = span.carrier[axis] + span.half_bandwidths[axis]
@@ -259,7 +256,7 @@ def _rays(span: FreeSpaceSpan) -> PlaneWaveRays:
 
 
 def _target_tangents(span: FreeSpaceSpan, axis: int) -> tuple[float, float]:
-    """Return the least and largest tangent of the rays propagated from source to target."""
+    """Return the least and largest tangent of the rays from source to target."""
     low, high = span.source_extent(axis)
     places = [(corner[axis], abs(corner[2])) for corner in span.numeric.target_corners]
     return min((p - high) / z for p, z in places), max((p - low) / z for p, z in places)
@@ -271,7 +268,7 @@ def _with_period(
     radial: FrequencyTaper | None,
     epsilon: float,
 ) -> FrequencyBand:
-    """Return a propagation band with the least period at which no replica lights the target."""
+    """Return a band with the least period at which no replica lights the target."""
     band = FrequencyBand(axes, radial, (math.inf, math.inf), epsilon)
     rays = _rays(span)
     if not band.largest_frequency < rays.grazing_frequency * (1 - 1e-9):
@@ -286,7 +283,7 @@ def _with_period(
 
 
 def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis: int) -> float:
-    """Return the least period at which the source's replicas don't propagate to the target."""
+    """Return the least period at which the source's replicas send no light to the target."""
     n = span.numeric
     low, high = band.axes[axis].passband
     if n.distance < 0:
@@ -306,9 +303,9 @@ def _period(span: FreeSpaceSpan, band: FrequencyBand, rays: PlaneWaveRays, axis:
 def _largest_tangent(
     band: FrequencyBand, rays: PlaneWaveRays, axis: int, frequency: float
 ) -> float:
-    """Return the largest tangent of a propagated ray with the given frequency along an axis.
+    """Return the largest tangent of a ray with the given frequency along an axis.
 
-    The ray's frequency along the other axis is the largest that the band holds.
+    Its frequency along the other axis is the largest that the band holds.
     """
     if frequency <= 0:
         return rays.tangent(frequency)

@@ -1,4 +1,4 @@
-"""Propagate light paraxially by Fourier transforms between two chirps."""
+"""Fresnel's integral by Fourier transforms between two chirps."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ WavePairs = list[tuple[torch.Tensor, torch.Tensor]]
 
 
 _PLANNING_CALLS = 14
-"""Processor time of planning a propagation by chirped transforms, in function calls."""
+"""Processor time of planning chirped transforms, in function calls."""
 
 
 @dataclass(frozen=True)
 class CellSampling:
     """Cells of constant field on the source, and the nodes at which their envelope is exact.
 
-    sides: metres (y, x). nodes: numbers (y, x) of nodes on the source; between them the envelope
-    is interpolated.
+    sides: metres (y, x).
+    nodes: numbers (y, x) of nodes on the source; between them the envelope is interpolated.
     """
 
     sides: tuple[float, float]
@@ -125,10 +125,7 @@ class ChirpedTransform:
         return _ChirpWaves(waves[0], waves[1])
 
     def _axis_waves(self, axis: int, scale: torch.Tensor) -> WavePairs:
-        """Compute the propagator's chirps before and after the transform along one axis.
-
-        Each envelope node has its own pair of chirps.
-        """
+        """Compute an axis' chirps before and after the transform, a pair for each envelope node."""
         source, target = self._source, self._target
         x = source.coordinates(axis) - source.centre[axis]
         way = target.coordinates(axis) - source.centre[axis]
@@ -150,7 +147,7 @@ class ChirpedTransform:
     def _stretch_and_shift(
         self,
     ) -> tuple[torch.Tensor | None, tuple[torch.Tensor, torch.Tensor] | None]:
-        """Return the stretch and shift that carry derivatives of the propagator's transform."""
+        """Return the stretch and the shift of the transform that carry derivatives."""
         if not (self.differentiable and torch.is_grad_enabled()):
             return None, None
         centre, scale = self._target.centre, self._scale
@@ -179,7 +176,7 @@ class ChirpedTransform:
 
 
 class ChirpedPropagator(ParaxialPropagator):
-    """Propagate by one or several chirped transforms, with tapers on the intermediate planes."""
+    """Chain one or several chirped transforms, with tapers on the intermediate planes."""
 
     _steps: tuple[ChirpedTransform, ...]
 
@@ -198,7 +195,7 @@ class ChirpedPropagator(ParaxialPropagator):
             step.prepare()
 
     def _taper_ends(self, field: torch.Tensor) -> torch.Tensor:
-        """Taper a propagated field on an intermediate plane towards its ends."""
+        """Taper a field on an intermediate plane towards its ends."""
         return field
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
@@ -228,7 +225,6 @@ class _ChirpWaves:
 
     @property
     def adjoint(self) -> _ChirpWaves:
-        """Return the chirp factors of the propagator's adjoint transform."""
         y, x = ([(b.conj(), a.conj()) for a, b in axis] for axis in (self.y, self.x))
         return _ChirpWaves(y, x)
 
@@ -236,7 +232,7 @@ class _ChirpWaves:
 def _sum_terms(
     waves: _ChirpWaves, field: torch.Tensor, transform: Callable[[torch.Tensor], torch.Tensor]
 ) -> torch.Tensor:
-    """Sum a propagator's chirped transforms of a field over all pairs of envelope nodes."""
+    """Sum the transforms of a field over all pairs of envelope nodes."""
     terms = (
         transform(field * before_y[:, None] * before_x) * after_y[:, None] * after_x
         for before_y, after_y in waves.y
@@ -246,17 +242,14 @@ def _sum_terms(
 
 
 def _chebyshev_nodes(x: torch.Tensor, count: int) -> list[float]:
-    """Return `count` Chebyshev nodes in the range of x for the propagator's envelope."""
+    """Return `count` Chebyshev nodes in the range of x."""
     low, high = float(x.min()), float(x.max())
     angles = (2 * np.arange(count) + 1) * math.pi / (2 * count)
     return ((low + high) / 2 + (high - low) / 2 * np.cos(angles)).tolist()
 
 
 def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]:
-    """Evaluate the Lagrange polynomials of the propagator's envelope nodes at x.
-
-    Each polynomial is 1 at one node and 0 at the others.
-    """
+    """Evaluate at x the polynomials that are 1 at one node and 0 at the others."""
     if float(x.max()) == float(x.min()):
         return [torch.full_like(x, 1 / len(nodes)) for _ in nodes]
     found = []
@@ -267,7 +260,7 @@ def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]
 
 
 def envelope_error(turn: float, nodes: int) -> float:
-    """Return the propagator's relative L2 error if cell envelopes are interpolated between nodes.
+    """Return the relative L2 error if cell envelopes are interpolated between nodes.
 
     turn: phase in radians of the source's chirp across its outermost cells. The chirp of a cell
     with phase u is exp(i u d), |d| < 1/2. Lagrange interpolation of it between Chebyshev nodes from
@@ -280,7 +273,7 @@ def envelope_error(turn: float, nodes: int) -> float:
 
 
 def envelope_node_count(turn: float, error: float, most: int) -> int:
-    """Return the fewest envelope nodes that keep a propagator's error; 0 for more than `most`."""
+    """Return the fewest envelope nodes that keep an error; 0 for more than `most`."""
     for nodes in range(1, most + 1):
         # The interpolation along the other axis multiplies the error by its Lebesgue constant,
         # which is below 3.

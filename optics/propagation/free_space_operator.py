@@ -43,38 +43,30 @@ from optics.validation import accepts_numpy, require_unchanged_attributes, round
 class FreeSpaceSettings:
     """Tune how FreeSpace chooses its plans and which tolerance it advises. All values are chosen.
 
-    Attributes
-    ----------
-    first_plan_tol_share : float
-        Share of the tolerance that the first plan keeps, relative to all light of the source. The
-        tolerance on the target then holds if a thousandth of the light reaches the target.
-    fine_rounding, fine_sampling : float
-        Largest errors from rounding and from sampling that the first plan keeps, relative to all
-        light of the source, where that takes little more time. It hardly takes more where it needs
-        no double precision, and a small error can be told of a dim target.
-    single_rounding, finest_sampling : float
-        Largest error from rounding that takes double precision, and the largest error from sampling
-        that the first plan then keeps. A second plan would take longer.
-    worth_fine, worth_dim : float
-        Times as long that planning and all calls may take for a fine first plan, and for a margin
-        for dim targets at all.
-    tight_plan_tol_share : float
-        Share of the tolerance that a second plan keeps, once the light on the target is known.
-    advised_light_share : float
-        Share of the light that must reach the target for an advised tolerance to hold, where the
-        advice is given before a field is known.
-    dim_target_share : float
-        Share of the light below which a target counts as dim.
-    advice_margin : float
-        Factor by which an advised tolerance is increased, because the share of the light in another
-        plan's result may be slightly less.
-    expensive_plan_calls : int
-        Cost of a plan, in function calls, above which a cheaper plan is looked for. Planning
-        itself costs about as much.
-    choice_calls : int
-        Processor time of choosing a method, in function calls.
-    overhead_calls : int
-        Processor time of checking and rescaling a field at each call, in function calls.
+    first_plan_tol_share: share of the tolerance that the first plan keeps, relative to all light of
+        the source. The tolerance on the target then holds if a thousandth of the light reaches the
+        target.
+    fine_rounding, fine_sampling: largest errors from rounding and from sampling that the first plan
+        keeps, relative to all light of the source, where that takes little more time. It hardly
+        takes more where it needs no double precision, and a small error can be told of a dim
+        target.
+    single_rounding, finest_sampling: largest error from rounding that takes double precision, and
+        the largest error from sampling that the first plan then keeps. A second plan would take
+        longer.
+    worth_fine, worth_dim: times as long that planning and all calls may take for a fine first plan,
+        and for a margin for dim targets at all.
+    tight_plan_tol_share: share of the tolerance that a second plan keeps, once the light on the
+        target is known.
+    advised_light_share: share of the light that must reach the target for an advised tolerance to
+        hold, where the advice is given before a field is known.
+    dim_target_share: share of the light below which a target counts as dim.
+    advice_margin: factor by which an advised tolerance is increased, because the share of the light
+        in another plan's result may be slightly less.
+    expensive_plan_calls: cost of a plan, in function calls, above which a cheaper plan is looked
+        for. Planning itself costs about as much.
+    choice_calls: processor time of choosing a method, in function calls.
+    overhead_calls: processor time of checking and rescaling a field at each call, in function
+        calls.
     """
 
     first_plan_tol_share: float = 0.03
@@ -190,26 +182,26 @@ class FreeSpace:
 
     @property
     def method(self) -> str:
-        """Return the name of the propagation method in use."""
+        """The name of the method in use."""
         return self._propagator.name
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one propagation by the first plan, in seconds.
+        """Predict the processor time of a call by the first plan at a machine's speed, in seconds.
 
-        speed: of the machine. After a call with a dim target, `account.cpu_predicted` includes the
-        time of the tighter plans as well.
+        After a call with a dim target, `account.cpu_predicted` includes the time of the tighter
+        plans as well.
         """
         return self._call_seconds(self._propagator, speed)
 
     def _call_seconds(self, propagator: Propagator, speed: MachineSpeed) -> float:
-        """Predict the processor time of a propagation by a plan, with the checks of its field."""
+        """Predict the processor time of a call by a plan, with the checks of its field."""
         check = self._smooth_field_check
         checking = check.cpu_seconds(speed) if check else 0.0
         overhead = _SETTINGS.overhead_calls * speed.call
         return propagator.cpu_seconds(speed) + overhead + checking
 
     def _first_plan(self) -> Propagator:
-        """Plan the propagation with a margin for a target that a small share of the light reaches.
+        """Plan with a margin for a target that a small share of the light reaches.
 
         The margin is dropped if no method keeps it, or if a plan without it is much cheaper.
         """
@@ -236,7 +228,7 @@ class FreeSpace:
             ) from error
 
     def _build_account(self, propagator: Propagator, share: float = 1.0) -> Account:
-        """Build the account of a propagation whose target gets a share of the source's light."""
+        """Build the account for a target that gets a share of the source's light."""
         span, planned = self.span, propagator.error
         sampling, arithmetic = self._errors_on_target(propagator, share)
         sampling += math.sqrt(self._lost_share) * _spread(propagator, share)
@@ -259,7 +251,7 @@ class FreeSpace:
         )
 
     def _planning_seconds(self) -> float:
-        """Predict the processor time of all propagation plans made so far, in seconds."""
+        """Predict the processor time of all plans made so far, in seconds."""
         speed = self.span.budget.speed
         plans = [p for p in (self._propagator, self._tight_propagator) if p is not None]
         choice, check = _SETTINGS.choice_calls * speed.call, self._smooth_field_check
@@ -269,7 +261,7 @@ class FreeSpace:
     def _errors_on_target(self, propagator: Propagator, share: float) -> tuple[float, float]:
         """Return a plan's errors from sampling and from rounding, relative to the target's light.
 
-        share: the share of the propagated light that is on the target; NaN if unknown.
+        share: that of the source's light on the target; NaN if unknown.
         """
         dimness = math.sqrt(min(share, 1.0))
         if dimness == 0:
@@ -279,7 +271,10 @@ class FreeSpace:
     @accepts_numpy
     @in_full_precision
     def __call__(self, field: torch.Tensor) -> torch.Tensor:
-        """Propagate a field ``(..., *source.shape)`` to the target, ``(..., *target.shape)``."""
+        """Compute the field on the target, ``(..., *target.shape)``.
+
+        field: that on the source, ``(..., *source.shape)``.
+        """
         field = self._validate_field(field, self.span.source, "field")
         self._require_unchanged()
         field, light, peak = normalise_strength(field, require_finite_power("field", field))
@@ -289,7 +284,7 @@ class FreeSpace:
         return answer if peak is None else answer * peak
 
     def _propagate_within_tol(self, field: torch.Tensor, light: torch.Tensor) -> torch.Tensor:
-        """Propagate by the first plan, then by tighter plans until the tolerance is kept."""
+        """Use the first plan, then tighter plans until the tolerance is kept."""
         propagator, seconds = self._propagator, 0.0
         while True:
             answer = self._in_chunks(propagator, propagator.forward, field)
@@ -321,7 +316,7 @@ class FreeSpace:
     def _check_smooth_field(
         self, promise: SmoothFieldCheck, field: torch.Tensor, light: torch.Tensor
     ) -> None:
-        """Raise ValueError if a field to propagate isn't smooth.
+        """Raise ValueError if a field isn't smooth.
 
         In the paraxial model, the model's error for this field is stored in the account.
         """
@@ -334,7 +329,7 @@ class FreeSpace:
     @accepts_numpy
     @in_full_precision
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of the propagation, from target to source samples."""
+        """Apply the conjugate transpose, from target to source samples."""
         field = self._validate_field(field, self.span.target, "field")
         self._require_unchanged()
         field, _, peak = normalise_strength(field, require_finite_power("field", field))
@@ -352,7 +347,7 @@ class FreeSpace:
         function: Callable[[torch.Tensor], torch.Tensor],
         field: torch.Tensor,
     ) -> torch.Tensor:
-        """Propagate a batch of fields, as many at a time as the memory holds."""
+        """Apply a function to a batch of fields, as many at a time as the memory holds."""
         together = max(self.span.budget.memory // propagator.bytes, 1)
         batch = field.shape[:-2]
         if math.prod(batch) <= together:
@@ -363,9 +358,9 @@ class FreeSpace:
         return done.reshape(*batch, *done.shape[-2:])
 
     def _least_light_share(self, answer: torch.Tensor, light: torch.Tensor) -> float:
-        """Return the least share of a field's light that propagates to the target, in a batch.
+        """Return the least share of a field's light that reaches the target, in a batch.
 
-        Returns 1 if all fields are dark.
+        Returns 1 if all fields are dark, and NaN if a share isn't finite.
         """
         y, x = self.span.target.pitch
         found = power_shares(field_power(answer) * (y * x), light)
@@ -376,7 +371,7 @@ class FreeSpace:
         return sum(self._errors_on_target(propagator, share)) <= self.span.tol
 
     def _tighter_plan(self, last: Propagator, share: float) -> Propagator:
-        """Return a propagation plan that keeps the tolerance on a dim target.
+        """Return a plan that keeps the tolerance on a dim target.
 
         last: the plan by which the light on the target was found. share: its share of the source's
         light.
@@ -399,7 +394,7 @@ class FreeSpace:
     def _dim_target_error(
         self, last: Propagator, share: float, why: ToleranceError
     ) -> ToleranceError:
-        """Return a ToleranceError for a dim target that names the propagation's least tolerance.
+        """Return a ToleranceError for a dim target that names the least tolerance.
 
         The least tolerance that can be kept follows from the floor of all plans, or from the
         tolerance that the last plan kept. It isn't known where the result is no larger than the
@@ -426,7 +421,7 @@ class FreeSpace:
         )
 
     def _require_unchanged(self) -> None:
-        """Raise ValueError if a tensor length of the free-space span changed after planning."""
+        """Raise ValueError if a tensor length of the span changed after planning."""
         if self.span.has_tensor_lengths:
             lengths = ("distance", "wavelength", "target")
             require_unchanged_attributes(
@@ -435,7 +430,7 @@ class FreeSpace:
 
 
 def _spread(propagator: Propagator, share: float) -> float:
-    """Return how much larger a propagated field's noise is on the target than in all its light.
+    """Return how much larger a field's noise is on the target than in all its light.
 
     The noise spreads as rounding errors do. share: the share of the light on the target.
     """

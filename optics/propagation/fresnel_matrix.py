@@ -1,4 +1,4 @@
-"""Compute Fresnel integrals in closed form, and propagate light by them as matrix products."""
+"""Fresnel integrals in closed form, and the method that applies them as matrix products."""
 
 from __future__ import annotations
 
@@ -31,9 +31,7 @@ _PART = 1 << 18
 
 
 def mean_chirp(place: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
-    """Return the mean of a Fresnel propagation's chirp over an interval, complex128.
-
-    The chirp is exp(i pi (u² + 2 u place)), and the interval is ``|u| < width / 2``.
+    """Return the mean of exp(i pi (u² + 2 u place)) over ``|u| < width / 2``, complex128.
 
     place: real tensor. width: 0-d tensor, positive. This mean is an interval's Fresnel integral
     after division by its width and by the chirp at its centre. With v = u + place,
@@ -70,7 +68,7 @@ class _MeanChirp(torch.autograd.Function):
 
 
 def _mean_chirps(place: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of Fresnel propagation for an array of places, block by block."""
+    """Compute mean_chirp() for an array of places, block by block."""
     means = np.empty(place.size, dtype=np.complex128)
     for start in range(0, place.size, _PART):
         t = np.abs(place[start : start + _PART])
@@ -84,7 +82,7 @@ def _mean_chirps(place: _Reals, width: float) -> _Complexes:
 
 
 def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of short propagation intervals by Gauss-Legendre quadrature."""
+    """Compute mean_chirp() of short intervals by Gauss-Legendre quadrature."""
     total = np.zeros(t.size, dtype=np.complex128)
     for node, weight in zip(_NODES * width / 2, _WEIGHTS / 2, strict=True):
         total += weight * np.exp(1j * math.pi * node * (node + 2 * t))
@@ -92,7 +90,7 @@ def _mean_by_quadrature(t: _Reals, width: float) -> _Complexes:
 
 
 def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
-    """Compute mean_chirp() of long propagation intervals from the integrals beyond both ends.
+    """Compute mean_chirp() of long intervals from the integrals beyond both ends.
 
     For t < width / 2, the near end of the interval is on the other side of the chirp's centre.
     """
@@ -105,22 +103,19 @@ def _mean_by_end_terms(t: _Reals, width: float) -> _Complexes:
 
 
 def _scaled_tail_integral(t: _Reals) -> _Complexes:
-    """Return exp(-i pi t²) times the Fresnel propagation integral from t >= 0 to infinity.
-
-    The integrand is exp(i pi v²).
-    """
+    """Return exp(-i pi t²) times the integral of exp(i pi v²) from t >= 0 to infinity."""
     values = np.asarray(wofz(_ROOT_I * math.sqrt(math.pi) * t), dtype=np.complex128)
     return 0.5 * _ROOT_I * values
 
 
 def _phasor(half_turns: _Reals) -> _Complexes:
-    """Return the propagation phasor exp(i pi half_turns)."""
+    """Return exp(i pi half_turns)."""
     angle = math.pi * (half_turns - 2 * np.round(half_turns / 2))
     return np.cos(angle) + 1j * np.sin(angle)
 
 
 def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
-    """Return a cell's paraxially propagated field along an axis, over that of its centre point.
+    """Return a cell's paraxial field along an axis, over that of its centre point.
 
     offset: metres from the cell's centre to the target. side: metres. scale: wavelength times
     distance in square metres, not 0; a 0-d tensor. The result is the mean of
@@ -132,7 +127,7 @@ def cell_envelope(offset: torch.Tensor, side: float, scale: torch.Tensor) -> tor
 
 
 def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch.Tensor:
-    """Return the paraxially propagated field along one axis of a cell of amplitude 1.
+    """Return the paraxial field along one axis of a cell of amplitude 1.
 
     It is the integral of exp(i pi (offset - d)² / scale) / sqrt(i scale) over |d| < side / 2. The
     field of a rectangle is the product of two such kernels, one along each axis.
@@ -141,10 +136,7 @@ def cell_kernel(offset: torch.Tensor, side: float, scale: torch.Tensor) -> torch
 
 
 def point_kernel(offset: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-    """Return the impulse response of paraxial propagation along one axis.
-
-    It is exp(i pi offset² / scale) / sqrt(i scale).
-    """
+    """Return the impulse response along one axis, exp(i pi offset² / scale) / sqrt(i scale)."""
     turn = -0.125 if float(scale.detach()) > 0 else 0.125
     phasor = unit_phasor(offset**2 / (2 * scale) + turn, torch.complex128)
     return phasor / torch.sqrt(torch.abs(scale))
@@ -153,7 +145,7 @@ def point_kernel(offset: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
 def band_kernel(
     offset: torch.Tensor, pitch: float, carrier: float, scale: torch.Tensor
 ) -> torch.Tensor:
-    """Return the paraxially propagated field of one band-limited sample along one axis.
+    """Return the paraxial field of one band-limited sample along one axis.
 
     It is pitch times the integral of exp(-i pi scale f² + 2 pi i f offset) over the frequencies f
     within 0.5 / pitch of the carrier, which is a Fresnel integral over the spectrum.
@@ -169,15 +161,10 @@ def band_kernel(
 class FresnelMatrixSettings:
     """Tune how the matrices of Fresnel's integral are computed, and predict the cost.
 
-    Attributes
-    ----------
-    block_elements : int
-        Number of matrix elements that are computed at once. Chosen.
-    element_bytes : int
-        Memory in bytes per element while it is computed.
-    element_touches : int
-        Processor time per element, in passes over one complex number. It includes two values of
-        Faddeeva's function.
+    block_elements: number of matrix elements that are computed at once. Chosen.
+    element_bytes: memory in bytes per element while it is computed.
+    element_touches: processor time per element, in passes over one complex number. It includes two
+        values of Faddeeva's function.
     """
 
     block_elements: int = 1 << 20
@@ -189,7 +176,7 @@ _SETTINGS = FresnelMatrixSettings()
 
 
 class FresnelMatrices(ParaxialPropagator):
-    """Propagate by Fresnel's integral, with one matrix for each axis.
+    """Compute Fresnel's integral with one matrix for each axis.
 
     The paraxial kernel is the product of a kernel along y and one along x (thesis Eq. 2.12,
     section 4.2 of Goodman), so
@@ -212,7 +199,7 @@ class FresnelMatrices(ParaxialPropagator):
         self._cached_matrices: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def _turns(self) -> float:
-        """Return the propagation kernel's phase between the two most distant points, in turns.
+        """Return the kernel's phase between the two most distant points, in turns.
 
         The phase of a smooth field is limited by the field's own fringes.
         """
@@ -234,19 +221,19 @@ class FresnelMatrices(ParaxialPropagator):
         return band_kernel(way, span.source.pitch[axis], span.carrier[axis], scale)
 
     def _is_toeplitz(self, axis: int) -> bool:
-        """Return whether source and target of the propagation have the same pitch along an axis."""
+        """Return whether source and target have the same pitch along an axis."""
         source, target = self.span.source, self.span.target
         longest = max(source.shape[axis], target.shape[axis])
         unlike = abs(target.pitch[axis] - source.pitch[axis])
         return unlike * longest < 1e-15 * source.pitch[axis]
 
     def _kernel_count(self) -> int:
-        """Return how many values of the propagation kernels the two matrices need."""
+        """Return how many values of the kernels the two matrices need."""
         sides = zip(self.span.target.shape, self.span.source.shape, strict=True)
         return sum(m + n - 1 if self._is_toeplitz(a) else m * n for a, (m, n) in enumerate(sides))
 
     def _matrix(self, axis: int) -> torch.Tensor:
-        """Compute the Fresnel propagation matrix (target samples, source samples) along an axis."""
+        """Compute the matrix (target samples, source samples) along an axis."""
         source, target = self.span.source, self.span.target
         n = source.shape[axis]
         if self._is_toeplitz(axis):
@@ -260,10 +247,7 @@ class FresnelMatrices(ParaxialPropagator):
         return torch.cat(parts)
 
     def _toeplitz_matrix(self, axis: int) -> torch.Tensor:
-        """Compute the Fresnel propagation matrix between planes of equal pitch.
-
-        The kernel is computed once for each lag.
-        """
+        """Compute the matrix between planes of equal pitch, with one kernel value for each lag."""
         source, target = self.span.source, self.span.target
         m, n = target.shape[axis], source.shape[axis]
         lag = torch.arange(m + n - 1, dtype=torch.float64) - (n - 1) + n // 2 - m // 2

@@ -1,4 +1,4 @@
-"""Propagate light by Fresnel's integral in one Fourier transform, or in two."""
+"""Fresnel's integral in one Fourier transform, or in two."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from optics.propagation.spectral_propagator import transform_error_share
 
 
 class SingleFresnel(ChirpedPropagator):
-    """Propagate by one Fourier transform between two chirps (section 4.2.1 of Goodman).
+    """Use one Fourier transform between two chirps (section 4.2.1 of Goodman).
 
     The target may have any pitch and window. A smooth field is summed over its samples, which
     requires a distance at which no replica of its spectrum sends light to the target
@@ -69,7 +69,7 @@ class SingleFresnel(ChirpedPropagator):
 
 
 def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
-    """Raise ToleranceError if a replica of a smooth field's spectrum propagates to the target."""
+    """Raise ToleranceError if a replica of a smooth field's spectrum sends light to the target."""
     n = span.numeric
     for axis in (0, 1):
         band, reach, pitch = (
@@ -90,7 +90,7 @@ def require_replicas_miss_target(name: str, span: FreeSpaceSpan) -> None:
 def plan_cell_sampling(
     span: FreeSpaceSpan, scale: float, error: float
 ) -> tuple[CellSampling, float]:
-    """Return the envelope nodes for cells in Fresnel propagation, and the resulting error.
+    """Return the envelope nodes for cells, and the resulting error.
 
     scale: wavelength times distance of the transform, square metres. error: the error allowed.
     Raises ToleranceError if the chirp varies too fast across the outermost cells.
@@ -126,9 +126,10 @@ Near targets need a plane beyond the target or behind the source, where the chir
 class IntermediateAxis:
     """The samples of the intermediate plane along one axis, and the tapers at its ends.
 
-    low, high: first and last position in metres. pitch: largest distance between samples in metres.
+    low, high: first and last position in metres.
+    pitch: largest distance between samples in metres.
     below, above: (centre, sigma) in metres of the smooth steps at either end; None where the field
-    has died away without a taper.
+        has died away without a taper.
     """
 
     low: float
@@ -151,7 +152,7 @@ class IntermediateAxis:
 
 
 class TwoStepFresnel(ChirpedPropagator):
-    """Propagate by one Fresnel transform to an intermediate plane and one from there to the target.
+    """Use one Fresnel transform to an intermediate plane and one from there to the target.
 
     The method is that of Schmidt (2010, Numerical Simulation of Optical Wave Propagation,
     10.1117/3.866274, equations 6.24 to 6.29) and Voelz (2011, Computational Fourier Optics,
@@ -214,10 +215,7 @@ class TwoStepFresnel(ChirpedPropagator):
     def _cheapest_plane(
         self,
     ) -> tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None]:
-        """Return the cheapest intermediate plane of two-step propagation.
-
-        Returns the plane's position, its samples, and the nodes for cells.
-        """
+        """Return where the cheapest intermediate plane is, its samples, and nodes for cells."""
         n, best = self._paraxial_span.numeric, math.inf
         found: (
             tuple[float, tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None
@@ -251,7 +249,7 @@ class TwoStepFresnel(ChirpedPropagator):
     def _plane_at(
         self, part: float
     ) -> tuple[tuple[IntermediateAxis, IntermediateAxis], CellSampling | None] | None:
-        """Plan a propagation's intermediate plane at a part of the distance, or None if invalid."""
+        """Plan the intermediate plane at a part of the distance; None if it isn't valid there."""
         n, cells = self._paraxial_span.numeric, None
         if n.cells is not None:
             try:
@@ -274,7 +272,7 @@ class TwoStepFresnel(ChirpedPropagator):
         return IntermediateAxis(low, high, pitch, below, above)
 
     def _turns(self, part: float, axes: tuple[IntermediateAxis, IntermediateAxis]) -> float:
-        """Return the largest phase of the chirps of both propagation steps, in turns."""
+        """Return the largest phase of the chirps of both steps, in turns."""
         n = self._paraxial_span.numeric
         most = 0.0
         for axis, between in enumerate(axes):
@@ -321,10 +319,7 @@ class _IntermediateLight:
         self.window = self._find_window()
 
     def _smooth_light_interval(self, part: float) -> Interval | None:
-        """Return where a smooth field's light is after propagation by a part of the distance.
-
-        Returns None for cells.
-        """
+        """Return where a smooth field's light is after a part of the distance; None for cells."""
         span, axis = self._span, self._axis
         if span.cells is not None:
             return None
@@ -338,10 +333,7 @@ class _IntermediateLight:
     def _find_window(
         self,
     ) -> tuple[float, float, tuple[float, float] | None, tuple[float, float] | None] | None:
-        """Return the ends and the tapers of the propagation's intermediate plane.
-
-        Returns None if the plane isn't valid.
-        """
+        """Return the ends and the tapers of the intermediate plane; None if it isn't valid."""
         part = self._part
         through = [a + part * (b - a) for a in self._source for b in self._target]
         low = min(through) - self._dark_margin - self._step_width
@@ -357,7 +349,7 @@ class _IntermediateLight:
         return left, right, below if left == low else None, above if right == high else None
 
     def _replicas_miss_window(self, low: float, high: float) -> bool:
-        """Return whether replicas of the source miss the propagation's intermediate plane."""
+        """Return whether replicas of the source miss the intermediate plane."""
         span, axis = self._span, self._axis
         scale = self._part * span.scale
         ways = (low - self._source[1], high - self._source[0])
@@ -372,7 +364,7 @@ class _IntermediateLight:
 
     @property
     def target_interval(self) -> Interval:
-        """Return the part of the target's plane to which the intermediate light propagates."""
+        """The part of the target's plane that the intermediate light reaches."""
         assert self.window is not None
         part = self._part
         low, high, below, above = self.window
@@ -385,13 +377,13 @@ class _IntermediateLight:
 
 
 def _target_ends(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the least and largest position of the propagation's target samples on an axis, m."""
+    """Return the least and largest position of the target's samples on an axis, in metres."""
     places = [corner[axis] for corner in span.target_corners]
     return min(places), max(places)
 
 
 def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
-    """Return the propagation's intermediate plane, with sample counts that suit FFTs."""
+    """Return the intermediate plane, with sample counts that suit FFTs."""
     shape, pitch, centre = [], [], []
     for axis in axes:
         count = scipy.fft.next_fast_len(axis.count)
@@ -403,6 +395,6 @@ def _sampled_plane(axes: tuple[IntermediateAxis, IntermediateAxis]) -> Plane:
 
 
 def _chirp_z_operations(source: tuple[int, int], target: tuple[int, int]) -> float:
-    """Estimate the operations of a propagator's chirp-Z transform between two planes."""
+    """Estimate the operations of a chirp-Z transform between two planes."""
     rows, columns = (chirp_length(n, m) for n, m in zip(source, target, strict=True))
     return source[1] * fft_operations(rows) + target[0] * fft_operations(columns)

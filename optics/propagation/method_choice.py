@@ -1,4 +1,4 @@
-"""List the free-space propagation methods and choose the cheapest for a span."""
+"""All methods of free space by name, and the choice of the cheapest for a span."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ parallel planes, and the search for a two-step plane takes as long as ten calls.
 
 
 def methods_for_span(span: FreeSpaceSpan, method: str | None) -> MethodChoice[Propagator]:
-    """Return the propagation methods that are valid for a span, the cheapest first.
+    """Return the methods that are valid for a span, the cheapest first.
 
     method: one of METHODS, or None for all of them that are worth a comparison.
     """
@@ -72,16 +72,13 @@ def methods_for_span(span: FreeSpaceSpan, method: str | None) -> MethodChoice[Pr
 
 
 class _Comparison:
-    """Plan propagation methods one after the other, as long as that may be worth its time."""
+    """Plan methods one after the other, as long as that may be worth its time."""
 
     def __init__(self, span: FreeSpaceSpan) -> None:
         self._span, self._least_seconds = span, math.inf
 
     def propagator(self, name: str) -> Propagator:
-        """Return a propagation method; raise ToleranceError where another is quicker than a plan.
-
-        name: one of METHODS.
-        """
+        """Return a method of METHODS; raise ToleranceError where another is quicker than a plan."""
         budget = self._span.budget
         if self._least_seconds < _SEARCH_CALLS[name] * budget.speed.call:
             raise ToleranceError(f"{name} isn't compared, because another method is quicker")
@@ -92,7 +89,7 @@ class _Comparison:
 
 
 def prepare_cheapest(choice: MethodChoice[Propagator], tol: float) -> Propagator:
-    """Prepare and return the cheapest propagation method that keeps the tolerance.
+    """Prepare and return the cheapest method that keeps the tolerance.
 
     Raises ToleranceError or ValueError with the reasons of all methods if there is none.
     """

@@ -14,7 +14,7 @@ Interval = tuple[float, float]
 
 
 def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float]:
-    """Return two widths of a smooth step in a propagated field's spectrum, cycles per metre.
+    """Return two widths of a smooth step in a field's spectrum, cycles per metre.
 
     The first is the distance from the step's centre to its end, the second to where it passes no
     light. kappa: dX/df, square metres. room: cycles per metre between the step's centre and the
@@ -30,9 +30,9 @@ def step_widths(kappa: float, room: float, epsilon: float) -> tuple[float, float
 
 
 def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: float) -> float:
-    """Return the margin beyond a propagation band outside which rays carry no light of it.
+    """Return the margin beyond a band outside which rays carry no light of it, cycles per metre.
 
-    The margin is in cycles per metre. pitch: metres; replicas of the band are 1 / pitch apart.
+    pitch: metres; replicas of the band are 1 / pitch apart.
     """
     return sum(step_widths(kappa, (1 / pitch - (band[1] - band[0])) / 2, epsilon))
 
@@ -40,7 +40,7 @@ def diffraction_margin(kappa: float, band: Interval, pitch: float, epsilon: floa
 def replicas_miss_target(
     band: Interval, pitch: float, reach: Interval, kappa: float, epsilon: float
 ) -> bool:
-    """Return whether no replica of a propagation's band has rays that reach the target."""
+    """Return whether no replica of a band has rays that reach the target."""
     margin = diffraction_margin(kappa, band, pitch, epsilon)
     if not math.isfinite(margin):
         return False
@@ -50,17 +50,14 @@ def replicas_miss_target(
 
 
 def field_band(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the least and largest frequency of a propagation's smooth field along an axis."""
+    """Return the least and largest frequency of a smooth field along an axis."""
     return span.carrier[axis] - span.half_bandwidths[axis], span.carrier[
         axis
     ] + span.half_bandwidths[axis]
 
 
 def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
-    """Return the least and largest frequency of rays that propagate from source to target.
-
-    axis: 0 (y) or 1 (x).
-    """
+    """Return the least and largest frequency of rays from source to target along an axis."""
     n = span.numeric
     depths = [abs(corner[2]) for corner in span.target_corners]
     low, high = span.lateral_range(axis)
@@ -77,7 +74,7 @@ def target_ray_frequencies(span: FreeSpaceSpan, axis: int) -> Interval:
 def _ray_frequency(
     wavelength: float, way: float, depth: float, side: float, paraxial: bool
 ) -> float:
-    """Return the frequency along an axis of a propagated ray.
+    """Return the frequency of a ray along an axis.
 
     way, side, depth: the ray's displacement along this axis, the other one and the optical axis.
     """
@@ -87,7 +84,7 @@ def _ray_frequency(
 
 
 def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: int) -> int:
-    """Return the oversampling factor at which a smooth field can be propagated as a sum.
+    """Return the oversampling factor at which a smooth field may be summed over its samples.
 
     The result is 0 if the factor would exceed `most`. Replicas at frequencies beyond 1 / wavelength
     are evanescent, so they may also decay before the target.
@@ -119,13 +116,13 @@ def oversampling_factor(span: FreeSpaceSpan, axis: int, epsilon: float, most: in
 
 
 def _evanescent_decay(frequency: float, wavelength: float, distance: float) -> float:
-    """Return the amplitude that an evanescent wave keeps in free space, or 1 for other waves."""
+    """Return the share of an evanescent wave's amplitude that is left, or 1 for other waves."""
     square = frequency**2 - 1 / wavelength**2
     return math.exp(-2 * math.pi * distance * math.sqrt(square)) if square > 0 else 1.0
 
 
 def paraxial_model_error(span: FreeSpaceSpan, frequency: float) -> float:
-    """Return the error of paraxial propagation for frequencies up to `frequency`, cycles/m.
+    """Return the error of the paraxial model for frequencies up to `frequency`, cycles/m.
 
     The error is 0 for a span whose declared model is paraxial. Raises ToleranceError where the
     paraxial phase error of a scalar wave exceeds its share of the tolerance.
@@ -166,7 +163,7 @@ class ParaxialPropagator(Propagator):
 
 
 def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
-    """Return the largest frequency at which a Fresnel propagator's kernel phase matters, cycles/m.
+    """Return the largest frequency at which a Fresnel kernel's phase matters, cycles/m.
 
     The next term of the phase, c f⁴, adds c times (D_y² + D_x²)² h to the kernel h, with
     D = d/dx / (2 pi i). On the chirp exp(i pi x² / scale), D² is f² + 1 / (2 pi i scale) and D⁴ is
@@ -183,6 +180,6 @@ def _largest_kernel_frequency(span: FreeSpaceSpan) -> float:
 
 
 def kernel_turns(span: FreeSpaceSpan) -> float:
-    """Return the paraxial propagation kernel's phase between the two farthest points, in turns."""
+    """Return the paraxial kernel's phase between the two farthest points, in turns."""
     ways = (max(map(abs, span.lateral_range(axis))) for axis in (0, 1))
     return max(way**2 for way in ways) / (2 * abs(span.numeric.scale))

@@ -1,4 +1,4 @@
-"""Define the interface of all free-space propagation methods, their precision and tolerance."""
+"""The interface of all methods of free space, their precision and their shares of the tolerance."""
 
 from __future__ import annotations
 
@@ -21,34 +21,23 @@ from optics.propagation.span import FreeSpaceSpan
 
 @dataclass(frozen=True)
 class PropagationToleranceShares:
-    """Set which share of a propagation's tolerance each source of error may use.
+    """Set which share of the tolerance each source of error may use.
 
     All fields are shares of `tol`, between 0 and 1, and all values are chosen. No method uses all
     of them at once.
 
-    Attributes
-    ----------
-    band : float
-        For the light that a spectral method cuts off, and the light of replicas.
-    transform : float
-        For each of the two Fourier transforms of a method.
-    sampling : float
-        For the samples of a Fresnel method: replicas that pass close to the target, or a cell's
-        envelope between its interpolation nodes.
-    replica : float
-        For each of the four nearest replicas of a smooth field in a Fresnel method.
-    model : float
-        For what a paraxial method leaves out of a scalar wave.
-    chirp_rounding : float
-        For the rounding of the long chirps of the two-step Fresnel method.
-    single_precision : float
-        For the rounding of a computation in complex64.
-    direct : float
-        For one axis of the direct quadrature: the nearest replica of a smooth field, or the
+    band: for the light that a spectral method cuts off, and the light of replicas.
+    transform: for each of the two Fourier transforms of a method.
+    sampling: for the samples of a Fresnel method: replicas that pass close to the target, or a
+        cell's envelope between its interpolation nodes.
+    replica: for each of the four nearest replicas of a smooth field in a Fresnel method.
+    model: for what a paraxial method leaves out of a scalar wave.
+    chirp_rounding: for the rounding of the long chirps of the two-step Fresnel method.
+    single_precision: for the rounding of a computation in complex64.
+    direct: for one axis of the direct quadrature: the nearest replica of a smooth field, or the
         Gauss-Legendre rule inside a cell.
-    smooth_field : float
-        For the light of a smooth field that lies outside its declared band or at the edges of the
-        source.
+    smooth_field: for the light of a smooth field that lies outside its declared band or at the
+        edges of the source.
     """
 
     band: float = 0.4
@@ -63,7 +52,7 @@ class PropagationToleranceShares:
 
     @property
     def spectral(self) -> float:
-        """Return the share of all sampling errors of a spectral propagation method."""
+        """The share of all sampling errors of a spectral method."""
         return self.band + 2 * self.transform
 
 
@@ -78,13 +67,13 @@ It was measured against complex128 and multiplied by a margin of two.
 
 
 def phase_rounding(turns: float) -> float:
-    """Return the rounding error in radians of a float64 propagation phase of `turns` turns."""
+    """Return the rounding error in radians of a float64 phase of `turns` turns."""
     # The relative error of such a phase is half a unit in the last place, twice.
     return 2 * math.pi * turns * 2.3e-16
 
 
 def tolerance_below_error_floor(tol: float, share: float, fixed: float) -> ToleranceError:
-    """Return the ToleranceError of a propagation, with the least tolerance that can be kept.
+    """Return the ToleranceError that names the least tolerance that can be kept.
 
     share: the share of any tolerance that sampling may use. fixed: the error that doesn't decrease
     with the tolerance, which is that of rounding and of the paraxial model.
@@ -95,7 +84,7 @@ def tolerance_below_error_floor(tol: float, share: float, fixed: float) -> Toler
 def working_precision(
     tol: float, turns: float, share: float = 0.0, *, double: bool = False
 ) -> tuple[torch.dtype, float]:
-    """Return the dtype of a propagated field, and its relative L2 error from rounding.
+    """Return the dtype of a field, and its relative L2 error from rounding.
 
     turns: the largest phase in turns; computed in float64, its error is `phase_rounding(turns)`.
     share: the share of the tolerance that sampling may use. double: whether complex64 is excluded.
@@ -112,7 +101,7 @@ def working_precision(
 
 
 class Propagator(CandidateMethod):
-    """Base class of all methods of free-space propagation: a linear map from source to target.
+    """Base class of all methods of free space: a linear map from source to target.
 
     It maps samples on a span's source to the field on its target. The constructor allocates
     nothing large. It computes the memory, the processor time and the sampling error, and raises
@@ -153,7 +142,7 @@ class Propagator(CandidateMethod):
         self.span = span
 
     def _require_parallel(self) -> None:
-        """Raise ValueError if the propagation's source and target plane aren't parallel."""
+        """Raise ValueError if source and target plane aren't parallel."""
         if any(self.span.tilt):
             raise ValueError(
                 f"tilt is {self.span.tilt} rad; {self.name} needs parallel planes, a target that "
@@ -161,7 +150,7 @@ class Propagator(CandidateMethod):
             )
 
     def _set_error_bound(self, error: float, share: float, model: float) -> None:
-        """Set the propagator's error bound, or raise ToleranceError if it exceeds the tolerance.
+        """Set the bound of the error, or raise ToleranceError if it exceeds the tolerance.
 
         The exception names the least tolerance that can be kept. share: the share of any tolerance
         that sampling may use. model: the error of the paraxial model, which doesn't decrease with
@@ -172,12 +161,12 @@ class Propagator(CandidateMethod):
             raise tolerance_below_error_floor(tol, share, self.arithmetic + model)
 
     def _slowness(self, speed: MachineSpeed) -> float:
-        """Return the time of an operation in this propagator's dtype over that in complex64."""
+        """Return the time of an operation in this dtype over that in complex64."""
         return speed.double if self.dtype == torch.complex128 else 1.0
 
     @property
     def rounding_share(self) -> float:
-        """Return the largest share of a propagation's rounding errors that are on the target.
+        """The largest share of the rounding errors that are on the target.
 
         The share is of their power. Rounding errors are uncorrelated between samples, so that they
         spread over all of the light's range, and a small or dim target gets few of them.
@@ -186,13 +175,13 @@ class Propagator(CandidateMethod):
 
     @property
     def precision(self) -> str:
-        """Return the name of the propagator's floating-point precision."""
+        """The name of the floating-point precision."""
         return "float64" if self.dtype == torch.complex128 else "float32"
 
     @abstractmethod
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        """Propagate a field from the source to the target, ``(..., *target.shape)``."""
+        """Compute the field on the target, ``(..., *target.shape)``, from the source's samples."""
 
     @abstractmethod
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of the propagation, from target to source samples."""
+        """Apply the conjugate transpose, from target to source samples."""

@@ -1,4 +1,4 @@
-"""Propagate light by direct quadrature of the diffraction integral, slow but accurate."""
+"""Direct quadrature of the diffraction integral, slow but accurate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _RHO = 1 + np.geomspace(1e-3, 1e9, 300)
 
 
 def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int) -> int:
-    """Return how many nodes propagate a cell's spherical wave; 0 for more than `most`.
+    """Return how many nodes integrate a spherical wave over a cell; 0 for more than `most`.
 
     The nodes integrate a spherical wave over a cell. The wave is exp(i (h x + b x²)) over |x| < 1,
     with |h| <= turn and |b| <= bend in radians, times an amplitude. error: relative error of the
@@ -44,7 +44,7 @@ def gauss_nodes(turn: float, bend: float, depth: float, error: float, most: int)
 
 
 def _phase_nodes(turn: float, bend: float, error: float) -> int:
-    """Return how many Gauss-Legendre nodes the propagated wave's phase alone needs.
+    """Return how many Gauss-Legendre nodes the wave's phase alone needs.
 
     The error of the mean with n nodes is at most 32 / 15 M rho^(-2n) / (1 - rho^(-2)), for a
     function that is no larger than M on the ellipse of foci ± 1 and semi-axis sum rho (Trefethen
@@ -63,7 +63,7 @@ def _phase_nodes(turn: float, bend: float, error: float) -> int:
 
 
 def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
-    """Upsample a field for propagation by `factor` along its last axis.
+    """Upsample a field by `factor` along its last axis.
 
     The field's spectrum is padded with zeros. The first of each group of `factor` samples coincides
     with a sample of the field. carrier: turns from sample to sample, at the middle of the spectrum.
@@ -82,7 +82,7 @@ def upsample(field: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
 
 
 def upsample_adjoint(fine: torch.Tensor, factor: int, carrier: float) -> torch.Tensor:
-    """Apply the conjugate transpose of `upsample` to a propagated field on finer samples."""
+    """Apply the conjugate transpose of `upsample` to a field on finer samples."""
     if factor == 1:
         return fine
     n = fine.shape[-1] // factor
@@ -93,7 +93,7 @@ def upsample_adjoint(fine: torch.Tensor, factor: int, carrier: float) -> torch.T
 
 
 def _first(n: int, factor: int) -> int:
-    """Return the index of the field's lowest frequency in the propagator's padded spectrum."""
+    """Return the index of the field's lowest frequency in the padded spectrum."""
     return (n * factor) // 2 - n // 2
 
 
@@ -106,21 +106,14 @@ def _carrier_phasor(n: int, turns: float, like: torch.Tensor) -> torch.Tensor:
 class DirectQuadratureSettings:
     """Tune the direct quadrature of the diffraction integral.
 
-    Attributes
-    ----------
-    max_points : int
-        Largest number of points along an axis in place of one sample: nodes of a cell, or finer
-        samples of a smooth field. Chosen.
-    tile_pairs : int
-        Pairs of a source point and a target sample per tile, chosen so that they fit in the
+    max_points: largest number of points along an axis in place of one sample: nodes of a cell, or
+        finer samples of a smooth field. Chosen.
+    tile_pairs: pairs of a source point and a target sample per tile, chosen so that they fit in the
         processor's caches.
-    tile_source_points : int
-        Source points per tile, unless a single row has more. Chosen.
-    pair_bytes : int
-        Memory in bytes per pair of a tile.
-    pair_touches : int
-        Processor time of a pair, in passes over one complex number: one phase, computed in
-        float64, and a square root. Single precision would hardly be faster.
+    tile_source_points: source points per tile, unless a single row has more. Chosen.
+    pair_bytes: memory in bytes per pair of a tile.
+    pair_touches: processor time of a pair, in passes over one complex number: one phase, computed
+        in float64, and a square root. Single precision would hardly be faster.
     """
 
     max_points: int = 1000
@@ -195,9 +188,9 @@ class DirectQuadrature(Propagator):
         self.sampling = f"{columns}x{rows} source points"
 
     def _factor(self, axis: int) -> int:
-        """Return how many points replace a source sample along an axis in direct propagation.
+        """Return how many points replace a source sample along an axis.
 
-        The points are nodes of a cell, or finer samples of a smooth field.
+        They are nodes of a cell, or finer samples of a smooth field.
         """
         n, error = self.span.numeric, TOLERANCE_SHARES.direct * self.span.sampling_tol
         most = _SETTINGS.max_points
@@ -218,7 +211,7 @@ class DirectQuadrature(Propagator):
         return factor
 
     def _turns(self) -> float:
-        """Return the propagation kernel's phase between the two most distant points, in turns."""
+        """Return the kernel's phase between the two most distant points, in turns."""
         n = self.span.numeric
         ways = [max(map(abs, n.lateral_range(axis))) for axis in (0, 1)]
         deepest = max(abs(corner[2]) for corner in n.target_corners)
@@ -243,7 +236,7 @@ class DirectQuadrature(Propagator):
         return speed.call + pairs * _SETTINGS.pair_touches * speed.touch
 
     def prepare(self) -> None:
-        """Do nothing, because direct propagation keeps no kernel between calls."""
+        """Do nothing, because no kernel is kept between calls."""
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
         points = self._apply_along_axes(self._samples_to_points, field.to(self.dtype))
@@ -268,10 +261,7 @@ class DirectQuadrature(Propagator):
         return field
 
     def _samples_to_points(self, axis: int, field: torch.Tensor) -> torch.Tensor:
-        """Return the field on the propagation's quadrature points along an axis.
-
-        Each value is multiplied by the length that its point represents.
-        """
+        """Return the field on the quadrature points along an axis, times each point's length."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -279,7 +269,7 @@ class DirectQuadrature(Propagator):
         return (field[..., None] * self._weights(axis, field.device)).flatten(-2)
 
     def _points_to_samples(self, axis: int, points: torch.Tensor) -> torch.Tensor:
-        """Apply _samples_to_points()'s adjoint to values on the propagation's quadrature points."""
+        """Apply the adjoint of _samples_to_points()."""
         span, factor = self.span, self._factors[axis]
         pitch = span.source.pitch[axis]
         if span.cells is None:
@@ -288,13 +278,13 @@ class DirectQuadrature(Propagator):
         return (parts * self._weights(axis, points.device)).sum(-1)
 
     def _weights(self, axis: int, device: torch.device) -> torch.Tensor:
-        """Return the Gauss-Legendre weights of a propagated cell along an axis, in metres."""
+        """Return the Gauss-Legendre weights of a cell along an axis, in metres."""
         assert self.span.cells is not None
         weights = gauss_legendre(self._factors[axis])[1] / 2
         return torch.from_numpy(weights * self.span.cells[axis]).to(device)
 
     def _point_coordinates(self, axis: int) -> torch.Tensor:
-        """Return the propagation's quadrature points on the source along an axis, in metres."""
+        """Return the quadrature points on the source along an axis, in metres."""
         source, factor = self.span.source, self._factors[axis]
         x = source.coordinates(axis)
         if self.span.cells is not None:
@@ -305,7 +295,7 @@ class DirectQuadrature(Propagator):
         return (x[:, None] + inside).flatten()
 
     def _target(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return y, x and depth of the propagation's target samples as flat tensors, in metres."""
+        """Return y, x and depth of the target's samples as flat tensors, in metres."""
         target = self.span.target
         y = (target.coordinates(0) - target.centre[0])[:, None].expand(target.shape)
         x = (target.coordinates(1) - target.centre[1])[None, :].expand(target.shape)
@@ -314,9 +304,9 @@ class DirectQuadrature(Propagator):
         return y.reshape(-1), x.reshape(-1), (z * self._sign).reshape(-1)
 
     def _sum(self, values: torch.Tensor, *, adjoint: bool) -> torch.Tensor:
-        """Multiply fields by the matrix of the propagation kernel h, or by its adjoint.
+        """Multiply fields by the matrix of the kernel h, or by its conjugate transpose.
 
-        values: (points of a plane, fields). The adjoint is the conjugate transpose.
+        values: fields on a plane, (points, fields).
         """
         device = values.device
         target = [p.to(device) for p in self._target()]
@@ -341,10 +331,7 @@ class DirectQuadrature(Propagator):
         return torch.cat(sums)
 
     def _tile(self, values: torch.Tensor, adjoint: bool, *geometry: torch.Tensor) -> torch.Tensor:
-        """Multiply one tile of the propagation kernel by its values.
-
-        Derivatives compute the tile again, so that it needn't be kept.
-        """
+        """Multiply a tile of the kernel by its values; derivatives compute the tile again."""
         if torch.is_grad_enabled() and any(t.requires_grad for t in (values, *geometry)):
             part: torch.Tensor = checkpoint(
                 self._product, values, adjoint, *geometry, use_reentrant=False
@@ -368,7 +355,7 @@ class DirectQuadrature(Propagator):
 
 
 def _tiles(targets: int, rows: int, lines: int, adjoint: bool) -> tuple[list[slice], list[slice]]:
-    """Split the target samples and the source rows of direct propagation into tiles.
+    """Split the target's samples and the source's rows into tiles.
 
     The first list contains the slices of the result's plane, the second those of the plane that is
     summed over.

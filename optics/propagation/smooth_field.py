@@ -18,7 +18,7 @@ from optics.validation import require_finite
 
 
 def sum_squared_modulus(field: torch.Tensor) -> torch.Tensor:
-    """Return the sum of ``|u|²`` of each propagated field (..., rows, columns), float64.
+    """Return the sum of ``|u|²`` of each field (..., rows, columns), float64.
 
     The squares are computed in the precision of the field.
     """
@@ -27,7 +27,7 @@ def sum_squared_modulus(field: torch.Tensor) -> torch.Tensor:
 
 
 def field_power(field: torch.Tensor) -> torch.Tensor:
-    """Return the power of each propagated field (..., rows, columns): sum of ``|u|²``, float64."""
+    """Return the sum of ``|u|²`` of each field (..., rows, columns), float64, without overflow."""
     light = sum_squared_modulus(field)
     if field.dtype == torch.complex128 or _suits_single_precision(light):
         return light
@@ -36,7 +36,7 @@ def field_power(field: torch.Tensor) -> torch.Tensor:
 
 
 def require_finite_power(name: str, field: torch.Tensor) -> torch.Tensor:
-    """Return the power of a field to propagate; raise ValueError for NaN or infinite values.
+    """Return the power of a field; raise ValueError for NaN or infinite values.
 
     Any such value changes the sum, so the values are checked only where the sum is unusual.
     """
@@ -49,9 +49,7 @@ def require_finite_power(name: str, field: torch.Tensor) -> torch.Tensor:
 def normalise_strength(
     field: torch.Tensor, light: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-    """Rescale fields for propagation in single precision.
-
-    Returns the rescaled fields, their power, and the factor that undoes the rescaling.
+    """Rescale fields for single precision; return them, their power, and the factor that undoes it.
 
     light: field_power() of the field. If the power of every field suits single precision, nothing
     is changed and the factor is None. Otherwise each field that isn't dark is divided by its
@@ -67,7 +65,7 @@ def normalise_strength(
 
 
 def power_shares(part: torch.Tensor, light: torch.Tensor) -> list[float]:
-    """Return the ratio part / light for each propagated field that isn't dark.
+    """Return the ratio part / light for each field that isn't dark.
 
     The result is a list, because that is faster than a tensor for a few numbers.
     """
@@ -82,14 +80,14 @@ def _as_list(values: torch.Tensor) -> list[float]:
 
 
 def _suits_single_precision(light: torch.Tensor) -> bool:
-    """Return whether the power of every field suits propagation in single precision."""
+    """Return whether the power of every field suits single precision."""
     # Within these limits a field's spectrum, its kernels and their squares stay far from the ends
     # of single precision, 1e-38 and 1e38.
     return all(1e-20 < one < 1e20 for one in _as_list(light))
 
 
 _SINGLE_ROUNDING, _DOUBLE_ROUNDING = 1e-14, 1e-27
-"""Shares of a propagated field's light outside its band that may be rounding errors of an FFT."""
+"""Shares of a field's light outside its band that may be rounding errors of an FFT."""
 
 _TOUCHES_PER_DEVIATION = 300
 """Time to compute how far Fresnel's transfer function is from the exact one at a frequency, in
@@ -97,7 +95,7 @@ passes over a complex number; measured."""
 
 
 class SmoothFieldCheck:
-    """Check at every propagation that a field is smooth, as its span declares.
+    """Check at every call that a field is smooth, as its span declares.
 
     The indices of the FFT's frequencies within carrier ± band are computed once.
     """
@@ -114,7 +112,7 @@ class SmoothFieldCheck:
     def checked_spectrum(
         self, field: torch.Tensor, light: torch.Tensor
     ) -> tuple[torch.Tensor, float]:
-        """Check a field to propagate, and return its spectrum at frequencies in its band along x.
+        """Check a field, and return its spectrum at the frequencies in its band along x.
 
         Returns the largest share of light beyond the band and the source's edges as well, of all
         fields.
@@ -144,24 +142,23 @@ class SmoothFieldCheck:
         return spectrum, max(edges + outside - rounding, 0.0)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of checking a propagated field, in seconds."""
+        """Predict the processor time of checking a field, in seconds."""
         rows, columns = self._span.source.shape
         double = speed.double if self._dtype == torch.complex128 else 1.0
         operations = rows * fft_operations(columns) + columns * fft_operations(rows)
         return (operations * speed.fft + 6 * rows * columns * speed.touch) * double
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the time of what the first check of a propagated field keeps, in seconds."""
+        """Predict the time of what the first check of a field keeps, in seconds."""
         if not self._span.paraxial:
             return 0.0
         columns = sum(run.stop - run.start for run in self._within_x)
         return _TOUCHES_PER_DEVIATION * self._span.source.shape[0] * columns * speed.touch
 
     def _spectrum(self, field: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the spectrum of a field to propagate, and its light outside carrier ± band.
+        """Return the spectrum of a field, and the sum of ``|u|²`` outside carrier ± band.
 
-        The light is the sum of ``|u|²``. Light outside the band along x needn't be transformed
-        along y (Parseval's theorem).
+        Light outside the band along x needn't be transformed along y (Parseval's theorem).
         """
         rows, columns = field.shape[-2:]
         lines = fft(field, columns, -1)
@@ -174,7 +171,7 @@ class SmoothFieldCheck:
         return spectrum, beyond
 
     def paraxial_field_error(self, spectrum: torch.Tensor) -> float:
-        """Return the relative L2 error if smooth fields propagate by Fresnel's transfer function.
+        """Return the relative L2 error that Fresnel's transfer function makes for smooth fields.
 
         spectrum: spectra of the fields, from checked_spectrum(). The result is the largest error of
         all fields; that of a dark field is 0.
@@ -187,7 +184,7 @@ class SmoothFieldCheck:
 
     @cached_property
     def _paraxial_deviation(self) -> torch.Tensor:
-        """Return ``|H - H'|²`` of free space's exact and Fresnel's transfer functions.
+        """The ``|H - H'|²`` of free space's exact and Fresnel's transfer functions.
 
         The frequencies are those that `_spectrum` keeps.
         """
@@ -202,16 +199,13 @@ class SmoothFieldCheck:
 
 
 def _true_runs(mask: torch.Tensor) -> list[slice]:
-    """Return the runs in which a propagation's mask is true, as slices.
-
-    Slices are much faster than indices.
-    """
+    """Return the runs in which a mask is true, as slices, which are much faster than indices."""
     edges = torch.nonzero(torch.diff(torch.nn.functional.pad(mask.int(), (1, 1))))[:, 0].tolist()
     return [slice(first, last) for first, last in pairwise(edges)][::2]
 
 
 def _take_runs(values: torch.Tensor, runs: list[slice]) -> torch.Tensor:
-    """Return the values of a propagated spectrum whose last index lies in one of the runs."""
+    """Return the values of a spectrum whose last index lies in one of the runs."""
     return torch.cat([values[..., run] for run in runs or [slice(0, 0)]], -1)
 
 
@@ -220,7 +214,7 @@ def _format_pair(pair: tuple[float, float]) -> str:
 
 
 def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
-    """Return the light beyond the band from a propagated field's jumps at the source's edges.
+    """Return the light beyond the band from a field's jumps at the source's edges.
 
     The spectrum of a sampled jump is 1 / (2 sin(pi f p)). The integral of its square from the band
     B to the Nyquist rate is cot(pi B p) / (2 pi) per sample. Another 1 / (2 pi) per sample is added
@@ -240,22 +234,19 @@ def _edge_light(span: FreeSpaceSpan, field: torch.Tensor) -> torch.Tensor:
 
 
 def _frequencies(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return the propagation FFT's frequencies as aliases nearest the span's carrier, cycles/m."""
+    """Return the FFT's frequencies as aliases nearest the carrier, cycles/m."""
     return span.carrier[axis] + _offset_from_carrier(span, axis) / span.source.pitch[axis]
 
 
 def _offset_from_carrier(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return the propagation FFT's frequencies less the carrier, in turns per sample.
-
-    Each difference is the alias nearest 0.
-    """
+    """Return the FFT's frequencies less the carrier, in turns per sample, as aliases nearest 0."""
     n, pitch = span.source.shape[axis], span.source.pitch[axis]
     turns = torch.fft.fftfreq(n, dtype=torch.float64) - span.carrier[axis] * pitch
     return turns - torch.round(turns)
 
 
 def _is_within_band(span: FreeSpaceSpan, axis: int) -> torch.Tensor:
-    """Return a mask of the propagation FFT's frequencies within the span's carrier ± band."""
+    """Return a mask of the FFT's frequencies within carrier ± band."""
     return _offset_from_carrier(span, axis).abs() <= span.half_bandwidths[axis] * span.source.pitch[
         axis
     ] * (1 + 1e-9)

@@ -124,7 +124,7 @@ class FreeSpaceSpan:
         self._require_resolved()
 
     def _require_sizes(self) -> None:
-        """Raise an error for lengths of a propagation whose products overflow."""
+        """Raise an error for lengths whose products overflow."""
         require_size("travel", "distance", self.distance)
         require_size("travel", "wavelength", self.wavelength)
         for name, plane in (("source", self.source), ("target", self.target)):
@@ -133,7 +133,7 @@ class FreeSpaceSpan:
                 require_size("place", f"the {name}'s centre", place)
 
     def _require_resolved(self) -> None:
-        """Raise ValueError if cells or band don't fit the samples of a propagation's source."""
+        """Raise ValueError if cells or band don't fit the source's samples."""
         for axis, pitch in enumerate(self.source.pitch):
             name = "yx"[axis]
             if self.cells is not None:
@@ -153,10 +153,7 @@ class FreeSpaceSpan:
 
     @property
     def half_bandwidths(self) -> tuple[float, float]:
-        """Return the propagated field's bandwidth on either side of its carrier, cycles/m.
-
-        The two values are for y and x. They are infinite for cells, whose edges are sharp.
-        """
+        """Bandwidths (y, x) beside the carrier, cycles/m; infinite for sharp-edged cells."""
         if self.cells is not None:
             return (math.inf, math.inf)
         if self.band is not None:
@@ -166,30 +163,27 @@ class FreeSpaceSpan:
 
     @property
     def sampling_tol(self) -> float:
-        """Return the tolerance of which the propagation's sampling uses its shares."""
+        """The tolerance of which the sampling uses its shares."""
         return min(self.tol, self.finest_sampling)
 
     @property
     def sample_area(self) -> float:
-        """Return the area in m² that a sample of the propagation's source represents."""
+        """The area in m² that a sample of the source represents."""
         y, x = self.source.pitch if self.cells is None else self.cells
         return y * x
 
     @cached_property
     def numeric(self) -> FreeSpaceSpan:
-        """Return the same free-space span with plain numbers instead of tensors."""
+        """The same span with plain numbers instead of tensors."""
         return cast(FreeSpaceSpan, to_plain_numbers(self))
 
     @property
     def scale(self) -> Scalar:
-        """Return wavelength times propagation distance in m², with the distance's sign."""
+        """Wavelength times distance in m², with the distance's sign."""
         return self.wavelength * self.distance
 
     def source_extent(self, axis: int) -> tuple[float, float]:
-        """Compute where the propagation source's light begins and ends along an axis, in metres.
-
-        axis: 0 (y) or 1 (x).
-        """
+        """Compute where the source's light begins and ends along axis 0 (y) or 1 (x), in metres."""
         plane = self.numeric.source
         n, pitch = plane.shape[axis], plane.pitch[axis]
         half = (pitch if self.cells is None else self.cells[axis]) / 2
@@ -198,7 +192,7 @@ class FreeSpaceSpan:
 
     @cached_property
     def target_corners(self) -> tuple[tuple[float, float, float], ...]:
-        """Return the positions (y, x, z) of the propagation target's corner samples, in metres.
+        """The positions (y, x, z) of the target's corner samples, in metres.
 
         y and x count from the axis, z counts from the source's plane.
         """
@@ -209,7 +203,7 @@ class FreeSpaceSpan:
         return tuple(n.target_position(y, x) for y in ends_y for x in ends_x)
 
     def nearest_target_distance(self) -> float:
-        """Compute the least propagation distance from the source's plane to a target sample.
+        """Compute the least distance from the source's plane to a target sample.
 
         The distance is in metres along the axis, and positive for backward propagation too.
 
@@ -229,7 +223,7 @@ class FreeSpaceSpan:
         return nearest
 
     def target_position(self, y: Any, x: Any) -> tuple[Any, Any, Any]:
-        """Compute the position of points in the propagation's target, with the target's tilt.
+        """Compute the position of points in the target, with its tilt.
 
         Parameters
         ----------
@@ -248,10 +242,10 @@ class FreeSpaceSpan:
         return centre[0] + y * math.cos(a), centre[1] + across, self.distance + depth
 
     def lateral_range(self, axis: int) -> tuple[float, float]:
-        """Compute the least and largest lateral displacement over a propagation, in metres.
+        """Compute the least and largest lateral displacement along axis 0 (y) or 1 (x), in metres.
 
-        The displacement is along axis 0 (y) or 1 (x), from any point of the source's light to any
-        sample of the target. The target's tilt counts.
+        The displacement is from any point of the source's light to any sample of the target. The
+        target's tilt counts.
         """
         first, last = self.source_extent(axis)
         places = [corner[axis] for corner in self.target_corners]
@@ -259,15 +253,12 @@ class FreeSpaceSpan:
 
     @property
     def differentiable(self) -> bool:
-        """Return whether a derivative of the propagation is wanted in any length of its span."""
+        """Whether a derivative is wanted in any length."""
         return any(map(needs_gradient, self._scalars))
 
     @cached_property
     def has_tensor_lengths(self) -> bool:
-        """Return whether a length of the propagation is a tensor.
-
-        A tensor's value may change after the propagation was planned.
-        """
+        """Whether a length is a tensor, whose value may change after planning."""
         return not all(isinstance(one, (int, float)) for one in self._scalars)
 
     @property

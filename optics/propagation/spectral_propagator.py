@@ -1,4 +1,4 @@
-"""Implement what all angular-spectrum methods of propagation share."""
+"""What all angular-spectrum methods share."""
 
 from __future__ import annotations
 
@@ -27,27 +27,18 @@ from optics.validation import as_number, needs_gradient
 class SpectralSettings:
     """Tune the angular-spectrum methods.
 
-    Attributes
-    ----------
-    largest_error : float
-        Largest error for which a band or a transform is planned, relative. Chosen, because the
-        error estimates hold only for small errors.
-    block_size : int
-        Number of frequencies whose transfer function is computed at once. Chosen.
-    bytes_per_frequency : int
-        Memory in bytes per frequency while the transfer function is computed.
-    recorded_bytes : int
-        The same in bytes where derivatives are recorded.
-    touches_per_frequency : int
-        Processor time per frequency for computing the transfer function, in passes over one
-        complex number.
-    planning_calls : int
-        Processor time of planning the two transforms, in function calls.
-    longest_fft_search : int
-        Length of a period in samples above which no FFT-friendly length is searched. Chosen.
-    max_parts : int
-        Largest number of parts into which a spectrum that doesn't fit in memory is split. Chosen,
-        because more parts would spend their time at the edges.
+    largest_error: largest error for which a band or a transform is planned, relative. Chosen,
+        because the error estimates hold only for small errors.
+    block_size: number of frequencies whose transfer function is computed at once. Chosen.
+    bytes_per_frequency: memory in bytes per frequency while the transfer function is computed.
+    recorded_bytes: the same in bytes where derivatives are recorded.
+    touches_per_frequency: processor time per frequency for computing the transfer function, in
+        passes over one complex number.
+    planning_calls: processor time of planning the two transforms, in function calls.
+    longest_fft_search: length of a period in samples above which no FFT-friendly length is
+        searched. Chosen.
+    max_parts: largest number of parts into which a spectrum that doesn't fit in memory is split.
+        Chosen, because more parts would spend their time at the edges.
     """
 
     largest_error: float = 0.1
@@ -116,20 +107,20 @@ class SpectralPropagator(Propagator):
         self._cached_filter: torch.Tensor | None = None
 
     def _require_applicable(self) -> None:
-        """Raise ValueError if this propagation method isn't valid for the span."""
+        """Raise ValueError if this method isn't valid for the span."""
         self._require_parallel()
         if self.span.paraxial and not self.paraxial:
             raise ValueError(f"{self.name} computes the scalar model: paraxial=False")
 
     def _build_band(self) -> FrequencyBand:
-        """Return the band of frequencies whose rays the propagator takes to the target.
+        """Return the band of frequencies whose rays reach the target.
 
         Raises ToleranceError if some rays are grazing.
         """
         return target_band(replace(self._numeric_span, paraxial=self.paraxial), self._band_loss())
 
     def _candidate_pitches(self) -> list[tuple[float, float]]:
-        """Return the pitches (y, x) in metres for which a propagation plan is tried.
+        """Return the pitches (y, x) in metres for which a plan is tried.
 
         The period of the replicas is made a multiple of the pitch, which allows FFTs.
         """
@@ -139,24 +130,21 @@ class SpectralPropagator(Propagator):
         return cheapest_transform(geometry, self.dtype, self.span)
 
     def _band_loss(self) -> float:
-        """Return the share of the source's light that the propagator's frequency band may lose."""
+        """Return the share of the source's light that the band may lose."""
         return min(TOLERANCE_SHARES.band * self._numeric_span.sampling_tol, _SETTINGS.largest_error)
 
     def _double_arithmetic(self) -> float:
-        """Return the rounding error of free-space propagation in complex128, relative.
-
-        The error grows with the largest phase.
-        """
+        """Return the relative rounding error in complex128, which grows with the largest phase."""
         n = self._numeric_span
         turns = abs(n.distance) * n.wavelength * self.band.largest_frequency**2
         return FLOAT64_ARITHMETIC + 1e-15 * turns
 
     def _transform_error(self) -> float:
-        """Return the error of the propagator's two Fourier transforms, without rounding."""
+        """Return the error of the two Fourier transforms, without rounding."""
         return max(stage.to_spectrum.error + stage.to_target.error for stage in self._parts)
 
     def _plan(self) -> None:
-        """Choose the propagator's cheapest period of replicas, and plan the transforms for it."""
+        """Choose the cheapest period of replicas, and plan the transforms for it."""
         plans: list[tuple[float, Plane, list[SpectrumPart]]] = []
         refusals: list[ToleranceError] = []
         for pitches in self._candidate_pitches():
@@ -176,7 +164,7 @@ class SpectralPropagator(Propagator):
         return sum(t.cpu_seconds(speed) for s in stages for t in s.transforms)
 
     def _frequencies(self, pitches: tuple[float, float]) -> Plane:
-        """Return the propagator's plane of frequencies; its period is a multiple of the pitches."""
+        """Return the plane of frequencies; its period is a multiple of the pitches."""
         shape, pitch, centre = [], [], []
         for axis, least, unit in zip(self.band.axes, self.band.period, pitches, strict=True):
             length = max(math.ceil(least / unit * (1 - 1e-12)), 1)
@@ -201,7 +189,7 @@ class SpectralPropagator(Propagator):
         require_memory(self.name, least, self._numeric_span.budget.memory, remedy)
 
     def _split_spectrum(self, frequencies: Plane) -> list[SpectrumPart]:
-        """Split the propagator's spectrum into as few parts of whole rows as fit in memory."""
+        """Split the spectrum into as few parts of whole rows as fit in memory."""
         rows, columns = frequencies.shape
         most = 1 if self.span.differentiable else min(_SETTINGS.max_parts, rows)
         # This refuses what can't fit before any transform is planned.
@@ -217,7 +205,7 @@ class SpectralPropagator(Propagator):
     def _first_part_in_memory(
         self, frequencies: Plane, rows: int, last: bool
     ) -> SpectrumPart | None:
-        """Plan the first rows of the propagator's spectrum; None if they don't fit in memory.
+        """Plan the first rows of the spectrum; None if they don't fit in memory.
 
         last: whether this is the last attempt, which raises ToleranceError instead.
         """
@@ -244,7 +232,7 @@ class SpectralPropagator(Propagator):
         return max(stage.bytes + self._filter_bytes(stage.frequencies) for stage in self._parts)
 
     def _filter_bytes(self, frequencies: Plane) -> int:
-        """Return the bytes of the propagator's transfer function, spectrum and their product."""
+        """Return the bytes of the transfer function, the spectrum and their product."""
         rows, columns = frequencies.shape
         block = max(min(rows * columns, _SETTINGS.block_size), columns)
         making = _SETTINGS.bytes_per_frequency * block
@@ -258,10 +246,7 @@ class SpectralPropagator(Propagator):
 
     @property
     def _rebuilds_filter(self) -> bool:
-        """Return whether each propagation recomputes the filter W.
-
-        Derivatives and a spectrum that doesn't fit in memory make this necessary.
-        """
+        """Whether each call recomputes W, for derivatives or a spectrum too large for memory."""
         return self.span.differentiable or len(self._parts) > 1
 
     def _filter_seconds(self, speed: MachineSpeed) -> float:
@@ -292,7 +277,7 @@ class SpectralPropagator(Propagator):
 
     @property
     def _filter_size(self) -> int:
-        """The number of transfer functions that the propagator's filter W takes."""
+        """The number of transfer functions that the filter W takes."""
         return self._frequency_count
 
     def prepare(self) -> None:
@@ -300,7 +285,7 @@ class SpectralPropagator(Propagator):
             self._cached_filter = self._build_filter(self.frequencies)
 
     def _weight(self, frequencies: Plane, axis: int) -> torch.Tensor:
-        """Return the factors of the propagator's filter W that depend on one axis, float64."""
+        """Return the factors of the filter W that depend on one axis, float64."""
         n = self._numeric_span
         f = frequencies.coordinates(axis)
         weight = self.band.axes[axis].taper(f) * frequencies.pitch[axis]
@@ -309,7 +294,7 @@ class SpectralPropagator(Propagator):
         return weight * n.cells[axis] * torch.sinc(f * n.cells[axis])
 
     def _build_filter(self, frequencies: Plane) -> torch.Tensor:
-        """Compute the propagator's filter W over a plane of frequencies."""
+        """Compute the filter W over a plane of frequencies."""
         y, x = frequencies.mesh()
         down, along = self._weight(frequencies, 0)[:, None], self._weight(frequencies, 1)
         radial, parts = self.band.radial, []
@@ -349,7 +334,7 @@ class SpectralPropagator(Propagator):
     def _apply_filter(
         self, spectrum: torch.Tensor, frequencies: Plane, *, back: bool = False
     ) -> torch.Tensor:
-        """Multiply a spectrum by the filter W, or by its conjugate for backward propagation."""
+        """Multiply a spectrum by the filter W, or by its conjugate on the way back."""
         w = self._filter(frequencies, spectrum.device)
         return times(spectrum, w.conj() if back else w)
 
@@ -380,26 +365,26 @@ class SpectralPropagator(Propagator):
 
 
 def times(spectrum: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-    """Multiply a propagated spectrum by a weight, in place where nothing records derivatives."""
+    """Multiply a spectrum by a weight, in place where nothing records derivatives."""
     if spectrum.requires_grad or weight.requires_grad:
         return spectrum * weight
     return spectrum.mul_(weight)
 
 
 def _conjugate(values: torch.Tensor) -> torch.Tensor:
-    """Conjugate complex propagator values, in place where no derivatives are recorded."""
+    """Conjugate values, in place where no derivatives are recorded."""
     return values.conj().resolve_conj() if values.requires_grad else values.conj_physical_()
 
 
 def _rows_of(plane: Plane, first: int, last: int) -> Plane:
-    """Return the part of a propagator's plane from row `first` up to, not including, `last`."""
+    """Return the part of a plane from row `first` up to, not including, `last`."""
     rows = min(last, plane.shape[0]) - first
     place = plane.centre[0] + (first + rows // 2 - plane.shape[0] // 2) * plane.pitch[0]
     return Plane((rows, plane.shape[1]), plane.pitch, (place, plane.centre[1]))
 
 
 def transform_error_share(span: FreeSpaceSpan) -> float:
-    """Return the relative error that each of a propagation's two Fourier transforms may have."""
+    """Return the relative error that each of the two Fourier transforms may have."""
     allowed = TOLERANCE_SHARES.transform * span.sampling_tol
     return min(max(allowed, FINEST_GRIDDING), _SETTINGS.largest_error)
 
@@ -407,5 +392,5 @@ def transform_error_share(span: FreeSpaceSpan) -> float:
 def cheapest_transform(
     geometry: FourierGeometry, dtype: torch.dtype, span: FreeSpaceSpan
 ) -> PlaneTransform:
-    """Plan the cheapest Fourier transform between two planes for a propagation's tolerance."""
+    """Plan the cheapest Fourier transform between two planes for a span's tolerance."""
     return plan_transform(geometry, dtype, span.numeric.budget, error=transform_error_share(span))

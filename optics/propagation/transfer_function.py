@@ -1,4 +1,4 @@
-"""Compute the transfer functions of free space, exact and paraxial, and their rays."""
+"""Transfer functions of free space, exact and paraxial, and their rays."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def free_space_transfer_function(
 def axial_frequency(
     y: torch.Tensor, x: torch.Tensor, wavelength: float, *, paraxial: bool = False
 ) -> torch.Tensor:
-    """Return the axial frequency of plane waves in free space, cycles/m, float64.
+    """Return the axial frequency of plane waves, cycles/m, float64.
 
     y, x: the waves' lateral frequencies, cycles per metre. The result is 0 for evanescent waves.
     """
@@ -58,10 +58,7 @@ def axial_frequency(
 
 
 def _root(square: torch.Tensor) -> torch.Tensor:
-    """Return the square root of positive numbers for free-space waves, and 0 for other numbers.
-
-    The derivative at the other numbers is 0.
-    """
+    """Return the square root of positive numbers, and 0, with derivative 0, for other numbers."""
     positive = square.detach() > 0
     return torch.where(positive, torch.sqrt(torch.where(positive, square, 1.0)), 0.0)
 
@@ -77,7 +74,7 @@ class PlaneWaveRays:
     paraxial: bool
 
     def tangent(self, frequency: float, across: float = 0.0) -> float:
-        """Return the tangent along an axis of a propagated plane wave's ray.
+        """Return the tangent of a plane wave's ray along an axis.
 
         frequency, across: along this axis and along the other one, cycles per metre. The tangent is
         infinite for grazing and evanescent waves.
@@ -89,16 +86,16 @@ class PlaneWaveRays:
         return sine / math.sqrt(cosine2) if cosine2 > 0 else math.copysign(math.inf, sine)
 
     def frequency(self, tangent: float, across: float = 0.0) -> float:
-        """Return the frequency of the plane wave that propagates with a given tangent."""
+        """Return the frequency of the plane wave whose ray has a given tangent."""
         if self.paraxial:
             return tangent / self.wavelength
         cosine2 = max(1 - (self.wavelength * across) ** 2, 0.0)
         return tangent * math.sqrt(cosine2 / (1 + tangent**2)) / self.wavelength
 
     def ray_slope(self, frequency: float, distance: float) -> float:
-        """Return the slope dX/df of a propagated ray's displacement at a frequency, in m².
+        """Return the slope dX/df of a ray's displacement at a frequency, in m².
 
-        The result is also a lower bound for waves with a frequency along the other axis.
+        It is also a lower bound for waves with a frequency along the other axis.
         """
         flat = self.wavelength * abs(distance)
         if self.paraxial:
@@ -107,12 +104,12 @@ class PlaneWaveRays:
 
     @property
     def grazing_frequency(self) -> float:
-        """Return the frequency from which waves are evanescent in free space, cycles per metre."""
+        """The frequency from which waves are evanescent, cycles per metre."""
         return math.inf if self.paraxial else 1 / self.wavelength
 
 
 def paraxial_phase_error(wavelength: float, distance: float, frequency: float) -> float:
-    """Return the phase error of paraxial propagation at a frequency, in radians.
+    """Return the phase error of the paraxial model at a frequency, in radians.
 
     The error of the paraxial transfer function is the next term of its series, pi / 4 wavelength³
     ``|distance|`` f⁴ (section 4.2.1 of Goodman). A small phase error is also the relative error of

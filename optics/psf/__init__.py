@@ -1,9 +1,9 @@
 """Compute point spread functions: the light of a point source on the sensor.
 
 A PSFOperator selects the cheapest engine that keeps its tolerance: `axial` for round lenses,
-`scattered_nodes` for any smooth wave in any stop, `sampled` for large tolerances, and
-`optics.psf.panel_engine` behind a modulator. If the modulator stands apart from the lens,
-the engines are those of optics.chain.
+`scattered` for any smooth wave in any stop, `sampled` for large tolerances, and
+`optics.psf.panel_engine` behind a modulator. If the modulator stands apart from the lens, the
+engines are those of `optics.psf.chain_choice`.
 """
 
 from optics.psf.behind_modulator import modulated_psf

@@ -19,16 +19,12 @@ from optics.psf.to_lens import PropagatorAxis, TaperedBand, fast_fft_length
 class PropagatorAxisSettings:
     """Tune the margins of the FFTs from panel to lens.
 
-    Attributes
-    ----------
-    taper_tol_share : float
-        Share of the tolerance that the smooth ends of a band may leave outside the area that its
-        light reaches by geometric optics. Chosen.
-    margin_share : float
-        Width in which the light of a band's ends decays, as a share of the widths of panel and stop
-        together. A larger margin takes longer FFTs, a smaller one wider ends of the band. Chosen.
-    margin_zones : float
-        Addition to that width, in Fresnel zones. Chosen.
+    taper_tol_share: share of the tolerance that the smooth ends of a band may leave outside the
+    area that its light reaches by geometric optics. Chosen.
+    margin_share: width in which the light of a band's ends decays, as a share of the widths of
+    panel and stop together. A larger margin takes longer FFTs, a smaller one wider ends of the
+    band. Chosen.
+    margin_zones: addition to that width, in Fresnel zones. Chosen.
     """
 
     taper_tol_share: float = 1e-2
@@ -43,8 +39,9 @@ _SETTINGS = PropagatorAxisSettings()
 class LensGrid:
     """Holds the band of frequencies at the panel and the sampling rate at the lens, (y, x).
 
-    low, high: cycles per metre. sampling_rate: samples per metre at the lens, at least. error:
-    estimated relative L2 error of the PSF behind an evenly lit panel.
+    low, high: cycles per metre.
+    sampling_rate: samples per metre at the lens, at least.
+    error: estimated relative L2 error behind an evenly lit panel.
     """
 
     low: tuple[float, float]
@@ -57,10 +54,10 @@ class LensGrid:
 class BandTaper:
     """Describes how smoothly a band of frequencies ends along an axis, by a Gaussian step.
 
-    margin: metres at the panel in which the light of the band's ends decays. sigma: standard
-    deviation of the Gaussian, cycles per metre; its impulse response falls as
-    exp(-2 (pi sigma margin)²). sigmas: number of standard deviations at which the band counts as
-    zero.
+    margin: metres at the panel in which the light of the band's ends decays.
+    sigma: standard deviation of the Gaussian, cycles per metre; its impulse response falls as
+    exp(-2 (pi sigma margin)²).
+    sigmas: number of standard deviations at which the band counts as zero.
     """
 
     margin: float
@@ -82,7 +79,7 @@ class BandTaper:
 
 
 def fresnel_area(q: PSFRequest) -> float:
-    """Return the Fresnel area of the space between the chain's panel and lens, in m².
+    """Return the Fresnel area of the space between panel and lens, in m².
 
     On the way, light moves sideways by its frequency times this area, in the panel's coordinates.
     """
@@ -92,9 +89,11 @@ def fresnel_area(q: PSFRequest) -> float:
 def plan_propagator_axes(
     request: PSFRequest, camera: Camera, grid: LensGrid, lengths: Sequence[int] = (0, 0)
 ) -> list[PropagatorAxis]:
-    """Plan the axes (y, x) of the chain's propagator from panel to lens grid.
+    """Plan the axes (y, x) of the propagator from panel to lens grid.
 
-    The grid covers the lit part of the stop. lengths: least number of FFT points along each axis.
+    The grid covers the lit part of the stop.
+
+    lengths: least number of FFT points along each axis.
     """
     return [_plan_axis(request, camera, grid, axis, lengths[axis]) for axis in (0, 1)]
 
@@ -132,7 +131,7 @@ def _plan_axis(
 
 
 def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
-    """Return the lowest and highest coordinate of the chain's stop opening, in stop radii."""
+    """Return the lowest and highest coordinate of the stop's opening, in stop radii."""
     t = np.linspace(0, 1, 257)
     opening = camera.lens.stop.loops[0]
     places = np.concatenate([piece.points(t)[axis] for piece in opening.pieces])
@@ -140,7 +139,7 @@ def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
 
 
 def lens_plane(request: PSFRequest, axes: list[PropagatorAxis]) -> Plane:
-    """Return the plane of the propagator's samples at the chain's lens, in metres."""
+    """Return the plane of the propagator's samples at the lens, in metres."""
     spread = float(request.shadow_magnification)
     pitch = [axis.step * spread for axis in axes]
     centre = [

@@ -29,17 +29,12 @@ _CHUNK = 1 << 23
 
 @dataclass(frozen=True)
 class RadialCellSettings:
-    """Tune the cells of radii in which polynomials describe a round lens' PSF.
+    """Tune the cells of radii in which polynomials describe the light of a round lens.
 
-    Attributes
-    ----------
-    half_turn : float
-        Phase of the fastest fringe of the field over half a cell, in radians. More takes fewer
-        radii but polynomials of a higher degree; 4 was measured to be fast.
-    tol_share : float
-        Share of the tolerance that the polynomials may use. Chosen.
-    probes : int
-        Samples at which the error is measured. Chosen.
+    half_turn: phase of the fastest fringe of the field over half a cell, in radians. More takes
+    fewer radii but polynomials of a higher degree; 4 was measured to be fast.
+    tol_share: share of the tolerance that the polynomials may use. Chosen.
+    probes: samples at which the error is measured. Chosen.
     """
 
     half_turn: float = 4.0
@@ -91,7 +86,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
     @staticmethod
     def can_serve(request: PSFRequest) -> bool:
-        """Tell whether the lens is round, and no derivative moves its PSF on the samples.
+        """Tell whether the lens is round, and no derivative moves the light on the samples.
 
         The stop and the aberrations of a round lens are rotationally symmetric.
         """
@@ -143,7 +138,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         self._keep_first_light(light)
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the points on one pupil radius where the symmetric PSF takes its phase.
+        """Return the points on one pupil radius where a pattern is given.
 
         A phase there holds for all angles.
         """
@@ -153,7 +148,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return torch.zeros_like(self._pupil_radii), self._pupil_radii * self._request.numeric.radius
 
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Compute the wave along one pupil radius of the round lens, for its PSF."""
+        """Compute the wave along one pupil radius."""
         q = self._request
         phase = pupil_phase(
             q.lens, q.distance, q.wavelength, torch.zeros_like(self._pupil_radii), self._pupil_radii
@@ -190,16 +185,17 @@ class AxialEngine(CachedPupilWave, PSFEngine):
         return light
 
     def _sum_over_pupil_radii(self, wave: torch.Tensor) -> torch.Tensor:
-        """Sum a wave over a round lens' pupil radii to the PSF's field at radii on the sensor.
+        """Sum a wave over pupil radii to the field at radii on the sensor.
 
-        wave: complex, (..., pupil radii). The result holds real and imaginary part, (..., radii,
-        2).
+        The result holds real and imaginary part, (..., radii, 2).
+
+        wave: complex, (..., pupil radii).
         """
         matrix = self._hankel_matrix.to(wave.device)
         return (torch.view_as_real(wave).mT @ matrix.mT).mT
 
     def _measure_error(self, light: torch.Tensor) -> ErrorEstimate:
-        """Measure the symmetric PSF's error at some samples against the sum of a finer rule."""
+        """Measure the error at some samples against the sum of a finer rule."""
         q = self._request.numeric
         count = _SETTINGS.probes
         if self._along_rim:
@@ -224,7 +220,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
 
 
 def _radians_per_metre(q: PSFRequest) -> float:
-    """Return the phase of the symmetric PSF's kernel, in radians per metre and stop radius.
+    """Return the phase of the kernel, in radians per metre and stop radius.
 
     The metres are on the sensor, the stop radii in the pupil.
     """
@@ -232,9 +228,9 @@ def _radians_per_metre(q: PSFRequest) -> float:
 
 
 def _radial_rule(q: PSFRequest, finer: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return radii and weights that integrate over a round lens' open pupil for its PSF.
+    """Return radii, in stop radii, and weights that integrate over the open pupil.
 
-    The radii are in stop radii. finer: factor on the phase's slope for which they are chosen.
+    finer: factor on the phase's slope for which they are chosen.
     """
     assert q.lens.stop.annulus_radii is not None
     inner, outer = q.lens.stop.annulus_radii
@@ -249,7 +245,7 @@ def _radial_phase_slope(q: PSFRequest) -> float:
 
 
 class RadialCells:
-    """Describes a symmetric PSF by a polynomial of the radius in each of many equal cells.
+    """Describes rotationally symmetric light by polynomials of the radius in many equal cells.
 
     The field is given on `radii`, at the Chebyshev nodes of cells of `width` metres. The intensity
     has twice the field's bandwidth, so that its cells are half as wide.
@@ -269,21 +265,20 @@ class RadialCells:
 
     @staticmethod
     def of(q: PSFRequest) -> RadialCells:
-        """Choose the cells for the samples and the tolerance of a symmetric PSF's request."""
+        """Choose the cells for the samples and the tolerance of a request."""
         width, count = _cell_width_and_count(q)
         return RadialCells(width, count, _polynomial_degree(q.tol))
 
     def locate(self, radius: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return each radius' cell of the PSF's intensity, and twice its place there, -2 to 2."""
+        """Return each radius' cell of the intensity, and twice its place there, -2 to 2."""
         place = radius / self._step
         cell = place.floor()
         return cell.to(torch.int64), 4 * (place - cell) - 2
 
     def intensity_coefficients(self, parts: torch.Tensor) -> torch.Tensor:
-        """Return the Chebyshev coefficients of the PSF's intensity in each of its cells.
+        """Return the intensity's Chebyshev coefficients in its cells, (..., degree + 1, cells).
 
-        parts: real and imaginary part of the field, (..., radii, 2). The result is
-        (..., degree + 1, cells).
+        parts: real and imaginary part of the field, (..., radii, 2).
         """
         nodes = self._degree + 1
         cells = parts.mT.reshape(*parts.shape[:-2], 2, self._count, nodes)
@@ -294,7 +289,7 @@ class RadialCells:
     def evaluate(
         self, coefficients: torch.Tensor, places: tuple[torch.Tensor, torch.Tensor]
     ) -> torch.Tensor:
-        """Evaluate the PSF's intensity at places of locate(), by Clenshaw's recurrence."""
+        """Evaluate the intensity at places of locate(), by Clenshaw's recurrence."""
         cell, twice = (one.to(coefficients.device) for one in places)
         shape, flat = (*coefficients.shape[:-2], *cell.shape), cell.ravel()
         twice = twice.ravel()
@@ -310,20 +305,19 @@ class RadialCells:
 
 
 def _cell_width_and_count(q: PSFRequest) -> tuple[float, int]:
-    """Return the width in metres and the number of the cells of a symmetric PSF's radii."""
+    """Return the width in metres and the number of the field's cells."""
     assert q.lens.stop.annulus_radii is not None
     width = 2 * _SETTINGS.half_turn / (_radians_per_metre(q) * q.lens.stop.annulus_radii[1])
     return width, math.ceil(q.farthest_sample_radius / width * (1 + 1e-12)) + 1
 
 
 def _chebyshev_nodes(degree: int) -> NDArray[np.float64]:
-    """Return the nodes in [-1, 1] of a polynomial of the PSF along the radius."""
     angle = np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)
     return np.asarray(-np.cos(angle))
 
 
 def _polynomial_degree(tol: float) -> int:
-    """Return the degree of the polynomials that describe a symmetric PSF to a tolerance.
+    """Return the degree of the polynomials that keep a tolerance.
 
     The polynomial of exp(i a t) on Chebyshev nodes leaves out Bessel functions J_n(a) of n beyond
     the degree; the first one dominates (Trefethen 2008).
@@ -335,11 +329,12 @@ def _polynomial_degree(tol: float) -> int:
 
 @dataclass
 class _HankelCost:
-    """Predicts memory and time of a PSF by a Hankel transform or a rim integral.
+    """Predicts memory and time of a Hankel transform or a rim integral.
 
-    nodes: number of nodes in the pupil. field_radii: number of radii at which the field is summed.
-    terms: number of coefficients of a polynomial. places: number of different places among the
-    samples.
+    nodes: number of nodes in the pupil.
+    field_radii: number of radii at which the field is summed.
+    terms: number of coefficients of a polynomial.
+    places: number of different places among the samples.
     """
 
     request: PSFRequest
@@ -375,7 +370,7 @@ class _HankelCost:
         return speed.call + sums + passes * speed.touch * speed.double
 
     def planning_seconds(self, speed: MachineSpeed, along_rim: bool) -> float:
-        """Predict the time before the first call of a PSF: its matrix, a call and the judgement."""
+        """Predict the time before the first call: the matrix, a call and the judgement."""
         if along_rim:
             rim = rim_node_count(self.request, self.request.tol)
             kernels = 2 * rim * (self.field_radii + 1.5 * _SETTINGS.probes)
@@ -386,7 +381,7 @@ class _HankelCost:
 
 
 def _prefers_rim(q: PSFRequest, size: _HankelCost) -> bool:
-    """Tell whether a PSF's rim integral takes far fewer nodes than a rule along the radius."""
+    """Tell whether the rim integral takes far fewer nodes than a rule along the radius."""
     if not q.lens.has_quadratic_phase:
         return False
     return size.nodes * size.field_radii > _CHUNK and size.nodes > 2 * rim_node_count(q, q.tol)
@@ -396,10 +391,7 @@ _RIM_INTEGRAL_CHUNK = 1 << 21
 
 
 def rim_node_count(q: PSFRequest, tol: float, refinement: float = 1.0) -> int:
-    """Return how many evenly spaced nodes on the stop's rim a symmetric PSF needs.
-
-    The nodes suffice for the farthest sample.
-    """
+    """Return how many evenly spaced nodes on the stop's rim suffice for the farthest sample."""
     turn = refinement * q.phase_slope_bound.tilt
     # The integrand has a narrow peak if the point of the stop that is imaged onto the sample lies
     # near the rim.
@@ -408,7 +400,7 @@ def rim_node_count(q: PSFRequest, tol: float, refinement: float = 1.0) -> int:
 
 
 def _edge_defocus(q: PSFRequest) -> float:
-    """Return the phase of the PSF's defocus at the stop's edge, in radians."""
+    """Return the phase of the defocus at the stop's edge, in radians."""
     curvature: float = defocus_curvature(q.lens, q.distance, q.wavelength)
     return curvature * q.radius**2
 
@@ -416,10 +408,10 @@ def _edge_defocus(q: PSFRequest) -> float:
 def rim_field(
     q: PSFRequest, sensor: NDArray[np.float64], refinement: float = 1.0
 ) -> NDArray[np.complex128]:
-    """Compute the symmetric PSF's field at radii on the sensor, in square stop radii, complex128.
+    """Compute the field at radii on the sensor, in square stop radii, complex128.
 
-    sensor: radii in metres. The phase is quadratic, c |r - p|², around the point p of the stop that
-    is imaged geometrically onto the sample. Green's theorem turns the integral over the stop into
+    The phase is quadratic, c |r - p|², around the point p of the stop that is imaged geometrically
+    onto the sample. Green's theorem turns the integral over the stop into
 
         U = 1/2 closed integral of g(c rho²) (rho x d rho),   g(a) = (exp(i a) - 1) / (i a),
 
@@ -427,6 +419,8 @@ def rim_field(
     is the boundary diffraction wave of Maggi and Rubinowicz, which is exact in the paraxial case.
     The number of nodes grows only with the square root of the defocus. The integral along an
     obscuration's rim is subtracted.
+
+    sensor: radii in metres.
     """
     assert q.lens.stop.annulus_radii is not None
     c, tilt = _edge_defocus(q), 2 * math.pi * q.radius / q.scale
@@ -455,8 +449,5 @@ def rim_field(
 
 
 def _g(a: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the factor (exp(i a) - 1) / (i a) in the rim integral of a symmetric PSF.
-
-    It is computed as exp(i a / 2) sinc(a / 2).
-    """
+    """Return (exp(i a) - 1) / (i a), computed as exp(i a / 2) sinc(a / 2)."""
     return np.exp(0.5j * a) * np.sinc(a / (2 * math.pi))

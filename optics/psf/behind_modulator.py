@@ -76,7 +76,7 @@ def modulated_psf(
 def _jitter_scattered_psf(
     operator: PSFOperator, camera: Camera, field: torch.Tensor
 ) -> torch.Tensor:
-    """Compute the PSF of panel pixels with random, independent phases."""
+    """Compute the light of panel pixels with random, independent phases."""
     lens, side = camera.lens, camera.panel.active_side
     scale = operator.scale
     y, x = (c.to(field.device) * (side / scale) for c in operator.pixels.mesh())
@@ -89,7 +89,7 @@ def _jitter_scattered_psf(
 
 
 def _require_matching_camera(operator: PSFOperator, modulator: Modulator) -> Camera:
-    """Return the PSF operator's camera; raise ValueError if the modulator doesn't match it."""
+    """Return the operator's camera; raise ValueError if the modulator doesn't match it."""
     camera, panel = operator.camera, modulator.panel
     if camera is None:
         raise ValueError("operator is of a lens alone; plan it for a camera with the panel")

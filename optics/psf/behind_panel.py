@@ -1,4 +1,4 @@
-"""The base class of engines that compute a PSF behind a panel."""
+"""Define the base class of engines for light behind a panel."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class BehindPanelEngine(PSFEngine):
 
     @property
     def own_error(self) -> float:
-        """The relative L2 error of the last call's PSF without other light that is added."""
+        """The relative L2 error of the last call's light without other light that is added."""
         return self.error.value + self.arithmetic if self._own_error is None else self._own_error
 
     def tell_error(
         self, own: float, norm: torch.Tensor, added: AddedLight | None, rounding: float, how: str
     ) -> float:
-        """Tell the error of a PSF together with light that is added, and return it.
+        """Tell the error of light together with what is added to it, and return it.
 
-        own: relative L2 error of the PSF by itself, `rounding` of which is arithmetic. norm: the
-        PSF's L2 norm in the window, (...).
+        own: relative L2 error of the light by itself, `rounding` of which is arithmetic.
+        norm: its L2 norm in the window, (...).
         """
         self._own_error = own
         error = error_beside(own, norm, added)

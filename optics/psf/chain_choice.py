@@ -1,4 +1,4 @@
-"""List the engines that compute a PSF through the chain from panel to sensor."""
+"""List the engines that go through the chain from panel to sensor."""
 
 from __future__ import annotations
 
@@ -31,30 +31,13 @@ CHAIN_METHODS = (
 def chain_engines(
     request: PSFRequest, camera: Camera, method: str | None, *, mirrored: bool = False
 ) -> dict[str, Callable[[], PSFEngine]]:
-    """List the engines for the PSF of a chain, whose panel stands apart from its lens.
+    """Return, by name, functions that make the engines for a panel apart from its lens.
 
-    Parameters
-    ----------
-    request : PSFRequest
-        The point, the pixels and the tolerance.
-    camera : Camera
-        The camera; its panel stands apart from its lens.
-    method : str or None
-        One of CHAIN_METHODS, or the name of a transform, which selects CollapsedEngine with it.
-        None for all engines.
-    mirrored : bool, optional
-        Whether a quarter of a mirrored pattern is given, which only CollapsedEngine takes. False by
-        default.
+    method: one of CHAIN_METHODS, or the name of a transform, which selects CollapsedEngine with it;
+    None for all engines.
+    mirrored: whether a quarter of a mirrored pattern is given, which only CollapsedEngine takes.
 
-    Returns
-    -------
-    dict of str to callable
-        For each engine's name, a function without arguments that makes it.
-
-    Raises
-    ------
-    ValueError
-        For a stop that leaves the panel dark, or a method that isn't known.
+    Raises ValueError for a stop that leaves the panel dark, or a method that isn't known.
     """
     require_open_pupil(numeric_camera(camera))
     # All engines share one estimate of the light that the stop's edge scatters.

@@ -1,4 +1,4 @@
-"""Compute the PSF of a panel before a lens as if it stood in the lens, if the error is small.
+"""Take a panel before a lens as if it stood in the lens, where the error is small enough.
 
 Pixels that the stop's shadow cuts count as dimmer whole ones, whose error is estimated.
 """
@@ -105,7 +105,7 @@ def collapse_to_thin_camera(
 
 
 def _shift_stop(stop: Stop, shift: Point) -> tuple[float, Stop]:
-    """Shift the stop of a collapsed chain, and scale it to a radius of 1 around the axis.
+    """Shift a stop, and scale it to a radius of 1 around the axis.
 
     Returns the radius before scaling, and the stop. Lengths are in stop radii.
     """
@@ -134,12 +134,9 @@ Array = NDArray[np.float64]
 class CutPixelSettings:
     """Tune how the error of cut panel pixels is estimated.
 
-    Attributes
-    ----------
-    samples_across : int
-        Samples across a pixel at which the stop's shadow is evaluated. Chosen.
-    max_pixels : int
-        Most pixels that are evaluated, evenly spaced along the edge, to represent all. Chosen.
+    samples_across: samples across a pixel at which the stop's shadow is evaluated. Chosen.
+    max_pixels: most pixels that are evaluated, evenly spaced along the edge, to represent all.
+    Chosen.
     """
 
     samples_across: int = 12
@@ -150,10 +147,7 @@ _SETTINGS = CutPixelSettings()
 
 
 def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: float) -> float:
-    """Estimate the share of a chain's window light that is wrong because of cut panel pixels.
-
-    request, camera: of a thin lens in the panel's plane, whose stop is the shadow. direct_area:
-    square metres of the panel from which the window is lit, weighted by the light.
+    """Estimate the share of the window's light that is wrong because of cut panel pixels.
 
     The shadow leaves the part chi(s) of a pixel of side a open. The pixel then sends the amplitude
 
@@ -167,6 +161,9 @@ def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: floa
     each pixel at the frequencies that the lens turns from that pixel into the window. The pixels'
     phases are unknown, so their differences add in intensity, as their light does. With a fill
     factor below 1, the open area is that of the whole pixel, gaps included.
+
+    request, camera: of a thin lens in the panel's plane, whose stop is the shadow.
+    direct_area: square metres of the panel from which the window is lit, weighted by the light.
     """
     pixel = _find_cut_pixels(camera)
     if not len(pixel):
@@ -193,10 +190,7 @@ def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: floa
 
 
 def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
-    """Find the chain's panel pixels that the edge of the stop's shadow crosses, (pixels, 2).
-
-    The result holds each pixel's row and column.
-    """
+    """Find the row and column of panel pixels that the stop's shadow cuts, (pixels, 2)."""
     panel, radius = camera.panel, camera.lens.stop_diameter / 2
     lines = [_pixel_boundaries(camera, axis) / radius for axis in (0, 1)]
     found = []
@@ -212,7 +206,7 @@ def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
 
 
 def _pixel_boundaries(camera: Camera, axis: int) -> Array:
-    """Return the boundaries between the panel pixels of a chain along an axis, in metres."""
+    """Return the boundaries between panel pixels along an axis, in metres."""
     line, pitch = camera.panel.plane.coordinates(axis).numpy(), camera.panel.pitch
     return np.append(line - pitch / 2, line[-1] + pitch / 2)
 
@@ -220,10 +214,12 @@ def _pixel_boundaries(camera: Camera, axis: int) -> Array:
 def _open_area_transform(
     camera: Camera, middle: Array, side: float, frequency: Array
 ) -> NDArray[np.complex128]:
-    """Average chi(s) exp(-2 pi i f s) over the chain's panel pixels, (pixels, frequencies).
+    """Average chi(s) exp(-2 pi i f s) over panel pixels, (pixels, frequencies).
 
-    chi is 1 where the stop's shadow leaves the panel open, and 0 elsewhere. middle: the pixels'
-    centres, (pixels, 2), metres. frequency: (pixels, frequencies, 2), cycles per metre.
+    chi is 1 where the stop's shadow leaves the panel open, and 0 elsewhere.
+
+    middle: the pixels' centres, (pixels, 2), metres.
+    frequency: (pixels, frequencies, 2), cycles per metre.
     """
     count = _SETTINGS.samples_across
     inside = ((np.arange(count) + 0.5) / count - 0.5) * side
@@ -239,7 +235,7 @@ def _open_area_transform(
 
 
 def _sampled_sinc_envelope(frequency: Array, side: float) -> Array:
-    """Return the envelope of a chain's panel pixel along each axis, for a sum over samples.
+    """Return the envelope of a panel pixel along each axis, for a sum over samples.
 
     An integral over the pixel has the envelope sinc instead.
     """
@@ -315,7 +311,7 @@ class CollapsedEngine(BehindPanelEngine):
         )
 
     def _estimate_cut_pixel_error(self, thin: Camera) -> float:
-        """Estimate the chain's error if pixels that the stop cuts count as dimmer whole ones."""
+        """Estimate the error if pixels that the stop cuts count as dimmer whole ones."""
         inner = _thin_lens_request(self._request, self._camera, self._request.tol)
         edge = self._search.edge_scatter
         return edge.error_from_light_share(
@@ -324,7 +320,7 @@ class CollapsedEngine(BehindPanelEngine):
 
     @staticmethod
     def _require_fixed_pixel_edges(request: PSFRequest, thin: Camera) -> None:
-        """Raise ToleranceError if the chain needs derivatives and the stop's shadow cuts pixels.
+        """Raise ToleranceError if derivatives are wanted and the stop's shadow cuts pixels.
 
         The collapsed camera has no derivative of the area that the shadow leaves open.
         """
@@ -387,7 +383,7 @@ class CollapsedEngine(BehindPanelEngine):
         return self._stand_in.intensity(phase, amplitude, added)
 
     def _beside_inner_light(self, added: AddedLight | None) -> AddedLight | None:
-        """Return what is added to a chain's light in the units of the collapsed camera's.
+        """Return what is added to the light, in the units of the collapsed camera's.
 
         Its error isn't the panel engine's, and isn't judged there. Beside light that isn't known
         yet, the panel engine keeps its tolerance by itself, which costs it little.
@@ -400,7 +396,6 @@ class CollapsedEngine(BehindPanelEngine):
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """Return the field behind the chain's panel."""
         shape = self._camera.panel.shape
         if self._mirrored and phase is not None:
             phase = mirror_quarter(phase, shape)
@@ -409,7 +404,7 @@ class CollapsedEngine(BehindPanelEngine):
 
     @cached_property
     def _fallback_engine(self) -> GridEngine:
-        """The chain's engine for windows so dim that light scattered at the stop's edge matters.
+        """The engine for windows so dim that light scattered at the stop's edge matters.
 
         Raises ToleranceError for a quarter of a pattern, which that engine doesn't take.
         """
@@ -421,7 +416,7 @@ class CollapsedEngine(BehindPanelEngine):
 
 
 def can_collapse(camera: Camera) -> bool:
-    """Tell whether a thin lens at the chain's panel can replace the lens behind it.
+    """Tell whether a thin lens at the panel can replace the lens behind it.
 
     The lens must have no aberrations, and the panel must not be too near to the plane in focus.
     """
@@ -432,7 +427,7 @@ def can_collapse(camera: Camera) -> bool:
 
 
 def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRequest:
-    """Convert a PSF request for the chain into one for the thin lens at its panel.
+    """Convert a request into one for the thin lens at the panel.
 
     If the point is out of focus, its image moves, because the stop moves to the panel. The ray
     through the panel's middle meets the sensor at the distance -field z1 (1 + z1/d) (1/(d + z1) -

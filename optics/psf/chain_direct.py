@@ -1,6 +1,6 @@
-"""Compute the PSF through the chain from panel to sensor by direct quadrature, row by row.
+"""Go through the chain from panel to sensor by direct quadrature, row by row of the stop.
 
-It leaves out nothing, and sums the light over the panel's pixels and rows of the stop.
+All light is followed, or as much of it as the tolerance takes.
 """
 
 from __future__ import annotations
@@ -36,17 +36,13 @@ from optics.psf.to_lens import TaperedBand
 class DirectSettings:
     """Tune what a DirectEngine leaves out, and what it tells of its price.
 
-    Attributes
-    ----------
-    reach_tol_share : float
-        Share of the tolerance for light that isn't followed sideways to the stop's edge. Chosen.
-    coarsest_inner_tol : float
-        Largest tolerance for which the ends of what is followed are planned. Chosen.
-    worthwhile_searches : float
-        Time of the sum over all light, in searches, beyond which some light is left out if that
-        takes less. Chosen.
-    planning_calls : float
-        Time of planning that doesn't depend on any size, in calls; measured.
+    reach_tol_share: share of the tolerance for light that isn't followed sideways to the stop's
+    edge. Chosen.
+    coarsest_inner_tol: largest tolerance for which the ends of what is followed are planned.
+    Chosen.
+    worthwhile_searches: time of the sum over all light, in searches, beyond which some light is
+    left out if that takes less. Chosen.
+    planning_calls: time of planning that doesn't depend on any size, in calls; measured.
     """
 
     reach_tol_share: float = 0.8
@@ -92,7 +88,7 @@ class DirectEngine(ChainEngine):
         self.sampling = f"{self._sum.row_count} rows of the stop"
 
     def _take_sum(self, one: DirectSum) -> None:
-        """Take a chain's sum, and estimate its rounding."""
+        """Take a sum into use, and estimate its rounding."""
         n = self._request.numeric
         self._sum, self._stop_light = one, one.stop_light()
         seen = self._edge_scatter.window_share / float(self.intensity_scale())
@@ -102,7 +98,7 @@ class DirectEngine(ChainEngine):
         self.error = ErrorEstimate(told, "estimate of rounding, for an evenly lit panel")
 
     def _limit_reach(self, n: PSFRequest) -> None:
-        """Leave out light of a chain that doesn't matter, where that takes less time."""
+        """Leave out light that doesn't matter, where that takes less time."""
         whole, seconds = self._sum, self.total_seconds(n.budget)
         allowed = _SETTINGS.reach_tol_share * n.tol
         tol = min(n.tol, _SETTINGS.coarsest_inner_tol)
@@ -116,7 +112,7 @@ class DirectEngine(ChainEngine):
             self._take_sum(whole)
 
     def _require_served(self) -> None:
-        """Raise ToleranceError for what a chain's direct quadrature doesn't serve."""
+        """Raise ToleranceError for derivatives in lengths and for an exact spherical wave."""
         if self._request.differentiable:
             raise ToleranceError("direct quadrature of a chain has no derivatives in lengths")
         if self._request.sphere is not None:
@@ -163,7 +159,7 @@ class DirectEngine(ChainEngine):
     def _refuse_large_rounding(
         self, rounding: float, light: torch.Tensor, added: AddedLight | None
     ) -> None:
-        """Tell the chain's error by rounding for the light in the window; refuse if it's large."""
+        """Tell the error by rounding for the light in the window; ToleranceError if it's large."""
         norm = window_norm(light, self._request.window_slices)
         how = "estimate of rounding, for the light in the window"
         error = self.tell_error(rounding + self.arithmetic, norm, added, self.arithmetic, how)
@@ -172,7 +168,7 @@ class DirectEngine(ChainEngine):
             raise unreachable_tolerance_error(self._promised_tol, error)
 
     def _rounding_error(self, modulated: torch.Tensor, field: torch.Tensor) -> float:
-        """Estimate the chain's relative error by rounding for the light in the window.
+        """Estimate the relative error by rounding for the light in the window.
 
         An error e of the field changes its intensity by 2 |field| e, and the L2 norm of the
         intensity is at least the light over the root of the number of samples.
@@ -186,40 +182,27 @@ class DirectEngine(ChainEngine):
 
 @dataclass(frozen=True)
 class DirectSumSettings:
-    """Tune the nodes of a chain's direct sum, and what is predicted of its price.
+    """Tune the nodes of a direct sum, and what is predicted of its price.
 
-    Attributes
-    ----------
-    quadrature_tol : float
-        Error for which the rows are planned, near double precision's rounding: the last digits
-        cost a few percent.
-    piece_turns : tuple of float
-        Candidates for half the phase change along a piece of a row, in radians. Chosen.
-    near_cost : float
-        Time of a panel pixel's field at a near point, over that of a Bessel function; measured,
-        like the next four.
-    far_cost : float
-        The same at a far point.
-    product_cost : float
-        Time of a complex product and sum in double precision, over a real one in single precision.
-    weight_cost : float
-        Time of a real product for the weights of a row's end, over a complex one in the sums.
-    node_touches : float
-        Time of an end at a node, beside products, in passes over a complex number.
-    sample_touches : float
-        The same of an end at a sensor's column.
-    piece_calls : float
-        Overhead of each piece of a row, in calls.
-    kept_share : float
-        Share of the memory in which the panel pixels' fields are kept between calls. Chosen.
-    held_share : float
-        Share of the memory in which the light on rows of the stop is held. Chosen.
-    block_share : float
-        Share of the memory for what is computed at once. Chosen.
-    block_rows : int
-        Most rows, or ends of rows, that are computed at once. Chosen.
-    least_rows : int
-        Rows below which a block isn't divided further. Chosen.
+    quadrature_tol: error for which the rows are planned, near double precision's rounding: the last
+    digits cost a few percent.
+    piece_turns: candidates for half the phase change along a piece of a row, in radians. Chosen.
+    near_cost: time of a panel pixel's field at a near point, over that of a Bessel function;
+    measured, like the next four.
+    far_cost: the same at a far point.
+    product_cost: time of a complex product and sum in double precision, over a real one in single
+    precision.
+    weight_cost: time of a real product for the weights of a row's end, over a complex one in the
+    sums.
+    node_touches: time of an end at a node, beside products, in passes over a complex number.
+    sample_touches: the same of an end at a sensor's column.
+    piece_calls: overhead of each piece of a row, in calls.
+    kept_share: share of the memory in which the panel pixels' fields are kept between calls.
+    Chosen.
+    held_share: share of the memory in which the light on rows of the stop is held. Chosen.
+    block_share: share of the memory for what is computed at once. Chosen.
+    block_rows: most rows, or ends of rows, that are computed at once. Chosen.
+    least_rows: rows below which a block isn't divided further. Chosen.
     """
 
     quadrature_tol: float = 1e-14
@@ -242,14 +225,15 @@ _DIRECT_SUM_SETTINGS = DirectSumSettings()
 
 
 class DirectSum:
-    """Sums a chain's light at the sensor over the panel's pixels and over rows of the stop.
+    """Sums the light at the sensor over the panel's pixels and over rows of the stop.
 
     Along the rows, each pixel's field times the lens' wave and the Fourier kernel of the sensor is
     integrated once, from the left; the row's ends select the part that the stop leaves open (see
     `PartialIntegrals`). The rows are divided into chunks that fit the memory.
 
-    n, camera: what is asked, in plain numbers. lens: the lens' wave. reach: bands (y, x) of the
-    light that is followed; None for all.
+    n, camera: what is asked, in plain numbers.
+    lens: the lens' wave.
+    reach: bands (y, x) of the light that is followed; None for all.
     """
 
     def __init__(
@@ -276,7 +260,7 @@ class DirectSum:
         self._integrals = self._cheapest_pieces()
 
     def _cheapest_pieces(self) -> PartialIntegrals:
-        """Divide the rows of the chain's stop into pieces that take the least time."""
+        """Divide the rows of the stop into pieces that take the least time."""
         found = []
         for turn in _DIRECT_SUM_SETTINGS.piece_turns:
             self._integrals = PartialIntegrals(*self._spans[1], self._slopes[1], turn)
@@ -284,7 +268,7 @@ class DirectSum:
         return min(found, key=lambda one: one[0])[1]
 
     def stop_light(self) -> StopLight:
-        """Sample the chain's light in the stop, which tells the rounding of the sum."""
+        """Sample the light in the stop, which tells the rounding of the sum."""
         independent = self.row_count, self._integrals.node_count
         y, x = (
             StopProbes(
@@ -299,19 +283,19 @@ class DirectSum:
 
     @property
     def _column_count(self) -> int:
-        """The columns of a chain's integrals over whole pieces: a sample's for each lens term."""
+        """The columns of integrals over whole pieces: a sample's for each lens term."""
         return self._n.samples.shape[1] * self._lens.terms
 
     @property
     def _kernel_counts(self) -> tuple[int, int]:
-        """The panel pixels' fields along the two axes that the chain takes."""
+        """The numbers of pixels' fields along both axes that are computed."""
         down, along = self._widths
         rows = self.row_count * self._pixels.reached_count(0, down)
         return int(rows), int(self._integrals.node_count * self._pixels.reached_count(1, along))
 
     @property
     def _widths(self) -> tuple[float, float]:
-        """The widths of a chain's blocks of rows, and of groups of pieces, in stop radii."""
+        """The widths of blocks of rows, and of groups of pieces, in stop radii."""
         low, high = self._spans[0]
         return (high - low) * self._block_size / self.row_count, (
             self._group_size * self._integrals.width
@@ -319,7 +303,7 @@ class DirectSum:
 
     @property
     def _block_size(self) -> int:
-        """Rows of the stop for which fields of the chain's pixels are computed at once.
+        """Rows of the stop for which pixels' fields are computed at once.
 
         They spread over no more than half of the width that the light of a point gets.
         """
@@ -342,7 +326,7 @@ class DirectSum:
 
     @property
     def _group_size(self) -> int:
-        """Pieces for which fields of the chain's pixels are computed at once."""
+        """Pieces for which pixels' fields are computed at once."""
         within = min(self._pixels.reached_width(1) / 8, self._pixels.near_width / 4)
         most = max(1, self._most_rows // self._integrals.nodes)
         return max(1, min(most, int(within / self._integrals.width)))
@@ -355,12 +339,12 @@ class DirectSum:
 
     @property
     def _least_bytes(self) -> int:
-        """Memory that the chain's sum takes in the smallest blocks and chunks."""
+        """Memory that the sum takes in the smallest blocks and chunks."""
         whole = 40 * self._end_count + 32 * self._panel.shape[1] * self._column_count
         return whole + _DIRECT_SUM_SETTINGS.least_rows * (self._row_bytes + self._block_row_bytes)
 
     def _allowed(self, share: float) -> int:
-        """Return a share of the memory beyond what the chain's sum takes in any case."""
+        """Return a share of the memory beyond what the sum takes in any case, bytes."""
         return int(share * max(0, self._n.budget.memory - self._least_bytes))
 
     @property
@@ -421,7 +405,7 @@ class DirectSum:
         return self._kernel_seconds(speed) if self._keeps_kernels else 0.0
 
     def prepare(self) -> None:
-        """Find the rows of the chain's stop, and compute the pixels' fields that are kept."""
+        """Find the rows of the stop, and compute the pixels' fields that are kept."""
         down, along = self._slopes
         rows = quadrature_rows(self._bands, down, along, _DIRECT_SUM_SETTINGS.quadrature_tol)
         self._chunks = [
@@ -458,7 +442,7 @@ class DirectSum:
                 yield first + number, pixels, kernel
 
     def field(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Compute the chain's field at the sensor, (..., rows, columns), in square stop radii.
+        """Compute the field at the sensor, (..., rows, columns), in square stop radii.
 
         modulated: the field behind the panel, (..., rows, columns), complex128.
         """
@@ -466,7 +450,7 @@ class DirectSum:
         return sum(parts[1:], parts[0])
 
     def _chunk_field(self, modulated: torch.Tensor, chunk: _RowChunk) -> torch.Tensor:
-        """Compute the chain's field at the sensor from some rows of the stop."""
+        """Compute the field at the sensor from some rows of the stop."""
         sent = modulated.new_empty(*modulated.shape[:-2], len(chunk.y), modulated.shape[-1])
         done = 0
         for pixels, kernel in self._row_kernels(chunk):
@@ -508,7 +492,7 @@ class DirectSum:
 
 
 class _RowChunk:
-    """Holds rows of a chain's stop as tensors, their sorted ends, and kept fields of pixels."""
+    """Holds rows of the stop as tensors, their sorted ends, and kept fields of pixels."""
 
     def __init__(self, rows: Rows, ends: SortedEnds) -> None:
         self.y, self.weight, self.row = map(torch.from_numpy, (rows.y, rows.weight, rows.row))

@@ -1,4 +1,4 @@
-"""The base class of all engines that compute a PSF through the chain from panel to sensor."""
+"""Define the base class of all engines that go through the chain from panel to sensor."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ differ a little. Chosen."""
 
 
 def search_seconds(speed: MachineSpeed) -> float:
-    """Predict the time of the search for the light that a chain's method may neglect, seconds."""
+    """Predict the seconds of the search for the light that may be neglected."""
     return _SEARCH_CALLS * speed.call
 
 
@@ -69,7 +69,7 @@ class ChainEngine(BehindPanelEngine):
 
     @abstractmethod
     def _plan(self, n: PSFRequest) -> None:
-        """Choose the chain's sampling that keeps the tolerance of the PSF request `n`.
+        """Choose the sampling that keeps the tolerance.
 
         n: the request in plain numbers, without derivatives.
         """
@@ -83,7 +83,7 @@ class ChainEngine(BehindPanelEngine):
     def panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """Return the field behind the chain's panel, without the point's parabolic wave."""
+        """Return the field behind the panel, without the point's parabolic wave."""
         factor = self.modulation_factor(phase, amplitude, self._camera.panel.shape, self._dtype)
         if factor is None:
             factor = torch.ones(self._camera.panel.shape, dtype=self._dtype)
@@ -93,7 +93,7 @@ class ChainEngine(BehindPanelEngine):
         return factor * sphere.wave_factor(*self.points()).to(factor)
 
     def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Return the chain's PSFs, (..., rows, columns), of an empty batch of patterns.
+        """Return the light of an empty batch of patterns, (..., rows, columns).
 
         FFTs don't accept an empty batch.
         """
@@ -101,7 +101,7 @@ class ChainEngine(BehindPanelEngine):
         return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
 
     def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
-        """Return the chain's panel field times the wave's extra slope in each pixel, per axis.
+        """Return the panel's field times the wave's extra slope in each pixel, per axis.
 
         The extra slope is the slope of the exact spherical wave less that of its parabola, in
         cycles per metre. The list is empty if the request has no spherical wave.
@@ -113,7 +113,7 @@ class ChainEngine(BehindPanelEngine):
         return [(axis, field * slope.to(field)) for axis, slope in enumerate(slopes)]
 
     def _sphere_error(self) -> float:
-        """Estimate the chain's error if the spherical wave's phase counts as linear in a pixel.
+        """Estimate the error if the spherical wave's phase counts as linear in a pixel.
 
         The phase is that of the spherical wave less its parabola. At the pixel's edge, the error is
         half of the square of half the phase change across the pixel. Its mean over the pixel is a
@@ -126,7 +126,7 @@ class ChainEngine(BehindPanelEngine):
         return turn**2 / 12
 
     def _propagator_variables(self) -> PropagatorVariables | None:
-        """Return the parameters of the chain's propagator as tensors that carry derivatives.
+        """Return the propagator's parameters as tensors with derivatives.
 
         Returns None if no derivative is wanted.
         """
@@ -145,12 +145,12 @@ class ChainEngine(BehindPanelEngine):
         return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
 
     def _open_pixel_area(self) -> Scalar:
-        """Return the chain's open pixel area in m², as if panel and stop stood in one plane."""
+        """Return the open pixel area in m², as if panel and stop stood in one plane."""
         camera = replace(self._camera, lens=self._request.lens)
         return open_area(camera) * camera.panel.fill_factor
 
     def intensity_scale(self) -> Scalar:
-        """Return the factor from ``|sum over the chain's lens samples|²`` to PSF values.
+        """Return the factor from ``|sum over lens samples|²`` to PSF values.
 
         Lengths in the sum are in stop radii.
         """
@@ -162,7 +162,7 @@ class ChainEngine(BehindPanelEngine):
 
     @property
     def _passing_error_share(self) -> float:
-        """The share of the chain's squared error that comes from light in the passing band."""
+        """The share of the squared error that comes from light in the passing band."""
         return 0.0
 
     def _intensity_or_replan(
@@ -174,11 +174,13 @@ class ChainEngine(BehindPanelEngine):
         measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
         rounding: float = 0.0,
     ) -> torch.Tensor:
-        """Return the chain's `light`, or a stricter engine's result if the window is too dark.
+        """Return `light`, or a stricter engine's result if the window is too dark.
 
-        light: the PSF as this engine computes it. added: other light that is added afterwards. The
-        error that is told is that of both together. measure_passing_brightness: a function that
-        returns the panel's brightness (see LowLightCorrection), where the caller has a faster one.
+        light: as this engine computes it.
+        added: other light that is added afterwards. The error that is told is that of both
+        together.
+        measure_passing_brightness: returns the panel's brightness (see LowLightCorrection), where
+        the caller has a faster function.
         rounding: error that is known for this light.
         """
         measure = measure_passing_brightness or (
@@ -202,11 +204,11 @@ class ChainEngine(BehindPanelEngine):
 
     @property
     def planned_error(self) -> float:
-        """The relative L2 error of the chain's PSF that was planned, for an evenly lit panel."""
+        """The relative L2 error that was planned, for an evenly lit panel."""
         return self._planned_error.value
 
     def _plan_stricter_engine(self, tol: float) -> ChainEngine:
-        """Plan the cheapest of the chain's engines for a smaller tol, which a dark window needs."""
+        """Plan the cheapest engine for a smaller tol, which a dark window needs."""
         promised = self._promised_tol
         if tol < 0.9 * self._request.tol:
             request = replace(self._request, tol=tol)

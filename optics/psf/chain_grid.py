@@ -1,4 +1,4 @@
-"""Compute the PSF through the chain from panel to sensor on grids, by FFTs."""
+"""Go through the chain from panel to sensor on grids, by FFTs."""
 
 from __future__ import annotations
 
@@ -34,19 +34,14 @@ from optics.psf.to_sensor import LensWave, PanelToSensorMap, panel_spectrum, pro
 class ChainGridSettings:
     """Tune how a GridEngine divides its tolerance and memory.
 
-    Attributes
-    ----------
-    grid_tol_share : float
-        Share of the tolerance that the grid at the lens may use. Chosen.
-    transform_tol_share : float
-        Share of the tolerance that a Fourier transform may use, in the field. Chosen.
-    lens_wave_memory_share : float
-        Share of the allowed memory in which an aberrated lens' wave may be cached. Chosen.
-    planning_calls : float
-        Time of what the first call computes for all later ones, in calls. Fitted to 130 random
-        chains, like the next.
-    planning_passes : float
-        The same for each sample at the lens, in passes.
+    grid_tol_share: share of the tolerance that the grid at the lens may use. Chosen.
+    transform_tol_share: share of the tolerance that a Fourier transform may use, in the field.
+    Chosen.
+    lens_wave_memory_share: share of the allowed memory in which an aberrated lens' wave may be
+    cached. Chosen.
+    planning_calls: time of what the first call computes for all later ones, in calls. Fitted to 130
+    random chains, like the next.
+    planning_passes: the same for each sample at the lens, in passes.
     """
 
     grid_tol_share: float = 0.92
@@ -63,32 +58,17 @@ class GridEngine(ChainEngine):
     """Computes the PSF behind a panel and a lens with the lens' plane on a grid, by FFTs.
 
     FFTs lead from the panel to the lens, where each sample is weighted by the area that the stop
-    leaves open. FFTs lead onward to the sensor. Light of frequencies that reach no farther than
-    the stop's edge is left out as far as the tolerance allows; see `choose_lens_grid`.
+    leaves open. FFTs lead onward to the sensor. Light of frequencies that reach no farther than the
+    stop's edge is left out as far as the tolerance allows; see `choose_lens_grid`. Thesis Eq. 5.1
+    to 5.7; E. A. Sziklas and A. E. Siegman, 1975, doi 10.1364/AO.14.001874.
 
-    Parameters
-    ----------
-    request : PSFRequest
-        The point, the pixels and the tolerance.
-    camera : Camera
-        The camera; its panel stands apart from its lens.
-    search : LensGridSearch
-        What finds the grid at the lens that keeps the tolerance.
-    promised_tol : float, optional
-        The relative L2 error that the caller was promised, where the request's own is stricter; the
-        request's own by default.
-    kinds : sequence of type, optional
-        The chain's engines of which the cheapest stands in where a dark window needs a stricter
-        one; the engine's own type by default.
+    search: finds the grid at the lens that keeps the tolerance.
+    promised_tol: the relative L2 error that the caller was promised, where the request's own is
+    stricter; the request's own by default.
+    kinds: engines of which the cheapest stands in where a dark window needs a stricter one; the
+    engine's own type by default.
 
-    Raises
-    ------
-    ToleranceError
-        Where no grid keeps the tolerance.
-
-    References
-    ----------
-    Thesis Eq. 5.1 to 5.7; E. A. Sziklas and A. E. Siegman, 1975, doi 10.1364/AO.14.001874.
+    Raises ToleranceError where no grid keeps the tolerance.
     """
 
     name = "chain"
@@ -105,7 +85,7 @@ class GridEngine(ChainEngine):
         self.error = ErrorEstimate(left_out, "estimate, for an evenly lit panel")
 
     def _build_propagators(self, axes: list[PropagatorAxis]) -> None:
-        """Build the chain's propagator to the lens, its map to the sensor, and the lens' wave."""
+        """Build the propagator to the lens, the map to the sensor, and the lens' wave."""
         self.propagator = PanelToLensPropagator(axes[0], axes[1], self._dtype)
         self._lens_plane = lens_plane(self._request.numeric, axes)
         self._sensor_map = self._plan_sensor_map()
@@ -115,20 +95,17 @@ class GridEngine(ChainEngine):
 
     @property
     def can_share_spectrum(self) -> bool:
-        """Whether a spectrum of the panel's modulation is all that the chain's engine needs."""
+        """Whether a spectrum of the panel's modulation is all that is needed."""
         return not self._request.differentiable and self._request.sphere is None
 
     def use_shared_spectrum(
         self, lengths: Sequence[int], frequency_ranges: Sequence[tuple[float, float]]
     ) -> None:
-        """Use spectra of the chain's panel that other engines use too; call before `prepare`.
+        """Use spectra of the panel that other engines use too; call before `prepare`.
 
-        Parameters
-        ----------
-        lengths : sequence of int
-            The FFT lengths along y and x.
-        frequency_ranges : sequence of tuple of float
-            The (first, last) frequencies that the spectra hold along each axis, cycles per metre.
+        lengths: FFT lengths along y and x.
+        frequency_ranges: the (first, last) frequencies that the spectra hold along each axis,
+        cycles per metre.
         """
         axes = plan_propagator_axes(self._request.numeric, self._camera, self._grid, lengths)
         self._build_propagators(
@@ -141,10 +118,10 @@ class GridEngine(ChainEngine):
         )
 
     def _plan_lens_wave(self) -> LensWave | None:
-        """Plan the chain's lens wave if it isn't a product of factors along y and x.
+        """Plan the lens' wave if it isn't a product of factors along y and x.
 
-        Returns None for other lenses. Also returns None where derivatives are wanted, because the
-        wave is then computed at every call.
+        Returns None for other lenses, and where derivatives are wanted, because the wave is then
+        computed at every call.
         """
         n = self._request.numeric
         if n.lens.has_quadratic_phase or self._request.differentiable:
@@ -153,7 +130,7 @@ class GridEngine(ChainEngine):
         return LensWave(partial(_lens_phase, n), self._lens_plane, self._dtype, room)
 
     def _plan_sensor_map(self) -> PanelToSensorMap:
-        """Plan the chain's map from the panel's spectrum to the field at the sensor."""
+        """Plan the map from the panel's spectrum to the field at the sensor."""
         n, lens = self._request.numeric, self._camera.lens
         real = torch.zeros((), dtype=self._dtype).real.dtype
         openings = BlockwiseStopMask(lens.stop, n.radius, self._lens_plane, real)
@@ -163,7 +140,6 @@ class GridEngine(ChainEngine):
 
     @property
     def bytes(self) -> int:
-        """The size of the chain's largest arrays in bytes."""
         rows, columns = self._lens_plane.shape
         dense = 6 * self._dtype.itemsize * rows * columns if self._request.differentiable else 0
         panel = self._camera.panel.shape
@@ -171,25 +147,18 @@ class GridEngine(ChainEngine):
         return self._sensor_map.bytes + dense + wave + 40 * panel[0] * panel[1]
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one pass through the chain, in seconds."""
         wave = self._lens_wave.cpu_seconds(speed) if self._lens_wave else 0.0
         return (self._sensor_map.cpu_seconds(speed) + wave) * (3 if self._request.sphere else 1)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of the search, and of what all calls share, in seconds."""
+        """Predict the processor seconds of the search, and of what all calls share."""
         rows, columns = self._lens_plane.shape
         seconds = super().planning_seconds(speed) + _SETTINGS.planning_calls * speed.call
         seconds += _SETTINGS.planning_passes * rows * columns * speed.touch
         return seconds + (self._lens_wave.planning_seconds(speed) if self._lens_wave else 0.0)
 
     def prepare(self) -> None:
-        """Make what the chain keeps between calls, and measure its error.
-
-        Raises
-        ------
-        ToleranceError
-            If the tolerance isn't kept.
-        """
+        """Compute what is kept between calls; raise ToleranceError if the tolerance isn't kept."""
         if not self.error.value + self.arithmetic <= self._request.tol:
             raise unreachable_tolerance_error(self._request.tol, self.error.value + self.arithmetic)
         if not self._request.differentiable:
@@ -198,7 +167,7 @@ class GridEngine(ChainEngine):
             self._sensor_map.set_lens_wave(self._separable_lens_wave(), self._lens_wave)
 
     def _separable_lens_wave(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the chain's lens wave as factors along y and x, ones if it isn't their product."""
+        """Return the lens' wave as factors along y and x, ones if it isn't their product."""
         n = self._request.numeric
         if not n.lens.has_quadratic_phase:
             y, x = (torch.ones(count, dtype=torch.complex128) for count in self._lens_plane.shape)
@@ -218,21 +187,11 @@ class GridEngine(ChainEngine):
         amplitude: torch.Tensor | None,
         added: AddedLight | None = None,
     ) -> torch.Tensor:
-        """Compute the light that the chain sends to every sample.
+        """Compute the share of the light on every sample, (..., rows, columns).
 
-        Parameters
-        ----------
-        phase : torch.Tensor or None
-            Radians, (..., rows, columns) of the panel.
-        amplitude : torch.Tensor or None
-            Of the same shape.
-        added : AddedLight, optional
-            Other light that is added afterwards. The error that is told is that of both together.
-
-        Returns
-        -------
-        torch.Tensor
-            The share of the light on every sample, (..., rows, columns).
+        phase: radians, (..., rows, columns) of the panel.
+        added: other light that is added afterwards. The error that is told is that of both
+        together.
         """
         modulated = self.panel_field(phase, amplitude)
         if not modulated.numel():
@@ -257,7 +216,7 @@ class GridEngine(ChainEngine):
     def _field_at_sensor(
         self, propagator: PanelToLensPropagator, field: torch.Tensor
     ) -> torch.Tensor:
-        """Propagate a field through the chain: by `propagator` to the lens, then to the sensor."""
+        """Propagate a field to the lens by `propagator`, then to the sensor."""
         if self._request.differentiable:
             return self._differentiable_field_at_sensor(propagator, field)
         return propagate_to_sensor(
@@ -271,31 +230,14 @@ class GridEngine(ChainEngine):
         amplitude: torch.Tensor | None,
         added: AddedLight | None = None,
     ) -> torch.Tensor:
-        """Compute the chain's light on every sample, from a known spectrum of the panel.
-
-        Parameters
-        ----------
-        spectrum : torch.Tensor
-            The panel's spectrum; see `panel_spectrum`.
-        phase : torch.Tensor or None
-            Radians, as for `intensity`.
-        amplitude : torch.Tensor or None
-            As for `intensity`.
-        added : AddedLight, optional
-            As for `intensity`.
-
-        Returns
-        -------
-        torch.Tensor
-            The share of the light on every sample, (..., rows, columns).
-        """
+        """Compute what `intensity` does, from a known spectrum of the panel (`panel_spectrum`)."""
         field = propagate_to_sensor(self._sensor_map, spectrum)
         return self._intensity_from_field(field, phase, amplitude, spectrum.detach, added)
 
     def _differentiable_field_at_sensor(
         self, propagator: PanelToLensPropagator, field: torch.Tensor
     ) -> torch.Tensor:
-        """Propagate a field from panel to sensor, differentiable in all lengths of the chain."""
+        """Propagate a field from panel to sensor, differentiable in all lengths."""
         q = self._request
         turns = _lens_phase(q, *self._lens_plane.mesh()) / (2 * math.pi)
         wave = unit_phasor(turns, self._dtype)
@@ -314,10 +256,10 @@ class GridEngine(ChainEngine):
         spectrum: Callable[[], torch.Tensor],
         added: AddedLight | None,
     ) -> torch.Tensor:
-        """Compute the chain's PSF from the field at the sensor.
+        """Compute the light from the field at the sensor.
 
-        spectrum: a function that returns the panel's spectrum without derivatives. It is called
-        only for a window that gets little light.
+        spectrum: returns the panel's spectrum without derivatives. It is called only for a window
+        that gets little light.
         """
         cell = (
             self._lens_plane.pitch[0] * self._lens_plane.pitch[1] / self._request.numeric.radius**2
@@ -343,9 +285,6 @@ class GridEngine(ChainEngine):
 
 
 def _lens_phase(q: PSFRequest, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Return the phase of the chain's lens wave at points of the lens' plane, in radians.
-
-    y, x: metres.
-    """
+    """Return the phase of the lens' wave at points (y, x) of its plane in metres, in radians."""
     radius = q.numeric.radius
     return pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, y / radius, x / radius)

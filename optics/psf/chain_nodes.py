@@ -1,4 +1,4 @@
-"""Compute the PSF through the chain from panel to sensor by quadrature over the stop."""
+"""Go through the chain from panel to sensor by quadrature over the stop."""
 
 from __future__ import annotations
 
@@ -48,33 +48,21 @@ from optics.psf.to_lens import PropagatorAxis, fast_fft_length
 class ChainQuadratureSettings:
     """Tune how a QuadratureEngine divides its tolerance and memory.
 
-    Attributes
-    ----------
-    band_tol_share : float
-        Share of the tolerance for light outside the band of frequencies. Chosen.
-    quadrature_tol_share : float
-        Share of the tolerance for the quadrature, in the field. Chosen.
-    transform_tol_share : float
-        Share of the tolerance for each non-uniform FFT, in the field. Chosen.
-    coarsest_inner_tol : float
-        Largest tolerance for which the quadrature, the transforms and the band's ends are planned.
-        Chosen, so that the error that is told stays below 1e-4.
-    fixed_calls : float
-        Time of a PSF that doesn't depend on any size, in calls. Fitted to 60 random chains, like
-        the next four.
-    passes_per_frequency : float
-        Time for each frequency of the panel's spectrum, in passes.
-    planning_calls : float
-        Time of planning that doesn't depend on any size, in calls.
-    points_per_planned_node : float
-        Time to sort a node for the transforms and to compute the lens' wave there, over that of
-        MachineSpeed.point.
-    planning_rules : float
-        Time to find the nodes, over what `rule_seconds` predicts for those of a lens alone.
-    bytes_per_node : int
-        Memory for each node, bytes.
-    max_nodes : int
-        Most nodes that are computed; they take some minutes.
+    band_tol_share: share of the tolerance for light outside the band of frequencies. Chosen.
+    quadrature_tol_share: share of the tolerance for the quadrature, in the field. Chosen.
+    transform_tol_share: share of the tolerance for each non-uniform FFT, in the field. Chosen.
+    coarsest_inner_tol: largest tolerance for which the quadrature, the transforms and the band's
+    ends are planned. Chosen, so that the error that is told stays below 1e-4.
+    fixed_calls: time of a PSF that doesn't depend on any size, in calls. Fitted to 60 random
+    chains, like the next four.
+    passes_per_frequency: time for each frequency of the panel's spectrum, in passes.
+    planning_calls: time of planning that doesn't depend on any size, in calls.
+    points_per_planned_node: time to sort a node for the transforms and to compute the lens' wave
+    there, over that of MachineSpeed.point.
+    planning_rules: time to find the nodes, over what `rule_seconds` predicts for those of a lens
+    alone.
+    bytes_per_node: memory for each node, bytes.
+    max_nodes: most nodes that are computed; they take some minutes.
     """
 
     band_tol_share: float = 0.5
@@ -148,7 +136,7 @@ class QuadratureEngine(ChainEngine):
             )
 
     def _build_slope_bound(self, n: PSFRequest) -> PhaseSlopeBound:
-        """Bound the phase slope in the stop for all light that reaches the chain's lens."""
+        """Bound the phase slope in the stop for all light that reaches the lens."""
         turn = math.hypot(*(max(map(abs, axis.band.outer_limits)) for axis in self._axes))
         tilt = 2 * math.pi * n.radius * turn / float(n.shadow_magnification)
         at_lens = replace(n, distance=n.object_to_lens_distance, separation=0.0, phase_slope=tilt)
@@ -156,7 +144,7 @@ class QuadratureEngine(ChainEngine):
 
     @property
     def _frequency_plane(self) -> Plane:
-        """The panel frequencies that the chain follows, as a plane in cycles per metre."""
+        """The panel frequencies that are followed, as a plane in cycles per metre."""
         counts = [axis.frequency_count for axis in self._axes]
         steps = [1 / axis.period for axis in self._axes]
         middles = [
@@ -243,7 +231,7 @@ class QuadratureEngine(ChainEngine):
         return self._intensity_or_replan(power, phase, amplitude, added)
 
     def _spectrum_at_lens(self, field: torch.Tensor, axes: list[PropagatorAxis]) -> torch.Tensor:
-        """Compute the spectrum, (..., y, x), of the field that arrives at the chain's lens."""
+        """Compute the spectrum, (..., y, x), of the field that arrives at the lens."""
         y, x = axes
         for axis, dim in ((y, -2), (x, -1)):
             field = torch.fft.fft(field, axis.fft_length, dim)
@@ -273,10 +261,12 @@ class QuadratureEngine(ChainEngine):
 def _plan_axis(
     n: PSFRequest, camera: Camera, axis: int, low: float, high: float, tol: float
 ) -> tuple[PropagatorAxis, bool]:
-    """Plan a chain's frequency axis: the frequencies from `low` to `high` that reach the stop.
+    """Plan a frequency axis: the frequencies from `low` to `high` that reach the stop.
 
-    tol: relative error that the band's smooth ends may cause. Also returns whether the axis holds
-    all frequencies that go from any point of the panel to any point of the stop.
+    Also returns whether the axis holds all frequencies that go from any point of the panel to any
+    point of the stop.
+
+    tol: relative error that the band's smooth ends may cause.
     """
     panel, spread = camera.panel, float(n.shadow_magnification)
     bend = fresnel_area(n)
@@ -317,7 +307,7 @@ class _StopNodeBlock:
         )
 
     def field(self, light: torch.Tensor) -> torch.Tensor:
-        """Compute the chain's field at the sensor from these nodes, in square stop radii."""
+        """Compute the field at the sensor from these nodes, in square stop radii."""
         q = self._engine._request
         moved, onward = self._engine._propagator_variables(), q.transform_variables
         if moved is None:
@@ -333,7 +323,7 @@ class _StopNodeBlock:
         return self._lens_wave()
 
     def _lens_wave(self) -> torch.Tensor:
-        """Return the chain's lens wave at the nodes, times their weights."""
+        """Return the lens' wave at the nodes, times their weights."""
         q, nodes = self._engine._request, self._nodes
         phase = pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, nodes.y, nodes.x)
         phase = wrap_phase(phase)
@@ -341,7 +331,7 @@ class _StopNodeBlock:
 
 
 def _shaped_adjoint(transform: NonuniformTransform) -> ShapedMap:
-    """Return the sum of a chain's light at the stop nodes as a map that their places shape.
+    """Return the sum of light at the stop nodes as a map that their places shape.
 
     It sums light exp(2 pi i f (stretch y + shift)) over all frequencies f, at the nodes y.
     """

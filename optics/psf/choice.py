@@ -27,7 +27,7 @@ from optics.psf.sampled import SampledEngine
 from optics.validation import rounded_up
 
 METHODS = ("axial", "scattered", "sampled")
-"""Names of the PSF methods for a lens alone. Behind a panel the methods are Fourier transforms."""
+"""Names of the methods for a lens alone. Behind a panel the methods are Fourier transforms."""
 
 _COUNTABLE_TURN = 1e15
 """Radians in a lens' wave beyond which numbers of nodes are no exact doubles; nobody can sum so
@@ -43,7 +43,7 @@ _LONGEST_TRIAL = 0.2
 
 
 def require_method(method: str | None, camera: Camera | None) -> None:
-    """Raise ValueError for a name that isn't a PSF method of the lens, or of the camera's chain."""
+    """Raise ValueError for a name that isn't a method of the lens, or of the camera's chain."""
     if camera is None:
         select_methods(METHODS, method, "a lens")
     elif camera.separation:
@@ -58,9 +58,9 @@ def _build_choice(
     *,
     for_patterns: bool = False,
 ) -> MethodChoice[PSFEngine]:
-    """Collect the methods that may compute the PSF of a lens or camera and weren't tried yet.
+    """Collect the methods that may serve a lens or camera and weren't tried yet.
 
-    for_patterns: whether they must take any pattern, also one without the lens' symmetry. A method
+    for_patterns: whether they must take any pattern, also one without the lens' symmetry; a method
     that is named is taken as it is.
     """
     makers = _engine_factories(request, camera, method)
@@ -78,10 +78,7 @@ def _build_choice(
 def _engine_factories(
     request: PSFRequest, camera: Camera | None, method: str | None
 ) -> dict[str, Callable[[], PSFEngine]]:
-    """Return, by name, a function for each method that may compute the PSF of a lens or camera.
-
-    Each function makes the method's engine.
-    """
+    """Return, by name, a function that makes the engine, for each method that may serve."""
     makers: dict[str, Callable[[], PSFEngine]]
     if camera is None:
         _require_countable_turns(request)
@@ -99,7 +96,7 @@ def _engine_factories(
 
 
 def _require_countable_turns(request: PSFRequest) -> None:
-    """Raise ToleranceError if a lens' wave turns faster than its PSF's samples can be counted."""
+    """Raise ToleranceError if a lens' wave turns faster than samples can be counted."""
     bound = request.numeric.phase_slope_bound
     steepest = max(bound.largest_slope(1.0), bound.azimuthal(1.0))
     if steepest < _COUNTABLE_TURN:
@@ -119,10 +116,11 @@ def prepare_cheapest_engine(
     *,
     for_patterns: bool = False,
 ) -> PSFEngine:
-    """Prepare the cheapest method that keeps the tolerance of a PSF and fits the memory.
+    """Prepare the cheapest method that keeps the tolerance and fits the memory.
 
     reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
     for_patterns: whether it must take any pattern.
+
     Raises ToleranceError, whose message names a tolerance that can be kept or another remedy.
     """
     choice = _build_choice(request, camera, method, for_patterns=for_patterns)
@@ -140,7 +138,7 @@ def prepare_cheapest_engine(
             raise refusal
 
     def can_keep(asked: PSFRequest) -> bool:
-        """Tell whether the PSF can be computed as asked, with room for dim windows."""
+        """Tell whether a request can be met, with room for dim windows."""
         tighter = (replace(asked, tol=asked.tol / room) for room in _rooms(camera))
         return all(
             _can_keep_tolerance(one, camera, method, for_patterns=for_patterns) for one in tighter
@@ -152,9 +150,9 @@ def prepare_cheapest_engine(
 def fallback_engines(
     request: PSFRequest, camera: Camera, tried_engines: Iterable[PSFEngine]
 ) -> Iterator[PSFEngine]:
-    """Yield further methods that keep the tolerance of a camera's PSF, without those tried already.
+    """Yield further methods that keep a camera's tolerance, the cheapest first.
 
-    The cheapest comes first. Each is prepared just before it is yielded.
+    Those tried already are left out. Each is prepared just before it is yielded.
     """
     return _build_choice(request, camera, None, tried_engines).prepared_candidates()
 
@@ -166,14 +164,15 @@ def tolerance_error_with_advice(
     reserved_tol: float,
     floor: float,
 ) -> ToleranceError:
-    """Return a ToleranceError that names a tolerance, `floor` or above, that the PSF can keep.
+    """Return a ToleranceError that names a tolerance, `floor` or above, that can be kept.
 
     An engine plans anew for another tolerance and can't predict exactly which error remains. So the
     candidate tolerances are tested, by planning. For a panel apart from its lens, the named
     tolerance leaves room for patterns that send less light into the window than an even panel, if
     possible. Planning takes a tenth of a second, so the search bisects: an engine that keeps one
-    tolerance also keeps a larger one. reserved_tol: part of the caller's tolerance that the
-    request's tolerance doesn't include.
+    tolerance also keeps a larger one.
+
+    reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
     """
     promised = request.tol + reserved_tol
     if math.isnan(promised):
@@ -182,7 +181,7 @@ def tolerance_error_with_advice(
     for room in _rooms(camera):
 
         def can_keep(tol: float, room: float = room) -> bool:
-            """Tell whether the PSF can be computed to `tol`, and to `tol / room`."""
+            """Tell whether `tol` can be kept, and `tol / room`."""
             asked = {(tol - reserved_tol) / part for part in (room, 1.0)}
             return all(
                 _can_keep_tolerance(replace(request, tol=one), camera, method) for one in asked
@@ -198,7 +197,7 @@ def tolerance_error_with_advice(
 
 
 def _rooms(camera: Camera | None) -> tuple[float, ...]:
-    """Return the rooms in a tolerance of a PSF that advice tries, the largest first.
+    """Return the rooms in a tolerance that advice tries, the largest first.
 
     Behind a panel apart from its lens, a pattern may leave the window little of the light.
     """
@@ -208,7 +207,7 @@ def _rooms(camera: Camera | None) -> tuple[float, ...]:
 def _can_keep_tolerance(
     request: PSFRequest, camera: Camera | None, method: str | None, *, for_patterns: bool = False
 ) -> bool:
-    """Tell whether any method predicts that it keeps the requested tolerance of the PSF.
+    """Tell whether any method predicts that it keeps the requested tolerance.
 
     A method that has to measure its error is tried if that is soon done.
     """
@@ -228,7 +227,7 @@ def _can_keep_tolerance(
 
 
 def _candidate_tolerances(floor: float) -> Iterator[float]:
-    """Yield rounded tolerances for a PSF from `floor` up to 1, in growing steps."""
+    """Yield rounded tolerances from `floor` up to 1, in growing steps."""
     step = 1.0
     while floor < 1:
         yield float(rounded_up(floor))
@@ -254,10 +253,10 @@ CanKeep = Callable[[PSFRequest], bool]
 def refusal_with_remedies(
     refusal: ToleranceError, request: PSFRequest, reserved_tol: float, can_keep: CanKeep
 ) -> ToleranceError:
-    """Return a PSF's refusal with the remedies that were found to help, or with none.
+    """Return a refusal with the remedies that were found to help, or with none.
 
-    can_keep: tells by planning whether a request can be met. reserved_tol: part of the caller's
-    tolerance that the request's doesn't include.
+    can_keep: tells by planning whether a request can be met.
+    reserved_tol: part of the caller's tolerance that the request's doesn't include.
     """
     request = request.numeric
     remedies = (
@@ -284,7 +283,7 @@ Tries = Iterator[tuple[str, PSFRequest]]
 
 
 def _larger_tolerance(q: PSFRequest, reserved_tol: float) -> Tries:
-    """Yield a PSF's larger tolerances below 1."""
+    """Yield larger tolerances below 1."""
     for factor in _TOLERANCES:
         tol = float(rounded_up(factor * (q.tol + reserved_tol)))
         if tol < 1:
@@ -292,7 +291,7 @@ def _larger_tolerance(q: PSFRequest, reserved_tol: float) -> Tries:
 
 
 def _more_memory(q: PSFRequest, needed: int | None) -> Tries:
-    """Yield a PSF's larger budgets of memory."""
+    """Yield larger budgets of memory."""
     for factor in _MEMORY if needed else ():
         memory = math.ceil(factor * (needed or 0) / 1e6) * 1_000_000
         words = f"allow more memory: {memory // 1_000_000} MB"
@@ -300,7 +299,7 @@ def _more_memory(q: PSFRequest, needed: int | None) -> Tries:
 
 
 def _more_time(q: PSFRequest, needed: float | None) -> Tries:
-    """Yield a PSF's larger budget of processor time, where it's less than a day."""
+    """Yield a larger budget of processor time, where it's less than a day."""
     if needed and 1.1 * needed < 86400:
         seconds = float(rounded_up(1.1 * needed))
         yield (
@@ -310,7 +309,7 @@ def _more_time(q: PSFRequest, needed: float | None) -> Tries:
 
 
 def _smaller_window(q: PSFRequest) -> Tries:
-    """Yield a PSF's smaller windows about the same centre."""
+    """Yield smaller windows about the same centre."""
     plane = q.samples
     sides = [
         (n - 2 * margin) * pitch / (pixel or pitch)
@@ -330,7 +329,7 @@ def _smaller_window(q: PSFRequest) -> Tries:
 
 
 def _nearer_object(q: PSFRequest) -> Tries:
-    """Yield distances of a PSF's object that are closer to the plane in focus."""
+    """Yield distances of the object that are closer to the plane in focus."""
     focus = q.lens.focus_distance - q.separation
     if not focus > 0 or q.sphere is not None or q.distance == focus:
         return
@@ -342,7 +341,7 @@ def _nearer_object(q: PSFRequest) -> Tries:
 
 
 def _window_at_the_image(q: PSFRequest) -> Tries:
-    """Yield a PSF's window around the image of its point."""
+    """Yield a window around the image of the point, if the one asked for lies elsewhere."""
     if any(q.samples.centre):
         yield (
             "ask for pixels around the point's image",

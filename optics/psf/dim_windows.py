@@ -11,19 +11,15 @@ import torch
 from numpy.typing import NDArray
 
 Window = tuple[slice, slice]
-"""Rows and columns of a PSF's samples."""
+"""Rows and columns of samples."""
 
 
 @dataclass(frozen=True)
 class RowErrorSettings:
-    """Tune how the error of a PSF is measured on some rows of its window.
+    """Tune how the error is measured on some rows of a window.
 
-    Attributes
-    ----------
-    rows : int
-        Most rows that are measured. Chosen so that the measurement takes a fraction of a call.
-    margin : float
-        Factor on the error that is found there, because few rows are measured. Chosen.
+    rows: most rows that are measured. Chosen so that the measurement takes a fraction of a call.
+    margin: factor on the error that is found there, because few rows are measured. Chosen.
     """
 
     rows: int = 8
@@ -32,12 +28,9 @@ class RowErrorSettings:
 
 @dataclass(frozen=True)
 class AddedLightSettings:
-    """Tune how a PSF shares its tolerance with light that is added to it.
+    """Tune how light shares its tolerance with other light that is added to it.
 
-    Attributes
-    ----------
-    error_share : float
-        Share of the tolerance that the error of that light may use. Chosen.
+    error_share: share of the tolerance that the error of the added light may use. Chosen.
     """
 
     error_share: float = 0.5
@@ -48,7 +41,7 @@ _SETTINGS = RowErrorSettings()
 
 
 def window_norm(light: torch.Tensor, window: Window) -> torch.Tensor:
-    """Return the L2 norm of every PSF in its window, (...), float64."""
+    """Return the L2 norm of light in a window, (...), float64."""
     inside = light[..., window[0], window[1]]
     norm = torch.linalg.vector_norm(inside, dim=(-2, -1))
     # The squares of very dim or bright light leave the range of single precision.
@@ -61,36 +54,38 @@ def window_norm(light: torch.Tensor, window: Window) -> torch.Tensor:
 class AddedLight:
     """Tells of other light that is added to a PSF in intensity, and of its error.
 
-    norm: L2 norm of that light over the window, relative to the units of the PSF. error: L2 norm of
-    its error in these units.
+    norm: L2 norm of that light over the window, relative to the units of the PSF.
+    error: L2 norm of its error in these units.
     """
 
     norm: torch.Tensor
     error: torch.Tensor
 
     def relative_to(self, peak: torch.Tensor | None) -> AddedLight:
-        """Convert to the units of a PSF whose amplitude was divided by `peak`, (...)."""
+        """Convert to the units of light whose amplitude was divided by `peak`, (...)."""
         if peak is None:
             return self
         return AddedLight(self.norm / peak**2, self.error / peak**2)
 
 
 class CoarseAddedLightError(Exception):
-    """Tells that the error of light added to a PSF leaves too little room for the PSF's own."""
+    """Tells that the error of added light leaves too little room for that of the other light."""
 
 
 UNKNOWN_LIGHT = AddedLight(
     torch.tensor(math.inf, dtype=torch.float64), torch.zeros((), dtype=torch.float64)
 )
-"""Light that is added to a PSF, which may be any: what error it leaves room for isn't known yet."""
+"""Added light that may be any: what error it leaves room for isn't known yet."""
 
 
 def error_beside(own: float, norm: torch.Tensor, added: AddedLight | None) -> float:
-    """Return the relative L2 error of a PSF together with light that is added; the largest found.
+    """Return the relative L2 error of light together with what is added; the largest of a batch.
 
     Light isn't negative, so the norm of a sum is at least the root of the squares' sum. Nor is the
     sum's relative error larger than that of the worse part, as far as their norms add.
-    own: relative L2 error of the PSF. norm: its L2 norm in the window, (...).
+
+    own: relative L2 error of the light by itself.
+    norm: its L2 norm in the window, (...).
     """
     if added is None:
         return own
@@ -101,7 +96,7 @@ def error_beside(own: float, norm: torch.Tensor, added: AddedLight | None) -> fl
 
 
 def allowed_own_error(tol: float, norm: torch.Tensor, added: AddedLight | None) -> float:
-    """Return the relative L2 error that a PSF may have by itself, where `tol` holds for a sum.
+    """Return the relative L2 error that light may have by itself, where `tol` holds for a sum.
 
     Raises CoarseAddedLightError if most of that error is the added light's, beyond `tol` of it.
     """
@@ -116,14 +111,15 @@ def allowed_own_error(tol: float, norm: torch.Tensor, added: AddedLight | None) 
 
 
 class EvenNoise:
-    """Predicts a PSF's relative L2 error from errors of its field that spread like noise.
+    """Predicts the relative L2 error of light from errors of its field that spread like noise.
 
     The field is the true one plus a complex error of mean square n. The intensity I = |field|² then
     has an error of mean square 2 I n + 2 n² (Goodman, Statistical Optics, section 2.9).
 
-    light: I, (..., rows, columns). envelope: n relative to the noise level, as a sum of products
-    of functions of y, (terms, rows), and of x, (terms, columns); 1 if None. norm: what errors are
-    relative to, (...).
+    light: I, (..., rows, columns).
+    envelope: n relative to the noise level, as a sum of products of functions of y, (terms, rows),
+    and of x, (terms, columns); 1 if None.
+    norm: what errors are relative to, (...).
     """
 
     def __init__(
@@ -146,13 +142,13 @@ class EvenNoise:
         self._norm = norm
 
     def error(self, level: torch.Tensor) -> float:
-        """Return the error for a noise level, (...); the largest of a batch of PSFs."""
+        """Return the error for a noise level, (...); the largest of a batch."""
         squares = 2 * level * self._crossed + 2 * level**2 * self._square
         return largest_ratio(squares.sqrt(), self._norm)
 
 
 def largest_ratio(error: torch.Tensor, norm: torch.Tensor) -> float:
-    """Return the largest relative error of a batch of PSFs; 0 for a dark one without an error."""
+    """Return the largest relative error of a batch; 0 for dark light without an error."""
     ratio = torch.where(error > 0, error / norm, 0.0)
     return float(ratio.max()) if ratio.numel() else 0.0
 
@@ -165,31 +161,19 @@ def row_error(
     window: Window,
     norm: torch.Tensor,
 ) -> tuple[float, int]:
-    """Measure the relative L2 error of a PSF on some rows of its window.
+    """Measure the relative L2 error of light on some rows of its window.
 
     The rows are drawn by systematic sampling: half of the probability is in proportion to their
     squared light, to which relative errors mostly belong, and half is even. The draw is always the
-    same for the same light.
+    same for the same light. Returns the error with a margin, the largest of a batch, and the number
+    of rows on which it was measured.
 
-    Parameters
-    ----------
-    field : torch.Tensor
-        The PSF's complex field, (..., rows, columns).
-    light : torch.Tensor
-        Its intensity in the units of the result.
-    missing : callable
-        Returns the field that was left out on rows of the samples whose numbers it gets.
-    scale : float
-        Intensity over ``|field|²``.
-    window : tuple of slice
-        Rows and columns of the samples that count.
-    norm : torch.Tensor
-        What errors are relative to, (...).
-
-    Returns
-    -------
-    tuple of float and int
-        The error with a margin, the largest of a batch; and on how many rows it was measured.
+    field: complex, (..., rows, columns).
+    light: its intensity in the units of the result.
+    missing: returns the field that was left out on rows of the samples whose numbers it gets.
+    scale: intensity over ``|field|²``.
+    window: rows and columns of the samples that count.
+    norm: what errors are relative to, (...).
     """
     inside = light[..., window[0], window[1]].to(torch.float64)
     chosen, weights = _draw_rows((inside**2).sum(-1).reshape(-1, inside.shape[-2]))
@@ -204,7 +188,7 @@ def row_error(
 
 
 def _draw_rows(energy: torch.Tensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Draw rows of a batch of PSFs; return their numbers, and a weight for the sum over each.
+    """Draw rows of a batch; return their numbers, and a weight for the sum over each.
 
     energy: squared light of every row, (pictures, rows).
     """
@@ -235,11 +219,13 @@ _DARKEST_PEAK = 1e-150
 def normalise_amplitude(
     amplitude: torch.Tensor | None, sample_axes: int
 ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
-    """Scale the amplitude of every pattern in a batch to a peak of 1 for its PSF.
+    """Scale the amplitude of every pattern in a batch to a peak of 1.
 
     Returns the amplitude and the old peaks, one for each pattern, float64. The peaks are None if
     they are all 1. A pattern whose amplitude is zero, not finite, or so small that double precision
-    doesn't hold its square, keeps it, with a peak of 1.
+    doesn't hold its square, keeps it, with a peak of 1. Raises ValueError for amplitudes whose
+    square double precision doesn't hold.
+
     sample_axes: number of axes at the end that hold one pattern.
     """
     if amplitude is None or not amplitude.numel():
@@ -262,7 +248,7 @@ def normalise_amplitude(
 
 
 def _peak(amplitude: torch.Tensor, axes: tuple[int, ...]) -> torch.Tensor:
-    """Return the largest modulus of every pattern whose PSF is computed."""
+    """Return the largest modulus of every pattern."""
     if amplitude.device.type != "cpu":
         return amplitude.abs().amax(axes, keepdim=True)
     # numpy computes the moduli of complex numbers in an eighth of torch's time.
@@ -271,7 +257,7 @@ def _peak(amplitude: torch.Tensor, axes: tuple[int, ...]) -> torch.Tensor:
 
 
 def scale_light(light: torch.Tensor, peak: torch.Tensor | None) -> torch.Tensor:
-    """Scale the PSF of normalise_amplitude() back, by the squares of the amplitudes' peaks.
+    """Scale the light of normalise_amplitude() back, by the squares of the amplitudes' peaks.
 
     The result is float64 where single precision might not hold it.
     """
@@ -282,5 +268,5 @@ def scale_light(light: torch.Tensor, peak: torch.Tensor | None) -> torch.Tensor:
 
 
 def _is_extreme(peak: torch.Tensor) -> bool:
-    """Tell whether single precision might not hold the PSF of amplitudes with these peaks."""
+    """Tell whether single precision might not hold the light of amplitudes with these peaks."""
     return bool((peak < _LEAST_PEAK).any() or (peak > 1 / _LEAST_PEAK).any())

@@ -1,4 +1,4 @@
-"""Estimate the light that a stop's edge scatters into a window of the PSF.
+"""Estimate the light that a stop's edge scatters into a window.
 
 A cheaper method of the chain may neglect part of this light, and its error is estimated from it.
 
@@ -43,37 +43,25 @@ Array = NDArray[np.float64]
 class EdgeScatterSettings:
     """Tune how the light that the stop's edge scatters is estimated.
 
-    Attributes
-    ----------
-    edge_pieces : int
-        Pieces into which the stop's edge is divided. Chosen.
-    far_steps : int
-        Steps in frequency on either side of an edge, at distances D above 1 / (4 radius). Chosen.
-        Where light is followed farther than usual, they are wider.
-    near_steps : int
-        Steps in frequency on either side, at smaller distances. Chosen.
-    stop_samples : int
-        Samples across the stop. Chosen.
-    max_cycles_per_pixel : float
-        Cycles per panel pixel up to which scattered light is followed. Beyond, the pixel's envelope
-        leaves a negligible share.
-    many_speckles_factor : float
-        Factor on an estimate for an evenly lit panel, if the window holds many speckles. Random
-        patterns need less, because rays light the ends of the panel's shadow fully. Gratings and
-        smooth waves on small panels need up to a fifth more than without it.
-    few_speckles_factor : float
-        Addition to that factor for a single speckle; it is divided by the square root of the
-        number of speckles.
-    few_rim_speckles_factor : float
-        Addition to that factor for a single speckle along the stop's edge; it is divided by the
-        square root of their number, by which the light that the edge gets is known. Set to four
-        standard deviations: on small panels, some waves and gratings exceeded the other two
-        factors by 2.2, with 20 speckles.
-    min_relative_light : float
-        Share of the brightest light below which a ray counts as dark. Chosen.
-    window_probe_offset : float
-        Distance of the points that represent the window from its middle, in sides of the window.
-        Chosen.
+    edge_pieces: pieces into which the stop's edge is divided. Chosen.
+    far_steps: steps in frequency on either side of an edge, at distances D above 1 / (4 radius).
+    Chosen. Where light is followed farther than usual, they are wider.
+    near_steps: steps in frequency on either side, at smaller distances. Chosen.
+    stop_samples: samples across the stop. Chosen.
+    max_cycles_per_pixel: cycles per panel pixel up to which scattered light is followed. Beyond,
+    the pixel's envelope leaves a negligible share.
+    many_speckles_factor: factor on an estimate for an evenly lit panel, if the window holds many
+    speckles. Random patterns need less, because rays light the ends of the panel's shadow fully.
+    Gratings and smooth waves on small panels need up to a fifth more than without it.
+    few_speckles_factor: addition to that factor for a single speckle; it is divided by the square
+    root of the number of speckles.
+    few_rim_speckles_factor: addition to that factor for a single speckle along the stop's edge; it
+    is divided by the square root of their number, by which the light that the edge gets is known.
+    Set to four standard deviations: on small panels, some waves and gratings exceeded the other two
+    factors by 2.2, with 20 speckles.
+    min_relative_light: share of the brightest light below which a ray counts as dark. Chosen.
+    window_probe_offset: distance of the points that represent the window from its middle, in sides
+    of the window. Chosen.
     """
 
     edge_pieces: int = 96
@@ -95,8 +83,9 @@ _SETTINGS = EdgeScatterSettings()
 class RaySamples:
     """Rays of light at points in the lens' plane; arrays (..., 2) hold y and x.
 
-    frequency: cycles per metre at the panel, (..., 2). panel_position: where the ray leaves the
-    panel, metres, (..., 2). light: density of the light, 0 where the panel sends none.
+    frequency: cycles per metre at the panel, (..., 2).
+    panel_position: where the ray leaves the panel, metres, (..., 2).
+    light: density of the light, 0 where the panel sends none.
     unbounded_light: density that it would have if the panel were infinitely large.
     """
 
@@ -131,7 +120,7 @@ class StopEdgeScatter:
     def without_limit(self) -> StopEdgeScatter:
         """Return an estimate that follows all light between panel and stop, however oblique.
 
-        The chain's small tolerances take more than the usual cycles per pixel.
+        Small tolerances take more than the usual cycles per pixel.
         """
         panel = self._camera.panel
         farthest = math.hypot(*panel.shape) * panel.pitch / 2 + math.hypot(*self._shift)
@@ -141,7 +130,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _window(self) -> Array:
-        """The frequencies behind the chain's lens that represent the window, (points, 2)."""
+        """The frequencies behind the lens that represent the window, (points, 2)."""
         return window_frequencies(self._q)
 
     @property
@@ -150,20 +139,20 @@ class StopEdgeScatter:
 
     @property
     def fresnel_zone_frequency(self) -> float:
-        """The inverse of the Fresnel zone's width between the chain's panel and lens, cycles/m."""
+        """The inverse of the Fresnel zone's width between panel and lens, cycles/m."""
         return 1 / math.sqrt(self._fresnel_area)
 
     @cached_property
     def max_window_frequency(self) -> Array:
-        """The largest frequencies (y, x) behind the chain's lens that reach sensor samples."""
+        """The largest frequencies (y, x) behind the lens that reach sensor samples, cycles/m."""
         q = self._q
         far = [float(q.samples.coordinates(axis).abs().max()) for axis in (0, 1)]
         return np.array(far) / q.scale
 
     def lens_frequency_shift(self, at: Array) -> Array:
-        """Return how far the chain's lens shifts the light's frequency at points, cycles/m.
+        """Return how far the lens shifts the light's frequency at points, cycles/m.
 
-        at: the points, metres, (..., 2).
+        at: metres, (..., 2).
         """
         q = self._q
         place = torch.from_numpy(at / q.radius).requires_grad_()
@@ -176,10 +165,10 @@ class StopEdgeScatter:
         return np.asarray(found.numpy() / (2 * math.pi * q.radius))
 
     def trace_rays(self, at: Array, behind: Array) -> RaySamples:
-        """Trace rays of the chain from points in the lens' plane back to the panel.
+        """Trace rays from points in the lens' plane back to the panel.
 
-        at: the points, metres, (..., 2). behind: the rays' frequencies just before the lens, cycles
-        per metre, (..., 2).
+        at: the points, metres, (..., 2).
+        behind: the rays' frequencies just before the lens, cycles per metre, (..., 2).
         """
         frequency = self._shadow_magnification * behind
         start = at / self._shadow_magnification - self._shift - self._fresnel_area * frequency
@@ -187,7 +176,7 @@ class StopEdgeScatter:
         return RaySamples(frequency, start, sent * self._panel_illumination(start), sent)
 
     def _pixel_envelope(self, frequency: Array) -> Array:
-        """Return the envelope sinc² of a chain's panel pixel at a frequency.
+        """Return the envelope sinc² of a panel pixel at a frequency.
 
         Beyond its first zero, the envelope is averaged over the lobes.
         """
@@ -197,7 +186,7 @@ class StopEdgeScatter:
         return np.asarray(along[..., 0] * along[..., 1])
 
     def _panel_illumination(self, start: Array) -> Array:
-        """Return the relative irradiance on the chain's panel and beside it.
+        """Return the relative irradiance on the panel and beside it.
 
         It is 1 on the panel. Beside it, at the distance x from the edge, diffraction leaves
         fresnel_area / (2 pi x)² (Fresnel's integrals, far from the edge).
@@ -211,21 +200,20 @@ class StopEdgeScatter:
         return light
 
     def _distance_from_panel(self, place: Array, axis: int) -> Array:
-        """Return the distance to the chain's panel along an axis in metres, 0 on the panel."""
+        """Return the distance to the panel along an axis in metres, 0 on the panel."""
         line = self._camera.panel.plane.coordinates(axis)
         half = self._camera.panel.pitch / 2
         below, above = float(line[0]) - half - place, place - float(line[-1]) - half
         return np.maximum(np.maximum(below, above), 0.0)
 
     def _is_on_panel(self, place: Array) -> NDArray[np.bool_]:
-        """Tell which positions lie on the chain's panel."""
         return (self._distance_from_panel(place[..., 0], 0) == 0) & (
             self._distance_from_panel(place[..., 1], 1) == 0
         )
 
     @cached_property
     def _opening_bounds(self) -> tuple[Array, Array]:
-        """The lowest and highest (y, x) of the opening of the chain's stop, in stop radii.
+        """The lowest and highest (y, x) of the stop's opening, in stop radii.
 
         The opening may be much smaller than the circle around it, so samples cover only the
         opening.
@@ -235,7 +223,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _stop_coordinates(self) -> tuple[Array, Array]:
-        """The y and x coordinates of the chain's samples across the stop's opening, in metres."""
+        """The y and x coordinates of the samples across the stop's opening, in metres."""
         low, high = self._opening_bounds
         line = (np.arange(_SETTINGS.stop_samples) + 0.5) / _SETTINGS.stop_samples
         y, x = self._q.radius * (low + np.outer(line, high - low)).T
@@ -243,7 +231,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _open_mask(self) -> NDArray[np.bool_]:
-        """Whether the chain's stop is open at each sample of `_stop_coordinates`."""
+        """Whether the stop is open at each sample of `_stop_coordinates`."""
         y, x = np.meshgrid(
             *(line / self._q.radius for line in self._stop_coordinates), indexing="ij"
         )
@@ -255,13 +243,13 @@ class StopEdgeScatter:
 
     @cached_property
     def _open_points(self) -> Array:
-        """The samples where the chain's stop is open, (n, 2) for y and x, in metres."""
+        """The samples where the stop is open, (n, 2) for y and x, in metres."""
         y, x = np.meshgrid(*self._stop_coordinates, indexing="ij")
         return np.stack([y[self._open_mask], x[self._open_mask]], axis=-1)
 
     @cached_property
     def _direct_rays(self) -> RaySamples:
-        """The chain's rays that go straight through the stop into the window.
+        """The rays that go straight through the stop into the window.
 
         Positions and frequencies are (points, window, 2).
         """
@@ -270,14 +258,14 @@ class StopEdgeScatter:
 
     @cached_property
     def direct_area(self) -> float:
-        """The area of the chain's stop that lights the window, weighted by the light, in m²."""
+        """The area of the stop that lights the window, weighted by the light, in m²."""
         low, high = self._opening_bounds
         each = float(np.prod(high - low)) * (self._q.radius / _SETTINGS.stop_samples) ** 2
         return float(self._direct_rays.light.mean(axis=1).sum()) * each
 
     @cached_property
     def passing_band(self) -> tuple[Array, Array]:
-        """The lowest and highest panel frequencies that the chain sends straight to the window.
+        """The lowest and highest panel frequencies that go straight to the window, cycles/m.
 
         The limits (y, x) are the frequencies of rays from the lit panel, widened by a Fresnel zone.
         The band isn't wider than that of an infinitely large panel.
@@ -296,7 +284,7 @@ class StopEdgeScatter:
 
     @cached_property
     def speckle_count(self) -> float:
-        """The approximate number of speckles in the chain's window, behind an evenly lit panel."""
+        """The approximate number of speckles in the window, behind an evenly lit panel."""
         q = self._q
         rows, columns = (
             k - 2 * margin for k, margin in zip(q.samples.shape, q.margin, strict=True)
@@ -306,7 +294,7 @@ class StopEdgeScatter:
 
     @property
     def share_per_frequency_area(self) -> float:
-        """The share of its light that a chain's evenly lit panel sends to a unit frequency area.
+        """The share of its light that an evenly lit panel sends to a unit frequency area.
 
         The unit is m², because frequencies are in cycles per metre.
         """
@@ -314,7 +302,7 @@ class StopEdgeScatter:
 
     @property
     def window_share(self) -> float:
-        """The share of an evenly lit panel's light that the chain sends into the window."""
+        """The share of an evenly lit panel's light that reaches the window."""
         q = self._q
         rows, columns = (
             k - 2 * margin for k, margin in zip(q.samples.shape, q.margin, strict=True)
@@ -324,7 +312,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _passing_kernels(self) -> list[tuple[Array, Array]]:
-        """For each axis, frequencies in the chain's passing band, and a pixel's amplitude at each.
+        """For each axis, frequencies in the passing band, and a pixel's amplitude at each.
 
         The amplitudes are scaled so that the sum of their squares is the light in the band.
         """
@@ -339,13 +327,15 @@ class StopEdgeScatter:
 
     @cached_property
     def passing_share(self) -> float:
-        """The share of an evenly lit panel's light that lies in the chain's passing band."""
+        """The share of an evenly lit panel's light that lies in the passing band."""
         return float(np.prod([(strength**2).sum() for _, strength in self._passing_kernels]))
 
     def passing_brightness(self, field: torch.Tensor) -> tuple[float, float]:
-        """Compute a panel's brightness in the chain's passing band, over an evenly lit panel's.
+        """Compute a panel's brightness in the passing band, over an evenly lit panel's.
 
-        field: of the panel, (..., rows, columns). Returns the least and the greatest of a batch.
+        Returns the least and the greatest of a batch.
+
+        field: of the panel, (..., rows, columns).
         """
         power = field.real**2 + field.imag**2
         total = power.sum(dim=(-2, -1), dtype=torch.float64)
@@ -361,7 +351,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _accepted_frequencies(self) -> Array:
-        """The frequencies before the chain's lens that reach the window from the stop's edge.
+        """The frequencies before the lens that reach the window from the stop's edge.
 
         The shape is (edge, window, 1, 2).
         """
@@ -371,7 +361,7 @@ class StopEdgeScatter:
 
     @cached_property
     def scattered_rays(self) -> RaySamples:
-        """The chain's rays that the stop's edge scatters into the window.
+        """The rays that the stop's edge scatters into the window.
 
         Positions and frequencies are (edge, window, distance, 2).
         """
@@ -386,12 +376,14 @@ class StopEdgeScatter:
     def aliased_light(
         self, alias_frequency: Array, low: Array, high: Array, edge_transmission: Array
     ) -> float:
-        """Estimate the light that aliasing on the chain's lens grid adds to the window.
+        """Estimate the light that aliasing on the lens grid adds to the window.
 
-        alias_frequency: cycles per metre (y, x) by which the sampled stop shifts the light. low,
-        high: limits (y, x) of the band of panel frequencies from which the light comes.
+        The window's middle represents all of the window.
+
+        alias_frequency: cycles per metre (y, x) by which the sampled stop shifts the light.
+        low, high: limits (y, x) of the band of panel frequencies from which the light comes.
         edge_transmission: share of the field that the grid's averaged edge passes, by its shift in
-        frequency, (edge, 1, distance). The window's middle represents all of the window.
+        frequency, (edge, 1, distance).
         """
         behind = (
             self._accepted_frequencies[:, 0] + alias_frequency - self.edge_frequency_shift[:, 0]
@@ -404,11 +396,11 @@ class StopEdgeScatter:
 
     @cached_property
     def edge_frequency_shift(self) -> Array:
-        """The frequency shifts by the edge of the chain's stop, (edge, 1, distance, 2)."""
+        """The frequency shifts by the stop's edge, (edge, 1, distance, 2), cycles/m."""
         return np.asarray(self._normal[:, None, None] * self._normal_distances[:, None, :, None])
 
     def relative_error(self, lost_light: float) -> float:
-        """Return the relative L2 error of the chain's PSF if its field lacks `lost_light`."""
+        """Return the relative L2 error of the intensity if the field lacks `lost_light`."""
         if not self.direct_area > 0:
             return math.inf
         return (
@@ -418,14 +410,14 @@ class StopEdgeScatter:
         )
 
     def allowed_light_loss(self, error: float) -> float:
-        """Return the light that the chain may lose for a given relative L2 error of the PSF."""
+        """Return the light that may be lost for a given relative L2 error of the intensity."""
         return (
             error / (self._safety_factor * self._pixel_averaging_factor)
         ) ** 2 * self.direct_area
 
     @cached_property
     def _pixel_averaging_factor(self) -> float:
-        """The share of the chain's relative error that integration over sensor pixels leaves.
+        """The share of the relative error that integration over sensor pixels leaves.
 
         Light from two points that differ by g in frequency makes fringes. A pixel of side p keeps
         sinc²(g p) of their power. For an evenly lit panel, half of the power of |U|² is its mean,
@@ -441,7 +433,7 @@ class StopEdgeScatter:
 
     @cached_property
     def normalised_second_moment(self) -> float:
-        """The mean square of the light in the chain's window over its squared mean.
+        """The mean square of the light in the window over its squared mean.
 
         The panel is evenly lit. The value is 2 for point samples of speckles, and less for pixels,
         which average them.
@@ -452,7 +444,7 @@ class StopEdgeScatter:
         return 1 + float(self._fringe_power_share(self._open_points) @ light / light.sum())
 
     def _fringe_power_share(self, at: Array) -> Array:
-        """Return the share of the chain's fringe power that sensor pixels keep.
+        """Return the share of the fringe power that sensor pixels keep.
 
         All light in the stop makes fringes with the light from each point `at`, (n, 2) in the lens'
         plane.
@@ -476,18 +468,18 @@ class StopEdgeScatter:
 
     @property
     def _rim_speckle_count(self) -> float:
-        """The approximate number of speckles of the panel's light along the chain's stop edge."""
+        """The approximate number of speckles of the panel's light along the stop's edge."""
         panel = self._camera.panel
         width = math.sqrt(math.prod(panel.shape)) * panel.pitch
         return max(1.0, float(self._length.sum()) * width / self._fresnel_area)
 
     def error_from_light_share(self, share: float) -> float:
-        """Return the L2 error of the panel-to-lens chain's PSF if a share of its light is wrong."""
+        """Return the relative L2 error of the intensity if a share of the light is wrong."""
         return self._safety_factor * math.sqrt(share)
 
     @cached_property
     def _collapse_light_errors(self) -> tuple[float, float]:
-        """The light that a chain gets wrong if the stop's shadow on the panel replaces the stop.
+        """The light that is wrong if the stop's shadow on the panel replaces the stop.
 
         The first number is for frequencies in the passing band, the second for all. Between panel
         and stop, light of the frequency f that the edge turns to g gains the phase
@@ -505,18 +497,18 @@ class StopEdgeScatter:
         return float(lost[is_in_band(rays.frequency, *self.passing_band)].sum()), float(lost.sum())
 
     def collapse_error(self) -> float:
-        """Return the chain's relative error if the stop's shadow on the panel replaces the stop."""
+        """Return the relative error if the stop's shadow on the panel replaces the stop."""
         return self.relative_error(self._collapse_light_errors[1])
 
     @property
     def collapse_passing_share(self) -> float:
-        """The share of the chain's squared `collapse_error` that comes from its passing band."""
+        """The share of the squared `collapse_error` that comes from the passing band."""
         within, whole = self._collapse_light_errors
         return within / whole if whole > 0 else 0.0
 
 
 def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
-    """Return the limits of steps in frequency away from the edge of the chain's stop, cycles/m.
+    """Return the limits of steps in frequency away from the stop's edge, cycles/m.
 
     The shape is (pieces, steps + 1); steps nearer than `low` come first. Every piece of the edge
     has its own steps, shifted by the golden ratio, so that the steps of neighbouring pieces
@@ -532,16 +524,16 @@ def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
 
 
 def is_in_band(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Tell which panel frequencies (..., 2) lie in a band of the chain.
+    """Tell which panel frequencies (..., 2) lie in a band.
 
-    low, high: limits of the band, (2,) for y and x.
+    low, high: limits, (2,) for y and x.
     """
     y, x = frequency[..., 0], frequency[..., 1]
     return np.asarray((y >= low[0]) & (y <= high[0]) & (x >= low[1]) & (x <= high[1]))
 
 
 def window_frequencies(q: PSFRequest) -> Array:
-    """Return the frequencies (y, x) behind the chain's lens of five window points, (5, 2)."""
+    """Return the frequencies (y, x) behind the lens of five window points, (5, 2)."""
     rows, columns = q.window_slices
     lines = (q.samples.coordinates(0)[rows], q.samples.coordinates(1)[columns])
     (y0, y1), (x0, x1) = ((float(line[0]), float(line[-1])) for line in lines)
@@ -553,10 +545,7 @@ def window_frequencies(q: PSFRequest) -> Array:
 
 
 def _sample_stop_edge(camera: Camera, radius: float) -> tuple[Array, Array, Array]:
-    """Divide the edge of the chain's stop into pieces that scatter the panel's light.
-
-    Returns their midpoints in metres, their normals, and their lengths in metres.
-    """
+    """Divide the stop's edge into pieces: midpoints in metres, normals, lengths in metres."""
     pieces = [piece for loop in camera.lens.stop.loops for piece in loop.pieces]
     count = max(4, _SETTINGS.edge_pieces // len(pieces))
     t = (np.arange(count) + 0.5) / count

@@ -1,4 +1,4 @@
-"""Define PSFEngine, the interface of all methods that compute a PSF."""
+"""Define PSFEngine, the interface of all methods, and its check that nodes resolve a pattern."""
 
 from __future__ import annotations
 
@@ -31,26 +31,19 @@ _BLOCK_SAMPLES = 1 << 16
 
 @dataclass(frozen=True)
 class PhaseSlopeSettings:
-    """Tune the check that a PSF engine's nodes resolve a pattern, and what is told of it.
+    """Tune the check that nodes resolve a pattern, and what is told of it.
 
-    Attributes
-    ----------
-    margin : float
-        Factor by which a phase may be steeper than planned. Chosen.
-    samples : int
-        Points at which the slope is evaluated. Chosen.
-    neighbours : int
-        Nearest points to each of them, itself included, to which slopes are measured. Chosen.
-    slow_variation : float
-        Slope of the waves by which a phase may vary without further nodes, radians per stop radius.
-        Chosen: the nodes have harmonics to spare for it.
-    spare_slope : float
-        Slope, radians per stop radius, for which nodes are to spare. Chosen.
-    pattern_error_factor : float
-        Factor on the error that is told of a pattern's light, from that without a pattern. Chosen;
-        2.2 was needed among 50 random patterns.
-    bright_samples : int
-        Brightest points of an amplitude at which its detail is measured besides. Chosen.
+    margin: factor by which a phase may be steeper than planned. Chosen.
+    samples: points at which the slope is evaluated. Chosen.
+    neighbours: nearest points to each of them, itself included, to which slopes are measured.
+    Chosen.
+    slow_variation: slope of the waves by which a phase may vary without further nodes, radians per
+    stop radius. Chosen: the nodes have harmonics to spare for it.
+    spare_slope: slope, radians per stop radius, for which nodes are to spare. Chosen.
+    pattern_error_factor: factor on the error that is told of a pattern's light, from that without a
+    pattern. Chosen; 2.2 was needed among 50 random patterns.
+    bright_samples: brightest points of an amplitude at which its detail is measured besides.
+    Chosen.
     """
 
     margin: float = 1.05
@@ -66,14 +59,15 @@ _SLOPE_SETTINGS = PhaseSlopeSettings()
 
 
 class PSFEngine(CandidateMethod):
-    """Computes the light of a point on the sensor; the base class of all PSF methods.
+    """Computes the light of a point on the sensor; the base class of all methods.
 
     An engine states its memory and processor time before it allocates anything large. `prepare()`
     allocates it, measures the error, and raises ToleranceError if the error is too large. Then
     `intensity()` returns the share of the light on every sample, (..., rows, columns).
 
-    name, sampling, precision: descriptions in words. error: of the sampling; known after
-    `prepare()`. arithmetic: relative L2 error from rounding.
+    name, sampling, precision: descriptions in words.
+    error: of the sampling; known after `prepare()`.
+    arithmetic: relative L2 error from rounding.
     """
 
     sampling: str
@@ -101,19 +95,19 @@ class PSFEngine(CandidateMethod):
 
     @property
     def sample_count(self) -> int:
-        """The number of samples at the sensor that the PSF engine computes."""
+        """The number of samples at the sensor."""
         rows, columns = self._request.samples.shape
         return rows * columns
 
     def _set_precision(self, double: bool) -> None:
-        """Set the PSF engine's complex type to double or single, and its rounding error."""
+        """Set the complex type to double or single, and the rounding error."""
         self._dtype = torch.complex128 if double else torch.complex64
         self.precision = "float64" if double else "float32"
         self.arithmetic = FLOAT64_ARITHMETIC if double else FLOAT32_ARITHMETIC
 
     @abstractmethod
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the pupil points (y, x), in metres, where the PSF engine samples a pattern."""
+        """Return the pupil points (y, x), in metres, where a pattern is sampled."""
 
     @abstractmethod
     def intensity(
@@ -121,7 +115,7 @@ class PSFEngine(CandidateMethod):
     ) -> torch.Tensor: ...
 
     def _keep_first_light(self, light: torch.Tensor) -> None:
-        """Keep the light without a pattern that planning the PSF has computed, for the first call.
+        """Keep the light without a pattern that planning has computed, for the first call.
 
         It is handed out once, so that the memory is free again. With derivatives it isn't kept.
         """
@@ -135,7 +129,7 @@ class PSFEngine(CandidateMethod):
         self._even_noise = error**2 / (2 * total) if total > 0 else 0.0
 
     def _tell_pattern_error(self, light: torch.Tensor) -> None:
-        """Tell the error of a PSF with a pattern, which may send less light to the window.
+        """Tell the error of light with a pattern, which may send less of it to the window.
 
         The errors of nodes and transforms are taken to be as large as without a pattern. Raises
         ToleranceError if they are too large for this light.
@@ -159,14 +153,14 @@ class PSFEngine(CandidateMethod):
 
     @property
     def _pattern_tol(self) -> float:
-        """The relative L2 error that a PSF with a pattern must keep."""
+        """The relative L2 error that light with a pattern must keep."""
         q = self._request
         return q.tol if q.pattern_tol is None else q.pattern_tol
 
     def _first_light(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor | None:
-        """Return the kept light for the PSF engine's first call without a pattern, or None."""
+        """Return the kept light for the first call without a pattern, or None."""
         if phase is not None or amplitude is not None:
             return None
         light, self._kept_light = self._kept_light, None
@@ -179,7 +173,7 @@ class PSFEngine(CandidateMethod):
         samples: Sequence[int],
         dtype: torch.dtype = torch.complex128,
     ) -> torch.Tensor | None:
-        """Return a pattern as one complex factor for the PSF engine, or None without a pattern.
+        """Return a pattern as one complex factor, or None without a pattern.
 
         The factor is the amplitude times exp(i phase), with the phase in radians.
         """
@@ -200,7 +194,7 @@ class PSFEngine(CandidateMethod):
         return factor
 
     def require_resolved(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> None:
-        """Raise ValueError for a pattern whose detail the PSF engine's nodes don't resolve."""
+        """Raise ValueError for a pattern whose detail the nodes don't resolve."""
         given = [one for one in (phase, amplitude) if one is not None and one.numel()]
         if not given:
             return
@@ -228,7 +222,7 @@ class PSFEngine(CandidateMethod):
             )
 
     def _phase_bandwidth(self, phase: torch.Tensor, pairs: NeighbourPairs | None) -> float:
-        """Return the finest detail of exp(i phase) for a PSF engine's nodes, rad per stop radius.
+        """Return the slope of the finest detail of exp(i phase), radians per stop radius.
 
         It is the steepest slope s and, for a phase that varies like a wave of slope k, as many more
         of its harmonics as have amplitudes above the tolerance: Bessel functions of s / k. The
@@ -257,7 +251,7 @@ class CachedPupilWave(ABC):
 
     @abstractmethod
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Compute the object point's wave in the pupil, behind the stop, for the PSF engine."""
+        """Compute the object point's wave in the pupil, behind the stop."""
 
     def _pupil_wave(self) -> torch.Tensor:
         if self._request.differentiable:
@@ -268,13 +262,13 @@ class CachedPupilWave(ABC):
 
 
 def wrap_phase(angle: torch.Tensor) -> torch.Tensor:
-    """Wrap a PSF engine's phase to -pi to pi radians without changing its derivative."""
+    """Wrap a phase to -pi to pi radians without changing its derivative."""
     turns = torch.round(angle.detach() * (1 / (2 * math.pi)))
     return torch.add(angle, turns, alpha=-2 * math.pi)
 
 
 def phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Compute exp(i phase) for a PSF engine in a complex type; differentiable in the phase.
+    """Compute exp(i phase) in a complex type; differentiable in the phase.
 
     Wrapping in float64 keeps the fraction of a wave of a phase of 1e5 waves. Cosine and sine take a
     sixth of the time of torch.polar in single precision, and blocks that fit in the cache less than
@@ -286,7 +280,7 @@ def phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 
 class _PhaseFactor(torch.autograd.Function):
-    """The autograd function of exp(i phase) for a PSF, which keeps the factor alone."""
+    """The autograd function of exp(i phase), which keeps the factor alone."""
 
     @staticmethod
     def forward(ctx: Any, phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
@@ -303,14 +297,14 @@ class _PhaseFactor(torch.autograd.Function):
 
 
 def squared_modulus(field: torch.Tensor, scale: torch.Tensor | float) -> torch.Tensor:
-    """Compute a PSF's intensity, ``|field|²`` times a scale; differentiable in both."""
+    """Compute ``|field|²`` times a scale; differentiable in both."""
     if records_gradient(field) and not isinstance(scale, torch.Tensor):
         return apply_function(_SquaredModulus, field, scale)
     return (field.real**2 + field.imag**2) * scale
 
 
 class _SquaredModulus(torch.autograd.Function):
-    """The autograd function of a PSF's intensity, with few passes over the samples."""
+    """The autograd function of an intensity, with few passes over the samples."""
 
     @staticmethod
     def forward(ctx: Any, field: torch.Tensor, scale: float) -> torch.Tensor:
@@ -327,7 +321,7 @@ class _SquaredModulus(torch.autograd.Function):
 
 
 def _phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Compute exp(i phase) for a PSF engine, without derivatives, in blocks."""
+    """Compute exp(i phase), without derivatives, in blocks."""
     if phase.numel() <= _BLOCK_SAMPLES:
         return _phase_factor_of_block(phase, dtype)
     factor = torch.empty(phase.shape, dtype=dtype, device=phase.device)
@@ -338,13 +332,12 @@ def _phase_factor(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
 
 
 def _phase_factor_of_block(phase: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """Compute exp(i phase) for a PSF engine at once."""
     angle = wrap_phase(phase.to(torch.float64)).to(dtype.to_real())
     return torch.complex(torch.cos(angle), torch.sin(angle))
 
 
 def _rounding(phase: torch.Tensor) -> float:
-    """Return by how much a PSF's phase may be off where it was computed in its own precision.
+    """Return by how much a phase may be off where it was computed in its own precision.
 
     Two of the last digits of its largest number, in radians. Whole numbers are as they are.
     """
@@ -373,9 +366,9 @@ class NeighbourPairs:
         self._sampled_indices = torch.from_numpy(some)
 
     def steepest_slope(self, phase: torch.Tensor) -> float:
-        """Return a phase's steepest slope between the PSF engine's nodes, rad per stop radius.
+        """Return a phase's steepest slope between neighbouring points, radians per stop radius.
 
-        phase: (..., points).
+        phase: (..., points), radians.
         """
         flat = phase.cpu().to(torch.float64).reshape(-1, self._point_count)
         turn = wrap_phase(flat[:, self._neighbour_indices] - flat[:, self._sampled_indices, None])
@@ -388,13 +381,13 @@ class NeighbourPairs:
 class NeighbourInterpolation:
     """Measures how fine an amplitude's detail is, by interpolating it from neighbouring points.
 
-    What a linear interpolation misses grows with the square of the slope that plane waves have.
-    So the root mean square of what it misses, compared with that of plane waves on the same points,
+    What a linear interpolation misses grows with the square of the slope that plane waves have. So
+    the root mean square of what it misses, compared with that of plane waves on the same points,
     tells the slope of the detail, also of a spot that is seen at a single point.
 
-    y, x: the PSF's pupil points in stop radii, one-dimensional, or a column and a row. A random
-    sample is used, and for every amplitude its brightest points. slope: radians per stop radius of
-    the plane waves to compare with.
+    y, x: pupil points in stop radii, one-dimensional, or a column and a row. A random sample is
+    used, and for every amplitude its brightest points.
+    slope: radians per stop radius of the plane waves to compare with.
     """
 
     def __init__(self, y: torch.Tensor, x: torch.Tensor, slope: float) -> None:
@@ -413,7 +406,9 @@ class NeighbourInterpolation:
     def detail_slope(self, amplitude: torch.Tensor) -> float:
         """Return the slope of plane waves with as fine detail, radians per stop radius.
 
-        amplitude: (..., points). The largest of a batch of a PSF's patterns counts.
+        The largest of a batch counts.
+
+        amplitude: (..., points).
         """
         flat = amplitude.cpu().reshape(-1, len(self._places)).resolve_conj().numpy()
         found = [self._missed_by_interpolation(values.astype(np.complex128)) for values in flat]
@@ -421,13 +416,14 @@ class NeighbourInterpolation:
         return self._slope * math.sqrt(max(found) / max(self._missed_by_waves, least))
 
     def phase_variation(self, phase: torch.Tensor, slope: float) -> float:
-        """Return the slope of the waves by which a PSF's phase varies, radians per stop radius.
+        """Return the slope of the waves by which a phase varies, radians per stop radius.
 
         A wave of slope k whose steepest slope is s bends by k s at most, and by k s / sqrt(2) in
-        the root mean square. What interpolation misses of the phase is compared with what it
-        misses of a parabola, which bends by 1 everywhere. The largest of a batch counts.
+        the root mean square. What interpolation misses of the phase is compared with what it misses
+        of a parabola, which bends by 1 everywhere. The largest of a batch counts.
 
-        phase: (..., points), radians. slope: s, its steepest slope.
+        phase: (..., points), radians.
+        slope: s, its steepest slope.
         """
         at, near, weights = self._sample
         flat = phase.cpu().to(torch.float64).reshape(-1, len(self._places))
@@ -441,7 +437,7 @@ class NeighbourInterpolation:
         return float(missed.max()) / size * math.sqrt(2) / slope if size > 0 else 0.0
 
     def _missed_by_interpolation(self, values: NDArray[np.complex128]) -> float:
-        """Return the share of an amplitude of a PSF's pattern that interpolation misses."""
+        """Return the share of an amplitude that interpolation misses."""
         if not values.any():
             return 0.0
         count = min(_SLOPE_SETTINGS.bright_samples, values.size)
@@ -463,7 +459,7 @@ class NeighbourInterpolation:
         return float(np.linalg.norm(missed)) / size if size > 0 else 0.0
 
     def _weights(self, at: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return neighbours of points of a PSF's pupil, and weights for their interpolation.
+        """Return neighbours of points, and weights for their interpolation.
 
         The weights are the smallest that reproduce linear functions.
         """
@@ -477,7 +473,7 @@ class NeighbourInterpolation:
 
 
 def double_precision_error(request: PSFRequest) -> float:
-    """Return the relative L2 rounding error of a PSF engine in double precision.
+    """Return the relative L2 rounding error of double precision.
 
     The larger the phase in radians, the fewer digits of its fraction double precision holds.
     """
@@ -486,7 +482,7 @@ def double_precision_error(request: PSFRequest) -> float:
 
 
 def require_sample_shape(name: str, value: torch.Tensor, samples: Sequence[int]) -> None:
-    """Raise ValueError for a pattern that isn't finite or doesn't fit a PSF engine's samples."""
+    """Raise ValueError for a pattern that isn't finite or doesn't fit the samples."""
     if tuple(value.shape[-len(samples) :]) != tuple(samples):
         raise ValueError(
             f"{name} is {tuple(value.shape)}; the pupil has {tuple(samples)} "

@@ -54,9 +54,9 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     """Computes the Fourier integral over square panel pixels under a quadratic phase, by FFTs.
 
     The sum is that of CurvedPixelTransform. An FFT along each axis leads to a grid that is a little
-    finer than the panel's Nyquist frequency, and a few weights from the grid to each sample. What
-    a curved pixel adds to the transform of its centre is a smooth function of pixel and sample,
-    which the weights take in, so that it costs nothing.
+    finer than the panel's Nyquist frequency, and a few weights from the grid to each sample. What a
+    curved pixel adds to the transform of its centre is a smooth function of pixel and sample, which
+    the weights take in, so that it costs nothing.
 
     If the field is mirrored, only a quarter of it is given, the pixels right of and below the
     middle of the panel's pixels (with those in the middle, for an odd number). The FFTs then are
@@ -64,20 +64,12 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     about the axis and not about the middle of the pixels, half a pixel away, the mirrored field's
     image is shifted; the weights lead to the samples of the unshifted one.
 
-    Parameters
-    ----------
-    geometry : FourierGeometry
-        The panel's pixel centres and the samples. The pixels' plane must be regular.
-    dtype : torch.dtype
-        complex64 or complex128.
-    curvature : float
-        Of the quadratic phase about the axis, radians per square metre.
-    side : float
-        Of a pixel's active square, metres.
-    error : float
-        Relative L2 error of the field that is allowed.
-    mirrored : bool, optional
-        Whether a quarter of a mirrored field is given. False by default.
+    geometry: the panel's pixel centres, on a regular plane, and the samples.
+    dtype: complex64 or complex128.
+    curvature: of the quadratic phase about the axis, radians per square metre.
+    side: of a pixel's active square, metres.
+    error: relative L2 error of the field that is allowed.
+    mirrored: whether a quarter of a mirrored field is given.
     """
 
     name = "interpolated FFT with curved pixels"
@@ -104,17 +96,17 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
 
     @property
     def _width(self) -> int:
-        """The number of weights for each of the PSF's samples, about."""
+        """The number of weights for each sample, about."""
         return interpolation_width(1 / self._oversampling, self.error)
 
     @property
     def fits(self) -> bool:
-        """Whether the Fourier transform can compute the samples: a mirrored one has an end."""
+        """Whether the grid reaches all samples, and the wave bends little enough inside a pixel."""
         return all(one.reaches(self._width) for one in self._axes)
 
     @property
     def field_shape(self) -> tuple[int, int]:
-        """The shape of the field that the Fourier transform takes, (rows, columns)."""
+        """The shape of the field that is given, (rows, columns)."""
         y, x = self._axes
         return y.given_count, x.given_count
 
@@ -133,13 +125,13 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return _for_each(lambda one: self._field_from_grid(self._grid(one)), field)
 
     def _grid(self, field: torch.Tensor) -> torch.Tensor:
-        """Transform one pattern to the points of the FFTs' grids that the PSF needs."""
+        """Transform one pattern to the points of the FFTs' grids that are needed."""
         y, x = self._parts
         field = (field * x.wave.to(field.device)).mul_(y.wave.to(field.device)[:, None])
         return x.spectrum.forward(y.spectrum.forward(field, 0), 1)
 
     def _columns_from_grid(self, grid: torch.Tensor) -> torch.Tensor:
-        """Transform the FFTs' grid to the PSF's samples along x, and to points along y."""
+        """Transform the FFTs' grid to samples along x, and to points along y."""
         y, x = self._parts
         columns = x.matrix.forward(x.spectrum.unfold(grid.mT.contiguous()))
         return y.spectrum.unfold(columns.mT.contiguous())
@@ -154,27 +146,19 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return folded.mT.contiguous()
 
     def _grid_adjoint(self, grid: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose of `_grid`, back to the panel of the PSF."""
+        """Apply the conjugate transpose of `_grid`, back to the panel."""
         y, x = self._parts
         pixels = y.spectrum.adjoint(x.spectrum.adjoint(grid, 1), 0)
         waves = (one.wave.conj().to(pixels.device) for one in (y, x))
         return pixels.mul_(next(waves)[:, None]).mul_(next(waves))
 
     def intensity(self, field: torch.Tensor, scale: float) -> torch.Tensor:
-        """Compute a PSF's intensity, ``|F|²`` times a scale, without keeping its field.
+        """Compute ``|F|²`` times a scale, without keeping the field F on the samples.
 
-        Parameters
-        ----------
-        field : torch.Tensor
-            Complex, (..., *field_shape).
-        scale : float
-            The factor.
+        The result is real, (..., rows, columns) of the image, differentiable in the field.
+        Derivatives compute F again from the FFTs' grid, which takes less memory and little time.
 
-        Returns
-        -------
-        torch.Tensor
-            Real, (..., rows, columns) of the image; differentiable in the field. Derivatives
-            compute the field again from the FFTs' grid, which takes less memory and little time.
+        field: complex, (..., *field_shape).
         """
         self._require_samples(field)
         return _for_each(
@@ -182,7 +166,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         )
 
     def _squared_modulus(self, columns: torch.Tensor, scale: float) -> torch.Tensor:
-        """Compute a PSF's intensity from `_columns`, some rows at a time."""
+        """Compute the intensity from `_columns_from_grid`, some rows at a time."""
         matrix = self._parts[0].matrix
         light = torch.empty(
             matrix.shape[0], columns.shape[1], dtype=self.dtype.to_real(), device=columns.device
@@ -196,7 +180,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     def _intensity_adjoint(
         self, grid: torch.Tensor, gradient: torch.Tensor, scale: float
     ) -> torch.Tensor:
-        """Return a loss' derivative in the FFTs' grid from that in a PSF's intensity.
+        """Return a loss' derivative in the FFTs' grid from that in the intensity.
 
         grid: what `_grid` gave for the field.
         """
@@ -219,7 +203,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return self._adjoint_of_columns(self._parts[0].matrix.adjoint(field))
 
     def forward_axis(self, field: torch.Tensor, axis: int) -> torch.Tensor:
-        """Apply the Fourier transform along axis 0 (y) or 1 (x) of a field only."""
+        """Apply the transform along axis 0 (y) or 1 (x) of a field only."""
         part, lines = self._parts[axis], field.to(self.dtype)
         lines = lines if axis == 0 else lines.mT
         lines = part.spectrum.forward(lines * part.wave[:, None], 0)
@@ -236,7 +220,6 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the interpolated Fourier transform's largest arrays."""
         y, x = self._axes
         field = y.given_count * x.given_count
         grids = y.kept_count * (x.given_count + x.length), x.kept_count * len(y.samples)
@@ -244,7 +227,6 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return self.dtype.itemsize * int(field + max(y.length * x.given_count, *grids) + 2 * image)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of one interpolated Fourier transform."""
         y, x = self._axes
         width = self._width
         operations = x.given_count * y.operations + y.kept_count * x.operations
@@ -257,7 +239,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         )
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of fitting the weights of the Fourier transform."""
+        """Predict the processor seconds of fitting the weights."""
         terms = sum(len(one.samples) for one in self._axes) * (self._width + 12)
         return 5 * speed.call + terms * _PASSES_PER_FITTED_TERM * speed.touch
 
@@ -265,7 +247,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
 def _for_each(
     function: Callable[[torch.Tensor], torch.Tensor], field: torch.Tensor
 ) -> torch.Tensor:
-    """Apply a function to each field of a PSF's batch, (..., rows, columns)."""
+    """Apply a function to each field of a batch, (..., rows, columns)."""
     if field.ndim == 2:
         return function(field)
     found = [function(one) for one in field.flatten(0, -3)]
@@ -277,7 +259,7 @@ def _for_each(
 
 
 class _Intensity(torch.autograd.Function):
-    """The autograd function of a PSF's intensity, which keeps the FFTs' grid alone.
+    """The autograd function of the intensity, which keeps the FFTs' grid alone.
 
     The grid is a second result, so that derivatives of the first derivative reach the field.
     """
@@ -306,10 +288,10 @@ class _Intensity(torch.autograd.Function):
 
 @dataclass(frozen=True, eq=False)
 class _AxisParts:
-    """Holds what leads from the panel's pixels to the PSF's samples along one axis.
+    """Holds what leads from the panel's pixels to the samples along one axis.
 
-    wave: the lens' wave at the pixels, scaled for the weights, complex, (given pixels,). error,
-    rounding_growth: of the weights (see `FittedInterpolation`).
+    wave: the lens' wave at the pixels, scaled for the weights, complex, (given pixels,).
+    error, rounding_growth: of the weights (see `FittedInterpolation`).
     """
 
     wave: torch.Tensor
@@ -320,19 +302,21 @@ class _AxisParts:
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes that the PSF's axis takes, about."""
+        """The memory in bytes, about."""
         return self.wave.nbytes + self.matrix.bytes
 
 
 @dataclass(frozen=True)
 class _Axis:
-    """Plans the Fourier sum over panel pixels along one axis of a PSF.
+    """Plans the Fourier sum over panel pixels along one axis.
 
     In the frame of the pixels' middle, at x_m, the wave exp(i c (x_m + t)²) of a pixel at t has the
     tilt 2 c x_m, which shifts the image by x_m c scale / pi.
 
-    geometry: its planes are regular. axis: 0 (y) or 1 (x). For the others see
-    `InterpolatedPixelTransform`.
+    geometry: its planes are regular.
+    axis: 0 (y) or 1 (x).
+
+    For the others see `InterpolatedPixelTransform`.
     """
 
     geometry: FourierGeometry
@@ -344,7 +328,7 @@ class _Axis:
 
     @cached_property
     def _places(self) -> torch.Tensor:
-        """The positions of the panel's pixels along the PSF's axis, metres."""
+        """The positions of the panel's pixels, metres."""
         return self.geometry.pupil.coordinates(self.axis)
 
     @property
@@ -367,23 +351,23 @@ class _Axis:
 
     @cached_property
     def _u(self) -> NDArray[np.float64]:
-        """The positions of the PSF's samples along the axis, metres."""
+        """The positions of the samples, metres."""
         u: NDArray[np.float64] = self.geometry.image.coordinates(self.axis).numpy()
         return u
 
     @cached_property
     def samples(self) -> NDArray[np.float64]:
-        """The positions of the PSF's samples in the frame of the pixels' middle, metres."""
+        """The positions of the samples in the frame of the pixels' middle, metres."""
         return self._u - self._middle * self.curvature * self._scale / math.pi
 
     @property
     def given_count(self) -> int:
-        """The number of the panel's pixels along the axis that are given for a PSF."""
+        """The number of the panel's pixels along the axis that are given."""
         return (self._count + 1) // 2 if self.mirrored else self._count
 
     @cached_property
     def length(self) -> int:
-        """The length of the FFT along the axis of the PSF."""
+        """The length of the FFT along the axis."""
         least = math.ceil(self.oversampling * self._count) + 1
         if self.mirrored:
             return 2 * scipy.fft.next_fast_len(-(-least // 2))
@@ -395,7 +379,7 @@ class _Axis:
         return self.samples * (self._pitch / self._scale)
 
     def span(self, width: int) -> float:
-        """Return over how many grid points the weights of a block of the PSF's samples reach."""
+        """Return over how many grid points the weights of a block of samples reach."""
         return width + 16 * self._pitch * abs(self._step) * self.length / self._scale
 
     @property
@@ -406,7 +390,7 @@ class _Axis:
         return float(np.abs(self._frequencies).max()) * self.length
 
     def reaches(self, width: int) -> bool:
-        """Tell whether the spectrum's grid reaches all samples of the PSF with their weights.
+        """Tell whether the spectrum's grid reaches all samples with few weights.
 
         Where the wave bends much inside a pixel, its weights aren't few any more.
         """
@@ -417,7 +401,7 @@ class _Axis:
 
     @property
     def kept_count(self) -> int:
-        """The number of grid points of the PSF's spectrum along the axis, about."""
+        """The number of grid points of the spectrum along the axis that are kept, about."""
         if self.mirrored:
             return min(math.ceil(self._farthest()) + 8, self.length // 2)
         reach = float(np.ptp(self._frequencies)) * self.length
@@ -431,7 +415,7 @@ class _Axis:
 
     @byte_limited_cache(_PARTS_BYTES)
     def parts(self, error: float, dtype: torch.dtype) -> _AxisParts:
-        """Return the wave, the spectrum's grid and the weights of the PSF along the axis.
+        """Return the wave, the spectrum's grid and the weights along the axis.
 
         They are kept for other PSFs of the same samples and wavelength.
         """
@@ -453,10 +437,12 @@ class _Axis:
         return _AxisParts(wave, spectrum, matrix, fit.error, fit.rounding_growth)
 
     def _pixel_factor(self, places: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return what the area of a panel pixel makes of the PSF's wave at its centre.
+        """Return what the area of a panel pixel makes of the wave at its centre, (samples, places).
 
         It is the mean over |d| < side / 2 of exp(i c (2 t d + d²) - 2 pi i u d / scale) for a pixel
-        at t. places: t in half widths of the panel. The result is (samples, places).
+        at t.
+
+        places: t in half widths of the panel.
         """
         t = places * (self._count / 2 * self._pitch)
         half = self.side / 2
@@ -471,7 +457,7 @@ class _Axis:
 
     @byte_limited_cache(_PARTS_BYTES)
     def mean_squared_factor(self) -> torch.Tensor:
-        """Return the mean over the panel's pixels of what a PSF's sample gets of each, float64."""
+        """Return the mean over the panel's pixels of what a sample gets of each, float64."""
         nodes, weights = gauss_legendre(16)
         factor = self._pixel_factor(nodes)
         return torch.from_numpy((factor.real**2 + factor.imag**2) @ (weights / 2))

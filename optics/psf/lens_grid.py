@@ -49,14 +49,10 @@ cause the rest."""
 class LensGridSettings:
     """Tune the search for the grid at the lens.
 
-    Attributes
-    ----------
-    band_tol_shares : tuple of float
-        Candidate shares of the tolerance for the frequencies outside the band. The search takes the
-        share that gives the smallest grid.
-    log_frequency_step : float
-        Step of the logarithm of the frequency in which light is summed. Sorting the light itself
-        takes five times as long.
+    band_tol_shares: candidate shares of the tolerance for the frequencies outside the band. The
+    search takes the share that gives the smallest grid.
+    log_frequency_step: step of the logarithm of the frequency in which light is summed. Sorting the
+    light itself takes five times as long.
     """
 
     band_tol_shares: tuple[float, ...] = (0.3, 0.5, 0.7)
@@ -69,7 +65,7 @@ _SETTINGS = LensGridSettings()
 def choose_lens_grid(
     request: PSFRequest, camera: Camera, search: LensGridSearch, tol: float
 ) -> LensGrid:
-    """Choose the chain's cheapest lens grid and frequency band with a relative error of `tol`.
+    """Choose the cheapest lens grid and frequency band with a relative error of `tol`.
 
     The error has two parts. The first comes from panel frequencies outside the band, whose light
     the stop's edge scatters into the window (see StopEdgeScatter). The second comes from the
@@ -91,7 +87,7 @@ def choose_lens_grid(
 
 
 def _grid_size(grid: LensGrid) -> float:
-    """Return the samples per square metre of the chain's lens grid."""
+    """Return the samples per square metre."""
     return grid.sampling_rate[0] * grid.sampling_rate[1]
 
 
@@ -100,7 +96,7 @@ def _pair(values: Array) -> tuple[float, float]:
 
 
 def _edge_transmission(turns: Array) -> Array:
-    """Return the share of the scattered field that the chain's sampled stop edge keeps.
+    """Return the share of the scattered field that the sampled edge of the stop keeps.
 
     turns: shift in frequency, in cycles per sample of the lens grid, (..., 2).
     """
@@ -108,9 +104,10 @@ def _edge_transmission(turns: Array) -> Array:
 
 
 def _missing_scatter(turned: Array, passed: Array) -> float:
-    """Return the scattered light that the chain loses by sampling the stop's edge on a grid.
+    """Return the scattered light that is lost by sampling the stop's edge on a grid.
 
-    turned: light that each shift in frequency should get. passed: share of the field that it gets.
+    turned: light that each shift in frequency should get.
+    passed: share of the field that it gets.
     """
     return float(turned @ (1 - passed.ravel()) ** 2)
 
@@ -123,12 +120,12 @@ class LensGridSearch:
 
     @cached_property
     def without_limit(self) -> LensGridSearch:
-        """The same search among all light between the chain's panel and stop, however oblique."""
+        """The same search among all light between panel and stop, however oblique."""
         return LensGridSearch(self.edge_scatter.without_limit())
 
     @cached_property
     def _nonzero_scatter(self) -> tuple[Array, Array, NDArray[np.int64]]:
-        """The light of all scattered rays of the chain that aren't dark.
+        """The light of all scattered rays that aren't dark.
 
         The arrays hold each ray's light, its frequency at the panel, and the index of the shift in
         frequency that the stop's edge gives it.
@@ -163,11 +160,10 @@ class LensGridSearch:
     def find_coarsest_grid(
         self, allowed_error: float, tol: float, taper_width: Array
     ) -> LensGrid | None:
-        """Find the chain's coarsest lens grid that keeps `tol` with the narrowest frequency band.
+        """Find the coarsest lens grid that keeps `tol` with the narrowest frequency band, if any.
 
-        allowed_error: error that the frequencies outside the band may cause. taper_width: width of
-        the band's smooth ends on either side, cycles per metre (y, x). Returns None if no grid
-        keeps the tolerance.
+        allowed_error: error that the frequencies outside the band may cause.
+        taper_width: width of the band's smooth ends on either side, cycles per metre (y, x).
         """
         edge = self.edge_scatter
         low, high, outside = self._narrowest_band(allowed_error, taper_width)
@@ -196,14 +192,14 @@ class LensGridSearch:
         return None
 
     def _light_by_edge_shift(self, low: Array, high: Array) -> Array:
-        """Sum the chain's light in a band for each frequency shift that the stop's edge gives."""
+        """Sum the light in a band for each frequency shift that the stop's edge gives."""
         light, frequency, turn = self._nonzero_scatter
         inside = is_in_band(frequency, low, high)
         count = self.edge_scatter.edge_frequency_shift[..., 0].size
         return np.asarray(np.bincount(turn[inside], light[inside], count), dtype=np.float64)
 
     def passing_error_share(self, grid: LensGrid) -> float:
-        """Return the share of the chain's squared grid error that comes from the passing band."""
+        """Return the share of the squared grid error that comes from the passing band."""
         edge, rate = self.edge_scatter, np.array(grid.sampling_rate)
         low, high = edge.passing_band
         passed = _edge_transmission(edge.edge_frequency_shift / rate)
@@ -212,7 +208,7 @@ class LensGridSearch:
         return min(1.0, (edge.relative_error(lost) / grid.error) ** 2) if grid.error else 0.0
 
     def _narrowest_band(self, allowed: float, taper_width: Array) -> tuple[Array, Array, float]:
-        """Find the chain's narrowest frequency band, (low, high), and the light outside it.
+        """Find the narrowest frequency band, (low, high), and the light outside it.
 
         Rays neglect that light spreads over a Fresnel zone, so the band is widened by a zone. It
         isn't made wider than the band of an infinitely large panel, which needs no such margin.
@@ -235,10 +231,11 @@ class LensGridSearch:
     def find_band(
         self, error: float, taper_width: Array, *, unbounded_panel: bool = False
     ) -> tuple[Array, Array]:
-        """Find the chain's smallest band whose neglected light causes at most a relative error.
+        """Find the smallest band whose neglected light causes at most a relative error.
 
-        The result is (low, high), each (y, x), in cycles per metre. unbounded_panel: whether light
-        counts as if the panel were infinitely large.
+        The result is (low, high), each (y, x), in cycles per metre.
+
+        unbounded_panel: whether light counts as if the panel were infinitely large.
         """
         ordered = (
             self._unbounded_light_outside_band if unbounded_panel else self._light_outside_band
@@ -263,7 +260,7 @@ class LensGridSearch:
 def _cumulative_light_by_side(
     frequency: Array, light: Array, ends: tuple[Array, Array], zone: float
 ) -> list[tuple[Array, Array]]:
-    """Sum the panel's light outside a chain's band, on each side along each axis.
+    """Sum the panel's light outside a band, on each side along each axis.
 
     ends: low and high limits (y, x) of the band.
     """
@@ -280,9 +277,7 @@ def _cumulative_light_by_side(
 def _cumulative_light_outwards(
     frequency: Array, light: Array, end: float, zone: float
 ) -> tuple[Array, Array]:
-    """Return frequencies beyond the end of a chain's band, and the light beyond each.
-
-    The farthest frequency comes first.
+    """Return frequencies beyond the end of a band, the farthest first, and the light beyond each.
 
     The frequencies are in steps of half a percent of the distance from the end plus a Fresnel zone.
     Sorting the light itself takes five times as long.
@@ -297,7 +292,7 @@ def _cumulative_light_outwards(
 
 
 def _cutoff_for_lost_light(frequency: Array, light: Array, lost: float) -> float:
-    """Return the frequency beyond which the chain scatters no more than the light `lost`."""
+    """Return the frequency beyond which no more than the light `lost` is scattered."""
     place = int(np.searchsorted(light, lost))
     return float(frequency[place]) if place < frequency.size else -math.inf
 
@@ -305,7 +300,7 @@ def _cutoff_for_lost_light(frequency: Array, light: Array, lost: float) -> float
 def _aliased_light(
     edge: StopEdgeScatter, low: Array, high: Array, rate: Array, passed: Array
 ) -> float:
-    """Sum the light that aliasing on the chain's lens grid adds to the window in 8 directions."""
+    """Sum the light that aliasing on the lens grid adds to the window in 8 directions."""
     ways = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
     return sum(edge.aliased_light(np.array(way) * rate, low, high, passed) for way in ways)
 
@@ -316,7 +311,7 @@ reaches. Chosen."""
 
 
 def tapered_band(low: float, high: float, fresnel_area: float, tol: float) -> TaperedBand:
-    """Return a band of a chain's panel frequencies whose smooth ends leave low to high unchanged.
+    """Return a band of panel frequencies whose smooth ends leave low to high unchanged.
 
     Light of the frequency f moves sideways by f times the Fresnel area A. Against the chirp
     exp(-i pi A (f - f0)²), a Gaussian step of standard deviation s at the distance D from the
@@ -331,14 +326,14 @@ def tapered_band(low: float, high: float, fresnel_area: float, tol: float) -> Ta
 def limited_reach(
     search: LensGridSearch, fresnel_area: float, error: float, tol: float
 ) -> tuple[TaperedBand, TaperedBand]:
-    """Return the bands (y, x) of a chain's light without which the PSF has at most an error.
+    """Return the bands (y, x) of light that must be followed to keep a relative error.
 
     A pixel sends light of the frequency f to places in the stop that lie f times the Fresnel area
     beside it, so the bands say how far each pixel's light must be followed sideways. What is left
     out reaches the window only by way of the stop's edge (see StopEdgeScatter).
 
-    error: relative L2 error of the PSF of an evenly lit panel. tol: what the bands' smooth ends may
-    not matter to.
+    error: relative L2 error behind an evenly lit panel.
+    tol: what the bands' smooth ends may not matter to.
     """
     low, high = search.without_limit.find_band(error, np.zeros(2))
     bands = [tapered_band(low[k], high[k], fresnel_area, tol) for k in (0, 1)]

@@ -32,21 +32,16 @@ _LEAST_BLOCK = 1 << 20
 
 @dataclass(frozen=True)
 class ScatteredNodesSettings:
-    """Tune the PSF engine of quadrature nodes and non-uniform FFTs.
+    """Tune the quadrature nodes and the non-uniform FFTs from them.
 
-    Attributes
-    ----------
-    step_tol_share : float
-        Share of the tolerance that the quadrature and the transform may each use, in the field.
-        Chosen.
-    tries : int
-        Most tolerances of the transform that are tried. Chosen.
-    bytes_per_node : int
-        Memory in bytes for a node's position, weight and wave, and for its data in the transform.
-    rebuild_cost_factor : float
-        Time of a call that computes its nodes anew, over that of a call with nodes in memory.
-    max_nodes : int
-        Most nodes that are computed; they take some minutes.
+    step_tol_share: share of the tolerance that the quadrature and the transform may each use, in
+    the field. Chosen.
+    tries: most tolerances of the transform that are tried. Chosen.
+    bytes_per_node: memory in bytes for a node's position, weight and wave, and for its data in the
+    transform.
+    rebuild_cost_factor: time of a call that computes its nodes anew, over that of a call with nodes
+    in memory.
+    max_nodes: most nodes that are computed; they take some minutes.
     """
 
     step_tol_share: float = 0.1
@@ -124,7 +119,7 @@ class ScatteredNodesEngine(PSFEngine):
         return fixed + rule + self._trial_seconds(speed) + self._coarser_seconds
 
     def _trial_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the seconds of the PSF's wave on the nodes, and of the light that judges it."""
+        """Predict the seconds of the wave on the nodes, and of the light that judges it."""
         aberrations = len(self._request.numeric.lens.aberrations)
         passes = _PASSES_PER_WAVE + PASSES_PER_ABERRATION * aberrations
         return passes * self._node_count * speed.touch + self.cpu_seconds(speed)
@@ -159,7 +154,7 @@ class ScatteredNodesEngine(PSFEngine):
         raise unreachable_tolerance_error(q.tol, 1.5 * self.error.value + self.arithmetic)
 
     def _blocks(self) -> Iterator[_NodeBlock]:
-        """Yield the PSF's pupil nodes in blocks; not all nodes of the stop fit the memory."""
+        """Yield the nodes in blocks; not all nodes of the stop fit the memory."""
         q = self._request.numeric
         for nodes in stop_rule_blocks(
             q.lens.stop, q.phase_slope_bound, self._quadrature_tol, self._max_block_nodes
@@ -199,7 +194,7 @@ class ScatteredNodesEngine(PSFEngine):
 
 
 class _NodeBlock(CachedPupilWave):
-    """Holds a block of nodes in the stop, and the transform from them to the PSF's samples."""
+    """Holds a block of nodes in the stop, and the transform from them to the samples."""
 
     def __init__(self, nodes: QuadratureNodes, request: PSFRequest, error: float) -> None:
         q = request.numeric
@@ -214,7 +209,7 @@ class _NodeBlock(CachedPupilWave):
         )
 
     def field(self, factor: torch.Tensor | None) -> torch.Tensor:
-        """Compute the PSF's field on the samples from this block of nodes, in square stop radii.
+        """Compute the field on the samples from this block of nodes, in square stop radii.
 
         factor: complex modulation on the nodes, or None.
         """
@@ -225,7 +220,7 @@ class _NodeBlock(CachedPupilWave):
         return self.transform(wave, moved.stretch, moved.shift)
 
     def _compute_pupil_wave(self) -> torch.Tensor:
-        """Compute the lens' wave on the scattered nodes of a PSF, times their weights."""
+        """Compute the lens' wave on the nodes, times their weights."""
         q, nodes = self._request, self._nodes
         phase = pupil_phase(q.lens, q.distance, q.wavelength, nodes.y, nodes.x)
         return torch.complex(torch.cos(phase) * nodes.weight, torch.sin(phase) * nodes.weight)

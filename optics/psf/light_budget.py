@@ -1,4 +1,4 @@
-"""Compute how much of a point's light passes the stop, is blocked, or reaches the PSF's window.
+"""Compute how much of a point's light passes the stop, is blocked, or reaches the window.
 
 Error estimates of windows that get little of it are corrected.
 """
@@ -29,18 +29,11 @@ class LightBudget:
     The shares are in the units of a PSF: shares of what panel and stop would pass on the axis if
     they stood in one plane.
 
-    Parameters
-    ----------
-    panel : float
-        The light that leaves the panel's pixels.
-    through_stop : float
-        The light that passes the stop.
-    blocked : float
-        The light that meets the stop's blades or goes past them.
-    window : float
-        The light on the pixels of the PSF.
-    vignetting : float
-        `through_stop` over what would pass for a point on the axis.
+    panel: light that leaves the panel's pixels.
+    through_stop: light that passes the stop.
+    blocked: light that meets the stop's blades or goes past them.
+    window: light on the pixels that are asked for.
+    vignetting: `through_stop` over what would pass for a point on the axis.
     """
 
     panel: float
@@ -56,26 +49,13 @@ def compute_light_budget(
     fields: Sequence[tuple[float, torch.Tensor]],
     window: float,
 ) -> LightBudget:
-    """Compute where the light of a chain's panel goes, for fields that add in intensity.
+    """Compute where the light of a panel goes, for fields that add in intensity.
 
     Energy at the lens is the sum of ``|field|²`` over its samples, by Parseval's theorem, of all
     frequencies that get from any part of the panel to any part of the stop by geometric optics.
 
-    Parameters
-    ----------
-    request : PSFRequest
-        The point and the pixels.
-    camera : Camera
-        The camera.
-    fields : sequence of (float, torch.Tensor)
-        Shares of the light, and complex fields (rows, columns) of the panel.
-    window : float
-        The light on the pixels of the PSF.
-
-    Returns
-    -------
-    LightBudget
-        The shares of the light.
+    fields: shares of the light, and complex fields (rows, columns) of the panel.
+    window: share of the light on the pixels that are asked for.
     """
     n, plain = request.numeric, numeric_camera(camera)
     panel, passed = _panel_and_stop_light(n, plain, fields)
@@ -96,7 +76,7 @@ def _panel_and_stop_light(
 
 
 def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> tuple[float, float]:
-    """Return the shares of the light that leave a chain's panel and that pass its stop."""
+    """Return the shares of the light that leave the panel and that pass the stop."""
     light = (field.real**2 + field.imag**2).to(torch.float64)
     pixel = camera.panel.pitch**2 / open_area(camera)
     panel = float(light.sum()) * pixel
@@ -110,7 +90,7 @@ def _light_through_stop(n: PSFRequest, camera: Camera, field: torch.Tensor) -> t
 
 
 def _light_at_lens(n: PSFRequest, camera: Camera, field: torch.Tensor) -> float:
-    """Return the share of the light that passes the stop at the chain's lens."""
+    """Return the share of the light that passes the stop at the lens."""
     grid, followed = _reachable_lens_grid(n, camera)
     axes = plan_propagator_axes(n, camera, grid)
     propagator, plane = PanelToLensPropagator(axes[0], axes[1], field.dtype), lens_plane(n, axes)
@@ -123,7 +103,7 @@ def _light_at_lens(n: PSFRequest, camera: Camera, field: torch.Tensor) -> float:
 
 
 def _reachable_lens_grid(n: PSFRequest, camera: Camera) -> tuple[LensGrid, float]:
-    """Plan the chain's lens grid for all panel frequencies that reach the stop.
+    """Plan a lens grid for all panel frequencies that reach the stop.
 
     Returns the grid, and the share of a panel pixel's light that it includes.
     """
@@ -152,9 +132,9 @@ def _reachable_lens_grid(n: PSFRequest, camera: Camera) -> tuple[LensGrid, float
 
 
 def _pixel_light_share(camera: Camera, low: float, high: float) -> float:
-    """Return the share of its light that a chain's panel pixel sends between two frequencies.
+    """Return the share of its light that a pixel sends between two frequencies along one axis.
 
-    low, high: the frequencies along one axis, cycles per metre.
+    low, high: cycles per metre.
     """
     f = torch.linspace(low, high, 20001, dtype=torch.float64) * camera.panel.active_side
     return float(torch.trapezoid(torch.sinc(f) ** 2, f))
@@ -162,20 +142,15 @@ def _pixel_light_share(camera: Camera, low: float, high: float) -> float:
 
 @dataclass(frozen=True)
 class LowLightSettings:
-    """Tune the error estimate of a PSF window that gets little light.
+    """Tune the error estimate of a window that gets little light.
 
-    Attributes
-    ----------
-    expected_window_light : float
-        Share of the light behind an evenly lit panel that the window must get for an estimate made
-        for that panel to hold. Chosen.
-    low_light_exponent : float
-        Exponent of a dim window's relative brightness, by which its error estimate is enlarged
-        further. Light in a dim window comes from few directions of a pattern, so it is less even
-        than the estimate assumes. Chosen.
-    low_light_margin : float
-        Factor on the divisor of a dim window's error estimate. Chosen: without it, three of 800
-        gratings and waves on small panels exceeded their estimates, by a fifth at most.
+    expected_window_light: share of the light behind an evenly lit panel that the window must get
+    for an estimate made for that panel to hold. Chosen.
+    low_light_exponent: exponent of a dim window's relative brightness, by which its error estimate
+    is enlarged further: light in a dim window comes from few directions of a pattern, so it is less
+    even than the estimate assumes. Chosen.
+    low_light_margin: factor on the divisor of a dim window's error estimate. Chosen: without it,
+    three of 800 gratings and waves on small panels exceeded their estimates, by a fifth at most.
     """
 
     expected_window_light: float = 0.8
@@ -195,9 +170,10 @@ class LowLightCorrection:
     goes through the stop beside the window, or far away. A pattern may also send light to the
     window smoothly, without speckles, and then the interference with scattered light counts more.
 
-    window_slices: rows and columns of the window. light: the PSF, (..., rows, columns).
-    measure_passing_brightness: a function that returns the panel's brightness in the passing band,
-    relative to an even panel: the least and the greatest of a batch. It is called only if needed.
+    window_slices: rows and columns of the window.
+    light: (..., rows, columns).
+    measure_passing_brightness: returns the panel's brightness in the passing band, relative to an
+    even panel: the least and the greatest of a batch. It is called only if needed.
     """
 
     def __init__(
@@ -229,7 +205,7 @@ class LowLightCorrection:
             return self._measure_passing_brightness()
 
     def error_divisor(self, within: float) -> float:
-        """Return the number, at most 1, that divides the chain's error estimate in a dim window.
+        """Return the number, at most 1, that divides the error estimate in a dim window.
 
         within: share of the squared error that light in the passing band contributes.
         """
@@ -249,5 +225,5 @@ class LowLightCorrection:
 
     @property
     def uniform_error_divisor(self) -> float:
-        """The divisor, at most 1, of a chain's error estimate that holds for any pattern."""
+        """The divisor, at most 1, of an error estimate that holds for any pattern."""
         return min(1.0, math.sqrt(self.brightness))

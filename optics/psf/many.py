@@ -106,14 +106,16 @@ def psf(
 
 
 _PLANS = ByteCache(256 << 20)
-"""Plans of PSFs for psf(). Every thread has its own, since a call changes an operator's account."""
+"""Plans for psf(). Every thread has its own, since a call changes an operator's account."""
 
 
 def _kept_plan(plan: Callable[[], PSFOperator], asked: tuple[Any, ...]) -> tuple[PSFOperator, bool]:
-    """Return the plan of a PSF, made or kept from an earlier call, and whether it was kept.
+    """Return a plan, made or kept from an earlier call, and whether it was kept.
 
-    plan: makes it. asked: optics, distance, wavelength, pixels and settings. A question that holds
-    tensors isn't kept, since they may change, nor one that is refused.
+    A question that holds tensors isn't kept, since they may change, nor one that is refused.
+
+    plan: makes it.
+    asked: optics, distance, wavelength, pixels and settings.
     """
     optics, *rest = asked
     if isinstance(optics, Camera):
@@ -132,7 +134,7 @@ def _kept_plan(plan: Callable[[], PSFOperator], asked: tuple[Any, ...]) -> tuple
 
 
 def _is_fixed(value: Any) -> bool:
-    """Tell whether a question for a PSF holds only numbers, names and tuples, which are fixed."""
+    """Tell whether a question holds only numbers, names and tuples, which are fixed."""
     if isinstance(value, tuple):
         return all(map(_is_fixed, value))
     if is_dataclass(value):
@@ -326,7 +328,7 @@ class PSFStack:
         return torch.stack([torch.stack(one).reshape(shape) for one in found], dim=1)
 
     def _per_band(self, name: str, value: torch.Tensor | None) -> list[torch.Tensor | None]:
-        """Return one phase or amplitude for each colour band of the PSF stack.
+        """Return one phase or amplitude for each colour band.
 
         value: one for each band, or one for all.
         """
@@ -374,7 +376,7 @@ class PSFStack:
     def _compute_band(
         self, band: int, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> list[torch.Tensor]:
-        """Compute the PSFs of one colour band of the stack."""
+        """Compute the light of one colour band, for all distances and fields."""
         operators, shared = self._operators_of_band(band), self._shared_spectra[band]
         # A symmetric pattern with an amplitude is computed by operators with other grids.
         can_share = shared.is_planned and (self._symmetry == "none" or amplitude is None)
@@ -396,13 +398,13 @@ class PSFStack:
         return found
 
     def _expand(self, phase: torch.Tensor | None) -> torch.Tensor | None:
-        """Expand the phase of a symmetric pattern to all pixels of the PSF stack's panel."""
+        """Expand the phase of a symmetric pattern to all pixels of the panel."""
         return None if phase is None else expand_phase(self._symmetry, phase, self._panel_shape)
 
     def _needs_recomputation(self, spectrum: torch.Tensor | None) -> bool:
-        """Tell whether derivatives of the PSF stack should compute sensor fields again.
+        """Tell whether derivatives should compute fields at the sensor again.
 
-        Computing the fields at the sensor again saves the memory that would hold them.
+        That saves the memory that would hold them.
         """
         if spectrum is None or not (spectrum.requires_grad and torch.is_grad_enabled()):
             return False
@@ -416,7 +418,7 @@ class PSFStack:
 
 
 class _SharedSpectrum:
-    """Computes one spectrum of the panel for all PSF operators of a band that can use it."""
+    """Computes one spectrum of the panel for all operators of a band that can use it."""
 
     def __init__(self, operators: Sequence[PSFOperator]) -> None:
         engines = [one.engine for one in operators]
@@ -449,7 +451,7 @@ class _SharedSpectrum:
         return any(operator.engine is one for one in self._engines)
 
     def spectrum(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        """Compute the spectrum of a panel's pattern, which is given on all pixels."""
+        """Compute the spectrum of a pattern that is given on all pixels."""
         first = self._engines[0]
         return panel_spectrum(
             first.propagator, first.panel_field(phase, normalise_amplitude(amplitude, 2)[0])

@@ -77,29 +77,22 @@ from optics.validation import (
 
 @dataclass(frozen=True)
 class PSFOperatorSettings:
-    """Tune how a PSF is planned for sensor pixels, and for derivatives in lengths.
+    """Tune how a PSFOperator plans for sensor pixels, for patterns, and for derivatives in lengths.
 
-    Attributes
-    ----------
-    pixel_tol_share : float
-        Share of the tolerance that the integration over pixels may use. Chosen.
-    beside_factor : float
-        Factor on the error that brighter light beside the pixels makes, which isn't spread evenly.
-        Chosen; 6 was needed where few pixels lie in a null of the envelope.
-    finest_pixel_tol : float
-        Smallest error of that integration that is planned for, near double precision's rounding.
-    derivative_tol_share : float
-        Share of the tolerance that the light keeps, where a method does, so that derivatives keep
-        the tolerance. Chosen.
-    phase_slope : float
-        Radians per stop radius by which a phase on a lens' points may change unless stated. Chosen.
-    pattern_tol_share : float
-        Share of the tolerance that the light without a pattern keeps, where a method does, if
-        patterns are expected on a lens' points: with one, the window may get less light. Chosen;
-        nodes' errors fall so fast with their number that it takes few more.
-    gradient_error_factor : float
-        Relative error of derivatives over that of the light. Behind panels it was 10 at most where
-        it was measured; three times as much is told.
+    pixel_tol_share: share of the tolerance that the integration over pixels may use. Chosen.
+    beside_factor: factor on the error that brighter light beside the pixels makes, which isn't
+    spread evenly. Chosen; 6 was needed where few pixels lie in a null of the envelope.
+    finest_pixel_tol: smallest error of that integration that is planned for, near double
+    precision's rounding.
+    derivative_tol_share: share of the tolerance that the light keeps, where a method does, so that
+    derivatives keep the tolerance. Chosen.
+    phase_slope: radians per stop radius by which a phase on a lens' points may change unless
+    stated. Chosen.
+    pattern_tol_share: share of the tolerance that the light without a pattern keeps, where a method
+    does, if patterns are expected on a lens' points: with one, the window may get less light.
+    Chosen; nodes' errors fall so fast with their number that it takes few more.
+    gradient_error_factor: relative error of derivatives over that of the light. Behind panels it
+    was 10 at most where it was measured; three times as much is told.
     """
 
     pixel_tol_share: float = 0.01
@@ -296,7 +289,7 @@ class PSFOperator:
 
     @property
     def account(self) -> Account:
-        """What planning and a call of the PSF cost, and how accurate it is: as of the last call.
+        """What planning and a call cost, and how accurate the light is: as of the last call.
 
         Before the first call, the error is that of the plan.
         """
@@ -329,7 +322,7 @@ class PSFOperator:
 
     @property
     def _gradient_error(self) -> ErrorEstimate | None:
-        """Estimate the relative L2 error of the PSF's derivatives in lengths, as of the last call.
+        """The relative L2 error of derivatives in lengths, as of the last call, by an estimate.
 
         A length moves the light at the rim of the pupil most, which is where sampling errs most.
         """
@@ -340,7 +333,7 @@ class PSFOperator:
         return ErrorEstimate(error, "estimate from the error of the light")
 
     def _straight_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the time of the PSF of unmodulated light, which is computed once, in seconds."""
+        """Predict the seconds of unmodulated light, which is computed once."""
         engine = self.engine
         if not self.unmodulated:
             return 0.0
@@ -350,7 +343,7 @@ class PSFOperator:
         return engine.cpu_seconds(speed) + integral
 
     def _model_error(self, request: PSFRequest) -> ErrorEstimate:
-        """Estimate the error of the PSF's optical model."""
+        """Estimate the error of the optical model."""
         n = request.numeric
         radius = n.radius
         if self.camera is not None and not n.separation:
@@ -359,12 +352,12 @@ class PSFOperator:
 
     @property
     def wavelength(self) -> Scalar:
-        """The wavelength of the PSF's light, in metres."""
+        """The wavelength of the light, in metres."""
         return self._request.wavelength
 
     @property
     def scale(self) -> Scalar:
-        """The ratio of a pupil or panel position to its frequency in the PSF's field, in m².
+        """The ratio of a pupil or panel position to its frequency in the field, in m².
 
         It is the wavelength times the image distance, or times the ray-matrix element B
         (`Camera.ray_matrix_b`) where the panel stands apart from the lens.
@@ -374,13 +367,13 @@ class PSFOperator:
         return self._request.wavelength * self.camera.ray_matrix_b
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one PSF, in seconds, on a machine of the given speed."""
+        """Predict the processor time of a call, in seconds, on a machine of the given speed."""
         integral = self._pixel_integration.cpu_seconds(speed) if self._pixel_integration else 0.0
         return self.engine.cpu_seconds(speed) + integral
 
     @property
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Positions (y, x) in the pupil, in metres, where the PSF takes phase and amplitude.
+        """Positions (y, x) in the pupil, in metres, where phase and amplitude are given.
 
         The two tensors broadcast against each other. The method "axial", which is chosen by name
         only, takes patterns that are the same in all directions, on one radius (y = 0).
@@ -389,7 +382,7 @@ class PSFOperator:
 
     @cached_property
     def _pattern_engine(self) -> PSFEngine:
-        """The engine of the PSF with a pattern.
+        """The engine for light with a pattern.
 
         The first one, unless it was chosen for the symmetry of a lens, which a pattern needn't
         have. One that the caller named is kept.
@@ -434,7 +427,7 @@ class PSFOperator:
         spectrum: torch.Tensor | None = None,
         unmodulated_spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Compute the PSF as a call does, but from tensors only, and with known spectra if given.
+        """Compute what a call does, but from tensors only, and with known spectra if given.
 
         Parameters
         ----------
@@ -475,7 +468,7 @@ class PSFOperator:
         spectrum: torch.Tensor | None,
         unmodulated_spectrum: torch.Tensor | None,
     ) -> torch.Tensor:
-        """Compute the PSF of a phase in the shape that its engine takes, as `evaluate` does."""
+        """Compute the light of a phase in the shape that the engine takes, as `evaluate` does."""
         if not self.unmodulated or phase is None:
             return self._light_on_pixels(phase, amplitude, spectrum)
         straight = self._unmodulated_light(amplitude, spectrum=unmodulated_spectrum, any_error=True)
@@ -490,7 +483,7 @@ class PSFOperator:
         return (1 - self.unmodulated) * light + self.unmodulated * other
 
     def _expand(self, pattern: torch.Tensor | None) -> torch.Tensor | None:
-        """Expand the phase or amplitude of a symmetric pattern to all pixels of the PSF's panel.
+        """Expand the phase or amplitude of a symmetric pattern to all pixels of the panel.
 
         Raises ValueError for the amplitude of a separable pattern, which isn't a sum.
         """
@@ -500,7 +493,7 @@ class PSFOperator:
 
     @cached_property
     def _whole_pattern_operator(self) -> PSFOperator:
-        """The operator of the same PSF for patterns that are given on all pixels."""
+        """The same operator for patterns that are given on all pixels."""
         return self._plan_again()
 
     def unmodulated_psf(
@@ -542,7 +535,7 @@ class PSFOperator:
         spectrum: torch.Tensor | None = None,
         any_error: bool = False,
     ) -> _UnmodulatedLight:
-        """Compute the PSF of unmodulated light, or take it from the cache without a copy.
+        """Compute unmodulated light, or take it from the cache without a copy.
 
         any_error: whether what a chain's first method gives is taken even if its error exceeds the
         tolerance: beside a pattern's light, errors of dim light seldom matter.
@@ -569,7 +562,7 @@ class PSFOperator:
         return straight
 
     def needs_unmodulated_psf(self, amplitude: torch.Tensor | None) -> bool:
-        """Tell whether the PSF of a phase needs `unmodulated_psf`, which isn't computed yet."""
+        """Tell whether a phase needs `unmodulated_psf`, which isn't computed yet."""
         return self.unmodulated > 0 and not any(
             known.amplitude is amplitude for known in self._cached_unmodulated_psfs
         )
@@ -581,7 +574,7 @@ class PSFOperator:
         spectrum: torch.Tensor | None = None,
         added: AddedLight | None = None,
     ) -> torch.Tensor:
-        """Compute the PSF on the sensor's pixels; `added` tells of light that is added to it."""
+        """Compute the light on the sensor's pixels; `added` tells of light that is added to it."""
         peak = None
         if amplitude is not None:
             amplitude, peak = normalise_amplitude(amplitude, self.points[0].ndim)
@@ -600,20 +593,22 @@ class PSFOperator:
 
     @property
     def _is_chain(self) -> bool:
-        """Whether the PSF's panel stands apart from its lens."""
+        """Whether the panel stands apart from the lens."""
         return self.camera is not None and self._request.numeric.separation > 0
 
     @property
     def _tol_left_for_integration(self) -> float:
-        """What the PSF's engine leaves of the tolerance in its last call."""
+        """What the engine left of the tolerance in its last call."""
         engine = self._last_engine
         return self._tol - engine.error.value - engine.arithmetic
 
     def _measure_integration_error(self, samples: torch.Tensor, added: AddedLight | None) -> float:
-        """Return the relative L2 error that the integration over pixels adds to a PSF.
+        """Return the relative L2 error that the integration over pixels adds.
 
         It is a share of the light on all samples, of which those beside the pixels may be far
-        brighter than the others. samples: of the last call's light.
+        brighter than the others.
+
+        samples: of the last call's light.
         """
         assert self._pixel_integration is not None
         planned, seen = self._pixel_integration.error, self._last_norm
@@ -626,7 +621,7 @@ class PSFOperator:
     def _finer_light_on_pixels(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None, added: AddedLight | None
     ) -> torch.Tensor:
-        """Compute the PSF with a finer integration over pixels, beside which there is much light.
+        """Compute the light with a finer integration over pixels, beside which there is much light.
 
         Raises ToleranceError if there is none.
         """
@@ -667,7 +662,7 @@ class PSFOperator:
 
     @property
     def pixel_tol(self) -> float:
-        """The relative L2 error that the PSF's integration over pixels may add; 0 without one."""
+        """The relative L2 error that the integration over pixels may add; 0 without one."""
         return self._pixel_integration.error if self._pixel_integration else 0.0
 
     def _intensity_with_fallback(
@@ -677,7 +672,7 @@ class PSFOperator:
         spectrum: torch.Tensor | None,
         added: AddedLight | None,
     ) -> torch.Tensor:
-        """Compute the PSF's light on the samples, by a fallback method if the first one fails.
+        """Compute the light on the samples, by a fallback method if the first one fails.
 
         A fallback is needed if the pattern sends so little light to the window that the first
         engine can't keep the tolerance.
@@ -705,7 +700,7 @@ class PSFOperator:
         return light
 
     def _fallback_engines(self) -> Iterator[PSFEngine]:
-        """Yield the engines that may compute the PSF in place of the first one.
+        """Yield the engines that may stand in for the first one.
 
         The fallback that was used last comes first. There are none if the caller named a method, or
         if the panel doesn't stand apart from the lens.
@@ -723,7 +718,7 @@ class PSFOperator:
     def light_budget(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> LightBudget:
-        """Compute where a pattern's light goes: through the stop, to the PSF's window, or blocked.
+        """Compute where a pattern's light goes: through the stop, to the window, or blocked.
 
         Unmodulated light counts.
 
@@ -761,10 +756,7 @@ class PSFOperator:
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> torch.Tensor:
-        """Compute the field behind the panel for the PSF's light budget of one pattern.
-
-        The field is complex64, (rows, columns).
-        """
+        """Compute the field behind the panel of one pattern, complex64, (rows, columns)."""
         assert self.camera is not None
         shape = self.camera.panel.shape
         factor = self.engine.modulation_factor(phase, amplitude, shape, torch.complex64)
@@ -780,10 +772,12 @@ class PSFOperator:
 
 @dataclass(frozen=True)
 class _UnmodulatedLight:
-    """Holds the PSF of light that gets no phase from the panel, for an amplitude.
+    """Holds the light that gets no phase from the panel, for an amplitude.
 
-    light: on the pixels. norm: its L2 norm over the window on the samples, where it is known.
-    error: relative L2 error. keeps_tol: whether that is within the tolerance, as far as it can be.
+    light: on the pixels.
+    norm: its L2 norm over the window on the samples, where it is known.
+    error: relative L2 error.
+    keeps_tol: whether that is within the tolerance, as far as it can be.
     """
 
     amplitude: torch.Tensor | None
@@ -809,11 +803,13 @@ def _plan_engine(
     expects_patterns: bool,
     for_patterns: bool = False,
 ) -> tuple[PSFRequest, PSFEngine]:
-    """Prepare the cheapest engine for a PSF, to a smaller tolerance if that is possible and needed.
+    """Prepare the cheapest engine, to a smaller tolerance if that is possible and needed.
 
-    With derivatives it is, and for patterns on the points of a lens, of whose light the window may
-    get less than without one. Returns the request that is kept, and its engine. expects_patterns:
-    whether to leave room for such patterns. for_patterns: whether the engine takes any of them.
+    It is needed with derivatives, and for patterns on the points of a lens, of whose light the
+    window may get less than without one. Returns the request that is kept, and its engine.
+
+    expects_patterns: whether to leave room for such patterns.
+    for_patterns: whether the engine takes any of them.
     """
     prepare = partial(prepare_cheapest_engine, for_patterns=for_patterns)
     shares = []
@@ -835,7 +831,7 @@ def _plan_engine(
 def _plan_symmetric_engine(
     request: PSFRequest, camera: Camera | None, method: str | None, symmetry: str
 ) -> tuple[PSFRequest, PSFEngine] | None:
-    """Prepare the engine for symmetric patterns of a PSF; None if there is none that suits.
+    """Prepare the engine for symmetric patterns; None if there is none that suits.
 
     A named method is one for all patterns.
     """

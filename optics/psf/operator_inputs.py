@@ -1,4 +1,4 @@
-"""Check what a PSF is asked for, and complete it."""
+"""Check what a PSFOperator is asked for, and complete it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optics.validation import as_number, require_number, require_size, to_plain_
 
 
 def require_symmetry(symmetry: str, camera: Camera | None) -> str:
-    """Return a PSF's symmetry of patterns, or raise ValueError if it isn't one, or has no panel."""
+    """Return the symmetry of patterns, or raise ValueError if it isn't one, or has no panel."""
     symmetric_shape(symmetry, (1, 1))
     if camera is None and symmetry != "none":
         raise ValueError(f"symmetry is {symmetry!r}; a lens without a panel has no pixels")
@@ -21,7 +21,7 @@ def require_symmetry(symmetry: str, camera: Camera | None) -> str:
 
 
 def resolve_unmodulated_share(camera: Camera | None, share: float | None) -> float:
-    """Return the share of a PSF's light that gets no phase from the panel, the panel's by default.
+    """Return the share of light that gets no phase from the panel, the panel's own by default.
 
     Raises ValueError unless it lies between 0 and 1, or if there is no panel.
     """
@@ -36,7 +36,7 @@ def resolve_unmodulated_share(camera: Camera | None, share: float | None) -> flo
 
 
 def validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-    """Return where a PSF's point is imaged, (y, x) in metres, or raise ValueError."""
+    """Return where the point is imaged, (y, x) in metres, or raise ValueError."""
     if len(field) != 2 or not all(math.isfinite(as_number(place)) for place in field):
         raise ValueError(f"field is {field}; give two finite lengths (y, x) in metres")
     for place in field:
@@ -45,7 +45,7 @@ def validate_field_position(field: tuple[Scalar, Scalar]) -> tuple[Scalar, Scala
 
 
 def require_pixels(pixels: Plane) -> None:
-    """Raise an error for pixels of a PSF that no sensor has."""
+    """Raise TypeError or ValueError for pixels that no sensor has."""
     if not isinstance(pixels, Plane):
         raise TypeError(f"pixels is a {type(pixels).__name__}; give a Plane, as Sensor.window does")
     for pitch, place in zip(pixels.pitch, pixels.centre, strict=True):
@@ -54,7 +54,7 @@ def require_pixels(pixels: Plane) -> None:
 
 
 def require_slope(phase_slope: float | None) -> None:
-    """Raise an error for a slope of a PSF's patterns that can't be."""
+    """Raise an error for a phase slope that can't be."""
     if phase_slope is None:
         return
     require_number("phase_slope", phase_slope, "rad per stop radius")
@@ -67,9 +67,9 @@ def require_slope(phase_slope: float | None) -> None:
 def build_spherical_wave(
     camera: Camera | None, distance: Scalar, wavelength: Scalar, field: tuple[Scalar, Scalar]
 ) -> SphericalWaveCorrection:
-    """Build the spherical-wave correction over the panel for a PSF's point imaged at `field`.
+    """Build the spherical-wave correction over the panel for a point imaged at `field`.
 
-    `field` is (y, x) in metres on the sensor.
+    field: (y, x) in metres on the sensor.
     """
     if camera is None:
         raise ValueError("sphere is True; it is a wave over a panel, and a lens has none")
@@ -79,5 +79,5 @@ def build_spherical_wave(
 
 
 def numeric_optics(optics: Camera | Lens) -> Camera | Lens:
-    """Return the PSF's camera or lens in plain numbers, without derivatives."""
+    """Return the camera or lens in plain numbers, without derivatives."""
     return numeric_camera(optics) if isinstance(optics, Camera) else to_plain_numbers(optics)

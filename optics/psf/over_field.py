@@ -37,14 +37,14 @@ class SensorRegion:
                 raise ValueError(f"{name} is {low:g} to {high:g} m; give the lower end first")
 
     def position_at(self, v: float, u: float) -> tuple[float, float]:
-        """Convert a field position from half sides of the PSFs' sensor region to metres (y, x).
+        """Convert a position from half sides of the region to metres (y, x).
 
         v, u: from the region's middle along y and x, -1 to 1.
         """
         return _position_in_range(self.y, v), _position_in_range(self.x, u)
 
     def relative_position(self, y: float, x: float) -> tuple[float, float]:
-        """Convert a field position from metres (y, x) to half sides of the PSFs' sensor region.
+        """Convert a position from metres (y, x) to half sides of the region.
 
         Raises ValueError if the position lies outside the region.
         """
@@ -104,10 +104,10 @@ class PSFOverField:
         return self._interpolate(*self._region.relative_position(y, x))
 
     def _refine_to_tolerance(self) -> ErrorEstimate:
-        """Add PSFs over the field until interpolation between them keeps the tolerance.
+        """Add nodes until interpolation between them keeps the tolerance.
 
         The error is measured at the new nodes of each level, and last at the check positions.
-        Return the error there.
+        Returns the error there.
         """
         sides = (self._region.y, self._region.x)
         wide = [axis for axis, (low, high) in enumerate(sides) if low < high]
@@ -124,7 +124,7 @@ class PSFOverField:
                 return ErrorEstimate(ERROR_MARGIN * left, where)
 
     def _refine_axis(self, axis: int) -> float:
-        """Add a level of PSF field nodes along an axis; return the largest error at new nodes."""
+        """Add a level of nodes along an axis; return the largest error at new nodes."""
         self._level[axis] += 1
         before, across = self._nodes[axis], self._nodes[1 - axis]
         if self._level[axis] == _MAX_LEVELS:
@@ -150,11 +150,11 @@ class PSFOverField:
         )
 
     def _worst_check_error(self) -> float:
-        """Return the largest error of interpolated PSFs at the check positions in the field."""
+        """Return the largest interpolation error at the check positions."""
         return max(self._interpolation_error(v, u) for v, u in _CHECK_POSITIONS)
 
     def _interpolation_error(self, v: float, u: float) -> float:
-        """Return the L2 error of an interpolated PSF, relative to the field's brightest PSF."""
+        """Return the L2 error of interpolation at a position, relative to the brightest PSF."""
         wrong = _l2_norm(self._interpolate(v, u) - self._psf_at_node(v, u))
         return wrong / self._brightest if wrong else 0.0
 
@@ -180,9 +180,9 @@ class PSFOverField:
 
 
 def _chebyshev_nodes(level: int) -> list[float]:
-    """Return the field positions, from -1 to 1, at which PSFs are computed: Chebyshev points.
+    """Return the Chebyshev points of the second kind of a level, from -1 to 1.
 
-    They are points of the second kind. Each level includes the points of the level before.
+    Each level includes the points of the level before.
     """
     if level == 0:
         return [0.0]
@@ -197,7 +197,7 @@ def _chebyshev_point(k: int, steps: int) -> float:
 
 
 def _barycentric_weights(nodes: list[float], place: float) -> list[float]:
-    """Return the nodes' weights for barycentric interpolation of a PSF over the field."""
+    """Return the nodes' weights for barycentric interpolation."""
     if place in nodes or len(nodes) == 1:
         return [1.0 if node == place or len(nodes) == 1 else 0.0 for node in nodes]
     last = len(nodes) - 1

@@ -73,45 +73,34 @@ PANEL_METHODS = (
     CurvedPixelTransform.name,
     InterpolatedPixelTransform.name,
 )
-"""Names of the Fourier transforms for a PSF behind a panel; not all of them serve every request."""
+"""Names of the Fourier transforms behind a panel; not all of them serve every request."""
 
 
 @dataclass(frozen=True)
 class PanelEngineSettings:
-    """Tune the PSF engine for a panel in a lens.
+    """Tune the engine for a panel in a lens.
 
-    Attributes
-    ----------
-    max_pixel_phase_step : float
-        Largest change of phase across a panel pixel, in radians. Beyond, the blur is far larger
-        than any sensor.
-    transform_tol_share : float
-        Share of the tolerance that the Fourier transform may use. Chosen.
-    reached_transform_error : float
-        L2 error that a transform reaches, over the one it states. It is an eighteenth where it was
-        measured, for gridding to 1e-2 to 1e-8; this is three times as much. Weights that are fitted
-        reach what they state.
-    interpolation_tol_share : float
-        Share of the tolerance that fitted weights may use. Chosen: a further weight costs little.
-    largest_interpolation_error : float
-        Largest error of fitted weights that is planned for. Chosen.
-    expansion_tol_share : float
-        Share of the tolerance that the terms of the wave's expansion may use that are left out, by
-        their prediction before a pattern is known. Chosen.
-    refinement : float
-        Share of the tolerance that is aimed at by an engine that stands in where the first one
-        can't keep it. Chosen.
-    finest_tol : float
-        Smallest tolerance that is planned for. Chosen near the rounding of double precision.
-    max_degrees : int
-        Most degrees of the wave's expansion inside a pixel. Chosen.
-    dark_margin : float
-        Light that counts as none, over that of double precision's rounding. Chosen.
-    straight_degrees : int
-        Further degrees for the light without a pattern, where they cost nothing. Chosen.
-    max_orders : float
-        Most diffraction orders of the panel's pixels from the axis to a sample. Chosen: rules for
-        the envelope then take a second.
+    max_pixel_phase_step: largest change of phase across a panel pixel, in radians. Beyond, the blur
+    is far larger than any sensor.
+    transform_tol_share: share of the tolerance that the Fourier transform may use. Chosen.
+    reached_transform_error: L2 error that a transform reaches, over the one it states. It is an
+    eighteenth where it was measured, for gridding to 1e-2 to 1e-8; this is three times as much.
+    Weights that are fitted reach what they state.
+    interpolation_tol_share: share of the tolerance that fitted weights may use. Chosen: a further
+    weight costs little.
+    largest_interpolation_error: largest error of fitted weights that is planned for. Chosen.
+    expansion_tol_share: share of the tolerance that the terms of the wave's expansion may use that
+    are left out, by their prediction before a pattern is known. Chosen.
+    refinement: share of the tolerance that is aimed at by an engine that stands in where the first
+    one can't keep it. Chosen.
+    finest_tol: smallest tolerance that is planned for. Chosen near the rounding of double
+    precision.
+    max_degrees: most degrees of the wave's expansion inside a pixel. Chosen.
+    dark_margin: light that counts as none, over that of double precision's rounding. Chosen.
+    straight_degrees: further degrees for the light without a pattern, where they cost nothing.
+    Chosen.
+    max_orders: most diffraction orders of the panel's pixels from the axis to a sample. Chosen:
+    rules for the envelope then take a second.
     """
 
     max_pixel_phase_step: float = 600.0
@@ -133,31 +122,23 @@ _SETTINGS = PanelEngineSettings()
 
 @dataclass(frozen=True)
 class PanelCostSettings:
-    """Tune the predicted time of a PSF behind a panel.
+    """Tune the predicted time of light behind a panel.
 
     Passes are those of MachineSpeed.touch, calls those of MachineSpeed.call. All values were fitted
     to 150 random problems on one machine, whose times they predict within a factor of two.
 
-    Attributes
-    ----------
-    pixel_passes : float
-        Passes over the panel's pixels in a call: the pattern's phasor, and the measured error.
-    term_passes : float
-        Passes over the panel's pixels for each term of the wave; transforms that hold the wave have
-        none.
-    sample_passes : float
-        Passes over the samples at the sensor in a call.
-    node_passes : float
-        Passes over the nodes inside pixels at which the wave is computed beforehand, in double
-        precision.
-    open_share_passes : float
-        Passes over the panel's pixels for the share that the stop leaves open.
-    line_passes : float
-        Passes for each row and column of the panel and of the samples, for envelopes and rules.
-    planning_calls : float
-        Calls that planning costs at least.
-    degree_calls : float
-        Calls for each degree of the wave inside a pixel.
+    pixel_passes: passes over the panel's pixels in a call: the pattern's phasor, and the measured
+    error.
+    term_passes: passes over the panel's pixels for each term of the wave; transforms that hold the
+    wave have none.
+    sample_passes: passes over the samples at the sensor in a call.
+    node_passes: passes over the nodes inside pixels at which the wave is computed beforehand, in
+    double precision.
+    open_share_passes: passes over the panel's pixels for the share that the stop leaves open.
+    line_passes: passes for each row and column of the panel and of the samples, for envelopes and
+    rules.
+    planning_calls: calls that planning costs at least.
+    degree_calls: calls for each degree of the wave inside a pixel.
     """
 
     pixel_passes: float = 58.0
@@ -183,15 +164,15 @@ class PanelEngine(BehindPanelEngine):
     A pixel that the stop covers in part passes light in proportion to its open area.
 
     The share of the light that a pattern sends into the window is known after a call only, so the
-    error of every call is measured on its own light (see `optics.psf.dim_windows`). If it
-    is beyond the tolerance, a finer engine computes the light again.
+    error of every call is measured on its own light (see `optics.psf.dim_windows`). If it is beyond
+    the tolerance, a finer engine computes the light again.
 
-    transform: name of the Fourier transform; the cheapest if None. light_tol: relative L2 error
-    that is planned for, as if the window were as bright as its surroundings; the request's
-    tolerance if None. mirrored: whether patterns are mirrored in the middle of the panel's pixels,
-    and only their quarter right of and below it is given (see `InterpolatedPixelTransform`); only
-    where `can_mirror` says so.
-
+    transform: name of the Fourier transform; the cheapest if None.
+    light_tol: relative L2 error that is planned for, as if the window were as bright as its
+    surroundings; the request's tolerance if None.
+    mirrored: whether patterns are mirrored in the middle of the panel's pixels, and only their
+    quarter right of and below it is given (see `InterpolatedPixelTransform`); only where the light
+    is mirrored, too (see `symmetric_engine`).
     light_norm: L2 norm over the window of the last call's light, (...).
     """
 
@@ -232,14 +213,14 @@ class PanelEngine(BehindPanelEngine):
 
     @property
     def _reached_transform_error(self) -> float:
-        """The relative L2 error of the field that the PSF engine's transform is taken to reach."""
+        """The relative L2 error of the field that the transform is taken to reach."""
         stated = self._transform.error
         if isinstance(self._transform, PixelIntegralTransform):
             return stated
         return _SETTINGS.reached_transform_error * stated
 
     def _require_countable_orders(self) -> None:
-        """Raise ToleranceError if the PSF's samples lie too many panel orders from the axis."""
+        """Raise ToleranceError if the samples lie too many panel orders from the axis."""
         n = self._request.numeric
         orders = n.farthest_sample_radius * self._camera.panel.active_side / n.scale
         if orders > _SETTINGS.max_orders:
@@ -250,7 +231,10 @@ class PanelEngine(BehindPanelEngine):
             )
 
     def _largest_pixel_phase_step(self) -> float:
-        """Return the largest phase change of the PSF's wave across a panel pixel, in radians."""
+        """Return the largest phase change of the wave across a panel pixel, in radians.
+
+        Raises ToleranceError if it is too large.
+        """
         n, panel = self._request.numeric, self._camera.panel
         step = phase_step_per_pixel(self._camera, n.distance, n.wavelength)
         if n.sphere is not None:
@@ -264,7 +248,7 @@ class PanelEngine(BehindPanelEngine):
         return step
 
     def _offered_methods(self) -> list[_PanelMethod]:
-        """List the ways to sum the PSF over the panel's pixels to the tolerance in force."""
+        """List the ways to sum over the panel's pixels to the tolerance in force."""
         n, panel = self._request.numeric, self._camera.panel
         if self._mirrored:
             return self._interpolated_methods()
@@ -284,7 +268,7 @@ class PanelEngine(BehindPanelEngine):
         return methods
 
     def _interpolated_methods(self) -> list[_PanelMethod]:
-        """List the ways to sum the PSF over the panel's pixels by FFTs and fitted weights."""
+        """List the ways to sum over the panel's pixels by FFTs and fitted weights."""
         n, panel = self._request.numeric, self._camera.panel
         error = _SETTINGS.interpolation_tol_share * self._light_tol
         if error < FINEST_INTERPOLATION:
@@ -304,7 +288,7 @@ class PanelEngine(BehindPanelEngine):
         return [_PanelMethod(one, PixelGrid(panel), 0, 0.0, 1, separable=True)]
 
     def _methods_by_expansion(self, divisions: int) -> list[_PanelMethod]:
-        """List the ways to sum the PSF by an expansion of the wave in parts of the pixels."""
+        """List the ways to sum by an expansion of the wave in parts of the pixels."""
         n, grid = self._request.numeric, PixelGrid(self._camera.panel, divisions)
         degrees, error = self._needed_degrees(grid)
         if degrees > _SETTINGS.max_degrees:
@@ -320,12 +304,12 @@ class PanelEngine(BehindPanelEngine):
 
     @property
     def _is_wave_separable(self) -> bool:
-        """Whether the PSF's wave is a product of a function of y and one of x."""
+        """Whether the wave is a product of a function of y and one of x."""
         n = self._request.numeric
         return n.lens.has_quadratic_phase and n.sphere is None
 
     def _needed_degrees(self, grid: PixelGrid) -> tuple[int, float]:
-        """Return how many degrees of the PSF's wave in a pixel are needed, and the error left."""
+        """Return how many degrees of the wave in a pixel are needed, and the error left."""
         n, error = self._request.numeric, math.inf
         half_turn = self._pixel_phase_step / 2 / grid.divisions
         shares: EnvelopeShares | None = None
@@ -353,7 +337,7 @@ class PanelEngine(BehindPanelEngine):
         return self._method.planning_seconds(speed)
 
     def straight_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the seconds of the PSF without a pattern, which is computed once."""
+        """Predict the seconds of the light without a pattern, which is computed once."""
         return self._method.straight_seconds(speed, self._is_open)
 
     def prepare(self) -> None:
@@ -369,12 +353,12 @@ class PanelEngine(BehindPanelEngine):
 
     @property
     def _pattern_shape(self) -> tuple[int, int]:
-        """The shape of the patterns that the PSF engine takes, (rows, columns)."""
+        """The shape in which patterns are given, (rows, columns)."""
         shape = self._camera.panel.shape
         return quarter_shape(shape) if self._mirrored else shape
 
     def _terms(self) -> tuple[list[WaveTerm], list[WaveTerm]]:
-        """Return the terms of the PSF's wave in the pixels, and the first that are left out.
+        """Return the terms of the wave in the pixels, and the first that are left out.
 
         They are cached unless derivatives are wanted: a cached tensor would belong to the graph of
         an earlier call.
@@ -396,11 +380,11 @@ class PanelEngine(BehindPanelEngine):
 
     @property
     def _camera_with_tensors(self) -> Camera:
-        """The camera with the PSF request's lens, which may hold tensors that need gradients."""
+        """The camera with the request's lens, which may hold tensors that need gradients."""
         return replace(self._camera, lens=self._request.lens)
 
     def _pixel_amplitude(self, device: torch.device) -> torch.Tensor | None:
-        """Return the open share of the PSF's panel pixels; None if all of them are open."""
+        """Return the open share of the panel's pixels; None if all of them are open."""
         if self._is_open and not self._request.differentiable:
             return None
         return pupil_amplitude(self._camera_with_tensors).to(device)
@@ -412,16 +396,16 @@ class PanelEngine(BehindPanelEngine):
 
     @property
     def _is_straight_field_separable(self) -> bool:
-        """Whether the PSF's field without a pattern is a product of one along y and one along x."""
+        """Whether the field without a pattern is a product of one along y and one along x."""
         return self._method.separable and self._is_open and not self._request.differentiable
 
     def _straight_light(self) -> torch.Tensor:
-        """Compute the PSF without a pattern, where its field is a product over both axes."""
+        """Compute the light without a pattern, where its field is a product over both axes."""
         y, x = (squared_modulus(self._straight_axis(axis), 1.0) for axis in (0, 1))
         return (y * self._plain_intensity_scale)[:, None] * x
 
     def _straight_axis(self, axis: int) -> torch.Tensor:
-        """Return one axis of the PSF's field without a pattern, complex, for every sample."""
+        """Return one axis of the field without a pattern, complex, for every sample."""
         n = self._request.numeric
         if not self._degrees:
             values = [torch.ones(self._pattern_shape[axis], dtype=self._dtype)]
@@ -443,11 +427,11 @@ class PanelEngine(BehindPanelEngine):
 
     @cached_property
     def _straight_power(self) -> torch.Tensor:
-        """The sum over the PSF's pixel grid of the squared amplitude without a pattern."""
+        """The sum over the pixel grid of the squared amplitude without a pattern."""
         return (pupil_amplitude(self._camera) ** 2).sum() * self._method.grid.divisions**2
 
     def _pattern_power(self, pattern: torch.Tensor, amplitude: torch.Tensor | None) -> torch.Tensor:
-        """Return the sum over the panel of every pattern's squared amplitude, (...), for a PSF."""
+        """Return the sum over the panel of every pattern's squared amplitude, (...)."""
         if amplitude is None:
             return self._straight_power.expand(pattern.shape[:-2])
         parts = torch.view_as_real(pattern.detach().resolve_conj())
@@ -455,7 +439,7 @@ class PanelEngine(BehindPanelEngine):
 
     @property
     def _intensity_scale(self) -> torch.Tensor | float:
-        """The PSF engine's factor from ``|sum over pixels|²`` to light shares per sample."""
+        """The factor from ``|sum over pixels|²`` to shares of the light per sample."""
         if self._request.differentiable:
             return self._compute_intensity_scale()
         return self._plain_intensity_scale
@@ -472,9 +456,9 @@ class PanelEngine(BehindPanelEngine):
         return self._method.grid.side**4 * area / (q.scale**2 * power)
 
     def _envelopes(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the envelopes of the terms along y and x at the PSF engine's samples.
+        """Return the envelopes of the terms along y and x, each (degrees + 1, samples).
 
-        Each is (degrees + 1, samples). They are cached unless derivatives are wanted.
+        They are cached unless derivatives are wanted.
         """
         if self._request.differentiable:
             return self._compute_envelopes(self._request)
@@ -492,7 +476,7 @@ class PanelEngine(BehindPanelEngine):
         return y, x
 
     def _under_envelope(self, field: torch.Tensor, degrees: tuple[int, int]) -> torch.Tensor:
-        """Multiply a term's field on the PSF's samples by its envelope."""
+        """Multiply a term's field on the samples by its envelope."""
         if not self._degrees:
             return field
         y, x = self._envelopes()
@@ -505,7 +489,7 @@ class PanelEngine(BehindPanelEngine):
         amplitude: torch.Tensor | None,
         added: AddedLight | None = None,
     ) -> torch.Tensor:
-        """Compute the PSF's light on the samples, and measure its error there.
+        """Compute the light on the samples, and measure its error there.
 
         added: other light that is added afterwards. The error that is told is that of both
         together.
@@ -543,7 +527,7 @@ class PanelEngine(BehindPanelEngine):
     def _pattern(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
     ) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """Return a pattern behind the stop on the PSF's pixel grid, and what it was divided by.
+        """Return a pattern behind the stop on the pixel grid, and what it was divided by.
 
         The pattern is complex, (..., rows, columns), with amplitudes up to 1: all of the bright
         pixels of the one that is given may lie behind a closed part of the stop.
@@ -567,7 +551,7 @@ class PanelEngine(BehindPanelEngine):
         return self._method.grid.repeat(factor), peak
 
     def _field(self, pattern: torch.Tensor, terms: list[WaveTerm]) -> torch.Tensor:
-        """Sum the PSF's field over the terms of the wave, (..., rows, columns) of the samples."""
+        """Sum the field over the terms of the wave, (..., rows, columns) of the samples."""
         q = self._request
         moved = q.transform_variables
         # The panel keeps its size if the stop's radius changes, so only the scale stretches.
@@ -590,10 +574,10 @@ class PanelEngine(BehindPanelEngine):
         missing: Callable[[torch.Tensor], torch.Tensor] | None,
         added: AddedLight | None,
     ) -> None:
-        """Measure the error of a PSF relative to the light in its window; the largest of a batch.
+        """Measure the error relative to the light in the window; the largest of a batch.
 
-        power: sum of the squared amplitude over the panel, (...). missing: returns the field that
-        was left out on rows of the window.
+        power: sum of the squared amplitude over the panel, (...).
+        missing: returns the field that was left out on rows of the window.
         """
         window, scale = self._request.window_slices, as_number(self._intensity_scale)
         own = window_norm(light, window)
@@ -621,7 +605,7 @@ class PanelEngine(BehindPanelEngine):
     def _missing_light(
         self, pattern: torch.Tensor, omitted: list[WaveTerm], rows: torch.Tensor
     ) -> torch.Tensor:
-        """Compute the PSF's field of the omitted terms on some rows of the samples."""
+        """Compute the field of the omitted terms on some rows of the samples."""
         geometry = self._transform.geometry
         y, u = geometry.pupil.coordinates(0), geometry.image.coordinates(0)[rows]
         kernel = unit_phasor(-torch.outer(u, y) / geometry.scale, self._dtype).to(pattern.device)
@@ -639,7 +623,7 @@ class PanelEngine(BehindPanelEngine):
 
     @cached_property
     def _noise_envelope(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return how the envelopes of the PSF's terms weaken errors that transforms spread evenly.
+        """How the envelopes of the terms weaken errors that transforms spread evenly.
 
         It is relative intensity, as `EvenNoise` takes it.
         """
@@ -654,7 +638,7 @@ class PanelEngine(BehindPanelEngine):
         return y, x.cumsum(0).flip(0)
 
     def _is_dark(self, light: torch.Tensor, power: torch.Tensor) -> bool:
-        """Tell whether the PSF's window is dark: double precision can't tell its light from none.
+        """Tell whether the window is dark: double precision can't tell its light from none.
 
         Only then the light may be taken as it is, whatever its relative error.
         """
@@ -671,7 +655,7 @@ class PanelEngine(BehindPanelEngine):
         amplitude: torch.Tensor | None,
         added: AddedLight | None,
     ) -> torch.Tensor:
-        """Compute the PSF by a finer engine, whose error on this light is within the tolerance."""
+        """Compute the light by a finer engine, whose error on it is within the tolerance."""
         tol, error = self._request.tol, self.error.value + self.arithmetic
         if self._light_tol <= _SETTINGS.finest_tol:
             raise unreachable_tolerance_error(tol, error)
@@ -690,13 +674,13 @@ class PanelEngine(BehindPanelEngine):
 
 @dataclass(frozen=True)
 class _PanelMethod(CandidateMethod):
-    """Predicts memory and time of a PSF behind a panel, by one transform and one expansion.
+    """Predicts memory and time of light behind a panel, by one transform and one expansion.
 
-    grid: parts of the panel's pixels that are summed. degrees: degrees of the wave inside a part
-    that are summed; 0 if the transform holds the wave.
-    expansion_error: predicted relative L2 error of the light without the other degrees. node_count:
-    nodes along a side of a part from which the expansion is computed. separable: whether the wave
-    is a product over both axes.
+    grid: parts of the panel's pixels that are summed.
+    degrees: degrees of the wave inside a part that are summed; 0 if the transform holds the wave.
+    expansion_error: predicted relative L2 error of the light without the other degrees.
+    node_count: nodes along a side of a part from which the expansion is computed.
+    separable: whether the wave is a product over both axes.
     """
 
     transform: PlaneTransform
@@ -712,12 +696,12 @@ class _PanelMethod(CandidateMethod):
 
     @property
     def terms(self) -> int:
-        """The number of terms of the PSF's wave in a pixel, each of which takes a transform."""
+        """The number of terms of the wave in a pixel, each of which takes a transform."""
         return max(self.degrees * (self.degrees + 1) // 2, 1)
 
     @property
     def description(self) -> str:
-        """What the PSF is summed over in each panel pixel, in words; empty for its centre."""
+        """What is summed over in each panel pixel, in words; empty for its centre."""
         parts, terms = self.grid.divisions, self.terms
         words = [f"{parts}² parts in each"] if parts > 1 else []
         words += [f"{terms} terms of the wave"] if terms > 1 else []
@@ -755,7 +739,7 @@ class _PanelMethod(CandidateMethod):
         return calls * speed.call + passes * speed.touch + self.transform.planning_seconds(speed)
 
     def straight_seconds(self, speed: MachineSpeed, is_open: bool) -> float:
-        """Predict the seconds of the PSF without a pattern, at a machine's speed."""
+        """Predict the seconds of the light without a pattern."""
         if self.separable and is_open:
             rows, columns = self.transform.geometry.image.shape
             return 2 * speed.call + rows * columns * _COST.sample_passes * speed.touch

@@ -1,6 +1,6 @@
-"""Compute the fields that single pixels of a chain's panel send to places in its stop.
+"""Compute the fields that single panel pixels send to places in the stop, and integrate along rows.
 
-Near pixels are integrated piece by piece; those many Fresnel zones away have a short form.
+Pixels many Fresnel zones away have a short form. Rows are integrated in pieces, up to any end.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from optics.psf.to_lens import TaperedBand
 
 
 class PixelFields:
-    """Computes the field of a chain's panel pixels in the stop, a product of factors in y and x.
+    """Computes the field of panel pixels in the stop, a product of factors in y and x.
 
     The factors are Fresnel integrals in closed form (see `cell_kernel`). Places in the stop are in
     stop radii.
 
-    n, camera: what is asked, in plain numbers. reach: bands (y, x) of frequencies whose light is
-    followed, and which say how far a pixel's light goes sideways; None for all light.
+    n, camera: what is asked, in plain numbers.
+    reach: bands (y, x) of frequencies whose light is followed, and which say how far a pixel's
+    light goes sideways; None for all light.
     """
 
     def __init__(
@@ -44,7 +45,7 @@ class PixelFields:
         self._lines = [camera.panel.plane.coordinates(axis) for axis in (0, 1)]
 
     def fields(self, axis: int, place: torch.Tensor, pixels: slice = slice(None)) -> torch.Tensor:
-        """Return what a chain's pixels send to places along an axis, (places, pixels)."""
+        """Return what pixels send to places along an axis, (places, pixels)."""
         arriving = place * self._grow - self._shifts[axis]
         line, side = self._lines[axis][pixels], self._panel.active_side
         near = self._pixels_within(line, arriving, self._near_distance)
@@ -58,19 +59,19 @@ class PixelFields:
 
     @property
     def _near_distance(self) -> float:
-        """Metres between a chain's pixel and a place within which its field is no far field."""
+        """Metres between a pixel and a place within which its field is no far field."""
         return FAR_ZONES * math.sqrt(self._area) + self._panel.active_side
 
     @staticmethod
     def _pixels_within(line: torch.Tensor, arriving: torch.Tensor, distance: float) -> slice:
-        """Return the pixels of a line that lie within a distance of any of a chain's places."""
+        """Return the pixels of a line that lie within a distance of any of the places."""
         first = int(torch.searchsorted(line, float(arriving.min()) - distance))
         return slice(first, int(torch.searchsorted(line, float(arriving.max()) + distance)))
 
     def _tapered(
         self, axis: int, field: torch.Tensor, arriving: torch.Tensor, line: torch.Tensor
     ) -> torch.Tensor:
-        """Return the chain's field without light that isn't followed, (places, pixels)."""
+        """Return the field without light that isn't followed, (places, pixels)."""
         if self._reach is None:
             return field
         band = self._reach[axis]
@@ -86,12 +87,12 @@ class PixelFields:
         return field
 
     def path_turns(self, axis: int, place: torch.Tensor) -> torch.Tensor:
-        """Return the phases of paths from a chain's pixels to places, in turns."""
+        """Return the phases of paths from pixels to places, in turns, (places, pixels)."""
         arriving = place * self._grow - self._shifts[axis]
         return (arriving[:, None] - self._lines[axis]) ** 2 / (2 * self._area)
 
     def reached(self, axis: int, place: torch.Tensor) -> slice:
-        """Return the pixels of a chain's panel whose light gets to any of the places."""
+        """Return the pixels whose light gets to any of the places."""
         low, high = self._farthest(axis)
         arriving = place * self._grow - self._shifts[axis]
         line = self._lines[axis]
@@ -99,35 +100,35 @@ class PixelFields:
         return slice(first, max(first, int(torch.searchsorted(line, float(arriving.max()) - low))))
 
     def reached_count(self, axis: int, width: float) -> float:
-        """Count the chain's pixels whose light gets to places within a width, about."""
+        """Count the pixels whose light gets to places within a width in stop radii, about."""
         low, high = self._farthest(axis)
         within = (high - low + width * self._grow) / self._panel.pitch + 1
         return min(float(self._panel.shape[axis]), within)
 
     def near_count(self, axis: int, width: float) -> float:
-        """Count the chain's pixels that lie near to places within a width, about."""
+        """Count the pixels that lie near to places within a width in stop radii, about."""
         within = (2 * self._near_distance + width * self._grow) / self._panel.pitch + 1
         return min(within, self.reached_count(axis, width))
 
     @property
     def near_width(self) -> float:
-        """How wide a neighbourhood of a chain's place takes exact fields, in stop radii."""
+        """How wide a neighbourhood of a place takes exact fields, in stop radii."""
         return 2 * self._near_distance / self._grow
 
     def reached_width(self, axis: int) -> float:
-        """Return how wide the light of a point of the chain's panel gets, infinite for all."""
+        """Return how wide the light of a point of the panel gets, in stop radii, maybe infinite."""
         low, high = self._farthest(axis)
         return (high - low) / self._grow
 
     def _farthest(self, axis: int) -> tuple[float, float]:
-        """Return how far a chain's light is followed sideways, down and up an axis, in metres."""
+        """Return how far light is followed sideways, down and up an axis, in metres."""
         if self._reach is None:
             return -math.inf, math.inf
         low, high = self._reach[axis].outer_limits
         return low * self._area, high * self._area
 
     def steepest_slope(self, axis: int, span: tuple[float, float], lens: SplitPhase) -> float:
-        """Bound the phase slope of a chain's light in the stop, radians per stop radius.
+        """Bound the phase slope of the light in the stop, radians per stop radius.
 
         Light from a point of the panel, the lens, and the kernel of a sensor sample each add a
         slope that is linear in the places, so that the extremes lie at their ends.
@@ -164,7 +165,7 @@ _BLOCK = 8192
 
 
 def far_fields(place: Array, line: Array, side: float, area: float) -> Waves:
-    """Return the fields along an axis that far pixels of a chain send to places, (places, pixels).
+    """Return the fields along an axis that far pixels send to places, (places, pixels).
 
     They are those of `cell_kernel`, as the difference of the waves from both edges of a pixel. At a
     distance t from an edge, in units of sqrt(area), its wave is
@@ -172,13 +173,15 @@ def far_fields(place: Array, line: Array, side: float, area: float) -> Waves:
         exp(i pi t²) / (2 pi t) (i + v - 3 i v² - 15 v³ + ...),  v = 1 / (2 pi t²)
 
     (Abramowitz and Stegun 7.3.27 and 7.3.28), over sqrt(i). With x0 the middle of the places and s0
-    a pixel near to it, the phase (x - s)² is (x0 - s)² + 2 (x - x0) (x0 - s0) + (x - x0)² and
-    2 (x - x0) (s0 - s); only the last one isn't a sum of functions of x and of s, and pixels are
-    evenly spaced, so a product of two phasors has it. No large phases are subtracted.
+    a pixel near to it, the phase (x - s)² is (x0 - s)² + 2 (x - x0) (x0 - s0) + (x - x0)² and 2 (x
+    - x0) (s0 - s); only the last one isn't a sum of functions of x and of s, and pixels are evenly
+    spaced, so a product of two phasors has it. No large phases are subtracted.
 
-    place: metres, (places,). line: evenly spaced centres of pixels, metres, all at least FAR_ZONES
-    plus half a pixel away, on one side or on both. side: of a pixel, metres. area: Fresnel area in
-    m².
+    place: metres, (places,).
+    line: evenly spaced centres of pixels, metres, all at least FAR_ZONES plus half a pixel away, on
+    one side or on both.
+    side: of a pixel, metres.
+    area: Fresnel area in m².
     """
     found = np.empty((len(place), len(line)), dtype=np.complex128)
     if not found.size:
@@ -215,7 +218,7 @@ def _phasor(half_turns: Array) -> Waves:
 
 
 def _edge_waves(place: Array, edge: Array) -> Waves:
-    """Return the waves from the edges of a chain's pixels, without their phasors; see far_fields().
+    """Return the waves from pixel edges, without their phasors; see far_fields().
 
     place, edge: in units of sqrt(area).
     """
@@ -244,14 +247,15 @@ def _polynomial(factors: list[int], at: Array) -> Array:
 
 
 class PartialIntegrals:
-    """Divides a chain's rows in the stop into pieces, whose nodes interpolate the integrand.
+    """Divides rows of the stop into pieces, whose nodes interpolate the integrand.
 
     In a piece, the values at Gauss-Legendre nodes determine a polynomial in Legendre's basis. Its
     integral up to any end is a sum over the nodes, whose weights depend on the end alone. Whole
     pieces to the left are summed with the usual weights.
 
-    low, high: ends of the rows, in stop radii. slope: steepest phase slope of what is integrated,
-    radians per stop radius. turn: half the phase change in a piece, radians.
+    low, high: ends of the rows, in stop radii.
+    slope: steepest phase slope of what is integrated, radians per stop radius.
+    turn: half the phase change in a piece, radians.
     """
 
     def __init__(self, low: float, high: float, slope: float, turn: float) -> None:
@@ -268,16 +272,16 @@ class PartialIntegrals:
 
     @cached_property
     def weights(self) -> torch.Tensor:
-        """The weights of the nodes of a whole piece of a chain's row, in stop radii."""
+        """The weights of the nodes of a whole piece, in stop radii."""
         return torch.from_numpy(gauss_legendre(self.nodes)[1] * (self.width / 2))
 
     def places(self, piece: int) -> torch.Tensor:
-        """Return the nodes of a piece of a chain's row, in stop radii."""
+        """Return the nodes of a piece, in stop radii."""
         nodes = gauss_legendre(self.nodes)[0]
         return torch.from_numpy(self._low + self.width * (piece + (nodes + 1) / 2))
 
     def sort_ends(self, end: Array) -> SortedEnds:
-        """Sort the ends of a chain's rows, in stop radii, into the pieces."""
+        """Sort the ends of rows, in stop radii, into the pieces."""
         place = (end - self._low) / self.width
         piece = np.clip(place.astype(np.int64), 0, self.pieces - 1)
         inside = np.clip(2 * (place - piece) - 1, -1, 1)
@@ -286,7 +290,7 @@ class PartialIntegrals:
         return SortedEnds(self, inside, order, starts)
 
     def partial_weights(self, inside: Array) -> torch.Tensor:
-        """Return each end's weights in its piece of a chain's row, (ends, nodes).
+        """Return each end's weights in its piece, (ends, nodes).
 
         inside: the ends, from -1 to 1 over the piece.
         """
@@ -307,7 +311,7 @@ class PartialIntegrals:
 
     @cached_property
     def _coefficients(self) -> Array:
-        """Legendre coefficients of a chain's interpolating polynomial, from values at the nodes."""
+        """Legendre coefficients of the interpolating polynomial, from values at the nodes."""
         nodes, weights = gauss_legendre(self.nodes)
         degree = np.arange(self.nodes)[:, None] + 0.5
         polynomials = np.polynomial.legendre.legvander(nodes, self.nodes - 1).T
@@ -316,9 +320,10 @@ class PartialIntegrals:
 
 @dataclass(frozen=True)
 class SortedEnds:
-    """Holds the ends of a chain's rows, sorted into the pieces of PartialIntegrals.
+    """Holds the ends of rows, sorted into the pieces of PartialIntegrals.
 
-    inside: each end's place in its piece, -1 to 1. order: numbers of the ends, piece by piece.
+    inside: each end's place in its piece, -1 to 1.
+    order: numbers of the ends, piece by piece.
     starts: where each piece's ends begin in that order.
     """
 
@@ -328,10 +333,7 @@ class SortedEnds:
     starts: NDArray[np.int64]
 
     def in_piece(self, piece: int, most: int) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        """Yield which of a chain's ends lie in a piece, and each one's weights, (ends, nodes).
-
-        At most so many ends at a time.
-        """
+        """Yield the ends in a piece, `most` at a time, and each one's weights, (ends, nodes)."""
         for start in range(self.starts[piece], self.starts[piece + 1], most):
             ends = self.order[start : min(start + most, self.starts[piece + 1])]
             yield torch.from_numpy(ends), self.integrals.partial_weights(self.inside[ends])

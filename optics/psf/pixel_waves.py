@@ -28,17 +28,14 @@ class PixelIntegralTransform(PlaneTransform):
 
     The field that is given is the pattern alone, constant in each pixel.
 
-    Attributes
-    ----------
-    rounding_growth : float
-        Factor by which the transform's rounding errors exceed those of a plain sum.
+    rounding_growth: factor by which rounding errors exceed those of a plain sum.
     """
 
     rounding_growth: float = 1.0
 
     @abstractmethod
     def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        """Return how much of a pattern's light a sample of the PSF gets on average, float64.
+        """Return how much of a pattern's light a sample gets on average, float64.
 
         It is the mean over the panel's pixels along an axis, (samples,), of the squared modulus of
         a pixel's integral.
@@ -53,10 +50,11 @@ _BLOCK_POINTS = 1 << 18
 
 @dataclass(frozen=True)
 class WaveTerm:
-    """Holds one term of the wave in a PSF's panel pixels: P_k(y) P_l(x) times a factor per pixel.
+    """Holds one term of the wave in panel pixels: P_k(y) P_l(x) times a factor per pixel.
 
-    degrees: (k, l). column: the factor, complex, (rows, columns), or (rows, 1) if `row` holds the
-    rest. row: (columns,), by which `column` is multiplied, or None.
+    degrees: (k, l).
+    column: the factor, complex, (rows, columns), or (rows, 1) if `row` holds the rest.
+    row: (columns,), by which `column` is multiplied, or None.
     """
 
     degrees: tuple[int, int]
@@ -64,7 +62,7 @@ class WaveTerm:
     row: torch.Tensor | None = None
 
     def times(self, field: torch.Tensor) -> torch.Tensor:
-        """Multiply a field on the panel by the PSF's wave term, (..., rows, columns)."""
+        """Multiply a field on the panel by the term, (..., rows, columns)."""
         column = self.column.to(field.device)
         if self.row is None:
             return field * column
@@ -83,7 +81,7 @@ class WaveTerm:
         return product
 
     def project(self, kernel: torch.Tensor, field: torch.Tensor) -> torch.Tensor:
-        """Multiply a matrix (n, rows) by the product of a PSF's wave term and a field."""
+        """Multiply a matrix (n, rows) by the product of the term and a field."""
         if self.row is None:
             return kernel @ self.times(field)
         column = self.column[:, 0].to(field.device)
@@ -92,7 +90,7 @@ class WaveTerm:
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Divides the active square of every panel pixel into equal squares, for a PSF's integral.
+    """Divides the active square of every panel pixel into equal squares.
 
     divisions: squares along a side of a pixel; 1 for the pixels themselves.
     """
@@ -102,12 +100,12 @@ class PixelGrid:
 
     @property
     def side(self) -> float:
-        """The side of a square of the PSF's pixel grid, metres."""
+        """The side of a square, metres."""
         return self.panel.active_side / self.divisions
 
     @property
     def points(self) -> Plane | RectilinearGrid:
-        """The centres of all squares of the PSF's pixel grid."""
+        """The centres of all squares."""
         if self.divisions == 1:
             return self.panel.plane
         index = torch.arange(self.divisions, dtype=torch.float64)
@@ -116,7 +114,7 @@ class PixelGrid:
         return RectilinearGrid(y, x)
 
     def repeat(self, values: torch.Tensor) -> torch.Tensor:
-        """Repeat each panel pixel's value for all squares of the PSF's grid in the pixel."""
+        """Repeat each panel pixel's value for all squares in the pixel."""
         if self.divisions == 1:
             return values
         return values.repeat_interleave(self.divisions, -2).repeat_interleave(self.divisions, -1)
@@ -144,10 +142,12 @@ class PixelWaveExpansion:
         self.separable = request.lens.has_quadratic_phase and request.sphere is None
 
     def terms(self, node_count: int) -> tuple[list[WaveTerm], list[WaveTerm]]:
-        """Return the terms below the PSF engine's number of degrees, and those of that degree.
+        """Return the terms below the number of degrees, and those of that degree.
 
-        The latter are the first that are left out. node_count: Gauss-Legendre nodes along a side of
-        a pixel; 1 stands for the wave at the pixels' centres and its slopes there.
+        The latter are the first that are left out.
+
+        node_count: Gauss-Legendre nodes along a side of a pixel; 1 stands for the wave at the
+        pixels' centres and its slopes there.
         """
         kept = [(n - k, k) for n in range(self._degrees) for k in range(n + 1)]
         omitted = [(self._degrees - k, k) for k in range(self._degrees + 1)]
@@ -164,7 +164,7 @@ class PixelWaveExpansion:
         return made[: len(kept)], made[len(kept) :]
 
     def axis_coefficients(self, axis: int) -> list[torch.Tensor]:
-        """Return b_k along one axis for the PSF of a wave that is a product over both axes.
+        """Return b_k along one axis, for a wave that is a product over both axes.
 
         The list is over k up to the number of degrees, each (pixels,).
         """
@@ -181,14 +181,14 @@ class PixelWaveExpansion:
         return list((wave @ legendre.to(wave).mT).to(self._dtype).mT)
 
     def _half_turn(self, axis: int) -> float:
-        """Return half of the largest change of the PSF's quadratic phase in a pixel, radians."""
+        """Return half of the largest change of the quadratic phase in a square, radians."""
         n, half = self._request.numeric, self._grid.side / 2
         farthest = float(self._grid.points.coordinates(axis).abs().max())
         curvature: float = abs(defocus_curvature(n.lens, n.distance, n.wavelength))
         return curvature * (2 * farthest * half + half**2)
 
     def _terms_from_slopes(self) -> list[WaveTerm]:
-        """Return the PSF's wave at the pixels' centres, and its terms of first degree there."""
+        """Return the wave at the pixels' centres, and its terms of first degree there."""
         y, x = self._grid.points.mesh()
         wave, phase = self._wave(y, x)
         half = self._grid.side / (2 * self._grid.panel.pitch)
@@ -199,7 +199,7 @@ class PixelWaveExpansion:
         return made
 
     def _terms_from_nodes(self, degrees: list[tuple[int, int]], node_count: int) -> list[WaveTerm]:
-        """Return the PSF's wave terms from nodes inside the pixels, for any wave."""
+        """Return the terms from nodes inside the pixels, for any wave."""
         nodes, weights = gauss_legendre(max(node_count, self._degrees + 1))
         legendre = _scaled_legendre(nodes, weights, self._degrees).to(self._dtype)
         inside = torch.tensor(nodes * self._grid.side / 2)
@@ -215,9 +215,10 @@ class PixelWaveExpansion:
     def _block_coefficients(
         self, y: torch.Tensor, x: torch.Tensor, inside: torch.Tensor, legendre: torch.Tensor
     ) -> torch.Tensor:
-        """Return b_kl of a PSF for some rows of pixels, (degrees + 1, degrees + 1, rows, columns).
+        """Return b_kl for some rows of pixels, (degrees + 1, degrees + 1, rows, columns).
 
-        y, x: the pixels' centres, a column and a row. inside: nodes relative to a centre, metres.
+        y, x: the pixels' centres, a column and a row.
+        inside: nodes relative to a centre, metres.
         legendre: what _scaled_legendre() returns.
         """
         count = inside.numel()
@@ -226,7 +227,7 @@ class PixelWaveExpansion:
         return torch.einsum("ki,lj,yixj->klyx", legendre, legendre, split)
 
     def _wave(self, y: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the PSF's complex wave at panel positions (y, x) in metres, and its phase."""
+        """Return the complex wave at panel positions (y, x) in metres, and its phase."""
         q = self._request
         phase = pupil_phase(q.lens, q.distance, q.wavelength, y / q.radius, x / q.radius)
         wave = phase_factor(phase, self._dtype)
@@ -238,14 +239,16 @@ class PixelWaveExpansion:
 
 
 def pixel_envelopes(places: torch.Tensor, degrees: int, side: float, scale: Scalar) -> torch.Tensor:
-    """Return what the Legendre terms inside a panel pixel contribute to the PSF's field.
+    """Return what the Legendre terms inside a panel pixel contribute to the field.
 
     Entry k is the mean over -1 <= t <= 1 of P_k(t) exp(-i pi u side t / scale), which is the
     spherical Bessel function j_k times (-i)^k, a sinc for degree 0. The result is (degrees + 1,
     places), complex128.
 
-    places: u, positions on the sensor along one axis, metres. degrees: the largest k. side: of a
-    panel pixel, metres. scale: wavelength times distance, m².
+    places: u, positions on the sensor along one axis, metres.
+    degrees: the largest k.
+    side: of a panel pixel, metres.
+    scale: wavelength times distance, m².
     """
     turn = math.pi * places * side / scale
     largest = float(turn.detach().abs().max()) if turn.numel() else 0.0
@@ -256,7 +259,7 @@ def pixel_envelopes(places: torch.Tensor, degrees: int, side: float, scale: Scal
 
 
 def largest_coefficient(half_turn: float, degree: int) -> float:
-    """Bound |b_k| for the PSF of a wave whose phase is linear in a panel pixel.
+    """Bound |b_k| for a wave whose phase is linear in a panel pixel.
 
     half_turn: half of the phase's change across the pixel, radians; it gives (2k + 1) |j_k|, which
     is at most min(2k + 1, half_turn^k / (2k - 1)!!).
@@ -266,9 +269,11 @@ def largest_coefficient(half_turn: float, degree: int) -> float:
 
 
 class EnvelopeShares:
-    """Tells how much terms of a PSF's wave may matter in the window, by their degrees.
+    """Tells how much terms of the wave may matter in the window, by their degrees.
 
-    samples: of the window. degrees: the largest degree. side, scale: as for pixel_envelopes().
+    samples: of the window.
+    degrees: the largest degree.
+    side, scale: as for pixel_envelopes().
     """
 
     def __init__(self, samples: Plane, degrees: int, side: float, scale: float) -> None:
@@ -283,22 +288,22 @@ class EnvelopeShares:
         """Return the L2 norm of |J_0 J_k| times |J_0 J_l| over the samples, over that of J_0² J_0².
 
         J_k is the envelope of degree k along y and J_l that along x. It is the ratio of a term's
-        part in a PSF's intensity to the intensity, if light is spread as the envelope J_0² is.
+        part in the intensity to the intensity, if light is spread as the envelope J_0² is.
         """
         return self._ratios[0][degrees[0]] * self._ratios[1][degrees[1]]
 
 
 def full_precision_nodes(half_turn: float, degree: int = 0) -> int:
-    """Return how many Gauss-Legendre nodes integrate a PSF's wave in a panel pixel to rounding.
+    """Return how many Gauss-Legendre nodes integrate a wave in a panel pixel to rounding.
 
-    half_turn: half of the phase's change across the pixel, radians. degree: of a polynomial that
-    the wave is multiplied by.
+    half_turn: half of the phase's change across the pixel, radians.
+    degree: of a polynomial that the wave is multiplied by.
     """
     return gauss_node_count(2.0, half_turn, 1e-16) + math.ceil(degree / 2)
 
 
 def _scaled_legendre(nodes: Array, weights: Array, degrees: int) -> torch.Tensor:
-    """Return the rule for the coefficients b_k of a PSF's wave in a pixel, (degrees + 1, nodes).
+    """Return the rule for the coefficients b_k of a wave in a pixel, (degrees + 1, nodes).
 
     Row k holds (2 k + 1) / 2 times the Gauss-Legendre weights times P_k at the nodes.
     """
@@ -307,7 +312,7 @@ def _scaled_legendre(nodes: Array, weights: Array, degrees: int) -> torch.Tensor
 
 
 def _legendre_polynomials(t: Array, degrees: int) -> Array:
-    """Return the Legendre polynomials P_0 to P_degrees of a PSF's pixels, (degrees + 1, places)."""
+    """Return the Legendre polynomials P_0 to P_degrees, (degrees + 1, places)."""
     return np.asarray(np.polynomial.legendre.legvander(t, degrees).T, dtype=np.float64)
 
 
@@ -321,7 +326,8 @@ class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
 
         K(u, x) = mean over |d| < side / 2 of exp(i curvature (x + d)² - 2 pi i u (x + d) / scale)
 
-    curvature: radians per square metre. side: of a pixel's active square, metres.
+    curvature: radians per square metre.
+    side: of a pixel's active square, metres.
     """
 
     name = "matrix DFT with curved pixels"
@@ -333,7 +339,7 @@ class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
         self._curvature, self._side = curvature, side
 
     def node_count(self, axis: int) -> int:
-        """Return the number of quadrature nodes that the PSF engine takes in a curved panel pixel.
+        """Return the number of quadrature nodes that a pixel takes.
 
         It suffices for the pixel and the sample with the largest change of phase.
         """
@@ -356,7 +362,7 @@ class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
         return (centres * (tilted @ bent.mT)).to(self.dtype)
 
     def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        """Return the mean of |K|² over a PSF's panel pixels along an axis, float64, by sample.
+        """Return the mean of |K|² over panel pixels along an axis, float64, by sample.
 
         It is how much of a pattern's light a sample gets on average.
         """
@@ -364,7 +370,7 @@ class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
         return (kernel.real**2 + kernel.imag**2).mean(1)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of computing the matrices for a PSF's curved pixels."""
+        """Predict the processor seconds of computing the matrices."""
         seconds = 0.0
         for axis in (0, 1):
             n, m = self.geometry.pupil.shape[axis], self.geometry.image.shape[axis]

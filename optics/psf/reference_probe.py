@@ -1,4 +1,4 @@
-"""Measure the error of a PSF against exact integrals at a few samples."""
+"""Measure errors of light against exact integrals at a few samples."""
 
 from __future__ import annotations
 
@@ -38,18 +38,12 @@ _KERNEL_COST = 3.0
 
 @dataclass(frozen=True)
 class ReferenceProbeSettings:
-    """Tune how the error of a PSF is measured.
+    """Tune how an error is measured against exact integrals.
 
-    Attributes
-    ----------
-    refinement : float
-        Factor on the phase's slope for which the reference's nodes are chosen. Chosen.
-    max_terms : int
-        Most terms, nodes times lines, of a measurement. Chosen.
-    max_lines : int
-        Most rows, and most columns, at whose crossings the error is measured. Chosen.
-    min_lines : int
-        Fewest of them. Chosen.
+    refinement: factor on the phase's slope for which the reference's nodes are chosen. Chosen.
+    max_terms: most terms, nodes times lines, of a measurement. Chosen.
+    max_lines: most rows, and most columns, at whose crossings the error is measured. Chosen.
+    min_lines: fewest of them. Chosen.
     """
 
     refinement: float = 1.3
@@ -62,11 +56,11 @@ _SETTINGS = ReferenceProbeSettings()
 
 
 class ReferenceProbe:
-    """Computes the exact light at some samples of a PSF request, to measure errors.
+    """Computes the exact light at some samples of a request, to measure errors.
 
-    The reference is a direct sum over a finer quadrature than that of the PSF engines. The samples
-    are the crossings of some rows and columns, so that the kernel's factors are computed along
-    either axis only.
+    The reference is a direct sum over a finer quadrature than that of the engines. The samples are
+    the crossings of some rows and columns, so that the kernel's factors are computed along either
+    axis only.
     """
 
     def __init__(self, request: PSFRequest) -> None:
@@ -74,7 +68,7 @@ class ReferenceProbe:
         self._cached_samples: _ProbedSamples | None = None
 
     def measure_error(self, light: torch.Tensor) -> ErrorEstimate:
-        """Measure the relative L2 error of a PSF, (rows, columns), against exact quadrature."""
+        """Measure the relative L2 error of light, (rows, columns), against exact quadrature."""
         values = light.detach().to(torch.float64).numpy()
         seen = values[self._request.window_slices]
         size = float(np.linalg.norm(seen))
@@ -92,9 +86,9 @@ class ReferenceProbe:
         )
 
     def _probed_samples(self, light: Array) -> _ProbedSamples:
-        """Return the samples at which a PSF is checked, their weights, and the exact light there.
+        """Return the samples that are checked, their weights, and the exact light there.
 
-        The first PSF that is measured determines which samples are drawn.
+        The first light that is measured determines which samples are drawn.
         """
         if self._cached_samples is None:
             count = self._lines_per_axis
@@ -118,7 +112,7 @@ class ReferenceProbe:
         return int(min(_SETTINGS.max_lines, max(_SETTINGS.min_lines, affordable)))
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of the reference and one measurement, for the PSF's plan."""
+        """Predict the processor seconds of the reference and one measurement."""
         nodes, lines = self._reference_node_count, self._lines_per_axis
         rows, columns = self._request.samples.shape
         kernels = _KERNEL_COST * nodes * (4 * lines + 2) * speed.cosine
@@ -149,12 +143,11 @@ class ReferenceProbe:
         return count_nodes(stop, self._reference_slope_bound, self._reference_tol)
 
     def _reference_blocks(self) -> Iterable[QuadratureNodes]:
-        """Return the nodes of the reference PSF in blocks."""
         stop = self._request.lens.stop
         return stop_rule_blocks(stop, self._reference_slope_bound, self._reference_tol, _CHUNK)
 
     def _exact_light(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
-        """Compute the PSF at the crossings of some rows and columns by a direct sum over nodes."""
+        """Compute the light where some rows and columns cross, by a direct sum over nodes."""
         q = self._request
         factor = 2 * math.pi * q.radius / q.scale
         y, x = (
@@ -174,7 +167,7 @@ class ReferenceProbe:
 
 @dataclass(frozen=True)
 class _ProbedSamples:
-    """Holds the samples at which a PSF is checked: lines that cross, weights, the exact light."""
+    """Holds the samples that are checked: lines that cross, weights, the exact light."""
 
     rows: NDArray[np.int64]
     columns: NDArray[np.int64]
@@ -183,12 +176,12 @@ class _ProbedSamples:
 
 
 def _phasors(angle: torch.Tensor) -> torch.Tensor:
-    """Return exp(i angle) for a PSF's reference; torch.polar would take twenty times as long."""
+    """Return exp(i angle); torch.polar would take twenty times as long."""
     return torch.complex(torch.cos(angle), torch.sin(angle))
 
 
 def draw_samples(light: Array, count: int) -> tuple[NDArray[np.int64], Array]:
-    """Draw samples of a PSF, or lines of samples, and return one over their expected number.
+    """Draw samples, or lines of them: their numbers, and one over how often each is expected.
 
     Half of the probability is in proportion to the light, because errors count most where it is
     bright, and half is even. The draw is always the same: one in each of `count` parts of equal

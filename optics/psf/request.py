@@ -30,18 +30,21 @@ class PSFRequest:
     """Describes a PSF to be computed: a point's light behind a lens, on samples at the sensor.
 
     lens, distance, wavelength: SI units; numbers, or 0-d tensors in which the PSF shall be
-    differentiable. samples: the plane of the samples; its centre may hold tensors. tol: relative L2
-    error of the intensity on the samples. margin: samples on each side, along y and x, that serve
-    only the integration over sensor pixels. phase_slope: radians per stop radius by which a phase
-    that is added to the lens' wave may change.
-
+    differentiable.
+    samples: the plane of the samples; its centre may hold tensors.
+    tol: relative L2 error of the intensity on the samples.
+    margin: samples on each side, along y and x, that serve only the integration over sensor pixels.
+    phase_slope: radians per stop radius by which a phase that is added to the lens' wave may
+    change.
     separation: metres from a panel to the lens; `distance` is measured from the object to the
-    panel. field: metres (y, x) on the sensor from the axis to the point's geometric image, around
-    which the samples lie. sphere: the point's spherical wave over the panel; None for its parabola.
+    panel.
+    field: metres (y, x) on the sensor from the axis to the point's geometric image, around which
+    the samples lie.
+    sphere: the point's spherical wave over the panel; None for its parabola.
     pixel: size (y, x) in metres of the sensor pixels over which the samples are integrated
-    afterwards; 0 if the samples themselves are wanted. pattern_tol: relative L2 error that light
-    with a pattern must keep, where `tol` is planned smaller because patterns will be given; None if
-    it is `tol`.
+    afterwards; 0 if the samples themselves are wanted.
+    pattern_tol: relative L2 error that light with a pattern must keep, where `tol` is planned
+    smaller because patterns will be given; None if it is `tol`.
     """
 
     lens: Lens
@@ -63,45 +66,45 @@ class PSFRequest:
 
     @cached_property
     def numeric(self) -> PSFRequest:
-        """The same PSF request in plain numbers, without derivatives."""
+        """The same request in plain numbers, without derivatives."""
         return cast(PSFRequest, to_plain_numbers(self))
 
     @property
     def window_slices(self) -> tuple[slice, slice]:
-        """The rows and columns of the PSF request's samples without the margin."""
+        """The rows and columns of the samples without the margin."""
         rows, columns = self.samples.shape
         y, x = self.margin
         return slice(y, rows - y), slice(x, columns - x)
 
     @property
     def shadow_magnification(self) -> Scalar:
-        """The width of the panel's shadow at the lens over the panel's, in the PSF request."""
+        """The width of the panel's shadow at the lens over the panel's."""
         return 1 + self.separation / self.distance
 
     @property
     def object_to_lens_distance(self) -> Scalar:
-        """The distance from the PSF request's object to the lens, in metres."""
+        """The distance from the object to the lens, in metres."""
         return self.distance + self.separation
 
     @property
     def chief_ray_slopes(self) -> tuple[Scalar, Scalar]:
-        """The slopes (y, x) of the PSF request's chief ray through the middle of the lens."""
+        """The slopes (y, x) of the chief ray through the middle of the lens."""
         z = self.lens.image_distance
         return self.field[0] / z, self.field[1] / z
 
     @property
     def scale(self) -> Scalar:
-        """The wavelength times the image distance of the PSF request, m²."""
+        """The wavelength times the image distance, m²."""
         return self.wavelength * self.lens.image_distance
 
     @property
     def radius(self) -> Scalar:
-        """The stop radius of the PSF request, in metres."""
+        """The radius of the stop, in metres."""
         return self.lens.stop_diameter / 2
 
     @property
     def intensity_scale(self) -> Scalar:
-        """The PSF request's factor from ``|integral|²`` over the stop to light shares per sample.
+        """The factor from ``|integral|²`` over the stop to shares of the light per sample.
 
         Lengths in the integral are in stop radii.
         """
@@ -110,23 +113,20 @@ class PSFRequest:
 
     @cached_property
     def farthest_sample_radius(self) -> float:
-        """The distance from the axis to the PSF request's farthest sample, in metres."""
+        """The distance from the axis to the farthest sample, in metres."""
         y, x = self.numeric.samples.mesh()
         return math.hypot(float(y.abs().max()), float(x.abs().max()))
 
     @cached_property
     def phase_slope_bound(self) -> PhaseSlopeBound:
-        """The PSF request's bound on the phase slope in the stop.
-
-        The bound includes the kernel of the farthest sample.
-        """
+        """A bound on the phase slope in the stop, including the kernel of the farthest sample."""
         n = self.numeric
         tilt = 2 * math.pi * n.radius * self.farthest_sample_radius / n.scale
         return phase_slope_bound(n.lens, n.distance, n.wavelength, tilt + self.phase_slope)
 
     @property
     def transform_variables(self) -> TransformVariables:
-        """The PSF request's pupil stretch and image shift, as tensors with derivatives."""
+        """The stretch of the pupil and the shift of the image, as tensors with derivatives."""
         n = self.numeric
         stretch = (self.radius / n.radius) * (n.scale / self.scale)
         centre = self.samples.centre
@@ -136,7 +136,7 @@ class PSFRequest:
         return TransformVariables(stretch if needs_gradient(stretch) else None, shift)  # type: ignore[arg-type]
 
     def require_unchanged(self) -> None:
-        """Raise ValueError if a tensor of the PSF request has changed since the plan was made."""
+        """Raise ValueError if a tensor has changed since the plan was made."""
         if not self._has_tensors:
             return
         names = ("lens", "distance", "wavelength", "samples", "separation", "field")
@@ -144,12 +144,12 @@ class PSFRequest:
 
     @cached_property
     def _has_tensors(self) -> bool:
-        """Whether any length of the PSF request is a tensor, which might change after the plan."""
+        """Whether any length is a tensor, which might change after the plan."""
         return self.numeric is not self
 
     @property
     def differentiable(self) -> bool:
-        """Whether the PSF request wants derivatives with respect to any of its lengths."""
+        """Whether derivatives with respect to any of the lengths are wanted."""
         lens = self.lens
         lengths = (self.distance, self.wavelength, lens.focal_length, lens.f_number)
         aberrations = (path for _, _, path in lens.aberrations)
@@ -159,7 +159,7 @@ class PSFRequest:
 
     @property
     def needs_geometry_gradient(self) -> bool:
-        """Whether the PSF request wants derivatives for lengths that shift light on the samples."""
+        """Whether derivatives are wanted for lengths that shift light on the samples."""
         moving = (self.scale, self.radius, *self.samples.centre)
         return any(needs_gradient(value) for value in moving)
 
@@ -179,16 +179,16 @@ class TransformVariables:
 class SphericalWaveCorrection:
     """Computes the spherical wave of thesis Eq. 5.1 and 5.2, divided by its paraxial parabola.
 
-    distance: metres from the object to the panel's plane, math.inf allowed. chief_ray_sines: sines
-    (y, x) of the chief ray's direction, which are field over image distance. centre: metres (y, x)
-    where the chief ray meets the panel.
-
     Let v = 1 / distance be the vergence, r0 the distance from the point to the centre, s the
     chief_ray_sines, w = 1 / r0 = v sqrt(1 - s²), and p a position relative to the centre. The
-    sphere's path is r = r0 q with q² = 1 + 2 w s.p + w² p², and the parabola's path is
-    s.p + v p² / 2. Their difference r - r0 - s.p - v p² / 2 is computed without subtracting large
-    numbers, so that a far object is the limit of a near one. The amplitude is 1 / r relative to the
-    distance along the axis, 1 / (v r).
+    sphere's path is r = r0 q with q² = 1 + 2 w s.p + w² p², and the parabola's path is s.p + v p² /
+    2. Their difference r - r0 - s.p - v p² / 2 is computed without subtracting large numbers, so
+    that a far object is the limit of a near one. The amplitude is 1 / r relative to the distance
+    along the axis, 1 / (v r).
+
+    distance: metres from the object to the panel's plane, math.inf allowed.
+    chief_ray_sines: sines (y, x) of the chief ray's direction, which are field over image distance.
+    centre: metres (y, x) where the chief ray meets the panel.
     """
 
     distance: Scalar
@@ -205,15 +205,15 @@ class SphericalWaveCorrection:
             )
 
     def wave_factor(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Return the spherical wave's complex factor for the PSF engine at positions (y, x).
+        """Return the complex factor at positions (y, x), complex128.
 
-        The factor is complex128. y, x: metres on the panel, tensors that broadcast.
+        y, x: metres on the panel, tensors that broadcast.
         """
         path, amplitude = self._path_and_amplitude(y, x)
         return torch.polar(amplitude, 2 * math.pi / self.wavelength * path)
 
     def phase(self, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-        """Return the phase of the spherical wave's factor for the PSF engine, radians, float64."""
+        """Return the phase of wave_factor(), radians, float64."""
         return 2 * math.pi / self.wavelength * self._path_and_amplitude(y, x)[0]
 
     def _path_and_amplitude(
@@ -234,10 +234,9 @@ class SphericalWaveCorrection:
     def phase_gradient(
         self, y: torch.Tensor, x: torch.Tensor, spacing: float
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the spherical wave's phase slopes along y and x for the PSF engine, cycles/m.
+        """Return the slopes of wave_factor()'s phase along y and x, cycles/m.
 
-        The phase is that of wave_factor(). Each slope is the difference over `spacing` metres
-        around a position.
+        Each slope is the difference over `spacing` metres around a position.
         """
         ends = [
             (
@@ -249,7 +248,7 @@ class SphericalWaveCorrection:
         return ends[0] / (spacing * self.wavelength), ends[1] / (spacing * self.wavelength)
 
     def largest_phase_slope(self, half_diagonal: float) -> float:
-        """Return the steepest phase slope of the PSF engine's spherical wave on a panel, rad/m.
+        """Return the steepest phase slope on a panel, rad/m.
 
         half_diagonal: metres from the panel's middle to its corner.
         """
@@ -267,7 +266,7 @@ class SphericalWaveCorrection:
 
     @property
     def numeric(self) -> SphericalWaveCorrection:
-        """The PSF engine's spherical wave in plain numbers, without derivatives."""
+        """The same wave in plain numbers, without derivatives."""
         return cast(SphericalWaveCorrection, to_plain_numbers(self))
 
 

@@ -1,4 +1,4 @@
-"""Compute the PSF of a lens from its pupil on a square grid, quickly for large tolerances."""
+"""Integrate a lens' pupil on a square grid, which is quick for large tolerances."""
 
 from __future__ import annotations
 
@@ -25,23 +25,17 @@ from optics.psf.request import PSFRequest
 
 @dataclass(frozen=True)
 class SampledGridSettings:
-    """Tune the grid over the pupil from which a PSF is computed.
+    """Tune the grid over the pupil.
 
-    Attributes
-    ----------
-    edge_error_factor : float
-        Relative error of the PSF over the squared change of phase between neighbouring samples, in
-        radians, at the stop's edge and towards the light. It was fitted to exact integrals for 40
-        lenses, where it lay between 1e-3 and 7e-3. A grid that proves too coarse is refined.
-    max_phase_step : float
-        Largest change of phase between neighbouring samples for the whole window, in radians. It is
-        below Nyquist's limit of pi.
-    min_size : int
-        Fewest samples across the grid. Chosen.
-    growth : float
-        Largest factor by which the grid is refined in one step. Chosen.
-    tries : int
-        Most grids that are tried. Chosen.
+    edge_error_factor: relative error of the light over the squared change of phase between
+    neighbouring samples, in radians, at the stop's edge and towards the light. It was fitted to
+    exact integrals for 40 lenses, where it lay between 1e-3 and 7e-3. A grid that proves too coarse
+    is refined.
+    max_phase_step: largest change of phase between neighbouring samples for the whole window, in
+    radians. It is below Nyquist's limit of pi.
+    min_size: fewest samples across the grid. Chosen.
+    growth: largest factor by which the grid is refined in one step. Chosen.
+    tries: most grids that are tried. Chosen.
     """
 
     edge_error_factor: float = 3e-3
@@ -122,7 +116,7 @@ class SampledEngine(CachedPupilWave, PSFEngine):
         return fixed + self._grid_seconds(speed) + self._coarser_seconds
 
     def _grid_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the seconds of the PSF's grid over the pupil, and of the light that judges it."""
+        """Predict the seconds of the grid over the pupil, and of the light that judges it."""
         wave = _PASSES_PER_SAMPLE * self._grid_size**2 * speed.touch
         pieces = sum(len(loop.pieces) for loop in self._request.lens.stop.loops)
         return wave + _STEPS_PER_PIECE * pieces * speed.step + self.cpu_seconds(speed)

@@ -33,15 +33,16 @@ Spans = tuple[tuple[float, float], tuple[float, float]]
 
 
 class SplitPhase:
-    """Holds a lens' wave exp(i phase) for a chain, split between y and x.
+    """Holds a lens' wave exp(i phase), split between y and x.
 
-    With the parabola's curvature c in radians per square stop radius, the wave is
-    exp(i c (y² + x²)) times the sum over k of g_k(y) h_k(x). The smooth remainder of aberrations,
-    and of a stigmatic lens, has few terms to double precision. They are predicted when the split is
-    planned, and found at its first use.
+    With the parabola's curvature c in radians per square stop radius, the wave is exp(i c (y² +
+    x²)) times the sum over k of g_k(y) h_k(x). The smooth remainder of aberrations, and of a
+    stigmatic lens, has few terms to double precision. They are predicted when the split is planned,
+    and found at its first use.
 
-    curvature: c. terms: their number, predicted. slope: the steepest slope of the remainder's
-    phase, radians per stop radius.
+    curvature: c.
+    terms: their number, predicted.
+    slope: the steepest slope of the remainder's phase, radians per stop radius.
     """
 
     def __init__(self, n: PSFRequest, spans: Spans) -> None:
@@ -60,7 +61,7 @@ class SplitPhase:
         self.terms = _TERMS + math.ceil(_TERMS_PER_RADIAN * float(phase.max() - phase.min()))
 
     def prepare(self) -> None:
-        """Find the terms of a chain's lens; raise ToleranceError for aberrations of many waves."""
+        """Find the terms; raise ToleranceError for aberrations of too many waves."""
         if not self._n.lens.has_quadratic_phase:
             self.terms = self._factors[0].shape[1]
 
@@ -82,7 +83,7 @@ class SplitPhase:
 
     @cached_property
     def _factors(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The Chebyshev coefficients of all terms of a chain's lens, (orders, terms), for y and x.
+        """The Chebyshev coefficients of all terms, (orders, terms), for y and x.
 
         Raises ToleranceError for aberrations of too many waves.
         """
@@ -98,7 +99,7 @@ class SplitPhase:
         )
 
     def _expansion(self, nodes: int) -> torch.Tensor:
-        """Expand the wave of a chain's lens, without its parabola, in Chebyshev polynomials."""
+        """Expand the wave, without its parabola, in Chebyshev polynomials."""
         angle = math.pi * (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
         y, x = ((low + high) / 2 + (high - low) / 2 * torch.cos(angle) for low, high in self._spans)
         phase = _remaining_phase(self._n, y[:, None], x[None, :]).expand(nodes, nodes)
@@ -109,7 +110,7 @@ class SplitPhase:
 
 
 def _remaining_phase(n: PSFRequest, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
-    """Return the phase of a chain's lens beside its parabola, in radians; y, x in stop radii."""
+    """Return the phase of the lens beside its parabola, in radians; y, x in stop radii."""
     lens, distance = n.lens, n.object_to_lens_distance
     path = torch.zeros((), dtype=torch.float64)
     if lens.kind != "thin":

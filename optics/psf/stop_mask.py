@@ -1,4 +1,4 @@
-"""Mask a field at the lens by the stop, block by block of rows.
+"""Mask a field at the lens by the stop, and estimate rounding from samples of the light there.
 
 Only the cells that the stop's edge cuts are stored as numbers.
 """
@@ -27,8 +27,8 @@ fine grid still fit into a processor's cache."""
 class MaskSegment:
     """Describes a range of columns, in a block of rows, where the stop isn't fully open.
 
-    first, last: columns, the last one exclusive. share: open area of every sample, (rows, columns);
-    None where all are closed.
+    first, last: columns, the last one exclusive.
+    share: open area of every sample, (rows, columns); None where all are closed.
     """
 
     first: int
@@ -39,7 +39,9 @@ class MaskSegment:
 class BlockwiseStopMask:
     """Masks fields on a plane by the open area of a stop, in blocks of rows.
 
-    radius: of the stop, metres. Open areas are computed only along the stop's edge.
+    Open areas are computed only along the stop's edge.
+
+    radius: of the stop, metres.
     """
 
     def __init__(self, stop: Stop, radius: float, plane: Plane, dtype: torch.dtype) -> None:
@@ -52,7 +54,7 @@ class BlockwiseStopMask:
 
     @cached_property
     def segments_by_block(self) -> list[list[MaskSegment]]:
-        """The column ranges, in each block of rows, where the chain's stop isn't fully open."""
+        """The column ranges, in each block of rows, where the stop isn't fully open."""
         fine = Coverage(self._stop, self._radius, self._plane)
         lines = zip(self.row_blocks, self._coarse_coverage(), strict=True)
         return [self._find_segments(fine, rows, line) for rows, line in lines]
@@ -72,7 +74,7 @@ class BlockwiseStopMask:
         return np.asarray(coverage(self._stop, self._radius, coarse).numpy())
 
     def _sample_position(self, axis: int, number: int) -> float:
-        """Return where a sample of the chain's lens grid lies along an axis, in metres."""
+        """Return where a sample lies along an axis, in metres."""
         plane = self._plane
         return (number - plane.shape[axis] // 2) * plane.pitch[axis] + float(plane.centre[axis])
 
@@ -92,7 +94,7 @@ class BlockwiseStopMask:
         return found
 
     def apply(self, field: torch.Tensor, block: int) -> None:
-        """Multiply a block of the field at the chain's lens by the stop's open share, in place.
+        """Multiply a block of a field by the stop's open share, in place.
 
         field: (rows, columns) of the block.
         """
@@ -106,7 +108,7 @@ class BlockwiseStopMask:
                 parts.mul_(segment.share.to(field.device)[..., None])
 
     def open_power(self, field: torch.Tensor, block: int) -> float:
-        """Sum ``|field|²`` of a block at the chain's lens over the open part of the stop.
+        """Sum ``|field|²`` of a block over the open part of the stop.
 
         field: (rows, columns) of the block.
         """
@@ -129,16 +131,17 @@ PROBES = 10
 
 
 def probe_places(low: float, high: float) -> torch.Tensor:
-    """Return the places between low and high at which a chain's light in the stop is sampled."""
+    """Return the places between low and high at which the light in the stop is sampled."""
     share = (np.arange(PROBES) + 0.5) * (math.sqrt(5) - 1) / 2 % 1
     return torch.from_numpy(low + (high - low) * share)
 
 
 @dataclass(frozen=True)
 class StopProbes:
-    """Holds fields of a panel's pixels at places in a chain's stop, along an axis.
+    """Holds fields of a panel's pixels at places in the stop, along an axis.
 
-    fields: (places, pixels). turns: phases of the paths from the pixels, (places, pixels).
+    fields: (places, pixels).
+    turns: phases of the paths from the pixels, (places, pixels).
     independent: number of rows, or of nodes, whose errors are independent.
     """
 
@@ -148,26 +151,28 @@ class StopProbes:
 
     @property
     def light(self) -> torch.Tensor:
-        """The mean light of each pixel in a chain's stop."""
+        """The mean light of each pixel in the stop."""
         return (self.fields.real**2 + self.fields.imag**2).mean(0)
 
     @property
     def noise(self) -> torch.Tensor:
-        """The mean square of each pixel's errors in a chain's stop, in roundings."""
+        """The mean square of each pixel's errors in the stop, in roundings."""
         light = self.fields.real**2 + self.fields.imag**2
         # The share of the phase, pi per turn, is chosen, too.
         return (light * (1 + math.pi * self.turns) ** 2).mean(0) / self.independent
 
 
 class StopLight:
-    """Samples a chain's light in the stop, and estimates the rounding of its integral.
+    """Samples the light in the stop, and estimates the rounding of its integral.
 
     A pixel's field in the stop is known to some roundings of its value and of its phase in radians;
     these errors are independent from row to row, or from node to node. Sums of products are known
     to some roundings of their value. By Schwarz' inequality, the integral of an error over the stop
     is at most the root of the stop's area times that of its mean square.
 
-    y, x: the light along both axes. area: of the stop. box: of the rectangle that is probed.
+    y, x: the light along both axes.
+    area: of the stop.
+    box: area of the rectangle that is probed.
     """
 
     def __init__(self, y: StopProbes, x: StopProbes, area: float, box: float) -> None:
@@ -177,12 +182,12 @@ class StopLight:
 
     @property
     def even_error(self) -> float:
-        """The error of the field at a sample of the chain's sensor, for an evenly lit panel."""
+        """The error of the field at a sample of the sensor, for an evenly lit panel."""
         (y, x), (down, along) = (tuple(map(torch.sum, one)) for one in (self._light, self._noise))
         return self._scale * float((y * x).sqrt() + (down * x + y * along).sqrt())
 
     def error(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Estimate the error of the field at a sample of a chain's sensor, (...), float64."""
+        """Estimate the error of the field at a sample of the sensor, (...), float64."""
         y, x = self._fields
         field = y @ modulated @ x.mT
         light = (field.real**2 + field.imag**2).mean((-2, -1))

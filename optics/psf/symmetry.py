@@ -1,4 +1,4 @@
-"""Give the phase of a symmetric pattern in short, and compute the PSF by its symmetry."""
+"""Expand symmetric patterns that are given in short, and compute their light by the symmetry."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from optics.quarter_symmetry import mirror_quarter, quarter_shape
 
 
 class SeparableEngine(PSFEngine):
-    """Computes the PSF of a separable pattern as a product of two one-dimensional PSFs.
+    """Computes a separable pattern's light as a product of two one-dimensional integrals.
 
     The panel must be open and the lens' wave quadratic. Each axis takes one product of a matrix and
     a vector, in double precision.
@@ -46,13 +46,13 @@ class SeparableEngine(PSFEngine):
 
     @cached_property
     def _kernels(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The matrices (samples, pixels) of a PSF along y and x."""
+        """The matrices (samples, pixels) along y and x."""
         eye = [torch.eye(n, dtype=torch.complex128) for n in self._panel.shape]
         return self._transform.forward_axis(eye[0], 0), self._transform.forward_axis(eye[1], 1).mT
 
     @property
     def _product_count(self) -> int:
-        """The multiplications of numbers in a PSF of a separable pattern."""
+        """The multiplications of numbers for one pattern."""
         pairs = zip(self._panel.shape, self._request.samples.shape, strict=True)
         return sum(n * m for n, m in pairs)
 
@@ -72,7 +72,7 @@ class SeparableEngine(PSFEngine):
         return plane.coordinates(0), plane.coordinates(1)
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        """Compute the light of a separable pattern on the PSF's samples.
+        """Compute the light of a separable pattern on the samples.
 
         Raises ValueError if there is an amplitude, which isn't separable.
         """
@@ -175,7 +175,7 @@ def expand_phase(symmetry: str, phase: torch.Tensor, shape: tuple[int, int]) -> 
 def symmetric_engine(
     symmetry: str, request: PSFRequest, camera: Camera
 ) -> Callable[[], PSFEngine] | None:
-    """Return a function that makes the engine for a symmetric pattern's PSF, or None without one.
+    """Return a function that makes the engine for a symmetric pattern, or None without one.
 
     The lens' wave must be quadratic and the stop must not cut the panel; otherwise the light behind
     a symmetric pattern isn't symmetric. A panel apart from its lens must be so open that the lens

@@ -28,9 +28,10 @@ from optics.fourier.fft import fft_operations
 class TaperedBand:
     """Holds a band of frequencies along an axis, with smooth ends; all in cycles per metre.
 
-    low, high: where the amplitude has fallen to one half. taper_sigma: standard deviation of the
-    Gaussian that smooths the ends. taper_sigmas: number of standard deviations beyond low and high
-    at which the amplitude counts as zero.
+    low, high: where the amplitude has fallen to one half.
+    taper_sigma: standard deviation of the Gaussian that smooths the ends.
+    taper_sigmas: number of standard deviations beyond low and high at which the amplitude counts as
+    zero.
     """
 
     low: float
@@ -46,7 +47,7 @@ class TaperedBand:
         )
 
     def taper(self, frequency: torch.Tensor) -> torch.Tensor:
-        """Return the amplitude factor, 0 to 1, of frequencies in the chain's band, float64."""
+        """Return the amplitude factor of frequencies, 0 to 1, float64."""
         width = math.sqrt(2) * self.taper_sigma
         above = torch.erfc((self.low - frequency) / width)
         below = torch.erfc((frequency - self.high) / width)
@@ -57,15 +58,18 @@ class TaperedBand:
 class PropagatorAxis:
     """Describes one axis of a propagator from the panel to samples at the lens; SI units.
 
-    pixel_count, pitch: number of panel pixels and their pitch. pixel_side: side of a pixel's active
-    square. fft_length: points of the FFT over the panel, which make one period. sample_count:
-    samples at the lens. folded_length: points of the FFT back to the lens, which make the same
-    period. fresnel_area: wavelength times the distance in free space, over the shadow's
-    magnification. first_sample_position: position of the first sample, in the panel's coordinates.
-    band: frequencies that are propagated. shared_range: numbers (first, last) of the frequencies in
-    a spectrum that several propagators share; None for the band's own. has_pixel_slope: whether the
-    phase across a pixel rises by one cycle per metre, to the first order, instead of being
-    constant.
+    pixel_count, pitch: number of panel pixels and their pitch.
+    pixel_side: side of a pixel's active square.
+    fft_length: points of the FFT over the panel, which make one period.
+    sample_count: samples at the lens.
+    folded_length: points of the FFT back to the lens, which make the same period.
+    fresnel_area: wavelength times the distance in free space, over the shadow's magnification.
+    first_sample_position: position of the first sample, in the panel's coordinates.
+    band: frequencies that are propagated.
+    shared_range: numbers (first, last) of the frequencies in a spectrum that several propagators
+    share; None for the band's own.
+    has_pixel_slope: whether the phase across a pixel rises by one cycle per metre, to the first
+    order, instead of being constant.
     """
 
     pixel_count: int
@@ -86,18 +90,18 @@ class PropagatorAxis:
 
     @property
     def step(self) -> float:
-        """The pitch in metres of the chain's samples at the lens, in the panel's coordinates."""
+        """The pitch in metres of the samples at the lens, in the panel's coordinates."""
         return self.period / self.folded_length
 
     @property
     def sample_positions(self) -> torch.Tensor:
-        """The positions of the chain's samples at the lens, in the panel's coordinates, float64."""
+        """The positions of the samples at the lens, metres in the panel's coordinates, float64."""
         steps = torch.arange(self.sample_count, dtype=torch.float64)
         return self.first_sample_position + self.step * steps
 
     @cached_property
     def first_frequency_number(self) -> int:
-        """The number of the first frequency in the chain's band, in steps of 1 / period."""
+        """The number of the first frequency in the band, in steps of 1 / period."""
         return math.ceil(self.band.outer_limits[0] * self.period)
 
     @cached_property
@@ -106,7 +110,7 @@ class PropagatorAxis:
 
     @property
     def spectrum_range(self) -> tuple[int, int]:
-        """The numbers of the first and last frequency in the spectrum of the chain's panel."""
+        """The numbers of the first and last frequency in the panel's spectrum."""
         return self.shared_range or (
             self.first_frequency_number,
             self.first_frequency_number + self.frequency_count - 1,
@@ -114,20 +118,20 @@ class PropagatorAxis:
 
     @cached_property
     def spectrum_length(self) -> int:
-        """The number of values in the spectrum of the chain's panel, at most one period."""
+        """The number of values in the panel's spectrum, at most one period."""
         first, last = self.spectrum_range
         return min(last - first + 1, self.fft_length)
 
     @cached_property
     def band_frequencies(self) -> torch.Tensor:
-        """The panel frequencies that the chain propagates to the lens, cycles/m, float64."""
+        """The panel frequencies that are propagated to the lens, cycles/m, float64."""
         number = (
             torch.arange(self.frequency_count, dtype=torch.float64) + self.first_frequency_number
         )
         return number / self.period
 
     def transfer(self, dtype: torch.dtype) -> torch.Tensor:
-        """Return the chain's transfer function from panel to lens at the band's frequencies."""
+        """Return the transfer function from panel to lens at the band's frequencies."""
         f = self.band_frequencies
         strength = (
             self._envelope(f * self.pixel_side)
@@ -142,7 +146,7 @@ class PropagatorAxis:
         return (unit_phasor(turns, torch.complex128) * strength).to(dtype)
 
     def _envelope(self, turns: torch.Tensor) -> torch.Tensor:
-        """Return the envelope of a chain's panel pixel at frequencies in cycles per pixel.
+        """Return the envelope of a panel pixel at frequencies in cycles per pixel.
 
         It is a sinc. A wave whose phase rises by g cycles per metre shifts the sinc in frequency:
         sinc(side (f - g)) is about sinc(side f) - side g sinc'(side f). With `has_pixel_slope`, the
@@ -156,7 +160,7 @@ class PropagatorAxis:
         return -self.pixel_side * torch.where(near, -(math.pi**2) / 3 * turns, slope)
 
     def spectrum(self, field: torch.Tensor, dim: int) -> torch.Tensor:
-        """Return the spectrum of the field behind the chain's panel along the axis `dim`."""
+        """Return the spectrum of the field behind the panel along the axis `dim`."""
         whole = fft(field, self.fft_length, dim)
         if self.spectrum_length == self.fft_length:
             return whole
@@ -184,7 +188,7 @@ class PropagatorAxis:
         dim: int,
         scratch: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Compute the field at the chain's lens along one axis, from the panel's spectrum.
+        """Compute the field at the lens along one axis, from the panel's spectrum.
 
         scratch: memory for the result, with `folded_length` values along dim. Reusing it saves the
         time of new memory.
@@ -215,7 +219,7 @@ class PropagatorAxis:
         return spectrum
 
     def _spectrum_pieces(self) -> Iterator[tuple[int, int]]:
-        """Yield start and size of the parts of the panel's spectrum that the chain keeps."""
+        """Yield start and size of the parts of the panel's spectrum that are kept."""
         first, last = self.spectrum_range
         at = first
         while at <= last:
@@ -225,7 +229,7 @@ class PropagatorAxis:
             at += size
 
     def slices_in_band(self, low: float, high: float) -> list[slice]:
-        """Return the slices of the chain's panel spectrum that hold frequencies low to high."""
+        """Return the slices of the panel's spectrum with frequencies low to high, cycles/m."""
         first, last = math.ceil(low * self.period), math.floor(high * self.period)
         if self.spectrum_length < self.fft_length:
             start = self.spectrum_range[0]
@@ -238,7 +242,7 @@ class PropagatorAxis:
         )
 
     def _folding_runs(self) -> Iterator[tuple[int, int, int, int]]:
-        """Divide the chain's band into runs, contiguous in the kept and in the folded spectrum.
+        """Divide the band into runs, contiguous in the kept and in the folded spectrum.
 
         Yields each run's start in the kept spectrum, in the folded spectrum and in the band, and
         its size.
@@ -293,10 +297,13 @@ class PanelToLensPropagator:
     def mean_band_power(
         self, spectrum: torch.Tensor, low: Sequence[float], high: Sequence[float]
     ) -> torch.Tensor:
-        """Average the squared modulus of a chain's panel spectrum over a band of frequencies.
+        """Average the squared modulus of a panel's spectrum over a band of frequencies.
 
-        spectrum: (..., y, x). low, high: limits of the band along y and x. For a panel that sends
-        the same power to all frequencies, the result is the sum of its squared amplitudes.
+        For a panel that sends the same power to all frequencies, the result is the sum of its
+        squared amplitudes.
+
+        spectrum: (..., y, x).
+        low, high: limits of the band along y and x, cycles/m.
         """
         y, x = (
             axis.slices_in_band(*ends) for axis, *ends in zip(self.axes, low, high, strict=True)
@@ -319,7 +326,7 @@ class PanelToLensPropagator:
         extra_y: torch.Tensor | None = None,
         extra_x: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Compute the field at the chain's lens from the panel's spectrum.
+        """Compute the field at the lens from the panel's spectrum.
 
         extra_y, extra_x: further factors on the band's frequencies, on top of the transfer
         function.
@@ -332,7 +339,7 @@ class PanelToLensPropagator:
         return self.to_lens(self.spectrum(field))
 
     def adjoint(self, grid: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose: from the chain's lens grid back to the panel."""
+        """Apply the conjugate transpose: from the lens grid back to the panel."""
         return self.spectrum_adjoint(self.to_lens_adjoint(grid))
 
     def to_lens_adjoint(
@@ -341,7 +348,7 @@ class PanelToLensPropagator:
         extra_y: torch.Tensor | None = None,
         extra_x: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Apply the conjugate transpose of `to_lens`: from the chain's lens to the spectrum."""
+        """Apply the conjugate transpose of `to_lens`: from the lens grid to the spectrum."""
         y, x = self._weighted_transfers(grid.device, extra_y, extra_x)
         lines = self.axes[1].to_lens_adjoint(grid.resolve_conj(), x, -1)
         return self.axes[0].to_lens_adjoint(lines, y, -2)
@@ -349,14 +356,14 @@ class PanelToLensPropagator:
     def _weighted_transfers(
         self, device: torch.device, *extra: torch.Tensor | None
     ) -> Iterator[torch.Tensor]:
-        """Yield the chain's transfer functions along y and x, times further factors."""
+        """Yield the transfer functions along y and x, times further factors."""
         for transfer, also in zip(self.transfers(device), extra, strict=True):
             yield transfer if also is None else (transfer * also.to(device)).to(self.dtype)
 
     def fields_at_lens(
         self, spectrum: torch.Tensor, blocks: Sequence[slice]
     ) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Yield the field at the chain's lens block by block, (rows, columns).
+        """Yield the field at the lens block by block, (rows, columns).
 
         Every block overwrites the memory of the block before.
         """
@@ -397,9 +404,11 @@ class PanelToLensPropagator:
 class PropagatorVariables:
     """Holds a propagator's parameters as tensors that carry derivatives.
 
-    Their values are those with which the propagator was planned. fresnel_area: square metres, the
-    same for both axes. stretch: factor on the positions of the samples at the lens, with the value
-    1. shift: metres (y, x) by which all positions move, with the value 0.
+    Their values are those with which the propagator was planned.
+
+    fresnel_area: square metres, the same for both axes.
+    stretch: factor on the positions of the samples at the lens, with the value 1.
+    shift: metres (y, x) by which all positions move, with the value 0.
     """
 
     fresnel_area: torch.Tensor
@@ -412,7 +421,7 @@ def propagate_to_lens(
     field: torch.Tensor,
     variables: PropagatorVariables | None = None,
 ) -> torch.Tensor:
-    """Propagate a field from the chain's panel to its lens, differentiable in all arguments."""
+    """Propagate a field from panel to lens, differentiable in all arguments."""
     if variables is None or not torch.is_grad_enabled():
         return apply_linear_map(propagator, propagator.adjoint, field)
     spectrum = apply_linear_map(
@@ -427,7 +436,7 @@ def _shaped_map(
     extra_y: torch.Tensor | None = None,
     extra_x: torch.Tensor | None = None,
 ) -> ShapedMap:
-    """Return the chain's step to the lens as a map that `PropagatorVariables` shape.
+    """Return the step to the lens as a map that `PropagatorVariables` shape.
 
     A spectrum's light of frequency f arrives at y as exp(i pi (2 f (stretch y + shift) - f² area)),
     times further factors on the band's frequencies.
@@ -465,5 +474,5 @@ def _row_count(rows: slice) -> int:
 
 
 def fast_fft_length(least: float) -> int:
-    """Return the shortest fast FFT length of at least `least` for the chain's propagators."""
+    """Return the shortest fast FFT length of at least `least`."""
     return int(scipy.fft.next_fast_len(max(1, math.ceil(least - 1e-9))))

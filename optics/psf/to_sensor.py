@@ -27,7 +27,8 @@ _WAVE_PASSES = 50.0
 class LensWave:
     """Holds a lens' wave exp(i phase) on a plane, cached or computed anew for every call.
 
-    phase: a function of y and x in metres that returns radians, float64. dtype: complex.
+    phase: a function of y and x in metres that returns radians, float64.
+    dtype: complex.
     memory_limit: bytes up to which the wave is cached. A phase that no Chebyshev expansion
     represents is always cached.
     """
@@ -54,11 +55,11 @@ class LensWave:
         return making + (self._size if self.is_cached else 0)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds per call for the chain's lens wave, 0 if it is cached."""
+        """Predict the processor seconds per call, 0 if the wave is cached."""
         return 0.0 if self.is_cached else self._wave_seconds(speed)
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds of `prepare` for the chain's lens wave."""
+        """Predict the processor seconds of `prepare`."""
         return self._wave_seconds(speed) if self.is_cached else 0.0
 
     def _wave_seconds(self, speed: MachineSpeed) -> float:
@@ -66,7 +67,7 @@ class LensWave:
         return _WAVE_PASSES * rows * columns * speed.touch
 
     def prepare(self) -> None:
-        """Compute the wave of the chain's lens now if it is to be cached."""
+        """Compute the wave now if it is to be cached."""
         if not self.is_cached or self._cached_wave is not None:
             return
         if self._expansion is None:
@@ -79,7 +80,7 @@ class LensWave:
             self._cached_wave[part] = self._wave(self._expansion.rows(part))
 
     def wave_on_rows(self, part: slice) -> torch.Tensor:
-        """Return the chain's lens wave on some rows, (rows, columns); call prepare() before."""
+        """Return the wave on some rows, (rows, columns); call prepare() before."""
         if self._cached_wave is not None:
             return self._cached_wave[part]
         assert self._expansion is not None
@@ -98,9 +99,10 @@ class PanelToSensorMap:
     The field at the lens is never in memory as a whole. The propagation to the lens, the lens, and
     the Fourier integral to the sensor all work along one axis after the other; only the stop's edge
     and aberrations don't. So each block of rows is taken all the way along x before the next block.
+    Call `set_lens_wave` before the map is used.
 
-    geometry: of the Fourier integral from the lens to the sensor. error: relative L2 error that its
-    transform may have. Call `set_lens_wave` before the map is used.
+    geometry: of the Fourier integral from the lens to the sensor.
+    error: relative L2 error that its transform may have.
     """
 
     def __init__(
@@ -123,10 +125,10 @@ class PanelToSensorMap:
     def set_lens_wave(
         self, factors: tuple[torch.Tensor, torch.Tensor], wave: LensWave | None = None
     ) -> None:
-        """Set the wave of the chain's lens.
+        """Set the wave of the lens.
 
-        factors: its factors along y and x. wave: the remaining factor, which depends on both, or
-        None.
+        factors: along y and x.
+        wave: the remaining factor, which depends on both, or None.
         """
         geometry, dtype = self.sensor_transform.geometry, self.propagator.dtype
         tilts = [geometry.pupil_tilt(axis, torch.complex128) for axis in (0, 1)]
@@ -138,7 +140,7 @@ class PanelToSensorMap:
         self._image_tilts = tuple(geometry.image_tilt(axis, dtype) for axis in (0, 1))
 
     def with_propagator(self, propagator: PanelToLensPropagator) -> PanelToSensorMap:
-        """Return a copy of the chain's map with another propagator to the same lens samples."""
+        """Return a copy with another propagator to the same lens samples."""
         other = copy.copy(self)
         other.propagator = propagator
         return other
@@ -165,7 +167,7 @@ class PanelToSensorMap:
         )
 
     def _fields_behind_stop(self, spectrum: torch.Tensor) -> Iterator[tuple[slice, torch.Tensor]]:
-        """Yield the chain's field behind the stop by blocks, without the lens' factor along y."""
+        """Yield the field behind the stop by blocks, without the lens' factor along y."""
         turn_x = self._lens_factors_on(spectrum.device)[1][:, 0]
         arriving = self.propagator.fields_at_lens(spectrum, self._stop_mask.row_blocks)
         for block, (rows, field) in enumerate(arriving):
@@ -176,7 +178,7 @@ class PanelToSensorMap:
             yield rows, field
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Apply the conjugate transpose: from the chain's sensor field to the panel's spectrum."""
+        """Apply the conjugate transpose: from the field at the sensor to the panel's spectrum."""
         field = field.to(self.propagator.dtype)
         y_rule, x_rule = self.sensor_transform.axis_rules(field.device)
         turn_y, turn_x = (
@@ -216,35 +218,23 @@ class PanelToSensorMap:
 
 
 def panel_spectrum(propagator: PanelToLensPropagator, field: torch.Tensor) -> torch.Tensor:
-    """Compute the spectrum of the field of a chain's panel, differentiable in the field.
+    """Compute the spectrum of a panel's field, (..., y, x), complex; differentiable in the field.
 
-    Parameters
-    ----------
-    propagator : PanelToLensPropagator
-        The propagator to the lens; it determines which frequencies are computed.
-    field : torch.Tensor
-        The panel's complex field, (..., rows, columns).
-
-    Returns
-    -------
-    torch.Tensor
-        The spectrum, (..., y frequencies, x frequencies), complex.
+    propagator: determines which frequencies are computed.
+    field: complex, (..., rows, columns).
     """
     return apply_linear_map(propagator.spectrum, propagator.spectrum_adjoint, field)
 
 
 def propagate_to_sensor(sensor_map: PanelToSensorMap, spectrum: torch.Tensor) -> torch.Tensor:
-    """Compute the chain's field at the sensor, (..., rows, columns), from the panel's spectrum.
-
-    The field is differentiable in the spectrum.
-    """
+    """Compute the field at the sensor, (..., rows, columns), differentiable in the spectrum."""
     return apply_linear_map(
         _apply_per_picture(sensor_map), _apply_per_picture(sensor_map.adjoint), spectrum
     )
 
 
 def _apply_per_picture(function: PictureMap) -> PictureMap:
-    """Return a function that applies a map of the chain to the pictures of a batch one by one.
+    """Return a function that applies a map to the pictures of a batch one by one.
 
     A batch takes no more memory than one picture and the results.
     """

@@ -1,4 +1,4 @@
-"""Retrieve SLM phase patterns and videos whose PSF has a requested shape (thesis chapter 3).
+"""Find phase patterns and videos whose PSF has a requested shape (thesis chapter 3).
 
 `retrieve` chooses the method. `optics.retrieval.gerchberg_saxton.gerchberg_saxton` is the plain
 algorithm on every pixel of the panel.

@@ -1,4 +1,4 @@
-"""Refine a retrieved pattern by pictures of its PSF that a camera takes.
+"""Refine a pattern by pictures of its PSF that a camera takes.
 
 No model describes a bench completely: flatness, phase response, coupling and unmodulated light
 change the PSF. So the PSF's picture from the camera, resampled to the design grid, replaces the
@@ -41,17 +41,12 @@ Unmodulated light beside the target is thereby excluded.
 
 @dataclass(frozen=True)
 class CameraFeedbackSettings:
-    """Tune the refinement of a pattern by camera pictures. All values are chosen.
+    """Tune the refinement by camera pictures. All values are chosen.
 
-    Attributes
-    ----------
-    iterations : int
-        Iterations of the model after each picture.
-    first_iterations : int
-        Iterations of the model before the first picture, for several frames.
-    single_frame_gain : float
-        Gain of the over-compensation of a single frame. It is below 1, because the pictures correct
-        the same error as well.
+    iterations: iterations of the model after each picture.
+    first_iterations: iterations of the model before the first picture, for several frames.
+    single_frame_gain: gain of the over-compensation of a single frame. It is below 1, because the
+        pictures correct the same error as well.
     """
 
     iterations: int = 5
@@ -79,7 +74,7 @@ class RefinementResult:
 
     @property
     def best(self) -> int:
-        """Return the index of the retrieved phases whose camera picture has the least error.
+        """Return the index of the picture with the least error.
 
         Index 0 is the start.
         """
@@ -96,7 +91,7 @@ def refine(
     blur: CameraBlur | None = None,
     progress: Progress | None = None,
 ) -> RefinementResult:
-    """Correct a retrieved phase pattern or video by pictures that a camera takes of its PSF.
+    """Correct a phase pattern or video by pictures that a camera takes of its PSF.
 
     The result is the start itself if no correction improved it. Videos gain most, because their
     mean can have any shape, while the PSF of a single frame can't. Calibrate the wavefront first:
@@ -175,7 +170,7 @@ def refine(
 
 
 def _constrained_fields(fields: torch.Tensor, request: torch.Tensor) -> torch.Tensor:
-    """Constrain the retrieved frames' fields on the window to a requested mean intensity."""
+    """Constrain the frames' fields on the window to a requested mean intensity."""
     # Scaling wouldn't correct a single frame, so it is over-compensated instead.
     if len(fields) == 1:
         return over_compensated_constraint(request, _SETTINGS.single_frame_gain)(fields)
@@ -187,7 +182,7 @@ def _field_on_window(goal: RetrievalGoal, phase: torch.Tensor) -> torch.Tensor:
 
 
 def _validate_picture(picture: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """Return a camera picture that can correct a retrieved phase; raise ValueError for others."""
+    """Return a camera picture that is fit for corrections; raise ValueError for others."""
     if picture.shape != target.shape:
         raise ValueError(
             f"the camera's picture is {tuple(picture.shape)} and the target {tuple(target.shape)}; "

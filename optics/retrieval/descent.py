@@ -21,7 +21,7 @@ _RATE = 0.03
 
 
 class GradientDescent:
-    """Minimise the difference between a retrieval's target and the mean light of its frames.
+    """Minimise the difference between a target and the mean light of frames.
 
     orders: waves of the panel's range that are used. The loss is the squared error of the mean
     intensity over the window, relative to the target's. The target is scaled to the light that the
@@ -44,7 +44,7 @@ class GradientDescent:
         return modulation.to(torch.complex64) * self._stop
 
     def frame_intensity(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return the window's intensity for one frame's phase, during phase retrieval by descent.
+        """Return the window's intensity for one frame's phase.
 
         The intensity is given as shares of all light. phase: (rows, columns). The result is
         differentiable: the phase is rounded to grey levels in the value, but not in the derivative.
@@ -56,14 +56,14 @@ class GradientDescent:
         return steered * modulated / self._power + self._unmodulated_intensity
 
     def _quantised_phase(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return the retrieved phase rounded to the panel's grey levels, with a derivative of 1."""
+        """Return a phase rounded to the panel's grey levels, with a derivative of 1."""
         with torch.no_grad():
             shown = self.modulator.phase(self.modulator.grey(phase, self.orders))
             rounding = shown.to(torch.float32) - phase
         return phase + rounding
 
     def run(self, phases: torch.Tensor, iterations: int, progress: Progress) -> torch.Tensor:
-        """Improve retrieved phases (frames, rows, columns) by descent; return the best, float32."""
+        """Improve phases, (frames, rows, columns) in radians; return the best, float32."""
         frames = [phase.to(torch.float32).clone().requires_grad_() for phase in phases]
         adam = torch.optim.Adam(frames, lr=_RATE)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(adam, iterations, _RATE / 10)
@@ -89,7 +89,7 @@ class GradientDescent:
         return best
 
     def _target_intensity(self, mean: torch.Tensor) -> torch.Tensor:
-        """Return the target of phase retrieval by descent, scaled to the light in its bright part.
+        """Return the target, scaled to the light that frames have in its bright part.
 
         Elsewhere the unmodulated light is added, which no pattern can remove.
         """

@@ -11,10 +11,7 @@ _AT_A_TIME = 1 << 17
 
 
 def unit_modulus(field: torch.Tensor) -> torch.Tensor:
-    """Return a field with its phase and an amplitude of one, as phase retrieval needs it.
-
-    Zero stays zero.
-    """
+    """Return a field with its phase and an amplitude of one; zero stays zero."""
     return torch.sgn(field)
 
 
@@ -35,25 +32,19 @@ class FarField:
         self.shape, self.length, self.window = shape, length, window
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        """Transform the field on the panel to the far-field window of a phase retrieval.
-
-        The field is (…, rows, columns).
-        """
+        """Transform a field on the panel, (…, rows, columns), to the far-field window."""
         along = self._crop_window(fft(field, self.length, -1), 1)
         return self._crop_window(fft(along.mT.contiguous(), self.length, -1), 0).mT
 
     def adjoint(self, field: torch.Tensor) -> torch.Tensor:
-        """Transform a phase retrieval's field back from the far-field window to the panel.
-
-        This is the adjoint of forward().
-        """
+        """Transform a field back from the window to the panel; the adjoint of forward()."""
         along = self._columns_back(field)
         return self._inverse(self._embed_window(along, 1))[..., : self.shape[1]]
 
     def round_trip(
         self, field: torch.Tensor, amplitude: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """Do a Gerchberg-Saxton round trip: from the far-field window to the panel and back.
+        """Transform a field from the window to the panel, and back with the panel's amplitude.
 
         On the panel, the field keeps its phase and gets the panel's amplitude. The result is
         forward(amplitude * unit_modulus(adjoint(field))). amplitude: real, (rows, columns) of the
@@ -64,7 +55,7 @@ class FarField:
         return torch.stack(answers).reshape(field.shape)
 
     def _bounce(self, field: torch.Tensor, amplitude: torch.Tensor | None) -> torch.Tensor:
-        """Do a phase retrieval's round trip for one frame, in blocks of panel rows."""
+        """Do the round trip of one frame, in blocks of panel rows."""
         along = self._columns_back(field)
         rows, columns = self.shape
         picked = along.new_empty(rows, self.window[1])
@@ -83,24 +74,21 @@ class FarField:
         return self._crop_window(fft(picked.mT.contiguous(), self.length, -1), 0).mT
 
     def _columns_back(self, field: torch.Tensor) -> torch.Tensor:
-        """Transform a phase retrieval's window field back along its columns.
-
-        The result is (…, panel rows, window columns).
-        """
+        """Transform the window's field back along its columns, (…, panel rows, window columns)."""
         back = self._inverse(self._embed_window(field.mT.contiguous(), 0))
         return back[..., : self.shape[0]].mT.contiguous()
 
     def _inverse(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint of a phase retrieval's FFT along the last axis of a spectrum."""
+        """Apply the adjoint of the FFT along the last axis of a spectrum."""
         return fft(spectrum, self.length, -1, inverse=True, scaled=False, overwrite=True)
 
     def _crop_window(self, spectrum: torch.Tensor, axis: int) -> torch.Tensor:
-        """Crop the retrieval's window from a spectrum's last axis; move its origin to n // 2."""
+        """Crop the window from a spectrum's last axis; move its origin to n // 2."""
         below, above = self._halves(axis)
         return torch.cat([spectrum[..., self.length - below :], spectrum[..., :above]], dim=-1)
 
     def _crop_window_into(self, spectrum: torch.Tensor, axis: int, window: torch.Tensor) -> None:
-        """Crop the retrieval's window as _crop_window() does, into existing memory."""
+        """Crop the window as _crop_window() does, into existing memory."""
         below, above = self._halves(axis)
         window[..., :below] = spectrum[..., self.length - below :]
         window[..., below:] = spectrum[..., :above]
@@ -108,7 +96,7 @@ class FarField:
     def _embed_window(
         self, window: torch.Tensor, axis: int, spectrum: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """Embed the phase retrieval's window in a spectrum of zeros.
+        """Embed the window in a spectrum of zeros.
 
         This is the adjoint of _crop_window(). spectrum: existing memory for the result; None
         allocates it.
@@ -122,12 +110,12 @@ class FarField:
         return spectrum
 
     def _halves(self, axis: int) -> tuple[int, int]:
-        """Count the samples of a retrieval's window below its origin and from the origin on."""
+        """Count the samples of the window below its origin and from the origin on."""
         below = self.window[axis] // 2
         return below, self.window[axis] - below
 
     def intensity(self, field: torch.Tensor) -> torch.Tensor:
-        """Return the far-field intensity ``|forward(field)|²`` on the phase retrieval's window.
+        """Return the intensity ``|forward(field)|²`` on the window.
 
         The intensity of a complete far field sums to length² times the sum of |field|².
         """
@@ -136,5 +124,5 @@ class FarField:
 
     @property
     def samples(self) -> float:
-        """Return the number of samples in all FFTs of one round trip of a phase retrieval."""
+        """Return the number of samples in all FFTs of one round trip."""
         return 2.0 * self.length * (self.shape[0] + self.window[1])

@@ -1,4 +1,4 @@
-"""Retrieve phase videos whose frames have a mean PSF with the target's shape.
+"""Compute videos whose frames have a mean PSF with the target's shape.
 
 The exposure averages the frames. The thesis averages independent frames (§3.3.2), whose speckle
 falls with the square root of their number, down to a floor that averaging doesn't remove. Its
@@ -26,18 +26,12 @@ from optics.retrieval.superpixel import RetrievalJob, Superpixels, random_start,
 class FrameAveragingSettings:
     """Tune how the mean intensity of a video's frames is corrected. All values are chosen.
 
-    Attributes
-    ----------
-    gain : float
-        Exponent of the correction of the mean in each iteration.
-    uncorrected_iterations : int
-        Number of iterations before the mean is corrected for the first time.
-    max_factor : float
-        Largest factor of the correction in one iteration.
-    dark_share : float
-        Share of the brightest sample that replaces a smaller mean, to avoid division by zero.
-    faint_share : float
-        Share of a sample's target that replaces a smaller mean.
+    gain: exponent of the correction of the mean in each iteration.
+    uncorrected_iterations: number of iterations before the mean is corrected for the first time.
+    max_factor: largest factor of the correction in one iteration.
+    dark_share: share of the brightest sample that replaces a smaller mean, to avoid division by
+        zero.
+    faint_share: share of a sample's target that replaces a smaller mean.
     """
 
     gain: float = 0.5
@@ -51,7 +45,7 @@ _SETTINGS = FrameAveragingSettings()
 
 
 def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve the phases of independent frames, each from its own random start.
+    """Compute frames one by one, each from its own random start.
 
     Returns the fields on the window, (frames, rows, columns).
     """
@@ -66,7 +60,7 @@ def independent_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 
 
 def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve the phases of frames one by one, each for the light that earlier frames lack.
+    """Compute frames one by one, each for the light that earlier frames lack.
 
     Frame n aims at n T minus the sum of the light of the frames before it, where T is the target.
     """
@@ -89,7 +83,7 @@ def sequential_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 
 
 def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve the phases of all frames together, so that their mean intensity becomes the target.
+    """Compute all frames together, so that their mean intensity becomes the target.
 
     Each frame keeps its share of the light at a sample. The mean is set to a request that is
     corrected by the error of the last mean.
@@ -119,7 +113,7 @@ def joint_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
 def correct_request(
     request: torch.Tensor, target: torch.Tensor, mean: torch.Tensor
 ) -> torch.Tensor:
-    """Return the next intensity for a phase retrieval to request, after `request` gave `mean`.
+    """Return the next intensity to request, after `request` gave `mean`.
 
     Only the shape of `target` matters: a lack of light everywhere doesn't change the request.
     """
@@ -137,16 +131,16 @@ def correct_request(
 def scale_to_mean(
     fields: Iterable[torch.Tensor], mean: torch.Tensor, request: torch.Tensor
 ) -> list[torch.Tensor]:
-    """Scale retrieved frames' fields to change their mean intensity from `mean` to `request`."""
+    """Scale frames' fields to change their mean intensity from `mean` to `request`."""
     factor = torch.sqrt(request / mean.clamp(min=_SETTINGS.dark_share * float(request.max())))
     return [field * factor for field in fields]
 
 
 def mean_intensity(fields: Iterable[torch.Tensor]) -> torch.Tensor:
-    """Return the mean intensity of a phase retrieval's frames, from their fields."""
+    """Return the mean of the frames' intensities."""
     return torch.stack([field_intensity(field) for field in fields]).mean(0)
 
 
 def field_intensity(field: torch.Tensor) -> torch.Tensor:
-    """Return the intensity ``|u|²`` of a phase retrieval's field."""
+    """Return the intensity ``|u|²`` of a field."""
     return field.real**2 + field.imag**2

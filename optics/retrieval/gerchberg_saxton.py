@@ -1,4 +1,4 @@
-"""Retrieve the phase of one frame by Gerchberg-Saxton iterations and variants (thesis §3.3.2).
+"""Find the phase of one frame by Gerchberg-Saxton iterations and variants (thesis §3.3.2).
 
 In every iteration of Gerchberg and Saxton (Optik 35, 237, 1972), the panel's amplitude and the
 target's amplitude replace those of the wave, whose phases are kept. Two variants of the constraint
@@ -25,13 +25,13 @@ Constraint = Callable[[torch.Tensor], torch.Tensor]
 
 
 def amplitude_constraint(intensity: torch.Tensor) -> Constraint:
-    """Return the Gerchberg-Saxton constraint: the target's amplitude with the field's phase."""
+    """Request the target's amplitude with the field's phase, as Gerchberg and Saxton do."""
     amplitude = torch.sqrt(intensity)
     return lambda field: unit_modulus(field) * amplitude
 
 
 def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> Constraint:
-    """Return a Gerchberg-Saxton constraint that over-compensates each amplitude error.
+    """Request amplitudes that over-compensate the field's errors.
 
     For an amplitude a and a target amplitude A, the constraint requests A + gain (A - a), at least
     0. Fienup (Appl. Opt. 21, 2758, 1982) calls such feedback algorithms input-output algorithms.
@@ -46,12 +46,11 @@ def over_compensated_constraint(intensity: torch.Tensor, gain: float = 1.0) -> C
 
 
 def mixed_region_constraint(intensity: torch.Tensor, freedom: float) -> Constraint:
-    """Return the constraint of MRAF (mixed-region amplitude freedom) phase retrieval.
+    """Request the target where it is bright, and leave freedom where it is dark.
 
-    The constraint requests the target's amplitude where the target is bright, and leaves freedom
-    where it is dark (Pasienski and DeMarco, Opt. Express 16, 2176, 2008). freedom: share of the
-    amplitude that dark samples of the window keep, from 0 to below 1. More freedom gives less
-    speckle and more light in dark samples.
+    MRAF, mixed-region amplitude freedom: Pasienski and DeMarco, Opt. Express 16, 2176, 2008.
+    freedom: share of the amplitude that dark samples of the window keep, from 0 to below 1. More
+    freedom gives less speckle and more light in dark samples.
     """
     if not 0 <= freedom < 1:
         raise ValueError(f"freedom is {freedom:g}; it must lie between 0 and 1, and not be 1")
@@ -74,7 +73,7 @@ def iterate_constraint(
     progress: Progress,
     name: str,
 ) -> torch.Tensor:
-    """Iterate a phase retrieval between panel and window; return the last constrained field.
+    """Iterate between panel and window; return the last constrained field.
 
     The result is on the window. field: the starting field on the panel. name: the method's name in
     progress reports.
@@ -99,42 +98,18 @@ def gerchberg_saxton(
     start: str = "quadratic",
     progress: Progress | None = None,
 ) -> torch.Tensor:
-    """Retrieve a phase pattern by plain Gerchberg-Saxton iterations on every pixel of the panel.
+    """Find a phase pattern by plain Gerchberg-Saxton iterations on every pixel of the panel.
 
-    The function is meant for comparisons and for small panels. `retrieve` is faster and better.
+    It is meant for comparisons and for small panels; `retrieve` is faster and better (thesis
+    §3.3.2; R. W. Gerchberg and W. O. Saxton, Optik 35, 237, 1972). Returns phases in radians,
+    (rows, columns) float32. Raises ValueError for a target that is empty or negative, or has
+    another shape than the plane.
 
-    Parameters
-    ----------
-    camera : Camera
-        Camera whose panel shows the pattern.
-    target : torch.Tensor or numpy.ndarray, (rows, columns)
-        Intensity on `plane`, on any positive scale, nowhere negative; zero is meant beyond it.
-    plane : Plane
-        Samples of the target in the focal plane, from ``design_plane(camera, wavelength, ...)``.
-    wavelength : float
-        Metres.
-    iterations : int
-        Number of iterations, 1 or more.
-    generator : torch.Generator
-        Source of all random numbers.
-    start : {"smooth", "quadratic", "random"}, default "quadratic"
-        Phases that the iterations start from, one of `STARTS`.
-    progress : Progress, optional
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    torch.Tensor, (rows, columns), float32
-        Phases in radians whose PSF has the target's shape.
-
-    Raises
-    ------
-    ValueError
-        If the target is empty or negative, or has another shape than the plane.
-
-    References
-    ----------
-    Thesis §3.3.2; R. W. Gerchberg and W. O. Saxton, Optik 35, 237, 1972.
+    target: intensity on `plane`, (rows, columns), on any positive scale, nowhere negative; zero is
+        meant beyond it.
+    plane: samples in the focal plane, from ``design_plane(camera, wavelength, ...)``.
+    wavelength: metres.
+    start: phases that the iterations start from, one of `STARTS`.
     """
     require_count("iterations", iterations)
     goal = RetrievalGoal(camera, target, plane, wavelength)

@@ -1,4 +1,4 @@
-"""Describe the goal of a phase retrieval, and choose the grid in the focal plane for it."""
+"""The target PSF with its camera and wavelength, and the grid in the focal plane for it."""
 
 from __future__ import annotations
 
@@ -23,11 +23,10 @@ A coarser grid would miss speckle between its samples.
 
 
 def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
-    """Return the number of samples along an axis of the far field of a phase retrieval.
+    """Return the number of samples along an axis of the far field, all of which light can reach.
 
-    The panel can steer light to all of them. The number is the length of the Fourier transform from
-    pixels to the design grid. It is at least `oversampling` times the longer side of the panel, and
-    FFTs of that length are fast.
+    The number is the length of the Fourier transform from pixels to the design grid. It is at least
+    `oversampling` times the longer side of the panel, and FFTs of that length are fast.
     """
     side = oversampling * max(camera.panel.shape)
     # A multiple of 16 is divisible by many superpixel sides.
@@ -38,7 +37,7 @@ def far_field_length(camera: Camera, oversampling: int = OVERSAMPLING) -> int:
 def design_plane(
     camera: Camera, wavelength: float, window: tuple[int, int], oversampling: int = OVERSAMPLING
 ) -> Plane:
-    """Choose the grid in the focal plane on which a phase retrieval designs a PSF.
+    """Choose the grid in the focal plane on which a PSF is designed.
 
     The grid is a window of the far field around the axis.
 
@@ -78,7 +77,7 @@ def design_plane(
 
 
 def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[int, int]:
-    """Choose the size of a phase retrieval's window, for light up to `reach` from the axis.
+    """Choose the size of the window for light up to `reach` from the axis.
 
     The window leaves a dark margin around the light.
 
@@ -119,7 +118,7 @@ def window_for_reach(camera: Camera, wavelength: float, reach: float) -> tuple[i
 
 @dataclass(frozen=True, eq=False)
 class RetrievalGoal:
-    """The target PSF of a phase retrieval on the design grid, for a camera and a wavelength.
+    """A target PSF on the design grid, for a camera and a wavelength.
 
     target: intensity, (rows, columns), on any positive scale and zero beyond the window; it is
     stored as float64 with a peak of one. plane: from design_plane(). wavelength: metres. Raises
@@ -162,18 +161,15 @@ class RetrievalGoal:
 
     @property
     def far_field_samples(self) -> int:
-        """Return the number of samples across the far field of a phase retrieval.
-
-        The panel can steer light to all of them.
-        """
+        """Return the number of samples across the far field that the panel can steer light to."""
         return far_field_length(self.camera)
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """Return the light's amplitude on the panel's pixels, which a phase retrieval can't change.
+        """Return the light's amplitude on the panel's pixels, (rows, columns) float32.
 
-        The result is (rows, columns), float32. It includes the stop and the panel's illumination. A
-        stop that is separated from the panel is replaced by its shadow on the panel.
+        It includes the stop and the panel's illumination, and no pattern can change it. A stop that
+        is separated from the panel is replaced by its shadow on the panel.
         """
         amplitude = pupil_amplitude(with_stop_shadow_on_panel(self.camera))
         illumination = self.camera.panel.illumination
@@ -184,7 +180,7 @@ class RetrievalGoal:
 
     @functools.cached_property
     def power(self) -> float:
-        """Return the total light of a phase retrieval: the intensity's sum over the design grid.
+        """Return the total light: the intensity's sum over the whole far field.
 
         The sum is computed from `amplitude` by Parseval's theorem.
         """
@@ -192,13 +188,10 @@ class RetrievalGoal:
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """Return the phase retrieval's target scaled to all light of the panel.
-
-        The result is (rows, columns), float32.
-        """
+        """Return the target scaled to all light of the panel, (rows, columns) float32."""
         return (self.target / self.target.sum() * self.power).to(torch.float32)
 
     @functools.cached_property
     def far_field(self) -> FarField:
-        """Return the phase retrieval's transform from all panel pixels to the target's window."""
+        """Return the transform from all panel pixels to the target's window."""
         return FarField(self.camera.panel.shape, self.far_field_samples, self.plane.shape)

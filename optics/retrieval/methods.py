@@ -1,4 +1,4 @@
-"""List the phase-retrieval methods by name, with the cost of their iterations.
+"""List the methods by name, with the cost of their iterations.
 
 Gerchberg-Saxton as the thesis' authors published it is one, for comparison.
 """
@@ -38,7 +38,7 @@ from optics.retrieval.superpixel import (
 def published_program_pattern(
     goal: RetrievalGoal, iterations: int, generator: torch.Generator, progress: Progress
 ) -> torch.Tensor:
-    """Retrieve a phase pattern (rows, columns) by the steps of the published program.
+    """Compute a phase pattern (rows, columns) by the steps of the published program.
 
     Its far field has as many samples as the panel's longer side, so it misses the speckle between
     them. The program multiplies the image by the lens' quadratic phase exp(i k r² / 2f), but
@@ -60,13 +60,13 @@ def published_program_pattern(
 
 
 def _window(goal: RetrievalGoal, side: int) -> tuple[int, int]:
-    """Return the (rows, columns) of the published retrieval program's window on its grid."""
+    """Return the (rows, columns) of the published program's window on its grid."""
     rows, columns = (max(1, n * side // goal.far_field_samples) for n in goal.plane.shape)
     return rows, columns
 
 
 def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Tensor:
-    """Sample the retrieval's target on the published program's coarser grid.
+    """Sample the target on the published program's coarser grid.
 
     Each sample takes the value of the nearest sample of the target.
     """
@@ -85,10 +85,9 @@ def _subsampled_target(goal: RetrievalGoal, window: tuple[int, int]) -> torch.Te
 
 
 def _residual_lens_phasor(window: tuple[int, int]) -> torch.Tensor:
-    """Return the lens phasor that remains in the published program of phase retrieval.
+    """Return the lens phasor that remains in the published program, exp(i k r² (1 / 2f - 1)).
 
-    The phasor is exp(i k r² (1 / 2f - 1)). Its phase is computed in double precision and reduced to
-    one wave.
+    Its phase is computed in double precision and reduced to one wave.
     """
     # The published program uses these lengths in metres for every camera.
     pitch, wavelength, focal_length = 8e-6, 550e-9, 0.15
@@ -108,7 +107,7 @@ The phases are in radians.
 
 @dataclass(frozen=True)
 class RetrievalMethod:
-    """A phase-retrieval method, with its solver and its cost.
+    """A way to find phases, with its solver and its cost.
 
     solve: the solver. description: a few words for users. min_frames, max_frames: the range of
     frame numbers that the method supports. round_trip: function that predicts the processor time in
@@ -124,17 +123,14 @@ class RetrievalMethod:
     def seconds(
         self, goal: RetrievalGoal, frames: int, iterations: int, speed: MachineSpeed
     ) -> float:
-        """Predict the processor time in seconds of a phase retrieval by this method."""
+        """Predict the processor time of all frames and iterations, in seconds."""
         lift = 0.5 * _full_trip_seconds(goal, speed)
         return frames * (lift + iterations * self.round_trip(goal, speed))
 
     def iterations(
         self, goal: RetrievalGoal, frames: int, seconds: float, speed: MachineSpeed
     ) -> int:
-        """Return how many iterations of a phase retrieval method fit into `seconds`.
-
-        The number may be less than one.
-        """
+        """Return how many iterations fit into `seconds`, which may be less than one."""
         rest = seconds - self.seconds(goal, frames, 0, speed)
         return int(rest / (frames * self.round_trip(goal, speed)))
 
@@ -147,7 +143,7 @@ MOST_FRAMES = 3600
 
 
 def _round_trip_seconds(far_field: FarField, speed: MachineSpeed) -> float:
-    """Predict the seconds of a round trip of Gerchberg-Saxton phase retrieval, from its FFTs."""
+    """Predict the seconds of a round trip between panel and window, from its FFTs."""
     each = fft_operations(far_field.length) / far_field.length
     # A round trip takes 2.5 times as long as its FFTs.
     return 2.5 * far_field.samples * each * speed.fft
@@ -172,10 +168,7 @@ def _descent_step_seconds(goal: RetrievalGoal, speed: MachineSpeed) -> float:
 
 
 def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name: str) -> Solver:
-    """Return a phase-retrieval solver for one frame, which iterates with a constraint.
-
-    The constraint acts on the field on the window.
-    """
+    """Return a solver for one frame, which iterates with a constraint on the window's field."""
 
     def solve(job: RetrievalJob) -> torch.Tensor:
         pixels = job.superpixels
@@ -188,7 +181,7 @@ def _single_frame_solver(constraint: Callable[[torch.Tensor], Constraint], name:
 
 
 def _multi_frame_solver(way: Callable[[Superpixels, RetrievalJob], torch.Tensor]) -> Solver:
-    """Return a phase-retrieval solver for several frames whose mean PSF has the target's shape."""
+    """Return a solver for several frames whose mean PSF has the target's shape."""
 
     def solve(job: RetrievalJob) -> torch.Tensor:
         pixels = job.superpixels
@@ -205,7 +198,7 @@ def _solve_weighted_spots(job: RetrievalJob) -> torch.Tensor:
 
 
 def _solve_published_program(job: RetrievalJob) -> torch.Tensor:
-    """Retrieve every frame's phase by the published program, each from its own random start."""
+    """Compute every frame by the published program, each from its own random start."""
     found = (
         published_program_pattern(job.goal, job.iterations, job.generator, part)
         for part in job.frame_progress
@@ -220,10 +213,7 @@ def _solve_slow_crystal(job: RetrievalJob) -> torch.Tensor:
 
 
 def _solve_descent(job: RetrievalJob) -> torch.Tensor:
-    """Retrieve phases by the quick method, then improve them by gradient descent.
-
-    The descent takes `job.iterations` steps.
-    """
+    """Improve the quick method's phases by gradient descent, in `job.iterations` steps."""
     quick = replace(
         job, iterations=iterations_to_converge(job.frames), progress=job.progress.part(0, 0.1)
     )
@@ -232,12 +222,12 @@ def _solve_descent(job: RetrievalJob) -> torch.Tensor:
 
 
 def quick_method(frames: int) -> str:
-    """Return the name of the phase-retrieval method with the best quality for little time."""
+    """Return the name of the method with the best quality for little time."""
     return "over-compensated" if frames == 1 else "joint"
 
 
 def iterations_to_converge(frames: int) -> int:
-    """Return the number of iterations after which quick phase retrieval hardly improves."""
+    """Return the number of iterations after which the quick method hardly improves."""
     return 300 if frames == 1 else 100
 
 
@@ -317,4 +307,4 @@ METHODS: dict[str, RetrievalMethod] = {
         _descent_step_seconds,
     ),
 }
-"""The phase-retrieval methods by name, from the published one to the most expensive one."""
+"""The methods by name, from the published one to the most expensive one."""

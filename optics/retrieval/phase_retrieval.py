@@ -1,4 +1,4 @@
-"""Retrieve a pattern or a video for a target PSF by the best method for the time, and judge it."""
+"""Find a pattern or a video for a target PSF by the best method for the time, and judge it."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ class PatternQuality:
 
 
 def measure_quality(goal: RetrievalGoal, light: torch.Tensor) -> PatternQuality:
-    """Measure the quality of a retrieved phase's PSF on the goal's plane.
+    """Measure how well a PSF on the goal's plane matches the target.
 
-    `light` is the PSF of the modulated light, as shares of one order's light.
+    light: PSF of the modulated light, as shares of one order's light.
     """
     target = goal.target
     return PatternQuality(
@@ -63,7 +63,7 @@ def measure_quality(goal: RetrievalGoal, light: torch.Tensor) -> PatternQuality:
 
 
 def light_with_gaps(goal: RetrievalGoal, light: torch.Tensor) -> torch.Tensor:
-    """Convert a retrieved PSF to shares of all light, with the panel's gaps and unmodulated light.
+    """Convert a PSF to shares of all light, with the panel's gaps and unmodulated light.
 
     A pixel of fill factor F sends the share F sinc²(m sqrt F) sinc²(n sqrt F) of its light to the
     place m by n orders off the axis, and unmodulated light adds in intensity (thesis §5.6). Where
@@ -129,7 +129,7 @@ def retrieve(
     progress: Progress | None = None,
     speed: MachineSpeed | None = None,
 ) -> RetrievalResult:
-    """Retrieve phases whose PSF, or whose frames' mean PSF, has the target's shape.
+    """Find phases whose PSF, or whose frames' mean PSF, has the target's shape.
 
     There is no unique right answer, and so no tolerance: the quality reached is measured, and comes
     with the result.
@@ -200,7 +200,7 @@ def retrieve(
 
 
 def _require(frames: int, budget: float | None, iterations: int | None, method: str | None) -> None:
-    """Raise ValueError for arguments of a phase retrieval that are invalid for any target."""
+    """Raise ValueError for arguments that are invalid for any target."""
     if not 1 <= frames <= MOST_FRAMES:
         raise ValueError(
             f"frames is {frames}; a pattern has one, and a video {MOST_FRAMES} at most"
@@ -219,7 +219,7 @@ def _require(frames: int, budget: float | None, iterations: int | None, method: 
 def _best_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, alone: bool, speed: MachineSpeed
 ) -> IterationOption:
-    """Choose between a phase-retrieval method and the descent, and the number of iterations.
+    """Choose between a method and the descent, and the number of iterations.
 
     The descent is chosen where it is better. alone: whether the descent is excluded.
     """
@@ -233,7 +233,7 @@ def _best_option(
 def _affordable_option(
     goal: RetrievalGoal, frames: int, budget: float, method: str, least: int, speed: MachineSpeed
 ) -> IterationOption:
-    """Return a phase-retrieval method with the iterations that a budget allows, as an option.
+    """Return a method with the iterations that a budget allows, as an option.
 
     The option has at least `least` iterations. `least` also ranks the option's gain.
     """
@@ -245,7 +245,7 @@ def _affordable_option(
 
 
 def _startup_seconds(goal: RetrievalGoal, frames: int, method: str, speed: MachineSpeed) -> float:
-    """Predict the seconds before a phase-retrieval method's first iteration.
+    """Predict the seconds before a method's first iteration.
 
     Only the descent needs any: it starts from phases that the quick method retrieves.
     """

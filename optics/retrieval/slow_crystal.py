@@ -1,4 +1,4 @@
-"""Retrieve phase videos for a liquid crystal that responds slowly.
+"""Find videos for a liquid crystal that responds slowly.
 
 Each frame's phase is shown in the order of the panel's range that the crystal reaches best.
 """
@@ -30,7 +30,7 @@ _AT_A_TIME = 1 << 20
 
 
 def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
-    """Add whole waves to a retrieved video's phases, so that every pixel takes the shortest steps.
+    """Add whole waves to a video's phases, so that every pixel takes the shortest steps.
 
     phases: (frames, rows, columns), radians, of any order. reach: the panel's range in radians, one
     wave at least. For each pixel, the sum of the squared steps between the frames of the repeated
@@ -50,10 +50,7 @@ def shortest_phase_paths(phases: torch.Tensor, reach: float) -> torch.Tensor:
 
 
 def _shortest_paths_of_block(phases: torch.Tensor, reach: float) -> torch.Tensor:
-    """Compute shortest_phase_paths() for a block of retrieved phases within the first wave.
-
-    The block is (frames, pixels).
-    """
+    """Compute shortest_phase_paths() for phases within the first wave, (frames, pixels)."""
     orders = math.ceil(reach / _TURN)
     offsets = _TURN * torch.arange(orders, dtype=phases.dtype)
     # The shape is (frames, orders, pixels). Phases that the panel can't show cost more than any
@@ -72,7 +69,7 @@ def _shortest_paths_of_block(phases: torch.Tensor, reach: float) -> torch.Tensor
 def _cheapest_path(
     shown: torch.Tensor, beyond: torch.Tensor, first: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return a retrieved video's cheapest phase path from order `first`, and the path's cost.
+    """Return a video's cheapest phase path from order `first`, and the path's cost.
 
     The path is (frames, pixels). It is closed: the repeated video returns to the first frame.
     """
@@ -96,16 +93,12 @@ def _cheapest_path(
 
 @dataclass(frozen=True)
 class SlowCrystalSettings:
-    """Tune the retrieval of videos for a slow liquid crystal. All values are chosen.
+    """Tune videos for a slow liquid crystal. All values are chosen.
 
-    Attributes
-    ----------
-    share_without_motion : float
-        Share of the iterations, at the start, that ignore the motion. They are faster.
-    nodes : int
-        Number of moments per frame at which the light is computed, during the iterations.
-    quality_nodes : int
-        The same for the measurement of the quality.
+    share_without_motion: share of the iterations, at the start, that ignore the motion. They are
+        faster.
+    nodes: number of moments per frame at which the light is computed, during the iterations.
+    quality_nodes: the same for the measurement of the quality.
     """
 
     share_without_motion: float = 0.6
@@ -118,7 +111,7 @@ _SETTINGS = SlowCrystalSettings()
 
 @dataclass(frozen=True)
 class LiquidCrystal:
-    """The timing and the phase range of a panel's liquid crystal.
+    """Timing and phase range of a panel's liquid crystal.
 
     frame_time: seconds for which a frame is shown. response_time: time constant of the first-order
     relaxation, seconds. reach: largest phase that the panel shows, radians, one wave at least.
@@ -130,15 +123,12 @@ class LiquidCrystal:
 
 
 def usable_orders(panel: Panel, wavelength: float) -> int:
-    """Return the number of whole waves in the panel's range that retrieved phases may use.
-
-    The number is one at least.
-    """
+    """Return the number of whole waves in the panel's range that phases may use, one at least."""
     return max(1, whole_waves(panel, wavelength))
 
 
 def crystal_of_goal(goal: RetrievalGoal) -> LiquidCrystal:
-    """Return the liquid crystal's timing and phase range for a phase retrieval's goal."""
+    """Return the timing and phase range of the goal's panel."""
     panel = goal.camera.panel
     orders = usable_orders(panel, goal.wavelength)
     # A phase that is closer to the next whole wave than to the last grey level is shown as the
@@ -149,7 +139,7 @@ def crystal_of_goal(goal: RetrievalGoal) -> LiquidCrystal:
 
 
 def shortest_panel_phases(goal: RetrievalGoal, phases: torch.Tensor) -> torch.Tensor:
-    """Return a retrieved video's phases with the shortest steps that the panel can show.
+    """Return a video's phases with the shortest steps that the panel can show.
 
     phases: (frames, rows, columns). The result is float32. The paths of shortest_phase_paths()
     start at the phase of the panel's first grey level, which isn't zero everywhere.
@@ -159,10 +149,7 @@ def shortest_panel_phases(goal: RetrievalGoal, phases: torch.Tensor) -> torch.Te
 
 
 def _first_level(goal: RetrievalGoal) -> torch.Tensor:
-    """Return the phase of the panel's first grey level, where retrieved phase paths start.
-
-    The result is (rows, columns), float32.
-    """
+    """Return the phase of the panel's first grey level, (rows, columns) float32."""
     panel, wavelength = goal.camera.panel, goal.wavelength
     phase = grey_to_phase(panel, torch.zeros(panel.shape, dtype=torch.uint8), wavelength)
     if panel.flatness is not None:
@@ -171,7 +158,7 @@ def _first_level(goal: RetrievalGoal) -> torch.Tensor:
 
 
 def slow_crystal_frames(pixels: Superpixels, job: RetrievalJob) -> torch.Tensor:
-    """Retrieve the phases of frames whose mean light on a slow crystal has the target's shape.
+    """Compute frames whose mean light on a slow crystal has the target's shape.
 
     The mean includes the liquid crystal's motion. Returns fields on the window, (frames, rows,
     columns). Their phases must be shown as shortest_panel_phases() gives them, in a repeated video.
@@ -205,7 +192,7 @@ def moving_crystal_intensity(
     nodes: int,
     static_phase: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Return a retrieved video's mean intensity on the window, with a moving liquid crystal.
+    """Return a video's mean intensity on the window while the liquid crystal moves.
 
     The video is repeated. phases: (frames, rows, columns), radians. nodes: moments per frame.
     static_phase: phase in radians that is added to every frame, (rows, columns).
@@ -222,11 +209,11 @@ def moving_crystal_intensity(
 
 
 def displayed_psf(goal: RetrievalGoal, phases: torch.Tensor, orders: int) -> torch.Tensor:
-    """Return the mean PSF of retrieved frames as the panel shows them.
+    """Return the mean PSF of frames as the panel shows them, as shares of all light, float64.
 
-    The PSF is given as shares of all light, float64. The phases are rounded to the panel's grey
-    levels. A video is repeated, and includes the liquid crystal's motion if the panel has a
-    response time. Coupling, gaps and unmodulated light are left out.
+    The phases are rounded to the panel's grey levels. A video is repeated, and includes the liquid
+    crystal's motion if the panel has a response time. Coupling, gaps and unmodulated light are left
+    out.
     """
     panel, wavelength = goal.camera.panel, goal.wavelength
     grey = phase_to_grey(panel, phases, wavelength, orders)

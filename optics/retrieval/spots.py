@@ -1,4 +1,4 @@
-"""Retrieve a phase pattern for spots by the weighted Gerchberg-Saxton algorithm.
+"""Find a phase pattern for spots by the weighted Gerchberg-Saxton algorithm.
 
 References: Di Leonardo, Ianni and Ruocco, Opt. Express 15, 1913, 2007; Kim et al., Opt. Lett. 44,
 3178, 2019 (the phases of the spots are fixed after some iterations). Only the centres of the spots
@@ -25,7 +25,7 @@ A panel that is twice as wide as high can't make a spot narrower than four sampl
 
 
 def find_spots(goal: RetrievalGoal) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Find the spots of a phase retrieval's target: rows, columns, and shares of the light.
+    """Find the spots of a target: rows, columns, and shares of the light.
 
     Raises ValueError for a target with a part that is larger than a spot.
     """
@@ -53,9 +53,9 @@ def find_spots(goal: RetrievalGoal) -> tuple[torch.Tensor, torch.Tensor, torch.T
 def weighted_spots_field(
     pixels: Superpixels, iterations: int, generator: torch.Generator, progress: Progress
 ) -> torch.Tensor:
-    """Retrieve the field at a target's spots by weighted Gerchberg-Saxton iterations.
+    """Find the field at a target's spots by weighted Gerchberg-Saxton iterations.
 
-    The result is the field on the window, which is zero except at the spots.
+    It is on the window, and zero except at the spots.
     """
     rows, columns, shares = find_spots(pixels.goal)
     amplitude = torch.sqrt(shares).to(torch.float32)
@@ -82,7 +82,7 @@ def weighted_spots_field(
 def _window(
     pixels: Superpixels, rows: torch.Tensor, columns: torch.Tensor, values: torch.Tensor
 ) -> torch.Tensor:
-    """Return the field on a phase retrieval's window, zero except at the spots."""
+    """Return the field on the window, zero except at the spots."""
     window = torch.zeros(pixels.goal.plane.shape, dtype=values.dtype)
     window[rows, columns] = values
     return window

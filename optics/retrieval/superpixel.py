@@ -1,4 +1,4 @@
-"""Group the panel's pixels for faster retrieval, and give each retrieval its start."""
+"""Group the panel's pixels for faster iterations, and give these their start."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Light that a phase-only panel scatters beyond the window must not wrap around in
 
 
 def superpixel_side(goal: RetrievalGoal) -> int:
-    """Return the side in pixels of the largest superpixels that suit a phase retrieval's window."""
+    """Return the side in pixels of the largest superpixels that suit a goal's window."""
     length, window = goal.far_field_samples, max(goal.plane.shape)
     shortest = min(goal.camera.panel.shape)
     # A superpixel has 16 pixels along its side at most, and the panel's shorter side has 8
@@ -52,7 +52,7 @@ class Superpixels:
 
     @functools.cached_property
     def amplitude(self) -> torch.Tensor:
-        """Return the mean amplitude of the pixels in each of a retrieval's superpixels, float32."""
+        """Return the mean amplitude of the pixels in each superpixel, float32."""
         (rows, columns), side = self.shape, self.side
         full = self.goal.amplitude
         margins = (0, columns * side - full.shape[1], 0, rows * side - full.shape[0])
@@ -61,54 +61,41 @@ class Superpixels:
 
     @functools.cached_property
     def uneven_amplitude(self) -> torch.Tensor | None:
-        """Return the amplitude of a retrieval's superpixels, or None if it is even."""
+        """Return the superpixels' amplitude, or None if it is even."""
         amplitude = self.amplitude
         return None if bool((amplitude == amplitude.flatten()[0]).all()) else amplitude
 
     @functools.cached_property
     def target_intensity(self) -> torch.Tensor:
-        """Return the retrieval's target scaled to all light of the superpixels.
-
-        The result is (rows, columns), float32.
-        """
+        """Return the target scaled to all light of the superpixels, (rows, columns) float32."""
         power = float(self.amplitude.double().square().sum()) * self.far_field.length**2
         target = self.goal.target
         return (target / target.sum() * power).to(torch.float32)
 
     def positions(self, axis: int) -> torch.Tensor:
-        """Return the centres of a retrieval's superpixels along an axis.
-
-        The centres are in pixels from the panel's centre.
-        """
+        """Return the superpixels' centres along an axis, in pixels from the panel's centre."""
         n = self.shape[axis]
         middle = (self.goal.camera.panel.shape[axis] - 1) / 2
         index = torch.arange(n, dtype=torch.float64) * self.side + (self.side - 1) / 2
         return index - middle
 
     def panel_field(self, phase: torch.Tensor) -> torch.Tensor:
-        """Return the field of a retrieval's superpixels for a phase, complex64.
-
-        The phase and the field are (…, rows, columns).
-        """
+        """Return the field of the superpixels for a phase, (…, rows, columns) complex64."""
         return torch.polar(self.amplitude.expand(phase.shape), phase.to(torch.float32))
 
     def to_pixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """Move a retrieval field's panel origin from the first superpixel to the first pixel.
+        """Move the panel origin of the window's field from the first superpixel to the first pixel.
 
-        The field is on the window. The centre of the first superpixel is (side - 1) / 2 pixels from
-        the first pixel.
+        The centre of the first superpixel is (side - 1) / 2 pixels from the first pixel.
         """
         return window * self._origin_shift_phasor(-1)
 
     def to_superpixel_origin(self, window: torch.Tensor) -> torch.Tensor:
-        """Move a retrieval field's panel origin from the first pixel to the first superpixel.
-
-        The field is on the window.
-        """
+        """Move the panel origin of the window's field from the first pixel to the superpixel."""
         return window * self._origin_shift_phasor(1)
 
     def _origin_shift_phasor(self, sign: int) -> torch.Tensor:
-        """Return the phasor on a retrieval's window that shifts the field's origin on the panel."""
+        """Return the phasor on the window that shifts the field's origin on the panel."""
         turns = []
         for n in self.goal.plane.shape:
             index = torch.arange(n, dtype=torch.float64) - n // 2
@@ -117,7 +104,7 @@ class Superpixels:
         return torch.polar(torch.ones_like(both), both).to(torch.complex64)
 
     def pixel_phases(self, window: torch.Tensor) -> torch.Tensor:
-        """Return the retrieved phases of all panel pixels for fields on the window, float32.
+        """Return the phases of all panel pixels for fields on the window, float32.
 
         The phases are (…, rows, columns). They are exact, since the panel's field of a window is
         band-limited, and is evaluated at every pixel.
@@ -130,19 +117,19 @@ class Superpixels:
 
 
 def coarsest_superpixels(goal: RetrievalGoal) -> Superpixels:
-    """Return the largest superpixels that represent a phase retrieval's window without loss."""
+    """Return the largest superpixels that represent a goal's window without loss."""
     return Superpixels(goal, superpixel_side(goal))
 
 
 STARTS = ("smooth", "quadratic", "random")
-"""Names of the phases that a retrieval can start from."""
+"""Names of the phases that iterations can start from."""
 
 
 def quadratic_start(goal: RetrievalGoal, pixels: Superpixels) -> torch.Tensor:
-    """Return a quadratic start phase for phase retrieval, which spreads light over the target.
+    """Return a quadratic phase, (rows, columns) of the superpixels, that lights all of the target.
 
-    The phase is (rows, columns) of the superpixels. Fewer vortices, and so fewer speckles, develop
-    from it than from a random phase (a spherical start: Appl. Phys. Lett. 120, 061103, 2022).
+    Fewer vortices, and so fewer speckles, develop from it than from a random phase (a spherical
+    start: Appl. Phys. Lett. 120, 061103, 2022).
     """
     support = goal.target > 0.5 * goal.target.max()
     phase = torch.zeros(pixels.shape, dtype=torch.float64)
@@ -159,20 +146,17 @@ def quadratic_start(goal: RetrievalGoal, pixels: Superpixels) -> torch.Tensor:
 
 
 def random_start(pixels: Superpixels, generator: torch.Generator) -> torch.Tensor:
-    """Return a random start phase for phase retrieval, as in the thesis.
-
-    The phase is uniform over one wave in every superpixel.
-    """
+    """Return a phase that is uniform over one wave in every superpixel, as in the thesis."""
     return torch.rand(pixels.shape, generator=generator, dtype=torch.float64) * 2 * math.pi
 
 
 def smooth_start(
     goal: RetrievalGoal, pixels: Superpixels, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return a start phase for phase retrieval: the quadratic one plus a smooth random phase.
+    """Return the quadratic phase plus a smooth random one, which differs from call to call.
 
-    Each call returns a different phase. A start without symmetry leads to less speckle. Frames that
-    start from it have different speckle but similar phases, which a slow liquid crystal can follow.
+    A start without symmetry leads to less speckle. Frames that start from it have different speckle
+    but similar phases, which a slow liquid crystal can follow.
     """
     noise = torch.randn(pixels.shape, generator=generator, dtype=torch.float64)
     # The correlation length of the random phase is a twelfth of the panel's height, and its rms is
@@ -182,10 +166,7 @@ def smooth_start(
 
 
 def _gaussian_blur(noise: torch.Tensor, sigma: float) -> torch.Tensor:
-    """Smooth a phase retrieval's random start phase by a Gaussian of `sigma` samples.
-
-    The borders are periodic.
-    """
+    """Smooth a random phase by a Gaussian of `sigma` samples; the borders are periodic."""
     spectrum = torch.fft.rfft2(noise)
     y = torch.fft.fftfreq(noise.shape[0], dtype=torch.float64)
     x = torch.fft.rfftfreq(noise.shape[1], dtype=torch.float64)
@@ -194,7 +175,7 @@ def _gaussian_blur(noise: torch.Tensor, sigma: float) -> torch.Tensor:
 
 
 def require_start(start: str) -> None:
-    """Raise ValueError for a start of a phase retrieval that isn't one of STARTS."""
+    """Raise ValueError for a start that isn't one of STARTS."""
     if start not in STARTS:
         raise ValueError(f"start is {start!r}; choose one of {', '.join(STARTS)}")
 
@@ -202,7 +183,7 @@ def require_start(start: str) -> None:
 def starting_field(
     goal: RetrievalGoal, pixels: Superpixels, start: str, generator: torch.Generator
 ) -> torch.Tensor:
-    """Return the field on the superpixels from which a frame's phase retrieval starts, complex64.
+    """Return the field on the superpixels from which a frame starts, complex64.
 
     start: one of STARTS.
     """
@@ -216,7 +197,7 @@ def starting_field(
 
 @dataclass(frozen=True)
 class RetrievalJob:
-    """One phase retrieval with all that a method needs; `start` is one of STARTS."""
+    """One problem with all that a method needs to solve it; `start` is one of STARTS."""
 
     goal: RetrievalGoal
     frames: int
@@ -227,11 +208,11 @@ class RetrievalJob:
 
     @property
     def superpixels(self) -> Superpixels:
-        """Return the coarsest superpixels that the phase retrieval's goal allows."""
+        """Return the coarsest superpixels that the goal allows."""
         return coarsest_superpixels(self.goal)
 
     @property
     def frame_progress(self) -> list[Progress]:
-        """Return one progress for each frame of a phase retrieval that computes them in turn."""
+        """Return one progress for each frame, for methods that compute them in turn."""
         ends = [n / self.frames for n in range(self.frames + 1)]
         return [self.progress.part(start, stop) for start, stop in pairwise(ends)]

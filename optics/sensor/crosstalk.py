@@ -1,4 +1,4 @@
-"""Crosstalk of pixels: charge and light that a pixel's neighbours collect instead of it."""
+"""Crosstalk of pixels: charge and light that neighbours collect in a pixel's place."""
 
 from __future__ import annotations
 

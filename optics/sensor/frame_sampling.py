@@ -1,4 +1,4 @@
-"""Sample frames of a sensor at random: digital numbers from expected electrons."""
+"""Sample frames at random: digital numbers from expected electrons."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def expose(
     read_noise: bool = True,
     dark_current: bool = True,
 ) -> torch.Tensor:
-    """Sample one raw frame of a sensor whose pixels are all alike, from photoelectrons to ADC.
+    """Sample one raw frame of pixels that are all alike, from photoelectrons to the ADC's numbers.
 
     The stages follow the order of the physics: dark current, shot noise, full well, read noise,
     gain and black level, quantisation and clipping.
@@ -78,7 +78,7 @@ def sample_frame(
     generator: torch.Generator,
     **switches: Any,
 ) -> torch.Tensor:
-    """Sample one raw frame of a sensor, from photoelectrons to the ADC's numbers.
+    """Sample one raw frame, from photoelectrons to the ADC's numbers.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def sample_frame(
 def electrons_from_normal(
     mean: torch.Tensor, noise: torch.Tensor, shot: Literal["Gaussian", "skewed"]
 ) -> torch.Tensor:
-    """Convert standard normal numbers into a sensor's shot noise: whole electrons around a mean.
+    """Convert standard normal numbers to shot noise: whole electrons around a mean.
 
     mean: expected electrons, FEW_ELECTRONS or more. noise: standard normal numbers of the same
     shape. With "Gaussian", mean and variance are Poisson's, and the distribution differs by
@@ -141,7 +141,7 @@ def electrons_from_normal(
 def _sample_electrons(
     mean: torch.Tensor, stages: Stages, generator: torch.Generator
 ) -> torch.Tensor:
-    """Sample each sensor pixel's photoelectrons, with the shot noise of `stages`."""
+    """Sample each pixel's photoelectrons, with the shot noise of `stages`."""
     if stages.shot == "none":
         return mean
     # From 1e8 electrons on, Poisson's distribution is within 1e-5 of the normal one everywhere.
@@ -161,7 +161,7 @@ def _normal(like: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
 
 
 def _digitise(electrons: torch.Tensor, sensor: Sensor, stages: Stages) -> torch.Tensor:
-    """Convert a sensor's electrons to digital numbers, as its ADC does."""
+    """Convert electrons to digital numbers, as the ADC does."""
     number = electrons / sensor.gain + sensor.black_level
     if stages.quantisation:
         number = torch.round(number)

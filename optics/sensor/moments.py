@@ -1,4 +1,4 @@
-"""Compute mean and variance of every pixel of a sensor, by tables over its expected electrons."""
+"""Compute mean and variance of every pixel's number, by tables over its expected electrons."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Numbers = NDArray[np.float64]
 
 
 def electron_range(mean: float) -> tuple[int, int]:
-    """Return the least and most photoelectrons that a sensor pixel may hold, by shot noise.
+    """Return the least and most photoelectrons that a pixel may hold, by shot noise.
 
     Other counts have a negligible probability.
     """
@@ -37,10 +37,9 @@ def electron_range(mean: float) -> tuple[int, int]:
 
 
 class CountProbabilities:
-    """Probabilities of a sensor pixel's photoelectron counts, for means between two.
+    """Probabilities of photoelectron counts, for means from `least` to `most`.
 
-    least, most: the means. shot: the distribution. Logarithms of factorials are computed once for
-    all means.
+    shot: the distribution. Logarithms of factorials are computed once for all means.
     """
 
     def __init__(self, least: float, most: float, shot: ShotNoise) -> None:
@@ -66,7 +65,7 @@ class CountProbabilities:
 
 
 def _rounded_normal(mean: Numbers, counts: Numbers) -> Numbers:
-    """Compute sensor pixels' photoelectron probabilities from rounded normal distributions.
+    """Compute the probabilities of counts that are rounded from a normal distribution.
 
     Negative numbers count as 0. mean: (means, 1).
     """
@@ -82,7 +81,7 @@ _MAX_DEVIATIONS = 8.5
 
 
 def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of a sensor pixel's readout through noise and ADC, exactly.
+    """Compute mean and variance of a pixel's readout through noise and ADC, exactly.
 
     The mean is in electrons, and the variance in electrons². electrons: in the well, with the
     pixel's offset; any shape. The readout is (number - black level) times the gain, clipped and
@@ -100,7 +99,7 @@ def readout_moments(electrons: Numbers, sensor: Sensor, stages: Stages) -> tuple
 
 
 def _clipped_moments(x: Numbers, noise: float, low: float, high: float) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of the sensor's readout, clipped at both ends.
+    """Compute mean and variance of a readout that is clipped at both ends.
 
     Before clipping, the readout is a normal number with the mean x.
     """
@@ -122,7 +121,7 @@ def _density(z: Numbers) -> Numbers:
 def _rounded_moments(
     scaled: Numbers, noise: float, sensor: Sensor, clipping: bool
 ) -> tuple[Numbers, Numbers]:
-    """Compute mean and variance of the sensor's readout, rounded by the ADC.
+    """Compute mean and variance of a readout that the ADC rounds.
 
     Before rounding, the readout is a normal number with the mean `scaled`. Both moments are sums
     over the probabilities that the number reaches each whole step.
@@ -161,18 +160,14 @@ BATCH_PIXELS = 1 << 17
 
 @dataclass(frozen=True)
 class MomentTableSettings:
-    """Tune the tables of a sensor's mean and variance.
+    """Tune the tables of mean and variance.
 
-    Attributes
-    ----------
-    nodes_per_unit : int
-        Computed nodes per unit of sqrt(electrons), which is two standard deviations. Chosen.
-    spline_refinement : int
-        Factor by which splines refine the table, so that linear interpolation is enough between the
-        refined nodes. Chosen.
-    saturation_deviations : float
-        Standard deviations of shot noise from a limit, beyond which a pixel is certainly full or
-        certainly not. Chosen.
+    nodes_per_unit: computed nodes per unit of sqrt(electrons), which is two standard deviations.
+        Chosen.
+    spline_refinement: factor by which splines refine the table, so that linear interpolation is
+        enough between the refined nodes. Chosen.
+    saturation_deviations: standard deviations of shot noise from a limit, beyond which a pixel is
+        certainly full or certainly not. Chosen.
     """
 
     nodes_per_unit: int = 16
@@ -181,7 +176,7 @@ class MomentTableSettings:
 
     @property
     def step(self) -> float:
-        """The distance between a sensor moment table's refined nodes, in sqrt(electrons)."""
+        """Distance between the refined nodes, in sqrt(electrons)."""
         return 1 / (self.nodes_per_unit * self.spline_refinement)
 
 
@@ -191,7 +186,7 @@ _SETTINGS = MomentTableSettings()
 def moment_tables(
     sensor: Sensor, stages: Stages, max_electrons: float, electrons_per_step: float = 0.0
 ) -> tuple[MomentTable, ...]:
-    """Return a sensor's tables of mean and variance up to `max_electrons`, from a cache.
+    """Return the tables of mean and variance up to `max_electrons`, from a cache.
 
     The first table begins at darkness. For a deep well, it ends where rounding is far finer than
     shot noise, and a second table begins near the full well. Between them, mean and variance are
@@ -221,7 +216,7 @@ def moment_tables(
 
 
 def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
-    """Return the electrons from which a sensor pixel may clip, and from which it certainly clips.
+    """Return the electrons from which a pixel may clip, and from which it certainly clips.
 
     Both are infinite if clipping isn't simulated.
     """
@@ -239,7 +234,7 @@ def _clipping_range(sensor: Sensor, stages: Stages) -> tuple[float, float]:
 
 
 def _round_up_limit(max_electrons: float, limit: float) -> float:
-    """Round the end of a sensor's moment table, in electrons, up to a power of two.
+    """Round the end of a table, in electrons, up to a power of two.
 
     Other pictures can then use the same table.
     """
@@ -254,7 +249,7 @@ def _cached_table(
 
 
 class MomentTable:
-    """Tabulates a pixel's mean and variance by expected electrons and offset, for a sensor.
+    """A pixel's mean and variance by expected electrons and offset.
 
     low, high: electrons at both ends; beyond them, the values at the ends are used.
     covers_saturation: whether the values no longer change beyond `high`. electrons_per_step:
@@ -300,7 +295,7 @@ class MomentTable:
         return mean.reshape(electrons.shape), variance.reshape(electrons.shape)
 
     def max_slopes(self, max_electrons: float) -> tuple[float, float]:
-        """Return the largest slopes of a sensor pixel's mean and variance over electrons.
+        """Return the largest slopes of mean and variance over electrons.
 
         The slopes are absolute values, up to `max_electrons`.
         """
@@ -313,11 +308,11 @@ class MomentTable:
         return float(mean), float(variance)
 
     def min_variance(self, max_electrons: float) -> float:
-        """Return a sensor pixel's least variance up to `max_electrons`, from the table."""
+        """Return the least variance up to `max_electrons`, from the table."""
         return float(self.variance[: len(self._nodes_up_to(max_electrons))].min())
 
     def _nodes_up_to(self, max_electrons: float) -> Numbers:
-        """Return a sensor moment table's nodes up to `max_electrons`, two at least."""
+        """Return the table's nodes up to `max_electrons`, two at least."""
         start, step = self._start, _SETTINGS.step
         electrons = (start + np.arange(len(self.mean)) * step) ** 2 - _ANSCOMBE_OFFSET
         return electrons[electrons <= max(max_electrons, electrons[1])]
@@ -346,7 +341,7 @@ class MomentTable:
 
 
 def _refine_by_splines(values: Numbers) -> torch.Tensor:
-    """Refine a sensor's moment table, (nodes, columns), by splines between its nodes."""
+    """Refine a table, (nodes, columns), by splines between its nodes."""
     nodes, finer = np.arange(len(values)), _SETTINGS.spline_refinement
     inner = np.arange((len(values) - 1) * finer + 1) / finer
     return torch.from_numpy(CubicSpline(nodes, values)(inner))
@@ -355,7 +350,7 @@ def _refine_by_splines(values: Numbers) -> torch.Tensor:
 def _average_over_counts(
     probabilities: CountProbabilities, means: Numbers, read: Numbers, variance: Numbers
 ) -> tuple[Numbers, Numbers]:
-    """Average sensor pixels' mean and variance over shot noise, by the law of total variance.
+    """Average mean and variance over shot noise, by the law of total variance.
 
     means: of electrons, close together. The results are (means, offsets).
     """
@@ -373,7 +368,7 @@ def moments(
     sensor: Sensor,
     **switches: Any,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute mean and variance of every sensor pixel's digital number, without sampling a frame.
+    """Compute mean and variance of every pixel's digital number, without sampling a frame.
 
     The moments describe the frames of `sample_frame`. They are sums over all numbers of electrons
     and all digital numbers, tabulated and interpolated, with a relative error of 1e-4. They refer
@@ -427,7 +422,7 @@ def moments(
 def _moments_without_shot_noise(
     charge: CollectedCharge, sensor: Sensor, stages: Stages
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Compute each pixel's mean and variance separately, for a sensor without shot noise."""
+    """Compute each pixel's mean and variance by itself, where there is no shot noise."""
     full = charge.electrons
     if stages.clipping:
         full = full.clamp(max=sensor.full_well)
@@ -441,7 +436,7 @@ def _moments_without_shot_noise(
 def _tabulated_moments(
     charge: CollectedCharge, sensor: Sensor, stages: Stages
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return each sensor pixel's mean and variance from tables over the expected photoelectrons."""
+    """Return each pixel's mean and variance from tables over the expected photoelectrons."""
     electrons = charge.electrons
     most = float(electrons.max()) if electrons.numel() else 0.0
     dark, *bright = moment_tables(sensor, stages, most, charge.electrons_per_step)

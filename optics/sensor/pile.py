@@ -17,7 +17,7 @@ Chosen: without clipping, fewer pixels have the largest number than the next one
 
 
 def top_pile(numbers: NDArray[np.generic]) -> int | None:
-    """Return the sensor's number at which pixels of a picture pile up; None if they don't.
+    """Return the number at which pixels of a picture pile up; None if they don't.
 
     Without another exposure it may also be that all pixels have the same light.
     """

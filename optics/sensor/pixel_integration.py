@@ -1,4 +1,4 @@
-"""Integrate light over the area of a sensor's pixels."""
+"""Integrate light over the area of pixels, from samples that are finer than these."""
 
 from __future__ import annotations
 
@@ -23,34 +23,27 @@ PIXEL_OVERSAMPLING = 1.5
 
 @dataclass(frozen=True)
 class PixelIntegrationSettings:
-    """Tune the integration of light over a sensor's pixels.
+    """Tune the integration of light over pixels.
 
-    Attributes
-    ----------
-    error_margin : float
-        Relative L2 error of the light on pixels over the largest deviation of the weights' transfer
-        function along an axis: 2 axes, times 2 because a pixel averages out fine fringes that count
-        in the deviation. Derived.
-    oversampling : tuple of float
-        Ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to 1, the
-        weights reach far. Chosen; the last one reaches every tolerance.
-    widest_band : float
-        Largest frequency in cycles per sample that weights are fitted for. Chosen.
-    samples_per_digit : float
-        Samples on either side of a pixel that another digit needs, times the oversampling beyond 1.
-        Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it meets within a quarter.
-    first_digit_steps : float
-        Samples on either side in which the error is first taken to fall to a tenth. Chosen.
-    stalled_steps : int
-        Steps of the search for the reach after which an error that hardly falls ends it. Chosen.
-    max_reach : int
-        Most samples on either side of a pixel that its weights use. Chosen: the error is down to
-        rounding there.
-    block : int
-        Pixels in a row that are integrated by one matrix; measured to be the fastest. The samples
-        per pixel are whole multiples of its inverse, so that the next block needs the same matrix.
-    whole_samples : int
-        Samples per pixel beyond which their number is whole. Chosen.
+    error_margin: relative L2 error of the light on pixels over the largest deviation of the
+        weights' transfer function along an axis: 2 axes, times 2 because a pixel averages out fine
+        fringes that count in the deviation. Derived.
+    oversampling: ratios of the samples' rate to the light's Nyquist rate to choose from. Closer to
+        1, the weights reach far. Chosen; the last one reaches every tolerance.
+    widest_band: largest frequency in cycles per sample that weights are fitted for. Chosen.
+    samples_per_digit: samples on either side of a pixel that another digit needs, times the
+        oversampling beyond 1. Fitted to tolerances of 1e-3 to 1e-9 and the ratios above, which it
+        meets within a quarter.
+    first_digit_steps: samples on either side in which the error is first taken to fall to a tenth.
+        Chosen.
+    stalled_steps: steps of the search for the reach after which an error that hardly falls ends it.
+        Chosen.
+    max_reach: most samples on either side of a pixel that its weights use. Chosen: the error is
+        down to rounding there.
+    block: pixels in a row that are integrated by one matrix; measured to be the fastest. The
+        samples per pixel are whole multiples of its inverse, so that the next block needs the same
+        matrix.
+    whole_samples: samples per pixel beyond which their number is whole. Chosen.
     """
 
     error_margin: float = 4.0
@@ -84,7 +77,7 @@ are left out. Chosen: the fit loses far less than the tolerance."""
 
 
 def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
-    """Return the transfer function of a square sensor pixel of fill factor 1, on an rfft2 grid.
+    """Return the transfer function of a square pixel of fill factor 1, on an rfft2 grid.
 
     Parameters
     ----------
@@ -104,7 +97,7 @@ def pixel_transfer(rows: int, columns: int, factor: int) -> torch.Tensor:
 
 
 def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
-    """Sample the light at the sensor's pixel centres from a grid that is finer than the pixels.
+    """Sample light at the pixels' centres from a grid that is finer than the pixels.
 
     The origin stays at n // 2 for even and odd sizes.
 
@@ -128,7 +121,7 @@ def sample_pixels(light: torch.Tensor, factor: int) -> torch.Tensor:
 
 @dataclass(frozen=True, eq=False)
 class PixelWeights:
-    """Holds the weights of the samples around a sensor pixel in the light's integral over it.
+    """Weights of the samples around a pixel in the light's integral over it.
 
     weights: float64, (pixels, samples), for the pixels of a block, of which the first one's centre
     is on a sample; the middle one of the samples is the nearest to the pixel's centre. factor:
@@ -144,11 +137,11 @@ class PixelWeights:
 
     @property
     def reach(self) -> int:
-        """The number of samples on either side of a sensor pixel's centre that its weights use."""
+        """Number of samples on either side of a pixel's centre that its weights use."""
         return self.weights.shape[1] // 2
 
     def fit_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor seconds in which a sensor pixel's weights were found."""
+        """Predict the processor seconds in which the weights were found."""
         each = (
             _CALLS_PER_FIT * speed.call
             + _COSINES_PER_FIT * half**2 * speed.cosine
@@ -159,33 +152,23 @@ class PixelWeights:
 
     @property
     def margin(self) -> int:
-        """The whole sensor pixels around a pixel that its weights need, on each side."""
+        """Whole pixels around a pixel that its weights need, on each side."""
         return math.ceil(self.reach / self.factor)
 
 
 @functools.lru_cache(maxsize=256)
 def pixel_weights(factor: Fraction, band: float, tol: float) -> PixelWeights:
-    """Find the fewest weights that integrate band-limited light over a sensor pixel.
+    """Find the fewest weights that integrate band-limited light over a pixel.
 
     The transfer function of the weights must be that of the pixel, a sinc, wherever the light has
     frequencies. A fit by least squares at nodes that are dense near the band's edge is almost the
     best one. Elsewhere the function is free, so that the weights reach much less far than those of
     a band-limited interpolation.
 
-    Parameters
-    ----------
-    factor : Fraction
-        Samples per pixel, a multiple of 1/16 and 1 or more.
-    band : float
-        The light's highest frequency in cycles per sample, below 1/2.
-    tol : float
-        Relative L2 error of the light on pixels that is allowed.
-
-    Returns
-    -------
-    PixelWeights
-        The weights. Their error, measured at other frequencies than those of the fit, exceeds `tol`
-        only if that is beyond double precision.
+    factor: samples per pixel, a multiple of 1/16 and 1 or more.
+    band: the light's highest frequency in cycles per sample, below 1/2.
+    tol: relative L2 error of the light on pixels that is allowed. The weights' error, measured at
+        other frequencies than those of the fit, exceeds it only if it is beyond double precision.
     """
     # A pixel's centre between two samples is the hardest case, and one on a sample the easiest.
     offsets = sorted({_offset(factor, pixel) for pixel in range(_SETTINGS.block)}, key=abs)
@@ -244,7 +227,7 @@ def _least_reach(
 
 
 def _step_towards(tol: float, tried: dict[int, float], reach: int) -> int:
-    """Return by how much a pixel's weights shall reach farther for a tolerance; negative for less.
+    """Return by how much the weights shall reach farther for a tolerance; negative for less.
 
     tried: errors by reach. The slope is that of the two reaches that were tried next to `reach`.
     """
@@ -260,19 +243,19 @@ def _step_towards(tol: float, tried: dict[int, float], reach: int) -> int:
 
 
 def _offset(factor: Fraction, pixel: int) -> float:
-    """Return how far the centre of a sensor pixel lies beyond the nearest sample, in samples."""
+    """Return how far the centre of a pixel lies beyond the nearest sample, in samples."""
     return float(pixel * factor - _nearest_sample(factor, pixel))
 
 
 def _nearest_sample(factor: Fraction, pixel: int) -> int:
-    """Return the number of the sample next to a sensor pixel's centre, from the first pixel's."""
+    """Return the number of the sample next to a pixel's centre, from the first pixel's."""
     return math.floor(pixel * factor + Fraction(1, 2))
 
 
 def _fit_weights(
     factor: Fraction, band: float, reach: int, offset: float, tol: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit the weights of 2 reach + 1 samples to a sensor pixel's transfer function.
+    """Fit the weights of 2 reach + 1 samples to a pixel's transfer function.
 
     offset: of the pixel's centre from the middle sample. Returns the weights and their error, which
     shall be within `tol`. What the samples can hardly tell apart gets no weight: huge weights of
@@ -300,7 +283,7 @@ def _fit_weights(
 
 
 def _waves(frequency: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the transfer functions of samples at places around a sensor pixel's centre.
+    """Return the transfer functions of samples at places around a pixel's centre.
 
     The cosines stand above the sines, (2 frequencies, places).
     """
@@ -316,7 +299,7 @@ def _cosines(frequency: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
 
 
 def pixel_margin(factor: int, tol: float = 1e-9) -> int:
-    """Return how many whole sensor pixels integrate_pixels() needs around a pixel.
+    """Return how many whole pixels integrate_pixels() needs around a pixel.
 
     Parameters
     ----------
@@ -334,7 +317,7 @@ def pixel_margin(factor: int, tol: float = 1e-9) -> int:
 
 
 def integrate_pixels(light: torch.Tensor, factor: int, tol: float = 1e-9) -> torch.Tensor:
-    """Integrate light over a sensor's whole square pixels of `factor` by `factor` samples.
+    """Integrate light over whole square pixels of `factor` by `factor` samples.
 
     The relative L2 error is at most `tol` for light that the samples resolve with
     PIXEL_OVERSAMPLING to spare, at least pixel_margin() pixels from the edges. Beyond the edges it
@@ -363,7 +346,7 @@ def integrate_pixels(light: torch.Tensor, factor: int, tol: float = 1e-9) -> tor
 def _integrate_both_axes(
     light: torch.Tensor, weights: tuple[PixelWeights, PixelWeights], shape: tuple[int, int]
 ) -> torch.Tensor:
-    """Integrate light over sensor pixels along both axes, to (..., *shape)."""
+    """Integrate light over pixels along both axes, to (..., *shape)."""
     rows, columns = light.shape[-2:]
     y = _integration_matrix(weights[0], rows, shape[0], light.dtype)
     x = _integration_matrix(weights[1], columns, shape[1], light.dtype)
@@ -387,7 +370,7 @@ def _integrate_both_axes(
 def _integration_matrix(
     weights: PixelWeights, samples: int, count: int, dtype: torch.dtype
 ) -> BandedMatrix:
-    """Return the matrix that integrates light over sensor pixels along one axis.
+    """Return the matrix that integrates light over pixels along one axis.
 
     The middle one of `samples`, at samples // 2, is the centre of the middle one of `count` pixels.
     Beyond the samples, light counts as dark.
@@ -404,7 +387,7 @@ def _integration_matrix(
 
 
 class PixelIntegration:
-    """Integrates light over whole sensor pixels, and plans the finer samples that this takes.
+    """Integrates light over whole pixels, and plans the finer samples that this takes.
 
     Call the object with the light on its `plane`, (..., rows, columns); the result is the light on
     each pixel, ``(..., *pixels.shape)``. The attribute `plane` is finer than the pixels and reaches
@@ -482,22 +465,19 @@ class PixelIntegration:
 
     @property
     def bytes(self) -> int:
-        """The memory in bytes of the sensor pixels' fine samples, with and without padding.
-
-        The samples are in single precision.
-        """
+        """Memory in bytes of the fine samples in single precision, with and without padding."""
         return 2 * 4 * self._samples
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor time of what is kept for all calls, in seconds.
 
-        Weights of sensor pixels that were kept from an earlier plan cost nothing.
+        Weights that were kept from an earlier plan cost nothing.
         """
         rows = STEPS_PER_ROW * sum(self._shape) * speed.step
         return 2 * speed.call + rows + sum(one.fit_seconds(speed) for one in self._fitted)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
-        """Predict the processor time of one integration over sensor pixels, in seconds."""
+        """Predict the processor time of one integration, in seconds."""
         rows, columns = self.plane.shape
         y, x = self._weights
         lines = rows * columns * (1 / float(x.factor) + 1 / float(y.factor) / float(x.factor))
@@ -511,13 +491,13 @@ class PixelIntegration:
 
     @property
     def samples_per_pixel(self) -> float:
-        """The number of samples in the area of a sensor pixel."""
+        """Number of samples in the area of a pixel."""
         y, x = self._weights
         return float(y.factor * x.factor)
 
 
 def _require_few_fringes(pixels: Plane, cutoff: tuple[float, float], budget: Budget) -> None:
-    """Raise ToleranceError for sensor pixels whose fine samples are beyond memory or time."""
+    """Raise ToleranceError for pixels whose fine samples are beyond memory or time."""
     parts = [max(1.0, 2 * pixels.pitch[axis] * cutoff[axis]) for axis in (0, 1)]
     rows, columns = (n * part for n, part in zip(pixels.shape, parts, strict=True))
     what = f"the light on whole pixels, with {parts[0]:.3g}x{parts[1]:.3g} samples in each,"
@@ -529,7 +509,7 @@ def _require_few_fringes(pixels: Plane, cutoff: tuple[float, float], budget: Bud
 def _cheapest_weights(
     count: int, cycles: float, tol: float, fitted: list[PixelWeights]
 ) -> PixelWeights:
-    """Choose the number of samples per sensor pixel that takes the fewest samples along an axis.
+    """Choose the number of samples per pixel that takes the fewest samples along an axis.
 
     count: pixels along the axis. cycles: of the light's finest fringe, per pixel. fitted: gets the
     weights that weren't kept from earlier.
@@ -553,7 +533,7 @@ def _cheapest_weights(
 
 
 def _samples_per_pixel(oversampling: float, cycles: float) -> Fraction:
-    """Return how many samples along a sensor pixel resolve light of some cycles per pixel.
+    """Return how many samples along a pixel resolve light of some cycles per pixel.
 
     oversampling: of the samples, over the light's Nyquist rate, at least.
     """
@@ -565,6 +545,6 @@ def _samples_per_pixel(oversampling: float, cycles: float) -> Fraction:
 
 
 def _expected_reach(oversampling: float, tol: float) -> float:
-    """Estimate how far the weights of a sensor pixel reach, in samples."""
+    """Estimate how far the weights of a pixel reach, in samples."""
     digits = -math.log10(tol) if tol > 1e-16 else 16.0
     return _SETTINGS.samples_per_digit * max(digits, 0.0) / max(oversampling - 1, 0.05)

@@ -20,7 +20,7 @@ def sensor_as_read(
     binning: int = 1,
     averaged: int = 1,
 ) -> Sensor:
-    """Return the description of a sensor whose frames are read in another way.
+    """Return a sensor whose frames are read in another way.
 
     The mean of n numbers, of pixels or of frames, has n times the electrons in each number, and √n
     times the read noise. It counts as clipped from the number on at which a single one does.
@@ -81,7 +81,7 @@ def sensor_as_read(
 
 
 def _require_pixels(sensor: Sensor, region: Region, binning: int) -> None:
-    """Raise ValueError unless a sensor has the pixels of a region, and may bin them."""
+    """Raise ValueError unless the sensor has a region's pixels, and may bin them."""
     (rows, columns), (x, y, width, height) = sensor.shape, region
     if min(x, y) < 0 or min(width, height) < binning or x + width > columns or y + height > rows:
         raise ValueError(

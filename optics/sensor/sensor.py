@@ -1,4 +1,4 @@
-"""Define the sensor as data: its pixels, their characteristics, and the mosaic of their filters."""
+"""A sensor as data: its pixels, their characteristics, and the mosaic of their filters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Mosaic:
-    """A pattern of colour filters that repeats over the sensor, from its first pixel on.
+    """Pattern of colour filters that repeats over the pixels, from the first one on.
 
     Parameters
     ----------
@@ -66,14 +66,11 @@ class Mosaic:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The letters of the sensor's colour filters, each once, in their order of appearance."""
+        """Letters of the colour filters, each once, in their order of appearance."""
         return tuple(dict.fromkeys("".join(self.pattern)))
 
     def channel_map(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Return each sensor pixel's colour filter as an index into `channels`, (rows, columns).
-
-        The indices are int64.
-        """
+        """Return each pixel's colour filter as an index into `channels`, (rows, columns) int64."""
         index = {name: i for i, name in enumerate(self.channels)}
         cell = torch.tensor([[index[letter] for letter in row] for row in self.pattern])
         rows = torch.arange(shape[0])[:, None] % cell.shape[0]
@@ -81,7 +78,7 @@ class Mosaic:
         return cell[rows, columns]
 
     def sample_channels(self, channels: torch.Tensor) -> torch.Tensor:
-        """Sample pictures of all channels as a sensor with these colour filters does.
+        """Sample pictures of all channels as pixels with these colour filters do.
 
         channels: (channel, rows, columns). Returns (rows, columns). Raises ValueError if there
         isn't one picture for each of `channels`.
@@ -220,17 +217,17 @@ class Sensor:
     def window_plane(
         self, shape: tuple[int, int], centre: tuple[float, float] = (0.0, 0.0)
     ) -> Plane:
-        """Return the plane of a sensor window: (rows, columns) around (y, x) in metres."""
+        """Return the plane of a window of pixels: (rows, columns) around (y, x) in metres."""
         return Plane(shape, (self.pitch, self.pitch), centre)
 
     @property
     def top_number(self) -> int:
-        """The largest digital number of a sensor's converter, at which it ends."""
+        """Largest digital number of the converter, at which it ends."""
         return 2**self.bits - 1 if self.clip_level is None else self.clip_level
 
     @property
     def full_scale(self) -> int:
-        """The digital number from which a sensor pixel counts as clipped.
+        """Digital number from which a pixel counts as clipped.
 
         If the well is full before the converter's range ends, read noise may lower the number of a
         full pixel. So the limit lies five standard deviations of read noise below the full well.

@@ -1,4 +1,4 @@
-"""Compute when each row of a sensor is exposed, for a global or a rolling shutter."""
+"""When each row is exposed, by a global or a rolling shutter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from optics.validation import require_positive
 
 
 def row_starts(sensor: Sensor, first_start: float = 0.0, *, rolling: bool = True) -> torch.Tensor:
-    """Return when the shutter begins to expose each row of a sensor, in seconds.
+    """Return when the shutter begins to expose each row, in seconds.
 
     A global shutter starts all rows at once. A rolling shutter starts each row by the sensor's line
     time after the one before, from the first row to the last.
@@ -33,12 +33,12 @@ def row_starts(sensor: Sensor, first_start: float = 0.0, *, rolling: bool = True
 
 
 def row_delay(sensor: Sensor) -> float:
-    """Return the shutter's delay between two neighbouring rows of a sensor, in seconds."""
+    """Return the delay between the starts of two neighbouring rows, in seconds."""
     return sensor.line_time if sensor.shutter == "rolling" else 0.0
 
 
 def frame_duration(sensor: Sensor, exposure: float) -> float:
-    """Return how long a sensor's shutter takes to expose all rows of a frame, in seconds.
+    """Return how long a shutter takes to expose all rows of a frame, in seconds.
 
     A rolling shutter exposes the rows one after the other.
     """

@@ -1,4 +1,4 @@
-"""Define the stages of a sensor's simulation, its fixed pattern, and its expected electrons."""
+"""What happens in pixels on the way to a number: stages, fixed pattern, and expected electrons."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_OFFSET_STEP = round(_MAX_DEVIATIONS * _OFFSET_STEPS)
 
 @dataclass(frozen=True, eq=False)
 class FixedPattern:
-    """Maps of what differs from pixel to pixel of one sensor.
+    """Maps of what differs from pixel to pixel.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ class FixedPattern:
 
     @property
     def offset(self) -> torch.Tensor:
-        """The offset that each sensor pixel adds to its reading, in electrons, float32."""
+        """Offset that each pixel adds to its reading, in electrons, float32."""
         return self.offset_steps.to(torch.float32) * self.electrons_per_step
 
 
 def has_fixed_pattern(sensor: Sensor) -> bool:
-    """Tell whether a sensor's pixels differ at all.
+    """Tell whether the pixels differ at all.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ _cached_patterns: WeakKeyDictionary[Sensor, FixedPattern] = WeakKeyDictionary()
 
 
 def fixed_pattern(sensor: Sensor) -> FixedPattern:
-    """Generate the maps of a sensor's fixed pattern, which are the same in every frame and run.
+    """Generate the maps of what differs from pixel to pixel, the same in every frame and run.
 
     They are random samples from the sensor's own seed. PRNU and DSNU are normal. DSNU comes in
     steps of a quarter of its standard deviation; the distribution is made narrower by as much as
@@ -127,7 +127,7 @@ as little there, and a normal distribution would be cut off at 0."""
 
 @dataclass(frozen=True)
 class Stages:
-    """Selects which stages of a sensor are simulated; all of them by default.
+    """Selects which stages between light and digital numbers are simulated; all by default.
 
     They follow the order of the physics: dark current, fixed pattern (response and hot pixels;
     offsets come after the full well), shot noise, full well, read noise, converter.
@@ -170,7 +170,7 @@ class Stages:
 
 @dataclass(frozen=True, eq=False)
 class CollectedCharge:
-    """Holds the expected electrons of each pixel of a sensor, and the pixel's offset.
+    """Expected electrons of each pixel, and the pixel's offset.
 
     electrons: float64, 0 or more. offset_steps: the offset in steps of `electrons_per_step`
     electrons, int8; None for a sensor without offsets.
@@ -181,13 +181,13 @@ class CollectedCharge:
     electrons_per_step: float = 0.0
 
     def select(self, pixels: torch.Tensor) -> CollectedCharge:
-        """Return the photoelectrons of the sensor pixels that a mask selects."""
+        """Return the charge of the pixels that a mask selects."""
         steps = None if self.offset_steps is None else self.offset_steps[pixels]
         return CollectedCharge(self.electrons[pixels], steps, self.electrons_per_step)
 
     @property
     def offset(self) -> torch.Tensor | float:
-        """The sensor pixels' offsets in electrons, float64; 0 for a sensor without offsets."""
+        """Offsets of the pixels in electrons, float64; 0 where there are none."""
         return (
             0.0
             if self.offset_steps is None
@@ -198,7 +198,7 @@ class CollectedCharge:
 def collect_electrons(
     electrons: torch.Tensor, exposure: float, sensor: Sensor, stages: Stages
 ) -> CollectedCharge:
-    """Compute the expected photoelectrons of each sensor pixel at the end of an exposure.
+    """Compute the expected photoelectrons of each pixel at the end of an exposure.
 
     electrons: from light, over the exposure, of any shape; (rows, columns) of the whole sensor if
     its pixels differ. Negative ones count as zero. Raises ValueError for numbers that aren't

@@ -1,9 +1,8 @@
-"""Model the SLM: from grey levels to the light that leaves a liquid-crystal panel, and back.
+"""From grey levels to the light that leaves a liquid-crystal panel, and back.
 
-There is one module for each effect: the panel as data; its phase range over wavelengths; the
-response to grey levels and its inverse; the liquid crystal in time; flicker; the coupling of
-neighbouring pixels; the gap between pixels; flatness; jitter; reflections. `Modulator` combines
-the effects that a panel has.
+`panel` describes the SLM as data, `lut` converts between grey levels and phase, `dynamics` models
+the liquid crystal in time, and `coupling` the fringing fields of neighbouring pixels. `Modulator`
+combines these effects with flicker, the gap between pixels, flatness, jitter and reflections.
 """
 
 from optics.slm.lut import grey_to_phase, phase_to_grey, require_grey

@@ -1,4 +1,4 @@
-"""Model the coupling of neighbouring panel pixels: fringing fields blur the phase across edges.
+"""Coupling of neighbouring pixels: fringing fields blur the phase across edges.
 
 The blurred phase is the staircase of the pixels' phases, convolved with a Gaussian (Persson,
 Engström and Goksör, Opt. Express 20, 22334, 2012, doi 10.1364/OE.20.022334; Moser et al., Opt.
@@ -37,19 +37,19 @@ phases in the phase at the node."""
 def fringing_field_mean(
     phase: torch.Tensor, sigma: float, side: float, nodes: int | None = None
 ) -> torch.Tensor:
-    """Compute the complex mean field of each SLM pixel, with the phase blurred by fringing fields.
+    """Compute each pixel's complex mean field, with the phase blurred by fringing fields.
 
-    The mean of exp(i blurred phase) is taken over the pixel's active area. phase: radians, (...,
-    rows, columns). sigma: standard deviation of the blur, in pixels. side: side of the square that
-    modulates, in pixels. The panel's outermost pixels are continued. nodes: points along a pixel's
-    side of which the mean is taken; by default as many as keep the error to TOL.
+    The blurred staircase is a sum of error functions, which can be evaluated at any point. The mean
+    of exp(i blurred phase) over the pixel's active area is taken over Gauss-Legendre nodes, so that
+    no array is finer than the panel. The panel's outermost pixels are continued. The result is
+    differentiable. The nodes are computed again for the gradient, so that the memory stays that of
+    a few pictures. Raises ValueError for phase steps that need more than 32 nodes.
 
-    The blurred staircase is a sum of error functions, which can be evaluated at any point. The
-    mean is taken over Gauss-Legendre nodes inside the pixel, by default as many as the largest
-    step needs, and no array is finer than the panel. The result is differentiable. The
-    nodes are computed again for the gradient, so that the memory stays that of a few pictures.
-
-    Raises ValueError for phase steps that need more than 32 nodes.
+    phase: radians, (..., rows, columns).
+    sigma: standard deviation of the blur, in pixels.
+    side: side of the square that modulates, in pixels.
+    nodes: points along a pixel's side of which the mean is taken; by default as many as the largest
+        phase step needs to keep the error to TOL.
     """
     if nodes is None:
         down, along = (
@@ -62,7 +62,7 @@ def fringing_field_mean(
 
 
 class _FringingFieldMean(torch.autograd.Function):
-    """Compute the mean field over nodes, with a derivative by the transposed filters."""
+    """Mean field over nodes, with a derivative by the transposed filters."""
 
     @staticmethod
     def forward(
@@ -94,7 +94,7 @@ class _FringingFieldMean(torch.autograd.Function):
 
 
 def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> torch.Tensor:
-    """Blur the SLM's phase along an axis by weights of neighbours; edge pixels are continued."""
+    """Blur the phase along an axis by weights of neighbours; edge pixels are continued."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(values.reshape(-1, *values.shape[-2:]), margins, mode="replicate")
@@ -107,7 +107,7 @@ def _filter_axis(values: torch.Tensor, taps: tuple[float, ...], axis: int) -> to
 def _filter_axis_transpose(
     values: torch.Tensor, taps: tuple[float, ...], axis: int
 ) -> torch.Tensor:
-    """Apply the transpose of _filter_axis(), the blur of the SLM's phase along an axis."""
+    """Apply the transpose of _filter_axis()."""
     reach, n = len(taps) // 2, values.shape[axis]
     margins = (reach, reach, 0, 0) if axis == -1 else (0, 0, reach, reach)
     wide = pad(torch.zeros_like(values), margins)
@@ -120,19 +120,19 @@ def _filter_axis_transpose(
 
 
 def _largest_step(phase: torch.Tensor, axis: int) -> float:
-    """Return the largest phase step between neighbouring SLM pixels along an axis, in radians."""
+    """Return the largest phase step between neighbours along an axis, in radians."""
     steps = phase.detach().diff(dim=axis)
     return float(steps.abs().max()) if steps.numel() else 0.0
 
 
 def _round_up_step(step: float) -> float:
-    """Round an SLM's phase step up to a power of √2, so that few quadrature rules are cached."""
+    """Round a phase step up to a power of √2, so that few quadrature rules are cached."""
     return 2.0 ** (math.ceil(2 * math.log2(step)) / 2) if step > 0 else 0.0
 
 
 @lru_cache(maxsize=256)
 def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
-    """Find the fewest nodes that average an SLM pixel's field with an error of at most TOL.
+    """Find the fewest nodes that average a pixel's field with an error of at most TOL.
 
     The pixel lies next to a phase step of `step` radians.
     """
@@ -152,12 +152,12 @@ def _quadrature_rule(sigma: float, side: float, step: float) -> QuadratureRule:
 
 
 def _neighbour_reach(sigma: float, side: float) -> int:
-    """Count the neighbours on each side whose phase affects an SLM pixel's active area."""
+    """Count the neighbours on each side whose phase affects a pixel's active area."""
     return max(1, math.ceil(side / 2 - 0.5 + _REACH * sigma))
 
 
 def _candidate_nodes(sigma: float, side: float, count: int) -> Iterator[NodesAndWeights]:
-    """Yield placements of `count` nodes in an SLM pixel: over all of it, or most at its edges."""
+    """Yield placements of `count` nodes in a pixel: over all of it, or most at its edges."""
     yield _gauss_nodes_on((-side / 2, side / 2), count)
     flat = 0.5 - _REACH * sigma
     if 0 < flat < side / 2 and count % 2 and count >= 5:
@@ -181,19 +181,16 @@ def _nodes(sigma: float, places: NodesAndWeights) -> QuadratureRule:
 
 
 def _neighbour_weights(sigma: float, place: np.ndarray, reach: int) -> np.ndarray:
-    """Compute the weights of the neighbours' phases at positions in an SLM pixel.
-
-    The result is (positions, neighbours).
-    """
+    """Compute the weights of the neighbours' phases at places in a pixel, (places, neighbours)."""
     edges = (np.arange(-reach, reach) + 0.5 - place[:, None]) / sigma
     # The last neighbours also get the weights of all pixels beyond them, so that the sum is one.
     return np.diff(ndtr(edges), axis=1, prepend=0, append=1)
 
 
 def _test_phases(step: float, beside: int) -> np.ndarray:
-    """Return test phases around a pixel of the SLM model: edge, line, stripes, slope, valley.
+    """Return an edge, a line, stripes, a slope and a valley around a pixel, (cases, neighbours).
 
-    The result is (cases, neighbours).
+    step: the phase step in radians. beside: neighbours on each side.
     """
     n = np.arange(-beside, beside + 1)
     edge, line, stripes = n > 0, n == 0, n % 2

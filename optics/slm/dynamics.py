@@ -1,4 +1,4 @@
-"""Model the panel's liquid crystal in time: it approaches each frame's phase exponentially.
+"""The liquid crystal in time: it approaches each frame's phase exponentially.
 
 A nematic cell relaxes to first order, phase(t) = end + (start - end) exp(-t / tau). Thesis §3.4
 shows videos at 60 Hz, at which a cell with a tau of a few milliseconds never settles.
@@ -19,7 +19,7 @@ _MOST_NODES = 40
 
 
 def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
-    """Compute the liquid crystal's phase as each frame of an endlessly repeated video begins.
+    """Compute the phase as each frame of an endlessly repeated video begins.
 
     phases: (frames, ...), the phase at which each frame would settle, radians. frame_time, tau:
     seconds; with tau 0 the phase settles at once. The first frame's start is the geometric sum
@@ -34,10 +34,7 @@ def steady_start_phases(phases: torch.Tensor, frame_time: float, tau: float) -> 
 
 
 def first_start_phase(phases: torch.Tensor, frame_time: float, tau: float) -> torch.Tensor:
-    """Compute the liquid crystal's phase as the first video frame begins, in the steady state.
-
-    The result is the first entry of `steady_start_phases()`.
-    """
+    """Compute the phase as the first frame begins: the first entry of `steady_start_phases()`."""
     _require_times(frame_time, tau)
     if not len(phases):
         raise ValueError("phases has no frame; a video has one at least")
@@ -52,14 +49,14 @@ def first_start_phase(phases: torch.Tensor, frame_time: float, tau: float) -> to
 
 
 def relaxed_phase(end: torch.Tensor, start: torch.Tensor, time: float, tau: float) -> torch.Tensor:
-    """Compute the liquid crystal's phase `time` seconds after it began to relax to `end`."""
+    """Compute the phase `time` seconds after the crystal began to relax to `end`."""
     return end if tau == 0 else torch.lerp(end, start, math.exp(-time / tau))
 
 
 def time_nodes(
     frame_time: float, tau: float, count: int
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return quadrature nodes in time for the mean light while the liquid crystal relaxes.
+    """Return times in seconds, and shares, for the mean light while the crystal relaxes.
 
     The nodes are times in seconds, with their shares of the mean over one frame. The rule is that
     of Gauss with `count` nodes in the variable exp(-t / tau). The light is an entire function of
@@ -76,10 +73,10 @@ def time_nodes(
 
 
 def time_node_count(change: float, frame_time: float, tau: float, tol: float) -> int:
-    """Find the fewest time nodes that average over the liquid crystal's relaxation within `tol`.
+    """Find the fewest time nodes that average over the relaxation within `tol`.
 
-    `tol` is the error of the mean of exp(i change exp(-t / tau)). change: largest change of the
-    panel's phase within a frame, radians.
+    tol: error of the mean of exp(i change exp(-t / tau)). change: largest change of the phase
+    within a frame, radians.
     """
     if tau == 0:
         return 1
@@ -99,7 +96,7 @@ def _mean(change: float, left: tuple[float, ...], shares: tuple[float, ...]) -> 
 
 @lru_cache(maxsize=256)
 def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Compute Gauss' rule in time for a liquid crystal that relaxes as exp(-t / tau).
+    """Compute Gauss' rule in time for a crystal that relaxes as exp(-t / tau).
 
     The rule averages functions of this variable over a frame, which lasts `frames` times tau. It
     follows Golub and Welsch (1969) from the three-term recursion of the measure. Lanczos' method
@@ -120,7 +117,7 @@ def _time_quadrature(frames: float, count: int) -> tuple[tuple[float, ...], tupl
 def _gauss_rule_of_measure(
     x: np.ndarray, weight: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute Gauss' rule for a liquid crystal's relaxation, given as a measure on points x.
+    """Compute Gauss' rule for a measure with weights on points x, by Lanczos' method.
 
     There are fewer than `count` nodes if these are exact already.
     """

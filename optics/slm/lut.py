@@ -1,4 +1,4 @@
-"""Convert between grey levels and phase at a wavelength by the panel's look-up tables."""
+"""Convert between grey levels and phase at a wavelength by look-up tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optics.validation import accepts_numpy, require_finite
 
 
 def flatness_phase(panel: Panel, wavelength: float) -> torch.Tensor:
-    """Compute the phase of an SLM's known flatness in radians, (rows, columns) float64.
+    """Compute the phase of the known flatness in radians, (rows, columns) float64.
 
     Flatness is an optical path, so that its phase is proportional to 1/wavelength.
     """
@@ -23,7 +23,7 @@ def flatness_phase(panel: Panel, wavelength: float) -> torch.Tensor:
 
 @accepts_numpy
 def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.Tensor:
-    """Compute the phase that the SLM's liquid crystal gives to light at grey levels.
+    """Compute the phase that grey levels give to light of a wavelength.
 
     Without a measured response the phase grows linearly with the level. Differentiable in the
     response.
@@ -64,7 +64,7 @@ def grey_to_phase(panel: Panel, grey: torch.Tensor, wavelength: float) -> torch.
 def phase_to_grey(
     panel: Panel, phase: torch.Tensor, wavelength: float, orders: int = 1
 ) -> torch.Tensor:
-    """Compute the grey levels with which the SLM gives light a phase.
+    """Compute the grey levels that give a phase to light of a wavelength.
 
     The panel's flatness is subtracted first if it is known. To show a phase uncorrected, use
     ``replace(panel, flatness=None)``. Each pixel gets the nearest
@@ -112,12 +112,12 @@ def phase_to_grey(
 
 
 def is_uniform(panel: Panel) -> bool:
-    """Tell whether all of the SLM's pixels have the same phase at the same grey level."""
+    """Tell whether all pixels have the same phase at the same grey level."""
     return panel.response is None or tuple(panel.response.shares.shape[1:3]) == (1, 1)
 
 
 def whole_waves(panel: Panel, wavelength: float) -> int:
-    """Return the number of whole waves in the SLM's phase range; 0 if it is below one wave.
+    """Return the number of whole waves in the phase range; 0 if it is below one wave.
 
     The smallest range of all regions counts.
     """
@@ -125,12 +125,12 @@ def whole_waves(panel: Panel, wavelength: float) -> int:
 
 
 def require_orders(panel: Panel, wavelength: float, orders: int) -> None:
-    """Raise ValueError if an SLM's phase range is less than `orders` whole waves anywhere."""
+    """Raise ValueError if the phase range is less than `orders` whole waves anywhere."""
     _require_orders(panel, wavelength, _phase_curves(panel, wavelength).detach(), orders)
 
 
 def _phase_curves(panel: Panel, wavelength: float) -> torch.Tensor:
-    """Return the phase of all the SLM's grey levels in each region, in radians.
+    """Return the phase of all grey levels in each region, in radians.
 
     The result is (region rows, region columns, levels), float64.
     """
@@ -163,13 +163,13 @@ def _up_to(waves: int) -> str:
 
 
 def _wrap_phase(phase: torch.Tensor, first: torch.Tensor, period: float) -> torch.Tensor:
-    """Wrap an SLM's phase by whole periods into the interval from `first` to `first` + period."""
+    """Wrap a phase by whole periods into the interval from `first` to `first` + period."""
     turns = (phase - first) / period
     return first + period * (turns - torch.floor(turns))
 
 
 def _nearest_levels(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> torch.Tensor:
-    """Find the SLM's grey levels nearest to a phase, on one curve for all pixels, uint8."""
+    """Find the grey levels nearest to a phase, on one curve for all pixels, uint8."""
     period = 2 * math.pi * orders
     end = curve[:1] + period
     # A phase one period beyond the first level is shown by the first level.
@@ -180,7 +180,7 @@ def _nearest_levels(curve: torch.Tensor, phase: torch.Tensor, orders: int) -> to
 
 
 class _RowCurves:
-    """Hold the phase curves of some panel rows, and interpolate them between region columns."""
+    """Phase curves of some rows of pixels, interpolated between region columns."""
 
     def __init__(self, curves: torch.Tensor, columns: int) -> None:
         self._curves = curves
@@ -195,10 +195,7 @@ class _RowCurves:
         return torch.lerp(low, high, self._share.to(level.device))
 
     def nearest_levels(self, phase: torch.Tensor, orders: int) -> torch.Tensor:
-        """Find the SLM's grey levels nearest to a phase by bisection, uint8.
-
-        Each pixel has its own curve.
-        """
+        """Find the grey levels nearest to a phase, uint8; each pixel has its own curve."""
         zero = torch.zeros_like(phase, dtype=torch.int64)
         first, period = self.phase(zero), 2 * math.pi * orders
         wanted = _wrap_phase(phase, first, period)
@@ -208,7 +205,7 @@ class _RowCurves:
         return torch.where(first + period - wanted <= miss, zero, level).to(torch.uint8)
 
     def _bisect_levels(self, phase: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        """Find the SLM's grey levels nearest to a phase by bisection.
+        """Find the grey levels nearest to a phase by bisection.
 
         A level's number is the count of midpoints between neighbouring levels that lie below the
         phase.
@@ -225,7 +222,7 @@ class _RowCurves:
 
 
 def _row_curves(panel: Panel, curves: torch.Tensor) -> Iterator[tuple[slice, _RowCurves]]:
-    """Yield blocks of 64 SLM rows with their phase curves, so that the memory is bounded."""
+    """Yield blocks of 64 rows with their phase curves, so that the memory is bounded."""
     rows, columns = panel.shape
     before, behind, share = neighbouring_cells(curves.shape[0], rows)
     size = 64
@@ -244,7 +241,7 @@ def _require_shape(name: str, value: torch.Tensor, panel: Panel) -> None:
 
 
 def require_levels(panel: Panel, grey: torch.Tensor) -> None:
-    """Raise ValueError if an SLM lacks one of the grey levels, or they aren't whole."""
+    """Raise ValueError unless grey levels are whole and within the panel's."""
     if grey.is_floating_point() or grey.is_complex() or grey.dtype == torch.bool:
         raise ValueError(f"grey is {grey.dtype}; give whole levels, as uint8")
     if not grey.numel():
@@ -257,7 +254,7 @@ def require_levels(panel: Panel, grey: torch.Tensor) -> None:
 
 
 def require_grey(panel: Panel, grey: np.ndarray) -> None:
-    """Raise an error unless an SLM can display an array of grey levels.
+    """Raise an error unless an array of grey levels can be displayed.
 
     Parameters
     ----------

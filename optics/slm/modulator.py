@@ -1,4 +1,4 @@
-"""Model what a panel does to light of one wavelength, effect by effect."""
+"""What a panel does to light of one wavelength, effect by effect."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from optics.validation import accepts_numpy, require_finite
 
 
 def flicker_nodes(flicker: float, phase: float, tol: float) -> list[tuple[float, float]]:
-    """Return quadrature nodes for the mean over the SLM's phase flicker: shares and factors.
+    """Return quadrature nodes for the mean over flicker: shares of time, and factors of the phase.
 
-    Each node is a share of time and a factor of the phase. The factors replace 1 + flicker sin.
-    phase: the largest phase in radians. The rule is that of Gauss for the mean over a sine
-    (Chebyshev nodes). It has as few nodes as give the mean of exp(i phase flicker sin), which is
-    Bessel's J0, with an error of at most tol. The error of k nodes is 2 J_2k, which is below 2
-    (half the argument)^2k / (2k)!. Raises ValueError for a phase that needs 64 nodes or more.
+    The factors replace 1 + flicker sin. phase: the largest phase in radians. The rule is that of
+    Gauss for the mean over a sine (Chebyshev nodes). It has as few nodes as give the mean of exp(i
+    phase flicker sin), which is Bessel's J0, with an error of at most tol. The error of k nodes is
+    2 J_2k, which is below 2 (half the argument)^2k / (2k)!. Raises ValueError for a phase that
+    needs 64 nodes or more.
     """
     if flicker == 0:
         return [(1.0, 1.0)]
@@ -39,7 +39,7 @@ def flicker_nodes(flicker: float, phase: float, tol: float) -> list[tuple[float,
 
 
 def gap_amplitude(panel: Panel) -> float:
-    """Compute the amplitude that the SLM's gap adds to a pixel's field, relative to the pixel's.
+    """Compute the amplitude that the gap adds to a pixel's field, relative to the pixel's.
 
     The gap is a frame with (1 - F) / F of the active area of a pixel with fill factor F. Its light
     adds coherently. The amplitude is exact on the axis. A PSFOperator spreads this light like that
@@ -53,12 +53,12 @@ def gap_amplitude(panel: Panel) -> float:
 
 
 def max_gap_power(panel: Panel) -> float:
-    """Return the largest power of the SLM's field with its gaps, over that of its pixels alone."""
+    """Return the largest power of the field with gaps, over that of the pixels alone."""
     return (1 + gap_amplitude(panel)) ** 2
 
 
 def scattered_share(jitter: float) -> float:
-    """Compute the share of light that the SLM's jitter scatters.
+    """Compute the share of light that jitter scatters.
 
     jitter: a normal phase error, radians rms.
 
@@ -70,7 +70,7 @@ def scattered_share(jitter: float) -> float:
 
 
 def front_reflection_share(panel: Panel) -> float:
-    """Compute the share of the SLM's light that its cover glass reflects.
+    """Compute the share of the panel's light that its cover glass reflects.
 
     This light adds in intensity, because the glass is far thicker than the coherence length, which
     at 550 nm and a band of 7 nm is wavelength² / band = 43 µm.
@@ -79,7 +79,7 @@ def front_reflection_share(panel: Panel) -> float:
 
 
 def transmitted_unmodulated_share(panel: Panel) -> float:
-    """Compute the share of the SLM's light that passed the liquid crystal unmodulated.
+    """Compute the share of light that passed the liquid crystal unmodulated.
 
     This light has the polarisation whose phase the crystal doesn't change (thesis §5.6 gives 5 to
     10 %).
@@ -124,12 +124,12 @@ class Modulator:
 
     @property
     def unmodulated_share(self) -> float:
-        """The share of light that the SLM doesn't modulate; it adds in intensity."""
+        """Share of light that isn't modulated; it adds in intensity."""
         return front_reflection_share(self.panel) + transmitted_unmodulated_share(self.panel)
 
     @property
     def unmodulated_fields(self) -> list[tuple[float, torch.Tensor | None]]:
-        """Return shares and fields of the light that the SLM leaves unmodulated.
+        """Return shares and fields of the light that isn't modulated.
 
         A field of None is 1 everywhere. Light that passed the panel has the phase of its flatness;
         light that the cover glass reflected doesn't.
@@ -144,11 +144,11 @@ class Modulator:
 
     @property
     def jitter_scatter_share(self) -> float:
-        """The share of modulated light that jitter spreads evenly over the SLM's orders."""
+        """Share of modulated light that jitter spreads evenly over the orders."""
         return scattered_share(self.panel.jitter) if self.panel.jitter else 0.0
 
     def phase(self, grey: torch.Tensor) -> torch.Tensor:
-        """Compute the SLM's settled phase of grey levels in radians, as `grey_to_phase` does.
+        """Compute the settled phase of grey levels in radians, as `grey_to_phase` does.
 
         The result is float64. Dispersion and response are included; the coupling of neighbouring
         pixels isn't.
@@ -156,7 +156,7 @@ class Modulator:
         return grey_to_phase(self.panel, grey, self.wavelength)
 
     def grey(self, phase: torch.Tensor, orders: int = 1) -> torch.Tensor:
-        """Compute the grey levels with which the SLM gives light a phase, as `phase_to_grey` does.
+        """Compute the grey levels that give light a phase, as `phase_to_grey` does.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class Modulator:
 
     @accepts_numpy
     def modulation(self, phase: torch.Tensor) -> torch.Tensor:
-        """Compute the complex field of each SLM pixel from the displayed phase.
+        """Compute the complex field of each pixel from the displayed phase.
 
         The field is the mean of exp(i phase) over the pixel's active area, with the phase blurred
         by the coupling. The gap's light is added. The sum is multiplied by the phase factor of the
@@ -203,7 +203,7 @@ class Modulator:
     def modulation_of_grey(
         self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32
     ) -> torch.Tensor:
-        """Compute the complex field of each SLM pixel from grey levels.
+        """Compute the complex field of each pixel from grey levels.
 
         It is the `modulation` of the settled `phase`. Where the field of a pixel follows from its
         own level alone, it is computed once for each level and looked up, in a fifth of the time.
@@ -236,7 +236,7 @@ class Modulator:
         return self._with_static_factor(fields[grey.to(torch.int64)])
 
     def _pixel_field(self, phase: torch.Tensor) -> torch.Tensor:
-        """Compute the field of SLM pixels, without flatness and illumination.
+        """Compute the field of pixels, without flatness and illumination.
 
         The phase has the panel's shape where neighbouring pixels are coupled, and any shape
         otherwise.
@@ -251,13 +251,13 @@ class Modulator:
         return field + gap_amplitude(panel) if panel.gap_reflection else field
 
     def _with_static_factor(self, field: torch.Tensor) -> torch.Tensor:
-        """Multiply an SLM's field by the factor of its flatness and illumination."""
+        """Multiply a field by the factor of flatness and illumination."""
         return field if self._static_factor is None else field * self._static_factor.to(field)
 
     def still_fields(
         self, grey: torch.Tensor, *, dtype: torch.dtype = torch.float32, tol: float = FLICKER_TOL
     ) -> list[tuple[float, torch.Tensor]]:
-        """Compute shares of time and fields while the SLM shows still grey levels.
+        """Compute shares of time and fields while still grey levels are shown.
 
         Without flicker there is one pair.
 
@@ -290,7 +290,7 @@ class Modulator:
     def flicker_fields(
         self, phase: torch.Tensor, *, dtype: torch.dtype | None = None, tol: float = FLICKER_TOL
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields while the SLM's phase is constant but for flicker.
+        """Yield shares of time and fields of a phase that is constant but for flicker.
 
         Differentiable in the phase.
 
@@ -324,7 +324,7 @@ class Modulator:
         dtype: torch.dtype | None = None,
         tol: float = TOL,
     ) -> Iterator[tuple[float, torch.Tensor]]:
-        """Yield shares of time and fields while the SLM changes between two phases.
+        """Yield shares of time and fields while the phase changes from one to another.
 
         The liquid crystal relaxes from one to the other.
 
@@ -362,7 +362,7 @@ class Modulator:
     def video_cycle_fields(
         self, video_phase: torch.Tensor, frame_time: float, *, tol: float = TOL
     ) -> Iterator[tuple[int, float, torch.Tensor]]:
-        """Yield frames, shares of time and fields of one cycle of a video on the SLM.
+        """Yield frames, shares of time and fields of one cycle of a video.
 
         The video repeats forever. The liquid crystal relaxes to first order, and flickers. Both are
         averaged over as few nodes as keep `tol`. Each field is computed when it is requested.
@@ -392,7 +392,7 @@ class Modulator:
 
     @cached_property
     def _illumination_amplitude(self) -> torch.Tensor | None:
-        """The SLM's illumination amplitude, float64, of mean square 1; None if uniform."""
+        """Amplitude of the illumination, float64, of mean square 1; None if uniform."""
         if self.panel.illumination is None:
             return None
         light = self.panel.illumination.at_pixels(self.panel)
@@ -400,7 +400,7 @@ class Modulator:
 
     @cached_property
     def _static_factor(self) -> torch.Tensor | None:
-        """The SLM field's constant factor, flatness and illumination, complex128; None if 1."""
+        """Constant factor of the field, flatness and illumination, complex128; None if 1."""
         lit, panel = self._illumination_amplitude, self.panel
         if panel.flatness is None:
             return None if lit is None else lit.to(torch.complex128)

@@ -1,4 +1,4 @@
-"""Describe a panel (SLM) as data: its pixels, its phase by grey level, and its imperfections."""
+"""A panel (SLM) as data: its pixels, its phase by grey level, and its imperfections."""
 
 from __future__ import annotations
 
@@ -23,10 +23,7 @@ from optics.validation import (
 
 
 def as_float64(values: Any) -> torch.Tensor:
-    """Convert numbers of an SLM's map or response to a float64 tensor.
-
-    The numbers may be of any kind. Tensors keep their derivatives.
-    """
+    """Convert numbers of any kind to a float64 tensor. Tensors keep their derivatives."""
     if isinstance(values, torch.Tensor):
         return values.to(torch.float64)
     require_unmasked(values)
@@ -35,7 +32,7 @@ def as_float64(values: Any) -> torch.Tensor:
 
 
 def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Find the map cells before and behind each SLM pixel along an axis, and the pixel's position.
+    """Find the map cells before and behind each pixel along an axis, and the pixel's position.
 
     The position is the share, from 0 to 1, of the way between the centres of the two cells. The
     cells are equally wide and cover all pixels. A pixel beyond the outermost centre gets the
@@ -50,7 +47,7 @@ def neighbouring_cells(cells: int, pixels: int) -> tuple[torch.Tensor, torch.Ten
 
 
 def interpolate_cells(values: torch.Tensor, pixels: int, axis: int) -> torch.Tensor:
-    """Interpolate a map's cell values along an axis to SLM pixels, linearly.
+    """Interpolate a map's cell values along an axis to pixels, linearly.
 
     The values are constant beyond the outermost cells' centres.
     """
@@ -66,7 +63,7 @@ def interpolate_cells(values: torch.Tensor, pixels: int, axis: int) -> torch.Ten
 
 @dataclass(frozen=True, eq=False)
 class PanelMap:
-    """Hold a map of a quantity over a panel, such as its flatness or its illumination.
+    """Map of a quantity over a panel, such as its flatness or its illumination.
 
     The values are those of equal cells that cover the panel. The cells may be coarser than the
     pixels.
@@ -94,7 +91,7 @@ class PanelMap:
         object.__setattr__(self, "values", values)
 
     def at_pixels(self, panel: Panel) -> torch.Tensor:
-        """Interpolate a map's values at the SLM's pixels, (rows, columns) float64.
+        """Interpolate the map at the pixels, (rows, columns) float64.
 
         The values are bilinear between the cells' centres and constant beyond the outermost ones.
         """
@@ -104,7 +101,7 @@ class PanelMap:
 
 @dataclass(frozen=True, eq=False)
 class PhaseResponse:
-    """Describe a panel's phase by grey level, at wavelengths and in regions of the panel.
+    """Phase by grey level, at wavelengths and in regions of a panel.
 
     Between wavelengths the shares are interpolated linearly in 1/wavelength², the variable in which
     a liquid crystal's dispersion is smoothest (see `max_phase`), and between the regions' centres
@@ -148,7 +145,7 @@ class PhaseResponse:
 
     @staticmethod
     def from_curve(wavelength: float, shares: Any) -> PhaseResponse:
-        """Build an SLM's phase response of one curve for all its pixels and every wavelength.
+        """Build a response of one curve for all pixels and every wavelength.
 
         Parameters
         ----------
@@ -166,7 +163,7 @@ class PhaseResponse:
 
     @staticmethod
     def from_phases(panel: Panel, wavelengths: Sequence[float], phases: Any) -> PhaseResponse:
-        """Build an SLM's phase response to grey levels from measured phases.
+        """Build a response from measured phases of grey levels.
 
         Parameters
         ----------
@@ -200,16 +197,16 @@ class PhaseResponse:
 
     @property
     def levels(self) -> int:
-        """The number of grey levels of the SLM's response."""
+        """Number of grey levels."""
         return self.shares.shape[-1]
 
     @property
     def regions(self) -> tuple[int, int]:
-        """The numbers of rows and columns of regions in the SLM's response."""
+        """Numbers of rows and columns of regions."""
         return self.shares.shape[1], self.shares.shape[2]
 
     def at(self, wavelength: float) -> torch.Tensor:
-        """Interpolate the SLM's response at a wavelength, as shares of the highest phase.
+        """Interpolate the curves at a wavelength, as shares of the highest phase.
 
         The result is (region rows, region columns, levels). wavelength: metres.
         """
@@ -243,7 +240,7 @@ _MOST_PIXELS = 100_000_000
 
 @dataclass(frozen=True)
 class Panel:
-    """Describe a panel, a phase-only liquid-crystal modulator.
+    """A phase-only liquid-crystal modulator.
 
     The defaults are the thesis' Tables 2.1 and 2.2, for HOLOEYE's PLUTO-VIS-006-A. The effects from
     `response` on are off by default, and then cost no time.
@@ -363,7 +360,7 @@ class Panel:
                 )
 
     def _require_consistent_effects(self) -> None:
-        """Raise ValueError if values of the SLM's effects contradict each other."""
+        """Raise ValueError if values contradict each other."""
         if self.coupling > self.pitch:
             raise ValueError(
                 f"coupling is {self.coupling:g} m; fringing fields reach over a pixel's pitch, "
@@ -388,12 +385,12 @@ class Panel:
 
     @property
     def plane(self) -> Plane:
-        """The plane of the SLM's pixels, centred on the axis."""
+        """Plane of the pixels, centred on the axis."""
         return Plane(self.shape, (self.pitch, self.pitch))
 
     @property
     def active_side(self) -> float:
-        """The side of the active square in each SLM pixel, in metres."""
+        """Side of the active square in each pixel, in metres."""
         return math.sqrt(self.fill_factor) * self.pitch
 
 
@@ -403,7 +400,7 @@ def _require_amount(name: str, value: float, unit: str) -> None:
 
 
 def max_phase(panel: Panel, wavelength: float) -> float:
-    """Compute an SLM's phase at the highest grey level, at a wavelength.
+    """Compute the phase at the highest grey level, at a wavelength.
 
     The optical path difference of a nematic cell follows its birefringence, which the extended
     Cauchy equation A + B/wavelength² + C/wavelength⁴ describes across the visible. As many terms

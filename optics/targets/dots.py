@@ -1,4 +1,4 @@
-"""Draw targets of dots, compute positions for them, and move one by the wavelength."""
+"""Draw dots, compute positions for them, and move one by the wavelength."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Position = tuple[float, float]
 def dots(
     positions: Sequence[Position], width: float, weights: Sequence[float] | None = None
 ) -> Drawing:
-    """Draw a target of Gaussian dots at given positions; overlapping dots add up.
+    """Draw Gaussian dots at given positions; overlapping dots add up.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def dots(
 
 
 def ring_positions(count: int, radius: float, start: float = 0.0) -> list[Position]:
-    """Compute positions of a target's dots, equally spaced on a circle.
+    """Compute positions that are equally spaced on a circle.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def ring_positions(count: int, radius: float, start: float = 0.0) -> list[Positi
 
 
 def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
-    """Compute positions of a target's dots on a rectangular grid around the axis.
+    """Compute positions on a rectangular grid around the axis.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def grid_positions(shape: tuple[int, int], spacing: float) -> list[Position]:
 
 
 def _gaussian_profiles(plane: Plane, axis: int, place: torch.Tensor, width: float) -> torch.Tensor:
-    """Compute the Gaussian profile of each dot of a target along an axis, (samples, dots)."""
+    """Compute the Gaussian profile of each dot along an axis, (samples, dots)."""
     away = plane.coordinates(axis)[:, None] - place
     return torch.exp(-(away**2) / (2 * width**2))
 
@@ -134,9 +134,7 @@ def _gaussian_profiles(plane: Plane, axis: int, place: torch.Tensor, width: floa
 def dispersed_positions(
     wavelengths: Sequence[float], reference: float, rate: float, direction: float = 0.0
 ) -> list[Position]:
-    """Compute where a prism sends wavelengths, as positions of a target's dots in a row.
-
-    The row of dots lies on the sensor.
+    """Compute where a prism sends wavelengths: positions in a row on the sensor.
 
     Parameters
     ----------
@@ -181,7 +179,7 @@ def linear_dispersion(
     width: float,
     direction: float = 0.0,
 ) -> Drawings:
-    """Draw a prism's target: one dot per wavelength, each in a picture of its own.
+    """Draw what a prism makes of a point: one dot per wavelength, each in a picture of its own.
 
     The result is (wavelengths, rows, columns), and each picture has a sum of 1.
 

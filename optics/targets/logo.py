@@ -12,7 +12,7 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite, 
 @Target
 @accepts_numpy
 def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
-    """Draw a picture, centred on the axis, as a target.
+    """Draw a picture, centred on the axis.
 
     Each sample has the picture's mean over its area.
 
@@ -68,10 +68,7 @@ def logo(picture: torch.Tensor, size: float, invert: bool = False) -> Drawing:
 
 
 def _pixel_coverage(plane: Plane, axis: int, count: int, pixel: float) -> torch.Tensor:
-    """Compute the share of each picture pixel on each sample of a logo target, along one axis.
-
-    The result is (samples, pixels).
-    """
+    """Compute the share of each picture pixel on each sample along one axis, (samples, pixels)."""
     pitch = plane.pitch[axis]
     sample = plane.coordinates(axis)[:, None]
     start = (torch.arange(count, dtype=torch.float64) - count / 2) * pixel

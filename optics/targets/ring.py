@@ -1,4 +1,4 @@
-"""Draw the ring target."""
+"""Draw the ring."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from optics.targets.target import Drawing, Target, format_micrometres
 
 @Target
 def ring(radius: float, width: float) -> Drawing:
-    """Draw a ring target with a Gaussian profile; a radius of zero gives a spot.
+    """Draw a ring with a Gaussian profile; a radius of zero gives a spot.
 
     Parameters
     ----------

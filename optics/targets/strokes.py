@@ -1,4 +1,4 @@
-"""Draw targets of strokes: curves (thesis Fig. 3.3), text, and both as they change with time."""
+"""Draw strokes: curves (thesis Fig. 3.3), text, and both as they change with time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FAR = 6.0
 
 
 def draw_strokes(strokes: Sequence[Points], width: float, sizes: str, remedy: str) -> Drawing:
-    """Make a target's drawing of strokes; sizes and remedy are those of Drawing."""
+    """Make the drawing of strokes; sizes and remedy are those of Drawing."""
     require_positive("width", width, "m")
     points = np.concatenate(strokes)
     (low_y, low_x), (high_y, high_x) = points.min(0), points.max(0)
@@ -37,10 +37,7 @@ def draw_strokes(strokes: Sequence[Points], width: float, sizes: str, remedy: st
 
 
 def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> torch.Tensor:
-    """Compute the brightness exp(-d² / 2 width²) of a target drawn by strokes.
-
-    d is the distance to the nearest stroke. The result is (rows, columns).
-    """
+    """Compute exp(-d² / 2 width²), with d to the nearest stroke, on a plane, (rows, columns)."""
     # With points a quarter of a width apart, the error where strokes cross is below a hundredth.
     points, before, after = _join_strokes(strokes, 0.25 * width)
     y, x = (plane.coordinates(axis).numpy() for axis in (0, 1))
@@ -64,7 +61,7 @@ def stroke_brightness(strokes: Sequence[Points], width: float, plane: Plane) -> 
 
 
 def _samples_near(axis: Points, points: Points, far: float) -> slice:
-    """Return the range of an axis' samples that are near any stroke of a target."""
+    """Return the range of an axis' samples that are near any stroke."""
     low, high = points.min() - far, points.max() + far
     return slice(int(np.searchsorted(axis, low)), int(np.searchsorted(axis, high)))
 
@@ -72,7 +69,7 @@ def _samples_near(axis: Points, points: Points, far: float) -> slice:
 def _join_strokes(
     strokes: Sequence[Points], spacing: float
 ) -> tuple[Points, NDArray[np.intp], NDArray[np.intp]]:
-    """Join the points of all strokes of a target, at most `spacing` apart.
+    """Join the points of all strokes, at most `spacing` apart.
 
     Returns the points and, for each, the indices of its neighbours before and after it along its
     stroke.
@@ -93,7 +90,7 @@ def _join_strokes(
 
 
 def _densify_points(points: Points, spacing: float) -> Points:
-    """Add points to a target's curve so that they are at most `spacing` apart; keep its corners."""
+    """Add points to a curve so that they are at most `spacing` apart; keep its corners."""
     if len(points) == 1:
         return points
     steps = np.diff(points, axis=0)
@@ -104,10 +101,7 @@ def _densify_points(points: Points, spacing: float) -> Points:
 
 
 def _squared_distances(places: Points, start: Points, end: Points) -> Points:
-    """Compute squared distances of points to segments of a target's stroke.
-
-    A segment may have zero length.
-    """
+    """Compute squared distances of points to segments, which may have zero length."""
     along = end - start
     length = (along**2).sum(1)
     share = ((places - start) * along).sum(1) / np.where(length > 0, length, 1.0)
@@ -121,7 +115,7 @@ _POINTS = 720
 
 @Target
 def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) -> Drawing:
-    """Draw a spiral target whose distance from the axis grows with the angle squared.
+    """Draw a spiral whose distance from the axis grows with the angle squared.
 
     The defaults are the spiral of the thesis' code: three turns, without the inner 18 of 50 pixels
     (cgtuebingen/computational_camera_phase_retrieval, target 0).
@@ -157,7 +151,7 @@ def spiral(radius: float, width: float, turns: float = 3.0, hole: float = 0.36) 
 
 @Target
 def heart(radius: float, width: float) -> Drawing:
-    """Draw an upright heart target, whose farthest point is a radius from the axis.
+    """Draw an upright heart, whose farthest point is a radius from the axis.
 
     Parameters
     ----------
@@ -181,7 +175,7 @@ def heart(radius: float, width: float) -> Drawing:
 
 @Target
 def infinity(radius: float, width: float) -> Drawing:
-    """Draw an infinity sign as a target: a horizontal lemniscate of Bernoulli, two radii long.
+    """Draw an infinity sign: a horizontal lemniscate of Bernoulli, two radii long.
 
     Parameters
     ----------
@@ -203,7 +197,7 @@ def infinity(radius: float, width: float) -> Drawing:
 
 @Target
 def eye(radius: float, width: float) -> Drawing:
-    """Draw an eye as a target: two lids with corners a radius from the axis, iris and pupil.
+    """Draw an eye: two lids with corners a radius from the axis, iris and pupil.
 
     Parameters
     ----------
@@ -229,7 +223,7 @@ def eye(radius: float, width: float) -> Drawing:
 
 
 def _draw_within_radius(strokes: Sequence[Points], radius: float, width: float) -> Drawing:
-    """Draw strokes, scaled from a circle of radius 1 to `radius` metres, as a target."""
+    """Draw strokes, scaled from a circle of radius 1 to `radius` metres."""
     require_positive("radius", radius, "m")
     return draw_strokes(
         [radius * stroke for stroke in strokes],
@@ -244,7 +238,7 @@ def _polar(distance: Points, angle: Points) -> Points:
 
 
 def _close_curve(points: Points) -> Points:
-    """Close the curve of a target: make its last point exactly the first."""
+    """Make the last point of a curve exactly the first."""
     return np.vstack([points[:-1], points[:1]])
 
 
@@ -313,9 +307,9 @@ AVAILABLE_SIGNS = "".join([*_LETTERS, "9"])
 
 
 def strokes_of(text: str) -> list[Points]:
-    """Return the strokes of the letters of a text target, in the font's units.
+    """Return the strokes of a line of text, in the font's units.
 
-    The origin is the upper left corner of the line of text. Small letters become capitals. Raises
+    The origin is the upper left corner of the line. Small letters become capitals. Raises
     ValueError for text without a letter, digit or other sign, or with one that isn't in the font.
     """
     strokes, left = list[Points](), 0.0
@@ -333,7 +327,7 @@ def strokes_of(text: str) -> list[Points]:
 
 
 def _sign(sign: str) -> list[Points]:
-    """Return the strokes of one letter or other sign of a text target."""
+    """Return the strokes of one letter or other sign."""
     if sign == "9":
         return [[HEIGHT, 4.0] - stroke for stroke in _sign("6")]
     if sign not in _LETTERS:
@@ -342,7 +336,7 @@ def _sign(sign: str) -> list[Points]:
 
 
 def _stroke_points(pens: list[_Pen]) -> Points:
-    """Return the (y, x) of the points along one stroke of a text target's letter, (n, 2)."""
+    """Return the points (y, x) along one stroke of a letter, (n, 2)."""
     parts = [_arc(*pen) if len(pen) == 6 else np.array([[pen[1], pen[0]]]) for pen in pens]
     path = np.concatenate(parts)
     if np.allclose(path[0], path[-1]):
@@ -358,7 +352,7 @@ def _arc(x: float, y: float, width: float, height: float, first: float, last: fl
 
 @Target
 def letters(text: str, height: float, width: float) -> Drawing:
-    """Draw a line of text, centred on the axis, as a target: letters, digits and blanks.
+    """Draw a line of text, centred on the axis: letters, digits and blanks.
 
     Parameters
     ----------
@@ -402,7 +396,7 @@ def shrinking_spiral(
     turns: float = 3.0,
     hole: float = 0.36,
 ) -> Drawings:
-    """Draw a spiral target that shrinks linearly with time, (moments, rows, columns).
+    """Draw a spiral that shrinks linearly with time, (moments, rows, columns).
 
     Each picture has a sum of 1.
 

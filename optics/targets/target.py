@@ -15,30 +15,27 @@ P = ParamSpec("P")
 
 
 class Renderable(Protocol):
-    """Define what a target's drawing offers: its reach, and its intensity on a plane."""
+    """What draws a shape: its reach, and its intensity on a plane."""
 
     @property
     def reach(self) -> float:
-        """The largest distance from the axis of a target's light, in metres.
-
-        The distance is measured along y or x.
-        """
+        """The largest distance of light from the axis along y or x, in metres."""
 
     def render(self, plane: Plane) -> torch.Tensor:
-        """Compute the target PSF's intensity on a plane, with a sum of 1.
+        """Compute the intensity on a plane, with a sum of 1.
 
-        Raises ValueError for a target that doesn't fit on the plane or falls between its samples.
+        Raises ValueError for a shape that doesn't fit on the plane or falls between its samples.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """Describe one target shape with its sizes.
+    """One shape with its sizes.
 
-    bounding_box: lowest and highest y, lowest and highest x of its strokes' middles, metres. width:
-    standard deviation across its strokes, metres; 0 without strokes. brightness: computes the
-    shape on a plane, on any scale. sizes, remedy: words for the error message if the shape
-    doesn't fit.
+    bounding_box: lowest and highest y, lowest and highest x of its strokes' middles, metres.
+    width: standard deviation across its strokes, metres; 0 without strokes.
+    brightness: computes the shape on a plane, on any scale.
+    sizes, remedy: words for the error message if the shape doesn't fit.
     """
 
     bounding_box: tuple[float, float, float, float]
@@ -68,7 +65,6 @@ class Drawing:
 
     def _require_room(self, plane: Plane) -> None:
         # At two widths from a stroke an eighth of its peak is left; no less must fit.
-        """Raise ValueError for a target PSF that doesn't fit on the plane."""
         margin = 2.0 * self.width
         for axis in (0, 1):
             place = plane.coordinates(axis)
@@ -86,7 +82,7 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False)
 class Drawings:
-    """Describe a target of several drawings, rendered as (n, rows, columns), each with sum 1."""
+    """Several drawings, rendered as (n, rows, columns), each with sum 1."""
 
     parts: Sequence[Drawing]
 
@@ -102,7 +98,7 @@ D = TypeVar("D", bound=Renderable)
 
 
 class Target(Generic[P, D]):
-    """Wrap a target, a PSF shape, as a function of a plane and the shape's sizes.
+    """Wrap a shape that a PSF should have as a function of a plane and the shape's sizes.
 
     Call it with a Plane and the sizes to get the intensity, or call `reach` with the sizes alone.
 
@@ -125,7 +121,7 @@ class Target(Generic[P, D]):
         functools.update_wrapper(self, draw)
 
     def __call__(self, plane: Plane, /, *args: P.args, **kwargs: P.kwargs) -> torch.Tensor:
-        """Compute the target's intensity on a plane, float64, with a sum of 1.
+        """Compute the intensity on a plane, float64, with a sum of 1.
 
         Parameters
         ----------
@@ -148,13 +144,10 @@ class Target(Generic[P, D]):
         return self.draw(*args, **kwargs).render(plane)
 
     def reach(self, *args: P.args, **kwargs: P.kwargs) -> float:
-        """Return the largest distance from the axis of a target's light, in metres.
-
-        The distance is measured along y or x.
-        """
+        """Return the largest distance of light from the axis along y or x, in metres."""
         return self.draw(*args, **kwargs).reach
 
 
 def format_micrometres(length: float) -> str:
-    """Format a target's length, given in metres, as micrometres for messages."""
+    """Format a length, given in metres, as micrometres."""
     return f"{length * 1e6:.4g} µm"

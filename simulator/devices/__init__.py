@@ -1,4 +1,4 @@
-"""Simulated devices of the virtual bench, which implement the drivers' interfaces in-process.
+"""Devices of the virtual bench, which implement the drivers' interfaces in this process.
 
 The light meets them in the order `targets`, `filters`, `slm` and `simulated_camera`; the
 `spectroradiometer` measures the target beside the camera. Their common code is in `base`.

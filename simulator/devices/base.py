@@ -1,4 +1,4 @@
-"""The base class of all simulated devices."""
+"""What all simulated devices share."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from simulator.world import World
 
 
 def require_duration(name: str, milliseconds: float) -> None:
-    """Raise ValueError if a simulated device's duration is negative or not finite."""
+    """Raise ValueError if a duration is negative or not finite."""
     if not 0 <= milliseconds < math.inf:
         raise ValueError(f"{name} is {milliseconds}; it must be finite and not negative")
 
 
 class SimulatedDevice:
-    """The world, the clock and the fault injector that all simulated devices share."""
+    """World, clock and fault injector, as all simulated devices have them."""
 
     model = ""
     role = ""
@@ -39,14 +39,14 @@ class SimulatedDevice:
 
     @property
     def identity(self) -> Identity:
-        """Return the model of a simulated device, marked as simulated."""
+        """Return the model, marked as simulated."""
         return Identity(self.model, "simulated", simulated=True)
 
     def make_safe(self) -> None:
-        """Do nothing; simulated devices that have a safe state override this."""
+        """Do nothing; devices that have a safe state override this."""
 
     def kill(self) -> None:
-        """End a call of the simulated device that hangs."""
+        """End a call that hangs."""
         self._faults.kill()
 
     def __enter__(self) -> Self:
@@ -57,5 +57,5 @@ class SimulatedDevice:
         self.make_safe()
 
     def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
-        """Return the DeviceError with which a simulated device refuses a command."""
+        """Return the DeviceError with which the device refuses a command."""
         return DeviceError(self.model, command, reply, remedy)

@@ -1,4 +1,4 @@
-"""Simulated filters: a tunable filter, and a filter wheel."""
+"""A tunable filter and a filter wheel of the virtual bench."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _band(
     leak_range_nm: Range,
     effective_index: float,
 ) -> Band:
-    """Return the band of a simulated filter, with centre and width in metres.
+    """Return the band of a filter, with centre and width in metres.
 
     Raises ValueError, which names the filter's option, for an impossible shape, range or index.
     """
@@ -103,16 +103,16 @@ class SimulatedFilter(SimulatedDevice):
 
     @property
     def bandwidth(self) -> float:
-        """Return the full width at half maximum of the simulated filter's band in metres."""
+        """Return the full width at half maximum of the band in metres."""
         return self._world.bandwidth
 
     @property
     def wavelength(self) -> float:
-        """Return the centre of the simulated filter's band in metres."""
+        """Return the centre of the band in metres."""
         return self._world.wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Tune the simulated filter to a wavelength in metres.
+        """Tune to a wavelength in metres.
 
         Raises DeviceError if the wavelength is out of range.
         """
@@ -131,7 +131,7 @@ class SimulatedFilter(SimulatedDevice):
         return Setting(wavelength, actual, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
-        """Tune the simulated filter to its shortest wavelength, its safe state."""
+        """Tune to the shortest wavelength, the safe state."""
         self.set_wavelength(self.wavelength_range[0])
 
 
@@ -196,11 +196,11 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
 
     @property
     def slot(self) -> int:
-        """Return the number of the simulated filter wheel's slot, from 1."""
+        """Return the number of the slot in the light, from 1."""
         return self._slot
 
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn the simulated filter wheel to a slot; raise DeviceError if it has no such slot."""
+        """Turn to a slot; raise DeviceError if there is no such slot."""
         command = f"turn to slot {number}"
         self._faults.begin(command, self.reply_time)
         self._require_slot(number, command)
@@ -210,6 +210,6 @@ class SimulatedWheel(SlottedFilter, SimulatedDevice):
         return Setting(number, number, self._clock.now() + steps * self._step)
 
     def _turn_to(self, number: int) -> None:
-        """Turn the simulated filter wheel to a slot at once, and set the virtual world's band."""
+        """Turn to a slot at once, and set the virtual world's band."""
         self._slot = number
         self._world.band = self._bands[number - 1]

@@ -1,4 +1,4 @@
-"""The simulated camera, which renders frames with numbers, times and checksums."""
+"""The virtual bench's camera, which renders frames with numbers, times and checksums."""
 
 from __future__ import annotations
 
@@ -66,26 +66,26 @@ class SimulatedCamera(SimulatedDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return the rows and columns of the simulated camera's frames."""
+        """Return the rows and columns of the frames."""
         return self._sensor.shape
 
     @property
     def full_scale(self) -> int:
-        """Return the largest digital number of the simulated camera's frames."""
+        """Return the largest digital number of the frames."""
         return self._sensor.full_scale
 
     @property
     def gain_db(self) -> float:
-        """Return the simulated camera's gain in decibels, beyond that of the described sensor."""
+        """Return the gain in decibels, beyond that of the described sensor."""
         return self._world.gain_db
 
     @property
     def exposure_range(self) -> tuple[float, float]:
-        """Return the simulated camera's shortest and longest exposure time in seconds."""
+        """Return the shortest and longest exposure time in seconds."""
         return self._world.camera.sensor.exposure_range
 
     def set_exposure(self, exposure: float) -> Setting[float]:
-        """Set the simulated camera's exposure time in seconds.
+        """Set the exposure time in seconds.
 
         Raises DeviceError if the time is out of range.
         """
@@ -101,7 +101,7 @@ class SimulatedCamera(SimulatedDevice):
         return Setting(exposure, self._exposure, self._clock.now())
 
     def set_gain(self, gain_db: float | None) -> Setting[float]:
-        """Set the simulated camera's gain in decibels; 0 if None.
+        """Set the gain in decibels; 0 if None.
 
         Raises DeviceError if it is out of range.
         """
@@ -115,7 +115,7 @@ class SimulatedCamera(SimulatedDevice):
         return Setting(asked, asked, self._clock.now())
 
     def set_region(self, region: Region | None, binning: int | None) -> Setting[Region]:
-        """Set the simulated camera's region, x, y, width, height, and the pixels that are averaged.
+        """Set the region, x, y, width, height, and the pixels that are averaged.
 
         Raises DeviceError if it doesn't have these pixels.
         """
@@ -130,18 +130,18 @@ class SimulatedCamera(SimulatedDevice):
         return Setting(asked, asked, self._clock.now())
 
     def make_safe(self) -> None:
-        """Give the simulated camera back the gain, region and binning that it was opened with."""
+        """Give the gain, region and binning back that the camera was opened with."""
         self._read(0.0, None, 1)
 
     def _read(self, gain_db: float, region: Region | None, binning: int) -> None:
-        """Read the simulated camera's sensor in another way from now on; ValueError if it can't."""
+        """Read the sensor in another way from now on; ValueError if it can't be."""
         self._sensor = sensor_as_read(
             self._world.camera.sensor, amplification_db=gain_db, region=region, binning=binning
         )
         self._world.gain_db, self._region, self._binning = gain_db, region, binning
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Expose the simulated camera, and return the next frame in the host's queue.
+        """Expose, and return the next frame in the host's queue.
 
         The next frame is the one of this exposure, unless an earlier frame was late.
         """
@@ -162,7 +162,7 @@ class SimulatedCamera(SimulatedDevice):
         return self._last
 
     def _expose(self, cancelled: Callable[[], bool], other: float) -> Frame:
-        """Expose a simulated camera's frame for the set time, or for `other` seconds if not 0."""
+        """Expose a frame for the set time, or for `other` seconds if not 0."""
         began, seconds = self._clock.now(), other or self._exposure
 
         def check() -> None:
@@ -187,7 +187,7 @@ class SimulatedCamera(SimulatedDevice):
         return Frame(image, seconds, gain, began, self._number, checksum(image))
 
     def _read_pixels(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """Return a simulated camera's region of a whole frame, with its pixels averaged."""
+        """Return the region of a whole frame, with its pixels averaged."""
         if self._region is not None:
             x, y, width, height = self._region
             image = image[y : y + height, x : x + width]
@@ -198,13 +198,13 @@ class SimulatedCamera(SimulatedDevice):
         return np.ascontiguousarray(image)
 
     def _wrong_exposure(self) -> float:
-        """Return the exposure time in seconds of a simulated camera's wrongly exposed frame."""
+        """Return the exposure time in seconds of a wrongly exposed frame."""
         low, high = self.exposure_range
         return self._exposure * 2 if self._exposure * 2 <= high else max(low, self._exposure / 2)
 
 
 def _corrupt_frame(frame: Frame) -> Frame:
-    """Return a simulated camera's frame with an invalid lower half, as after a lost packet."""
+    """Return a frame with an invalid lower half, as after a lost packet."""
     image = frame.image.copy()
     lower = image[len(image) // 2 :]
     lower[:] = 0 if lower.any() else 1

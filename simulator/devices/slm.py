@@ -1,4 +1,4 @@
-"""The simulated SLM, which shows patterns and videos on the virtual bench's panel."""
+"""An SLM that shows patterns and videos on the virtual bench's panel."""
 
 from __future__ import annotations
 
@@ -49,31 +49,31 @@ class SimulatedSLM(SimulatedDevice):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return the simulated SLM's rows and columns."""
+        """Return the panel's rows and columns."""
         return self._world.camera.panel.shape
 
     @property
     def settling(self) -> float:  # type: ignore[override]
-        """Return the time in seconds until a new pattern stands on the simulated SLM."""
+        """Return the time in seconds until a new pattern stands."""
         return self._world.camera.panel.settling
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
-        """Show a pattern of grey levels (rows, columns) on the simulated SLM."""
+        """Show a pattern of grey levels (rows, columns)."""
         return self._present(f"show {identifier}", identifier, np.asarray(grey)[None])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Show a repeating video of grey levels (frames, rows, columns) on the simulated SLM."""
+        """Show a repeating video of grey levels (frames, rows, columns)."""
         if video.ndim != 3 or not len(video):
             reply = f"a video of shape {video.shape}; it needs frames, rows and columns"
             raise self._refuse(f"play {identifier}", reply, "Compute it again")
         return self._present(f"play {identifier}", identifier, video)
 
     def make_safe(self) -> None:
-        """Show the neutral pattern on the simulated SLM, its safe state."""
+        """Show the neutral pattern, the safe state."""
         self.show("neutral", np.zeros(self.shape, dtype=np.uint8))
 
     def _present(self, command: str, identifier: str, frames: NDArray[np.uint8]) -> Setting[str]:
-        """Show frames on the simulated SLM under an identifier; refuse frames that don't fit it."""
+        """Show frames under an identifier; refuse frames that don't fit the panel."""
         self._faults.begin(command, self.reply_time)
         try:
             for grey in frames:

@@ -1,4 +1,4 @@
-"""The simulated spectroradiometer, which measures the target through the filter."""
+"""A spectroradiometer that measures the virtual bench's target through the filter."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class SimulatedSpectroradiometer(SimulatedDevice):
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """Return the wavelengths in metres at which the simulated spectroradiometer measures."""
+        """Return the wavelengths in metres of a measured spectrum."""
         return WAVELENGTHS.copy()
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
-        """Measure the target's spectrum once with the simulated spectroradiometer.
+        """Measure the target's spectrum once.
 
         The integration takes 5 ms to 120 s of the bench's time; dim light takes longer. Raises
         DeviceError if the light is too bright, or if the measurement was cancelled.

@@ -1,4 +1,4 @@
-"""The simulated target changer."""
+"""A changer of the virtual bench's targets."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ class SimulatedTargets(SimulatedDevice):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the targets that the simulated target changer can place."""
+        """Return the names of the targets that can be placed."""
         return tuple(self._world.scene.targets)
 
     @property
     def current_target(self) -> str:
-        """Return the name of the target that the simulated target changer has placed."""
+        """Return the name of the target before the camera."""
         return self._world.target
 
     def place(self, name: str) -> Setting[str]:
-        """Place a target before the camera with the simulated target changer.
+        """Place a target before the camera.
 
         Raises DeviceError if the scene has no such target.
         """

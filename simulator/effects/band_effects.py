@@ -1,4 +1,4 @@
-"""Effects of the filter: its band, sampled at a few wavelengths, and its out-of-band leak."""
+"""What the filter does to a picture: a band sampled at few wavelengths, and a leak outside it."""
 
 from __future__ import annotations
 
@@ -48,24 +48,17 @@ Array = NDArray[np.float64]
 class BandwidthBoundSettings:
     """Tune the error bound of few wavelengths in a filter's band.
 
-    Attributes
-    ----------
-    converged_change : float
-        Change relative to the light in the frame at which more nodes count as no finer. Chosen.
-    numerical_change : float
-        Change relative to the whole picture's light that can't be told from rounding. Chosen.
-    margin : float
-        Factor of the bound, from audits: it is computed from a sample of the frequencies.
-    likely_margin : float
-        Factor of the estimate, from audits.
-    likely_thinning : int
-        An estimate takes one of so many sampled frequencies. Chosen.
-    likely_converged_change : float
-        Estimated change relative to the picture's norm at which more nodes count as no finer.
+    converged_change: relative to the light in the frame, at which more nodes count as no finer.
         Chosen.
-    dim_pixel_margin : float
-        Largest relative change of a dim pixel over that of the whole picture, from audits. Light
-        far from an image is dim, and the first to be wrong.
+    numerical_change: relative to the whole picture's light, that can't be told from rounding.
+        Chosen.
+    margin: factor of the bound, computed from a sample of the frequencies; from audits.
+    likely_margin: factor of the estimate, from audits.
+    likely_thinning: an estimate takes one of so many sampled frequencies. Chosen.
+    likely_converged_change: estimated, relative to the picture's norm, at which more nodes count as
+        no finer. Chosen.
+    dim_pixel_margin: largest relative change of a dim pixel over that of the whole picture, from
+        audits. Light far from an image is dim, and the first to be wrong.
     """
 
     converged_change: float = 2e-5
@@ -117,7 +110,7 @@ class Bandwidth(BlurEffect):
 
 
 def _node_count_errors(s: Situation) -> tuple[float, ...]:
-    """Return the filter bandwidth effect's L2 errors in electrons, by number of wavelength nodes.
+    """Return the L2 errors in electrons of a band's light, by number of wavelength nodes.
 
     The list begins with 1 node and ends where the error has converged. A coarser level never has a
     smaller error than a finer one. Little light in the frame is what a pattern leaves of the image,
@@ -136,10 +129,9 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
 
 
 def _node_count_error_rates(s: Situation, step: int) -> tuple[float, ...]:
-    """Return the filter bandwidth effect's L2 error rates, by number of wavelength nodes.
+    """Return the L2 error rates in electrons per second, by number of wavelength nodes.
 
-    The rates are in electrons per second, computed at one in `step` of the picture's sampled
-    frequencies.
+    They are computed at one in `step` of the picture's sampled frequencies.
     """
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     some = s.picture_probe.sampled_frequencies
@@ -174,7 +166,7 @@ def _node_count_error_rates(s: Situation, step: int) -> tuple[float, ...]:
 def _likely_error_rates(
     s: Situation, which: Literal["band", "leak"], counts: tuple[int, ...]
 ) -> tuple[float, ...]:
-    """Estimate the L2 error rates of a band effect for numbers of wavelength nodes, electrons/s.
+    """Estimate the L2 error rates of band or leak, electrons/s, for numbers of wavelength nodes.
 
     The list ends where the error has converged.
     """
@@ -185,7 +177,7 @@ def _likely_error_rates(
 def _find_likely_rates(
     s: Situation, which: Literal["band", "leak"], counts: tuple[int, ...]
 ) -> tuple[float, ...]:
-    """Compute what _likely_error_rates() keeps for the band effects of a pattern.
+    """Compute what _likely_error_rates() keeps.
 
     The errors of lights with different spectra are taken to be independent, and a part of the
     pattern to differ in phase by a quarter of the phase's span.
@@ -209,9 +201,9 @@ def _find_likely_rates(
 
 
 def _brightness_error(s: Situation, which: Literal["band", "leak"], count: int) -> float:
-    """Return the error of few wavelengths in the light of images of other scale, electrons/s.
+    """Return the L2 error of few wavelengths in light of images of other scale, electrons/s.
 
-    It is an L2 norm. A larger image is as much dimmer, also that of uniform light.
+    A larger image is as much dimmer, also that of uniform light.
     """
     lens, found = s.camera.lens, spectral_measure(s, which)
     if not lens.lateral_colour or lens.relative_illumination:
@@ -221,7 +213,7 @@ def _brightness_error(s: Situation, which: Literal["band", "leak"], count: int) 
 
 
 def sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[int], Array]]:
-    """Return the power at sampled frequencies for the bandwidth effect, for each spectrum of light.
+    """Return the power at sampled frequencies, for each spectrum of light.
 
     Each entry has the numbers of the parts with that spectrum.
     """
@@ -240,10 +232,10 @@ def _largest_turned_error(turns: NDArray[np.complex128], wrong: Array, power: Ar
 def _transfers_over_band(
     s: Situation, nodes: Array, some: SampledFrequencies
 ) -> list[NDArray[np.complex128]]:
-    """Return the transfer functions that light has over band or leak, for the effects of both.
+    """Return the transfer functions that light has over band or leak, each (frequencies, nodes).
 
-    nodes: wavelengths in metres. Each array has the shape (frequencies, nodes). A PSF grows with λ,
-    so that its transfer function shrinks.
+    A PSF grows with λ, so that its transfer function shrinks.
+    nodes: wavelengths in metres.
     """
     ky, kx = s.mount.to_panel_axes(some.ky, some.kx)
     grown = nodes / s.wavelength
@@ -253,20 +245,21 @@ def _transfers_over_band(
 
 @dataclass(frozen=True)
 class TurnedTransfers:
-    """Transfer functions that parts of the pattern may have, for the band effects.
+    """Hold the transfer functions that parts of the pattern may have over a range of wavelengths.
 
-    transfers: each (frequencies, nodes). turns: (turns, nodes), by any of which each may turn.
+    transfers: each (frequencies, nodes).
+    turns: by any of which each may turn, (turns, nodes).
     """
 
     transfers: list[NDArray[np.complex128]]
     turns: NDArray[np.complex128]
 
     def error_power(self, wrong: Array, power: Array) -> float:
-        """Return the filter bandwidth effect's error with few wavelengths, squared and summed.
+        """Return the squared error with few wavelengths, summed over frequencies.
 
-        wrong: errors of the nodes' weights, (weights, nodes). power: the picture's, (frequencies,).
-        The sum is over frequencies; the result is the largest sum for any of the transfer functions
-        and weights.
+        The result is the largest sum for any of the transfer functions and weights.
+        wrong: errors of the nodes' weights, (weights, nodes).
+        power: the picture's, (frequencies,).
         """
         # It's the few weights that turn, not each transfer function.
         turned = (self.turns[:, None] * wrong).reshape(-1, wrong.shape[1]).T
@@ -276,10 +269,11 @@ class TurnedTransfers:
 def turned_transfers(
     s: Situation, nodes: Array, some: SampledFrequencies, part: float
 ) -> TurnedTransfers:
-    """Return the transfer functions that parts of the pattern may have, for the band effects.
+    """Return the transfer functions that parts of the pattern may have at wavelengths `nodes`.
 
     The pattern's phase and the lens' aberrations go with 1/λ, so that a part turns over the band
-    against the rest. part: of the phase's span, by which it may differ to either side.
+    against the rest.
+    part: of the phase's span, by which it may differ to either side.
     """
     grown = nodes / s.wavelength
     span, steps = sum(_phase_spans(s)), np.array([0.0, part, -part])
@@ -294,11 +288,11 @@ def turned_transfers(
 
 
 def _phase_turns(s: Situation) -> NDArray[np.complex128]:
-    """Return how parts of the pattern's light turn over the band against the rest, at most.
+    """Return how parts of the pattern's light turn over the band against the rest, (turns, nodes).
 
-    The shape is (turns, nodes). Light of two such parts that cancels at the centre of the band, as
-    between the squares of a checkerboard, doesn't do so elsewhere. The panel's phase falls faster
-    than 1/λ, by its dispersion.
+    These are the largest turns, and lesser ones. Light of two parts that cancels at the centre of
+    the band, as between the squares of a checkerboard, doesn't do so elsewhere. The panel's phase
+    falls faster than 1/λ, by its dispersion.
     """
     nodes, panel = spectral_measure(s, "band").nodes, s.camera.panel
     shown, bent = _phase_spans(s)
@@ -309,7 +303,7 @@ def _phase_turns(s: Situation) -> NDArray[np.complex128]:
 
 
 def off_axis_factor(s: Situation) -> float:
-    """Return how much larger the filter bandwidth effect's error may be off the lens' axis.
+    """Return how many times larger a band's error may be off the lens' axis than on it.
 
     Light from off the axis passes another part of the panel, and is aberrated more. Amplitudes add.
     """
@@ -318,7 +312,7 @@ def off_axis_factor(s: Situation) -> float:
 
 
 def _phase_spans(s: Situation) -> tuple[float, float]:
-    """Return the radians that pattern and lens phases span, for the filter bandwidth effect."""
+    """Return the radians that the pattern's and the lens' phases span."""
     shown = max(float(one.max() - one.min()) for one in s.pattern_probe.phases)
     bent = max(float(one.max() - one.min()) for one in s.pattern_probe.lens_phases)
     return shown, bent + (phase_span(s) if s.camera.lens.field_aberrations else 0.0)

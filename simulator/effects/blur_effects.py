@@ -1,4 +1,4 @@
-"""Bounds of a picture's change from the change of its PSFs, and the base of blur effects.
+"""Bounds of a picture's change from the change of its PSFs, and the base of whatever blurs.
 
 A picture's light f is convolved with PSFs h. For any blur, ‖Δh ∗ f‖₂ is at most ‖Δh‖₁ ‖f‖₂, and at
 most ‖Δh‖₂ ‖f‖₁ (Young); by frequency, it is at most the norm of |ΔH| |F| (Parseval). Where layers
@@ -34,24 +34,26 @@ MAX_SINC_LOSS = 1.2173
 
 
 def occlusion_factor(s: Situation) -> float:
-    """Return the factor on a blur effect's error bound: 2 if layers hide each other, else 1."""
+    """Return the factor on an error bound of blur: 2 if layers hide each other, else 1."""
     return 2.0 if has_occlusion(s) else 1.0
 
 
 def psf_error_bound(s: Situation, change: float, how: str, density: float = math.inf) -> Bound:
-    """Bound the error of an effect that changes PSFs by a share of their light.
+    """Bound the frame's error where PSFs change by a share of their light.
 
     change: ‖Δh‖₁, over the light of ideal pixels; over that of the PSFs it is at most 2, for each
-    loses what the other has instead. density: largest difference of the PSFs, in shares per square
-    metre of the sensor: ‖Δh‖₂² is at most the density times ‖Δh‖₁ times a pixel's area.
+        loses what the other has instead.
+    density: largest difference of the PSFs, in shares per square metre of the sensor: ‖Δh‖₂² is at
+        most the density times ‖Δh‖₁ times a pixel's area.
     """
     return light_share_bound(s, change / max_panel_power(s), how, density)
 
 
 def light_share_bound(s: Situation, share: float, how: str, density: float = math.inf) -> Bound:
-    """Bound the error of an effect that changes PSFs by a share of their own light.
+    """Bound the frame's error where PSFs change by a share of their own light.
 
-    That may be more than the light of ideal pixels. share, density: as in psf_error_bound().
+    That may be more than the light of ideal pixels.
+    share, density: as in psf_error_bound().
     """
     share = min(share, 2.0)
     on_pixel = min(density * s.camera.sensor.pitch**2, 1.0)
@@ -61,7 +63,7 @@ def light_share_bound(s: Situation, share: float, how: str, density: float = mat
 
 
 def transfer_error_bound(s: Situation, gain: Gain, how: str) -> Bound:
-    """Bound the error of an effect that changes transfer functions by a gain.
+    """Bound the frame's error where transfer functions change by a gain.
 
     gain: largest difference of the transfer functions at cycles per metre.
     """
@@ -93,7 +95,7 @@ class BlurEffect(LightEffect):
 
 
 class OnOffBlurEffect(OnOffEffect, BlurEffect):
-    """An effect that changes PSFs and is either on or off."""
+    """A change of PSFs that is either on or off."""
 
     typical_bound_share = 0.5
 

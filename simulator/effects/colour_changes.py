@@ -1,4 +1,4 @@
-"""Changes that a lens' colours make, averaged over the light of band and leak."""
+"""Average the changes that a lens' colours make over the light of band and leak."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ Which = Literal["band", "leak"]
 def mean_change_bound(
     s: Situation, shape: tuple[int, ...], change_at: Callable[[float, Which], Array]
 ) -> Array:
-    """Bound the mean of an effect's changes over all light, for any number of wavelengths.
+    """Bound the mean of changes over all light, for any number of wavelengths.
 
+    The result is the largest mean in any channel of any part of the target.
     change_at: returns the changes, an array of the shape, at a wavelength in metres of band or
-    leak. The result is the largest mean in any channel of any part of the target.
+        leak.
     """
     band = _largest_mean(s, shape, "band", change_at)
     return np.asarray((band + _largest_mean(s, shape, "leak", change_at)).max(-1))
@@ -32,9 +33,10 @@ def mean_change_bound(
 def _largest_mean(
     s: Situation, shape: tuple[int, ...], which: Which, change_at: Callable[[float, Which], Array]
 ) -> Array:
-    """Return mean_change_bound() of each channel of each part, (..., rows), for band or leak.
+    """Return the mean changes of each channel of each part over band or leak, (..., rows).
 
-    The weights are relative to all light of the part in its brightest channel.
+    Each is the largest for any number of wavelengths. The weights are relative to all light of the
+    part in its brightest channel.
     """
     measures = [spectral_measure(s, "band"), spectral_measure(s, "leak")]
     found = measures[which == "leak"]

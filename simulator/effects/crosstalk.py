@@ -1,4 +1,4 @@
-"""The effect of pixel crosstalk: electrons that are collected in a pixel's neighbours."""
+"""Pixel crosstalk: electrons that are collected in a pixel's neighbours."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PixelCrosstalk(LightEffect, PixelwiseEffect):
         return relative_light_change(s, self._change(s))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the picture's error if the pixel crosstalk effect is left out.
+        """Bound the frame's error by the loss of contrast at each frequency.
 
         No pixel's change and none of the whole picture's is more than the largest loss of contrast,
         and at frequencies that pixels resolve it is the loss there; all light in the finest octave
@@ -54,11 +54,11 @@ class PixelCrosstalk(LightEffect, PixelwiseEffect):
         return f"each neighbour in row and column collects {s.camera.sensor.crosstalk:.2g} of it"
 
     def _largest_loss(self, s: Situation) -> float:
-        """Return the pixel crosstalk effect's largest loss of contrast at any frequency."""
+        """Return the largest loss of contrast at any frequency."""
         return 1 - (1 - 4 * s.camera.sensor.crosstalk) ** 2
 
     def _change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that the pixel crosstalk effect moves."""
+        """Bound the L2 norm of the electrons that move."""
         most = self._largest_loss(s) * light_norm_bound(s)
         sensor = s.camera.sensor
         if sensor.colour is not None:

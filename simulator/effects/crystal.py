@@ -1,4 +1,4 @@
-"""The effect of the liquid crystal's response time between the frames of a video."""
+"""How slowly the liquid crystal responds between the frames of a video."""
 
 from __future__ import annotations
 
@@ -25,12 +25,8 @@ CRYSTAL = "liquid-crystal response"
 class CrystalSamplingSettings:
     """Tune at how many times the liquid crystal's response is sampled.
 
-    Attributes
-    ----------
-    times : int
-        Evenly spaced times in a part of a frame. Chosen.
-    max_frames : int
-        Frames of a video that are sampled, at most: the last ones. Chosen.
+    times: evenly spaced, in a part of a frame. Chosen.
+    max_frames: of a video, that are sampled at most: the last ones. Chosen.
     """
 
     times: int = 24
@@ -74,7 +70,7 @@ class CrystalResponse(OnOffBlurEffect):
 
 
 def _psf_change(s: Situation) -> float:
-    """Bound the effect of the liquid crystal's slow response on a PSF, as ‖Δh‖₁.
+    """Bound the change ‖Δh‖₁ of a PSF by the crystal's slow response.
 
     The mean over time of |p|², less |q|² of the settled field q, is the power of the difference of
     the fields, and twice its mean times q (Cauchy-Schwarz).
@@ -112,18 +108,15 @@ def _psf_change(s: Situation) -> float:
 
 
 def _has_uneven_timing(s: Situation) -> bool:
-    """Whether parts of a frame may count unequally for the crystal response effect.
-
-    They do with a rolling shutter or a flickering lamp.
-    """
+    """Whether a rolling shutter or a flickering lamp may let parts of a frame count unequally."""
     return s.camera.sensor.shutter == "rolling" or is_lamp_flickering(s)
 
 
 def _seen_frame_parts(s: Situation) -> dict[int, list[tuple[float, float, float]]]:
-    """Return which parts of each video frame an exposure sees, for the crystal response effect.
+    """Return which parts of each video frame an exposure sees, each as (begin, end, share).
 
-    Each part is (begin, end, share). With a rolling shutter or a flickering lamp, the parts are the
-    eighths of each frame. If there are too many frames to tell apart, key -1 has the whole frame.
+    With a rolling shutter or a flickering lamp, the parts are the eighths of each frame. If there
+    are too many frames to tell apart, key -1 has the whole frame.
     """
     frame_time, n = s.panel_content.frame_time, len(s.panel_content.names)
     every = (0.0, frame_time, 1.0)

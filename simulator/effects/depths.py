@@ -1,4 +1,4 @@
-"""The effect of depth layers: each is out of focus by its distance."""
+"""Layers at several depths: each is out of focus by its distance."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class DepthLayers(LightEffect):
         return sensor_error_bound(s, change * max_light_seconds(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations that the depth-layer effect adds for the PSFs of more distances.
+        """Return the operations that the PSFs of more distances take.
 
-        All other effects are taken at their lowest level.
+        Everything else is taken at its lowest level.
         """
         bare = {**dict.fromkeys(ATTRIBUTION_ORDER, 0), self.name: levels[self.name]}
         return rendering_operations(s, bare) - rendering_operations(s, {**bare, self.name: 0})
@@ -63,7 +63,7 @@ class DepthLayers(LightEffect):
         return f"from {near:.3g} to {far:.3g} m the blur changes by {blur:.3g} pixels"
 
     def _change(self, s: Situation, level: int) -> float:
-        """Bound the L2 error of the depth-layer effect at a level, in electrons per second."""
+        """Bound the L2 error at a level, in electrons per second."""
         distances = s.picture_probe.distances
         nodes = depth_nodes(distances, LEVELS.depths[level])
         beside = math.hypot(*s.mount.shift)
@@ -75,13 +75,13 @@ class DepthLayers(LightEffect):
 def _gain(
     camera: Camera, distance: float, nodes: list[tuple[float, float]], beside: float = 0.0
 ) -> Gain:
-    """Bound the transfer function error of the depth-layer effect for one layer, by frequency.
+    """Bound the error of one layer's transfer function, by frequency.
 
+    Light from the pupil's rim lands elsewhere by ρ. Between two nodes the mean is linear in the
+    defocus; the transfer function's second derivative by the defocus is at most (2π k R)², so that
+    the mean misses an eighth of that times the squared step between the nodes.
     nodes: the distances whose PSFs' weighted mean stands for the layer's, and their weights.
-    beside: metres from the lens' axis to the panel's middle. Light from the pupil's rim lands
-    elsewhere by ρ. Between two nodes the mean is linear in the defocus; the transfer function's
-    second derivative by the defocus is at most (2π k R)², so that the mean misses an eighth of that
-    times the squared step between the nodes.
+    beside: metres from the lens' axis to the panel's middle.
     """
     moved = [_displacement(camera, distance, node, beside) for node, _ in nodes]
     first = sum(share * rho for rho, (_, share) in zip(moved, nodes, strict=True))
@@ -98,11 +98,11 @@ def _gain(
 
 
 def _displacement(camera: Camera, one: float, other: float, beside: float = 0.0) -> float:
-    """Return how far rim light moves on the sensor between two distances, for the depth effect.
+    """Return how many metres rim light moves on the sensor between two object distances.
 
-    Rim light comes from the edge of the panel, or of the stop's shadow on it. The distances are
-    object distances; the result is in metres. beside: metres from the lens' axis to the panel's
-    middle, by which the rim may be farther from the axis.
+    Rim light comes from the edge of the panel, or of the stop's shadow on it.
+    beside: metres from the lens' axis to the panel's middle, by which the rim may be farther from
+        the axis.
     """
     bent = abs(_wave_curvature(camera, one) - _wave_curvature(camera, other))
     panel = camera.panel
@@ -112,10 +112,7 @@ def _displacement(camera: Camera, one: float, other: float, beside: float = 0.0)
 
 
 def _wave_curvature(camera: Camera, distance: float) -> float:
-    """Return the defocus of a point's wave on the panel, for the depth-layer effect, 1/m.
-
-    The defocus is the wave's curvature that the lens leaves.
-    """
+    """Return the curvature that the lens leaves of a point's wave on the panel (defocus), 1/m."""
     spread = 1 + as_number(camera.separation) / distance
     vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
         camera.lens.focus_distance
@@ -126,15 +123,12 @@ def _wave_curvature(camera: Camera, distance: float) -> float:
 
 
 def _stop_shadow_radius(camera: Camera, distance: float) -> float:
-    """Return the radius of the stop's shadow on the panel for the depth-layer effect, metres."""
+    """Return the radius of the stop's shadow on the panel, in metres."""
     return as_number(camera.lens.stop_diameter) / 2 / (1 + as_number(camera.separation) / distance)
 
 
 def _shadow_change_share(camera: Camera, one: float, other: float) -> float:
-    """Bound the light that moves when the stop's shadow resizes, for the depth-layer effect.
-
-    The result is a share of the layer's light.
-    """
+    """Bound the share of a layer's light that moves when the stop's shadow resizes."""
     if as_number(camera.separation) == 0:
         return 0.0
     panel = camera.panel

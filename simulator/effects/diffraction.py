@@ -1,4 +1,4 @@
-"""The effect of diffraction: waves instead of the rays of the same wavefront."""
+"""Diffraction: waves instead of the rays of the same wavefront."""
 
 from __future__ import annotations
 

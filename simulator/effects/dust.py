@@ -1,4 +1,4 @@
-"""The effect of dust: shadows of specks on the sensor's cover glass."""
+"""Dust: shadows of specks on the sensor's cover glass."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Dust(LightEffect, PixelwiseEffect):
         return relative_light_change(s, self._change(s))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the picture's error if the dust effect is left out.
+        """Bound the frame's error by the light that all shadows take.
 
         σ changes by no more than (1 - √(1 - loss)) of that of the light, which is the loss at most.
         """
@@ -53,6 +53,6 @@ class Dust(LightEffect, PixelwiseEffect):
         )
 
     def _change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that the dust effect takes."""
+        """Bound the L2 norm of the electrons that shadows take."""
         losses = dust_losses(s)
         return min(losses.norm * peak_electrons(s), losses.deepest * light_norm_bound(s))

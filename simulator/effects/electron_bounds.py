@@ -33,15 +33,11 @@ from simulator.speckle import speckle_variance
 class ElectronBoundSettings:
     """Tune the bounds of pixels' electrons; all margins are from audits.
 
-    Attributes
-    ----------
-    light_margin : float
-        Factor by which orders of the panel, or an uneven lamp, may raise the light of a pixel.
-    slope_margin : float
-        Factor by which the slopes of mean and variance may be steeper where a normal distribution
-        replaces Poisson's.
-    dim_pixel_margin : float
-        Largest relative change of a dim pixel over that of the whole picture.
+    light_margin: factor by which orders of the panel, or an uneven lamp, may raise the light of a
+        pixel.
+    slope_margin: factor by which the slopes of mean and variance may be steeper where a normal
+        distribution replaces Poisson's.
+    dim_pixel_margin: largest relative change of a dim pixel over that of the whole picture.
     """
 
     light_margin: float = 1.1
@@ -68,23 +64,23 @@ class PixelwiseEffect(OnOffEffect):
 
 
 def pixel_count(s: Situation) -> int:
-    """Return the sensor's number of pixels, over which effects' error bounds are summed."""
+    """Return the sensor's number of pixels."""
     rows, columns = s.camera.sensor.shape
     return rows * columns
 
 
 def sqrt_pixel_count(s: Situation) -> float:
-    """Return the square root of the pixel count, which turns a pixel's effect into an L2 bound."""
+    """Return the square root of the pixel count, which turns a pixel's change into an L2 norm."""
     return math.sqrt(pixel_count(s))
 
 
 def is_lamp_flickering(s: Situation) -> bool:
-    """Whether the lamp's light changes with time, so that the lamp flicker effect occurs."""
+    """Whether the lamp's light changes with time."""
     return s.target.lamp is not None and not s.target.lamp.is_constant
 
 
 def lamp_ripple(s: Situation) -> float:
-    """Return the lamp flicker effect's ripple: the largest relative deviation from the mean."""
+    """Return the largest relative deviation of the lamp's light from its mean."""
     return s.target.lamp.ripple if s.target.lamp is not None else 0.0
 
 
@@ -98,7 +94,7 @@ def max_light_seconds(s: Situation) -> float:
 
 
 def ghost_gain(camera: Camera) -> float:
-    """Return by how much the lens ghosts effect brightens even light at most, 1 without it.
+    """Return by how much a lens' ghosts brighten even light at most, 1 without any.
 
     A ghost that is smaller than the picture is denser: of light from beside the frame, too.
     """
@@ -116,7 +112,7 @@ def area_change(s: Situation) -> float:
 
 
 def max_panel_power(s: Situation) -> float:
-    """Bound the light of a PSF under any effects, relative to that of ideal pixels alone.
+    """Bound the light of any PSF, relative to that of ideal pixels alone.
 
     Gaps between pixels, and light that interferes, may add to the light of the pixels.
     """
@@ -124,21 +120,18 @@ def max_panel_power(s: Situation) -> float:
 
 
 def sharp_norm_bound(s: Situation) -> float:
-    """Bound the L2 norm of the picture's electrons under any blur effect.
-
-    No blur adds light (Young).
-    """
+    """Bound the L2 norm of the picture's electrons under any blur, which adds no light (Young)."""
     return float(s.picture_probe.norm_bound) * max_light_seconds(s)
 
 
 def total_electrons(s: Situation) -> float:
-    """Return the unblurred picture's electrons, margin included, for bounds on effects."""
+    """Return the unblurred picture's electrons, with a margin."""
     return s.picture_probe.total_with_margin * max_light_seconds(s)
 
 
 @cached_per_situation
 def _peak_light_electrons(s: Situation) -> float:
-    """Bound the electrons that light frees in any pixel of a blurred picture, for effects' bounds.
+    """Bound the electrons that light frees in any pixel of a blurred picture.
 
     Three bounds are compared: by Young, by the PSF's peak, and by frequency.
     """
@@ -155,14 +148,14 @@ def _peak_light_electrons(s: Situation) -> float:
 
 
 def off_plane_star_electrons(s: Situation) -> float:
-    """Return the electrons of stars outside the probed picture, which effects' bounds add."""
+    """Return the electrons of stars outside the probed picture."""
     return s.picture_probe.off_plane_star_rate * max_light_seconds(s)
 
 
 def finest_octave_norm(s: Situation) -> float:
     """Bound the norm of the light in the finest octave that pixels resolve, electrons per second.
 
-    So much may effects on PSFs and pixels change by what pixels fold back.
+    So much may a change of PSFs or pixels add by what pixels fold back.
     """
     pitch = s.camera.sensor.pitch
     return s.picture_probe.power_spectrum.filtered_norm_bound(
@@ -171,14 +164,14 @@ def finest_octave_norm(s: Situation) -> float:
 
 
 def relative_light_change(s: Situation, change: float) -> float:
-    """Return an effect's change of the light, an L2 norm in electrons, over all of it."""
+    """Return a change of the light, an L2 norm in electrons, over all of it."""
     whole = light_norm_bound(s)
     return change / whole if whole else 0.0
 
 
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
-    """Bound the L2 norm of the blurred picture's electrons, the base of effects' error bounds.
+    """Bound the L2 norm of the blurred picture's electrons.
 
     Three bounds are compared: by Young; by the brightest pixel and the sum of all; and by frequency
     (Parseval).
@@ -193,12 +186,12 @@ def light_norm_bound(s: Situation) -> float:
 
 
 def dark_current_electrons(s: Situation) -> float:
-    """Return the dark-current electrons of a pixel that isn't hot, for bounds on sensor effects."""
+    """Return the dark-current electrons of a pixel that isn't hot."""
     return s.camera.sensor.dark_current * s.exposure
 
 
 def hot_pixel_norm(s: Situation) -> float:
-    """Bound the L2 norm of the hot pixels' electrons, for bounds on sensor effects.
+    """Bound the L2 norm of the hot pixels' electrons.
 
     The number of hot pixels is taken five standard deviations above its mean.
     """
@@ -211,7 +204,7 @@ def hot_pixel_norm(s: Situation) -> float:
 
 
 def affected_pixel_bound(share: float, count: int) -> float:
-    """Bound how many of `count` pixels an effect occurs in, with probability `share` in each.
+    """Bound how many of `count` pixels are hit, each with probability `share`.
 
     The number is taken five standard deviations above its mean.
     """
@@ -220,7 +213,7 @@ def affected_pixel_bound(share: float, count: int) -> float:
 
 
 def peak_electrons(s: Situation) -> float:
-    """Bound the brightest pixel's electrons for sensor effects, hot pixels included."""
+    """Bound the brightest pixel's electrons, hot pixels included."""
     sensor = s.camera.sensor
     lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu) * _speckle_peak(s)
     return (
@@ -229,7 +222,7 @@ def peak_electrons(s: Situation) -> float:
 
 
 def _speckle_peak(s: Situation) -> float:
-    """Return how many times the mean light a pixel of the speckle effect holds at most.
+    """Return how many times the mean light a pixel holds at most because of speckle.
 
     Five standard deviations, and as many means of an exponential distribution as all but one in
     10,000 pixels stay below.
@@ -239,7 +232,7 @@ def _speckle_peak(s: Situation) -> float:
 
 
 def electron_norm_bound(s: Situation) -> float:
-    """Bound the L2 norm of all pixels' electrons, for bounds on sensor effects."""
+    """Bound the L2 norm of all pixels' electrons, of light, dark current and hot pixels."""
     gain = 1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu
     return (
         light_norm_bound(s) * gain
@@ -249,28 +242,20 @@ def electron_norm_bound(s: Situation) -> float:
 
 
 def clipping_onset(sensor: Sensor) -> float:
-    """Return the electrons from which the clipping effect occurs, shot noise not counted.
-
-    Full well or converter begin to clip there.
-    """
+    """Return the electrons from which full well or converter clip, shot noise not counted."""
     spread = 7 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu
     top = (sensor.top_number - sensor.black_level) * sensor.gain
     return max(min(sensor.full_well, top - spread), 0.0)
 
 
 def can_clip(s: Situation) -> bool:
-    """Whether the clipping effect can occur: any pixel can come within 7 σ of clipping.
-
-    σ is the standard deviation of the brightest pixel's shot noise.
-    """
+    """Whether any pixel can come within 7 σ of clipping, by the brightest pixel's shot noise."""
     most = peak_electrons(s)
     return most + 7 * math.sqrt(most) + 20 > clipping_onset(s.camera.sensor)
 
 
 def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
-    """Return the recipe with the clipping effect switched off, if any pixel may clip.
-
-    Without the effect, full wells and converter are unlimited.
+    """Return the recipe with unlimited full wells and converter, if any pixel may clip.
 
     Errors are counted before a full well clips them (see simulator.effects.picture_norms).
     """
@@ -278,7 +263,7 @@ def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
 
 
 def unclipped_light(s: Situation) -> float:
-    """Return the electrons of light up to which the clipping effect surely doesn't occur.
+    """Return the electrons of light up to which surely nothing clips.
 
     Seven standard deviations of shot noise are allowed for.
     """
@@ -292,7 +277,9 @@ def unclipped_light(s: Situation) -> float:
 class FullWells:
     """Upper bounds for the pixels that hold more light than surely doesn't clip.
 
-    count: of these pixels. total, energy: sum of their electrons, and of the squares of these.
+    count: of these pixels.
+    total: sum of their electrons.
+    energy: sum of the squares of these.
     """
 
     count: float
@@ -302,7 +289,7 @@ class FullWells:
 
 @cached_per_situation
 def full_well_bounds(s: Situation) -> FullWells:
-    """Bound the pixels whose wells may be full, for the clipping and shot-noise effects.
+    """Bound the number and the light of pixels whose wells may be full.
 
     A blurred picture m has no more of (m - θ)₊, and of its square, than the sharp picture, for any
     θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) times m - θ.
@@ -325,27 +312,25 @@ def full_well_bounds(s: Situation) -> FullWells:
 
 
 def can_clip_at_zero(sensor: Sensor) -> bool:
-    """Whether the clipping effect can occur at the converter's lower end.
-
-    It does if noise and offset of a dark pixel can reach that end.
-    """
+    """Whether noise and offset of a dark pixel can reach the converter's lower end."""
     room = sensor.black_level * sensor.gain - MAX_PIXEL_SIGMAS * sensor.dsnu
     return room < 8 * sensor.read_noise + sensor.gain
 
 
 def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: bool = True) -> Bound:
-    """Bound the error of mean, variance and σ when an effect changes the picture's electrons.
+    """Bound the error of mean, variance and σ when the picture's electrons change.
 
-    change: L2 norm of the change of the picture's electrons over the exposure. Mean and variance
-    change by the change times their steepest slope, at any number of electrons up to the brightest
-    pixel's, with read noise. Electrons above a full well count as if they weren't clipped (see
-    minimum_norms()).
+    Mean and variance change by the change times their steepest slope, at any number of electrons up
+    to the brightest pixel's, with read noise. Electrons above a full well count as if they weren't
+    clipped (see minimum_norms()).
 
     For σ, |√a - √b| is |a - b| over √a + √b. Both roots are at least those of read noise and of the
     light in the dim tenth of the picture (audited: a change is no larger in the dark). |√a - √b| is
     also at most √|a - b|, whose squares add up to at most √pixels times the change
-    (Cauchy-Schwarz). read_noise: whether read noise may be relied on; without it, a few electrons
-    change σ much.
+    (Cauchy-Schwarz).
+
+    change: L2 norm of the change of the picture's electrons over the exposure.
+    read_noise: whether read noise may be relied on; without it, a few electrons change σ much.
     """
     mean, variance, least = _slopes(s)
     varied = variance * change
@@ -358,7 +343,7 @@ def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: boo
 def proportional_error_bound(
     s: Situation, change: float, how: str, dim_pixel_margin: float = _SETTINGS.dim_pixel_margin
 ) -> Bound:
-    """Bound the frame's error when an effect changes each pixel's light in proportion.
+    """Bound the frame's error when each pixel's light changes in proportion.
 
     The bound is sensor_error_bound() with a tighter σ.
 
@@ -380,7 +365,7 @@ def proportional_error_bound(
 
 
 def _slopes(s: Situation) -> tuple[float, float, float]:
-    """Return slopes of mean and variance by electrons, and the least σ, for bounds on effects.
+    """Return the steepest slopes of mean and variance by electrons, and the least σ.
 
     For estimates, they are those without clipping and rounding.
     """
@@ -392,7 +377,7 @@ def _slopes(s: Situation) -> tuple[float, float, float]:
 
 
 def _dim_pixel_electrons(s: Situation) -> float:
-    """Return the fewest electrons in pixels whose change by an effect counts.
+    """Return the fewest electrons in pixels whose change counts.
 
     The result is half the electrons in the dim tenth of the sharp picture, since blur may make it
     dimmer.
@@ -401,7 +386,7 @@ def _dim_pixel_electrons(s: Situation) -> float:
 
 
 def _next_power_of_two(electrons: float) -> float:
-    """Round a number of electrons for an effect's bound up to a power of two, at least 64."""
+    """Round a number of electrons up to a power of two, at least 64."""
     return 2.0 ** math.ceil(math.log2(max(electrons, 64.0)))
 
 
@@ -409,14 +394,14 @@ def _next_power_of_two(electrons: float) -> float:
 def _steepest_slopes(
     sensor: Sensor, most: float, unclipped_electrons: float
 ) -> tuple[float, float, float]:
-    """Return slopes of mean and variance by electrons, and the least σ, for bounds on effects.
+    """Return the steepest slopes of mean and variance by electrons, and the least σ.
 
     The slopes are the largest at any number of electrons up to `most`. The least σ includes read
     noise.
 
     unclipped_electrons: number up to which the upper end clips nothing. Without clipping, the
-    converter's steps of g electrons make the slopes oscillate by exp(-2 π² m / g²) at m electrons
-    (Widrow): this is negligible from g² electrons on.
+        converter's steps of g electrons make the slopes oscillate by exp(-2 π² m / g²) at m
+        electrons (Widrow): this is negligible from g² electrons on.
     """
     slopes, least = [], math.inf
     rounded = min(most, _next_power_of_two(sensor.gain**2))

@@ -1,4 +1,4 @@
-"""The effect of field aberrations: coma, astigmatism and field curvature off the lens' axis."""
+"""Coma, astigmatism and field curvature off the lens' axis."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ MARGIN = 1.2
 class PixelSample:
     """A sample of the panel's pixels, evenly spaced along each axis.
 
-    rows, columns: steps between the sample's pixels. aperture_share: share of each that the stop
-    leaves open.
+    rows, columns: steps between the sample's pixels.
+    aperture_share: share of each that the stop leaves open.
     """
 
     rows: int
@@ -30,13 +30,13 @@ class PixelSample:
         return values[:: self.rows, :: self.columns].contiguous()
 
     def mean(self, values: torch.Tensor) -> complex:
-        """Average values over the open area of sampled panel pixels, for panel effects' bounds."""
+        """Average values at the sample's pixels over their open area."""
         weight = self.aperture_share**2
         return complex((values * weight).sum() / weight.sum())
 
 
 def sample_pixels(s: Situation) -> PixelSample:
-    """Sample at most 256 x 256 of the panel's pixels, for bounds on panel effects."""
+    """Sample at most 256 x 256 of the panel's pixels."""
     rows, columns = _steps(s)
     return PixelSample(
         rows, columns, s.pattern_probe.aperture_share[::rows, ::columns].contiguous()
@@ -44,28 +44,28 @@ def sample_pixels(s: Situation) -> PixelSample:
 
 
 def covers_all_pixels(s: Situation) -> bool:
-    """Whether the pixel sample for panel effects' bounds holds all of the panel's pixels."""
+    """Whether the sample holds all of the panel's pixels."""
     return _steps(s) == (1, 1)
 
 
 def _steps(s: Situation) -> tuple[int, int]:
-    """Return the steps between sampled panel pixels on each axis, for bounds on panel effects."""
+    """Return the steps between sampled panel pixels on each axis."""
     rows, columns = (max(1, math.ceil(n / 256)) for n in s.camera.panel.shape)
     return rows, columns
 
 
 def margin(s: Situation) -> float:
-    """Return the safety factor of a panel effect's bound that comes from a sample of pixels."""
+    """Return the factor by which a bound from sampled pixels may be too small, 1 for all pixels."""
     return 1.0 if covers_all_pixels(s) else MARGIN
 
 
 def describe_proof(s: Situation, what: str) -> str:
-    """Say in words how a panel effect's bound was established: by proof or by audit."""
+    """Say whether a bound from a sample of pixels is proved or audited."""
     return f"proved: {what}" if covers_all_pixels(s) else f"audited ×{MARGIN:g}: {what}"
 
 
 def psf_distance_bound(pixels: PixelSample, one: torch.Tensor, other: torch.Tensor) -> float:
-    """Bound an effect's ‖Δh‖₁ of PSFs by the panel's fields with and without it.
+    """Bound ‖Δh‖₁ of the PSFs of two fields on sampled panel pixels.
 
     |p|² - |q|² is at most (|p| + |q|) |p - q|, whose integral is at most (‖p‖ + ‖q‖) ‖p - q‖
     (Cauchy-Schwarz); the light's power is the same on panel and sensor (Parseval). A phase that all
@@ -78,7 +78,7 @@ def psf_distance_bound(pixels: PixelSample, one: torch.Tensor, other: torch.Tens
 
 
 def phase_error_psf_bound(s: Situation, pixels: PixelSample, error: torch.Tensor) -> float:
-    """Bound ‖Δh‖₁ of PSFs for a panel effect's phase error in radians, for any field.
+    """Bound ‖Δh‖₁ of PSFs for a phase error of the panel in radians, for any field.
 
     A phase that all pixels share counts only where other light interferes with theirs: light from
     the gaps between pixels, or light that the panel doesn't modulate.
@@ -91,8 +91,5 @@ def phase_error_psf_bound(s: Situation, pixels: PixelSample, error: torch.Tensor
 
 
 def has_coherent_background(s: Situation) -> bool:
-    """Whether light that ignores the pattern interferes and so enlarges panel effects.
-
-    It interferes with the light that the pattern modulates.
-    """
+    """Whether light that ignores the pattern interferes with light that the pattern modulates."""
     return bool(s.camera.panel.gap_reflection) or bool(s.interference)

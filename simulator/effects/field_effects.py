@@ -1,4 +1,4 @@
-"""Effects that vary over the field: the lit part of the panel, and vignetting."""
+"""What varies over the field: the lit part of the panel, and vignetting."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ it again: the stop's shadow has edges, and what moves with an edge isn't smooth.
 
 
 def _likely_error_rates(s: Situation) -> tuple[float, ...]:
-    """Estimate the field position effect's L2 errors, electrons/s, for each number of places.
+    """Estimate the L2 errors with few places in the field, electrons/s, for each number of places.
 
     Transfer functions are compared along a diagonal of the frame: those of the corners with that of
     the axis, and that halfway with the parabola through both corners and the axis.
@@ -105,7 +105,7 @@ def _likely_error_rates(s: Situation) -> tuple[float, ...]:
 
 
 def _filtered_norm(change: NDArray[np.complex128], power: NDArray[np.float64]) -> float:
-    """Return the norm of the light that a field effect changes, from sampled frequencies."""
+    """Return the norm of a change of light from that of transfer functions and its power."""
     return math.sqrt(float((np.abs(change) ** 2 * power).sum()))
 
 

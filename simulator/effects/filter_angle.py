@@ -1,4 +1,4 @@
-"""The effect of the filter's angle: its band shifts for light from off the axis."""
+"""A filter seen at an angle: its band shifts for light from off the axis."""
 
 from __future__ import annotations
 
@@ -37,22 +37,14 @@ Array = NDArray[np.float64]
 class FilterAngleBoundSettings:
     """Tune the error bound of few angles at the filter.
 
-    Attributes
-    ----------
-    angles : int
-        Angles at which the interpolated band is compared with the true one. Chosen.
-    worst_angles : int
-        How many of them, where most is wrong, are looked at for PSFs. Chosen.
-    thinning : int
-        One of so many sampled frequencies is taken. Chosen.
-    margin : float
-        Factor of what the band's shift does to PSFs, from audits: it is computed from a sample of
-        the frequencies.
-    converged_change : float
-        Change relative to all light at which more angles count as no finer. Chosen.
-    dim_pixel_margin : float
-        Largest relative change of a dim pixel over that of the whole picture, as of the band's
-        other effects.
+    angles: at which the interpolated band is compared with the true one. Chosen.
+    worst_angles: how many of them, where most is wrong, are looked at for PSFs. Chosen.
+    thinning: one of so many sampled frequencies is taken. Chosen.
+    margin: factor of what the band's shift does to PSFs, computed from a sample of the frequencies;
+        from audits.
+    converged_change: relative to all light, at which more angles count as no finer. Chosen.
+    dim_pixel_margin: largest relative change of a dim pixel over that of the whole picture, as of
+        the band's other effects.
     """
 
     angles: int = 17
@@ -104,7 +96,7 @@ class FilterAngle(BlurEffect):
 
 
 def _error_rates(s: Situation) -> tuple[float, ...]:
-    """Return the filter angle effect's L2 errors in electrons per second, by number of angles.
+    """Return the L2 errors in electrons per second, by number of angles.
 
     The list ends where the error has converged. No finer level has a larger error.
     """
@@ -112,7 +104,7 @@ def _error_rates(s: Situation) -> tuple[float, ...]:
 
 
 def _find_error_rates(s: Situation) -> tuple[float, ...]:
-    """Compute what _error_rates() keeps of the filter angle effect.
+    """Compute what _error_rates() keeps.
 
     Light of a wrong band differs by the electrons that are missing or too many, whatever its blur
     (Young), and by the PSFs of wavelengths that differ. All light is taken to come from the angle
@@ -128,7 +120,7 @@ def _find_error_rates(s: Situation) -> tuple[float, ...]:
     lights, turned = _norms_by_spectrum(s), _TurnedPicture.of(s)
 
     def norm_of(share: Array) -> float:
-        """Of light of which each part has a share, in electrons/s. share: (parts,)."""
+        """Return the norm of light of which each part has a share, electrons/s. share: (parts,)."""
         apart = sum(norm * float(share[parts].max()) for parts, norm in lights)
         beside = s.picture_probe.off_plane_star_rate
         return min(apart + beside * float(share.max()), float(share.max()) * most)
@@ -146,7 +138,7 @@ def _find_error_rates(s: Situation) -> tuple[float, ...]:
 
 
 def _norms_by_spectrum(s: Situation) -> list[tuple[list[int], float]]:
-    """Return the L2 norm of the sharp light of each spectrum, electrons/s, for the filter angle.
+    """Return the L2 norm of the sharp light of each spectrum, electrons/s.
 
     Each entry has the numbers of the parts with that spectrum, which are lit.
     """
@@ -161,10 +153,11 @@ def _norms_by_spectrum(s: Situation) -> list[tuple[list[int], float]]:
 
 @dataclass(frozen=True)
 class _TurnedPicture:
-    """The sharp picture, and the transfer functions of the pattern's parts, for the filter angle.
+    """The sharp picture, and the transfer functions of the pattern's parts.
 
     powers: of the lights of each spectrum, at some frequencies; none of uniform light, which has no
-    other frequency than 0. nodes: the transfer functions' wavelengths.
+        other frequency than 0.
+    nodes: the transfer functions' wavelengths, metres.
     """
 
     powers: list[tuple[list[int], Array]]
@@ -174,7 +167,6 @@ class _TurnedPicture:
 
     @classmethod
     def of(cls, s: Situation) -> _TurnedPicture:
-        """Return the picture of a situation."""
         nodes, some = spectral_measure(s, "band").nodes, s.picture_probe.sampled_frequencies
         if not len(some.ky):
             return cls([], nodes, None, 0.0)
@@ -186,8 +178,10 @@ class _TurnedPicture:
     def change(self, x: Array, wrong: Array, axis: Array) -> float:
         """Bound what a wrong band changes by its PSFs alone, in electrons/s.
 
-        x: wavelengths. wrong: electrons by (angles, channels, parts, wavelengths), of which those
-        that are missing are given back in the spectrum of the axis, (channels, parts, wavelengths).
+        Missing electrons are given back in the spectrum of the axis.
+        x: wavelengths.
+        wrong: electrons, (angles, channels, parts, wavelengths).
+        axis: spectrum of the axis, (channels, parts, wavelengths).
         """
         if self.transfers is None:
             return 0.0

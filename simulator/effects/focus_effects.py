@@ -1,4 +1,4 @@
-"""Effects that move the focus: the lens' drift with time, and its colours."""
+"""What moves the focus: the lens' drift with time, and its colours."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ for, from audits: the panel's effects may change a PSF, and its wavelength isn't
 def far_field_change(s: Situation, number: int, k: Array, apart: float) -> Array:
     """Bound how a focus changes transfer functions near frequencies k, (frequencies,).
 
-    number: of the focus, as for PatternProbe.focus_change(). apart: ratio of wavelengths by which
-    light may differ from the band's centre.
+    number: of the focus, as for PatternProbe.focus_change().
+    apart: ratio of wavelengths by which light may differ from the band's centre.
     """
     return _MARGIN * apart**2 * s.pattern_probe.focus_change(number, k, _SPREAD * apart)
 
 
 class FocusShift(OnOffEffect, LightEffect):
-    """An effect by which light is focused beside the sensor."""
+    """A shift by which light is focused beside the sensor."""
 
     @abstractmethod
     def change_rate(self, s: Situation) -> float:
@@ -84,7 +84,7 @@ class FocusDrift(FocusShift):
 
 
 def _change_rate(s: Situation) -> float:
-    """Bound the focus drift effect's change of the light, L2 norm in electrons per second.
+    """Bound the change of the light by the drift, L2 norm in electrons per second.
 
     The drift turns phases of two points of the pupil by 2π k ρ at most, where ρ is how far it moves
     light from the rim. Where colour doesn't shift the focus, too, transfer functions change as the
@@ -133,7 +133,7 @@ class AxialColour(FocusShift):
 
 
 def _axial_colour_change_rate(s: Situation) -> float:
-    """Bound the axial colour effect's change of the light, L2 norm in electrons per second.
+    """Bound the change of the light by axial colour, L2 norm in electrons per second.
 
     The transfer function is a sum over pairs of points of the pupil, whose phases a shift of focus
     turns against each other by 2π k ρ at most, where ρ is how far it moves light from the rim. It
@@ -156,7 +156,7 @@ def _axial_colour_change_rate(s: Situation) -> float:
 
 
 def _turned(s: Situation, k: Array, shift: float, probed: list[tuple[float, Array]]) -> Array:
-    """Bound the change of a transfer function by axial colour's shift of focus, (frequencies,)."""
+    """Bound the change of a transfer function by a shift of focus in metres, (frequencies,)."""
     found = np.minimum(2 * np.pi * rim_displacement(s, shift) * k, 2.0)
     for focus, change in probed:
         if shift * focus > 0 and abs(shift) <= abs(focus) * (1 + 1e-9):

@@ -1,4 +1,4 @@
-"""The effect of veiling glare: light that lens and camera scatter over the whole sensor."""
+"""Veiling glare: light that lens and camera scatter over the whole sensor."""
 
 from __future__ import annotations
 
@@ -28,17 +28,14 @@ class VeilingGlare(PixelwiseEffect):
         return s.camera.glare > 0 and not s.picture_probe.is_dark
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Estimate the veiling glare effect: the glare times the sharp picture's variation.
-
-        The variation is the picture's relative difference from its mean.
-        """
+        """Estimate the glare times the sharp picture's relative difference from its mean."""
         if not s.picture_probe.norm_bound:
             return 0.0
         even = s.picture_probe.total**2 / pixel_count(s) / s.picture_probe.norm_bound**2
         return s.camera.glare * unevenness(s) * math.sqrt(max(1 - even, 0.0))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the picture's error if the veiling glare effect is left out.
+        """Bound the frame's error by the glare times the picture's difference from its mean.
 
         A picture differs from its mean by no more than its own norm. Glare gives dark pixels much
         of their light, so that the light of the dim tenth of the picture limits the change of σ in

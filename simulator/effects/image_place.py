@@ -1,4 +1,4 @@
-"""Effects that move light within the image: distortion, and a scale that goes with the colour."""
+"""What moves light within the image: distortion, and a scale that goes with the colour."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ Array = NDArray[np.float64]
 
 
 class MovedLight(OnOffEffect, LightEffect):
-    """An effect by which light lands elsewhere: the picture is looked up."""
+    """A displacement of the image, by which the picture is looked up elsewhere."""
 
     @abstractmethod
     def change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that the effect moves; see moved_light_bound()."""
+        """Bound the L2 norm of the electrons that move; see moved_light_bound()."""
 
     @abstractmethod
     def lookups(self, levels: Mapping[str, int]) -> int:
@@ -67,7 +67,7 @@ class MovedLight(OnOffEffect, LightEffect):
 def moved_light_bound(
     s: Situation, phase: Callable[[Array, float], Array], brighter: float
 ) -> float:
-    """Bound the L2 norm of the electrons that an effect moves to other places of the sensor.
+    """Bound the L2 norm of the electrons that move to other places of the sensor.
 
     A picture m and its moved one differ by the change of brightness, and by m at places that are
     apart. Of detail coarser than any limit the latter is at most the way times its gradient, and of
@@ -112,7 +112,6 @@ class Distortion(MovedLight):
         )
 
     def change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that the distortion effect moves."""
         frame = distorted_frame(s.camera)
         gain = max(frame.largest, 1 / frame.least)
         return moved_light_bound(
@@ -139,7 +138,6 @@ class LateralColour(MovedLight):
         return f"in the corners, colours lie up to {pixels:.2g} pixels apart"
 
     def change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that the lateral colour effect moves."""
         lens, corner = s.camera.lens, _corner(s)
 
         def phase(rate: Array, most: float) -> Array:

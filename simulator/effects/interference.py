@@ -1,4 +1,4 @@
-"""The effect of interference between unmodulated and modulated light."""
+"""Interference between unmodulated and modulated light."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Interference(OnOffBlurEffect):
 
 
 def _brightest(s: Situation) -> float:
-    """Bound either field's power in the interference effect, relative to a uniform field's."""
+    """Bound either wave's power relative to that of a uniform field."""
     pixels = sample_pixels(s)
     powers = [
         pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern_probe.fields

@@ -39,7 +39,8 @@ beyond it, errors relative to all light mislead."""
 class LandedLight:
     """The light in the frame by cells, after the blur of the shown pattern, without other losses.
 
-    cells: electrons per second and pixel, (rows, columns) of cells. pixels: along a cell.
+    cells: electrons per second and pixel, (rows, columns) of cells.
+    pixels: along a cell.
     """
 
     cells: Array
@@ -77,8 +78,9 @@ def is_light_moved(s: Situation) -> bool:
 def detail_factor(s: Situation, finest: float = 0.0) -> float:
     """Return the norm of blurred light with detail from a frequency on, over what cells resolve.
 
-    finest: cycles per metre; copies in the panel's orders are blurred like the picture itself, so
-    that what is finer than cells has the same share everywhere.
+    Copies in the panel's orders are blurred like the picture itself, so that what is finer than
+    cells has the same share everywhere.
+    finest: cycles per metre.
     """
     on_cells = _blurred_norm(s, 0.0, 0.5 / (cell_pixels(s) * s.camera.sensor.pitch))
     return _blurred_norm(s, finest, math.inf) / on_cells if on_cells else 1.0
@@ -114,9 +116,9 @@ def _find_landed_light(s: Situation) -> LandedLight:
 def kernel_over_band(s: Situation, kernel: Array, half: tuple[int, int]) -> Array:
     """Average how a pattern's light spreads over the band, in the sensor's axes.
 
-    kernel: at the band's centre and in the panel's axes, as of order_kernel(). half: cells (y, x)
-    on each side of the middle that are returned, or all that the kernel has. An offset is
-    proportional to the wavelength.
+    An offset is proportional to the wavelength.
+    kernel: at the band's centre and in the panel's axes, as of order_kernel().
+    half: cells (y, x) on each side of the middle that are returned, or all that the kernel has.
     """
     nodes, shares = _spectrum(s)
     scales = nodes / s.wavelength
@@ -164,8 +166,8 @@ def _in_cells(s: Situation, step: int, half: tuple[int, int]) -> Array:
 def _on_sensor(s: Situation, kernel: Array, scale: float, half: tuple[int, int]) -> Array:
     """Turn a kernel from the panel's axes to the sensor's, and scale it with the wavelength.
 
-    half: cells (y, x) on each side of the middle that are returned. A cell's light is shared by the
-    four cells around its new place.
+    A cell's light is shared by the four cells around its new place.
+    half: cells (y, x) on each side of the middle that are returned.
     """
     most = math.ceil(math.hypot(*half) / min(scale, 1.0)) + 1
     near = cut_kernel(kernel, (most, most))

@@ -1,4 +1,4 @@
-"""The effect of a lens' ghosts: copies of the picture, scaled and out of focus."""
+"""A lens' ghosts: copies of the picture, scaled and out of focus."""
 
 from __future__ import annotations
 
@@ -41,9 +41,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GhostLight:
-    """Bounds of a ghost's electrons in the frame, its share included, for the lens ghosts effect.
+    """Bounds of a ghost's electrons in the frame, its share included.
 
-    norm: L2 norm over the pixels. total: sum.
+    norm: L2 norm over the pixels.
+    total: sum.
     """
 
     norm: float
@@ -51,12 +52,11 @@ class GhostLight:
 
 
 def ghost_lights(s: Situation) -> tuple[GhostLight, ...]:
-    """Return bounds of the light in each ghost, for the lens ghosts effect."""
     return tuple(_ghost_light(s, one) for one in s.camera.ghosts)
 
 
 def _ghost_light(s: Situation, ghost: Ghost) -> GhostLight:
-    """Bound the light in a ghost by the picture that larger or smaller pixels see (lens ghosts).
+    """Bound the light in a ghost by the picture that larger or smaller pixels see.
 
     Three bounds of the norm are compared: by frequency, for a disc takes the detail (Parseval); by
     the brightest pixel; and by the light of all points, each spread over its disc (Young).
@@ -81,10 +81,11 @@ def _ghost_light(s: Situation, ghost: Ghost) -> GhostLight:
 
 
 def disc_gain_bound(k: Array) -> Array:
-    """Bound the modulus of a disc's transfer function by one that only falls, for lens ghosts.
+    """Bound the modulus of a disc's transfer function by one that only falls.
 
-    k: cycles in the disc's diameter. 2 J1(x) / x falls from 1 at 0, and from 2.5 on is no more
-    than 1.03 √(8/π) x^-3/2, for J1² + Y1² is no more than 1.03² 2/(π x) there.
+    2 J1(x) / x falls from 1 at 0, and from 2.5 on is no more than 1.03 √(8/π) x^-3/2, for J1² + Y1²
+    is no more than 1.03² 2/(π x) there.
+    k: cycles in the disc's diameter.
     """
     x = np.maximum(np.pi * k, 1e-9)
     envelope = 1.03 * math.sqrt(8 / math.pi) * np.maximum(x, 1.0) ** -1.5
@@ -92,7 +93,7 @@ def disc_gain_bound(k: Array) -> Array:
 
 
 def _cells(s: Situation, ghost: Ghost) -> int:
-    """Return the pixels along a cell on which a lens ghost is probed: more for a wide disc.
+    """Return the pixels along a cell on which a ghost is probed: more for a wide disc.
 
     The probe's margin then holds all light that the disc brings into the frame.
     """
@@ -100,7 +101,7 @@ def _cells(s: Situation, ghost: Ghost) -> int:
 
 
 def _ghosts_probe(s: Situation, ghost: Ghost, cells: int) -> PictureProbe:
-    """Return a probe of what a lens ghost shows, on pixels as much larger as it is smaller."""
+    """Return a probe of what a ghost shows, on pixels as much larger as it is smaller."""
     probe = s.picture_probe
     sensor = probe.camera.sensor
     rows, columns = (math.ceil(n / cells) for n in sensor.shape)
@@ -131,11 +132,11 @@ class LensGhosts(OnOffEffect, LightEffect):
         return relative_light_change(s, _change(s, ghost_lights(s)))
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the picture's error if the lens ghosts effect is left out.
+        """Bound the frame's error by the ghosts, and by the light that they take from the picture.
 
-        Ghosts and the light that they take from the picture are both positive, so that the square
-        of their difference is no more than the sum of their squares. Dark pixels beside bright ones
-        count as they do for veiling glare: |√a - √b|² ≤ |a - b|.
+        Both are positive, so that the square of their difference is no more than the sum of their
+        squares. Dark pixels beside bright ones count as they do for veiling glare: |√a - √b|² ≤ |a
+        - b|.
         """
         ghosts = ghost_lights(s)
         how = "proved: no more than all ghosts, and all light that they take from the picture"
@@ -165,7 +166,7 @@ class LensGhosts(OnOffEffect, LightEffect):
 
 
 def _change(s: Situation, ghosts: tuple[GhostLight, ...]) -> float:
-    """Bound the L2 norm of the electrons that the lens ghosts effect moves."""
+    """Bound the L2 norm of the electrons that ghosts add and take."""
     light = light_norm_bound(s) / ghost_gain(s.camera)
     taken = total_share(s.camera.ghosts) * light
     added = sum(one.norm for one in ghosts)

@@ -1,4 +1,4 @@
-"""Likely errors of a picture from estimates of how much an effect changes its light."""
+"""Likely errors of a picture from estimates of how much its light changes."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class LightEffect(Effect):
     """An effect that changes the light on the sensor's pixels.
 
     likely_shares: share of the bound that the error reached at most in audits, for each level; the
-    last one stands for all finer levels. noise_change: relative change of the noise over that of
-    the mean picture, from audits.
+        last one stands for all finer levels.
+    noise_change: relative change of the noise over that of the mean picture, from audits.
     """
 
     likely_shares: ClassVar[tuple[float, ...]] = (1.0,)
@@ -41,12 +41,13 @@ class LightEffect(Effect):
     def likely_light_error(
         self, s: Situation, change: float, how: str, largest_sigma: float = math.inf
     ) -> Bound:
-        """Estimate the error of the frame when the effect changes the light by an L2 norm.
+        """Estimate the error of the frame when its light changes by an L2 norm.
 
-        change: electrons. largest_sigma: bound on that of σ, electrons. σ changes by half the
-        change of m over σ. The least of two or three estimates of the norm of that counts: for a
-        change that is spread evenly over the frame, for one that lies where it changes the noise
-        most, and for one near the light's image, from audits.
+        σ changes by half the change of m over σ. The least of two or three estimates of the norm of
+        that counts: for a change that is spread evenly over the frame, for one that lies where it
+        changes the noise most, and for one near the light's image, from audits.
+        change: electrons.
+        largest_sigma: bound on that of σ, electrons.
         """
         bound = sensor_error_bound(s, change, how)
         total, norm = (s.exposure * one for one in estimated_light(s))
@@ -64,9 +65,9 @@ class LightEffect(Effect):
 def _largest_noise_change(s: Situation, change: float) -> float | None:
     """Estimate how much a change of an L2 norm changes the map of σ at most, electrons.
 
-    It does most where the frame is dimmest, but an effect hardly changes a pixel's light by more
-    than all of it. So the change is given to the dimmest cells of the frame first. None where the
-    light isn't estimated by cells.
+    It does most where the frame is dimmest, but hardly changes a pixel's light by more than all of
+    it. So the change is given to the dimmest cells of the frame first. None where the light isn't
+    estimated by cells.
     """
     landed, seen = landed_light(s), estimated_light_share(s)
     if landed is None:
@@ -83,7 +84,7 @@ def _largest_noise_change(s: Situation, change: float) -> float | None:
 
 
 def _mean_inverse_variance(s: Situation) -> float:
-    """Return the mean over the frame of 1 / variance, for effects' likely errors, 1/electrons².
+    """Return the mean over the frame of 1 / variance, 1/electrons².
 
     It is the sharp picture's, and so the same for all patterns.
     """

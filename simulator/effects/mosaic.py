@@ -1,4 +1,4 @@
-"""The effect of a colour filter array: neighbouring pixels see other wavelengths."""
+"""A colour filter array: neighbouring pixels see other wavelengths."""
 
 from __future__ import annotations
 
@@ -49,10 +49,9 @@ class ColourFilters(OnOffEffect):
 
 @cached_per_situation
 def _difference(s: Situation) -> float:
-    """Return the colour filter effect's largest change of a pixel's electrons.
+    """Return a filter's largest difference from the mean pixel, over the best channel's electrons.
 
-    The change is from the mean pixel's electrons. The maximum is over all parts and filters,
-    relative to the electrons of the best channel.
+    The maximum is over all parts and filters.
     """
     differing, largest = list(_cameras_of_differences(s)), 0.0
     lights = {(part.spectrum, one.distance) for one in s.target.layers for part in one.parts}
@@ -74,7 +73,7 @@ def _cameras_of_differences(s: Situation) -> Iterator[Camera]:
 
 
 def _curve_differences(s: Situation) -> Iterator[Spectrum]:
-    """Yield each colour filter's effect: the absolute difference from the mean pixel's curve."""
+    """Yield each filter's absolute difference from the mean pixel's curve."""
     colour = s.camera.sensor.colour
     if colour is None:
         return
@@ -90,10 +89,7 @@ def _curve_differences(s: Situation) -> Iterator[Spectrum]:
 
 
 def _nodes(colour: Mosaic) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the wavelengths at which any curve bends or ends, for the colour filter effect.
-
-    Both sides of the ends are included.
-    """
+    """Return the wavelengths at which any curve bends or ends, both sides of the ends included."""
     ends = [edge for one in colour.efficiencies.values() for edge in (one.low, one.high)]
     beside = [edge * (1 + side * 1e-9) for edge in ends for side in (-1, 1)]
     inner = [node for one in colour.efficiencies.values() for node in one.wavelengths]

@@ -1,4 +1,4 @@
-"""Effects of objects at several depths and in motion: what moves, and what hides what."""
+"""Objects at several depths and in motion: what moves, and what hides what."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Motion(LightEffect):
         return sensor_error_bound(s, change * max_light_seconds(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations that the motion effect adds: each further part is a picture.
+        """Return the operations of further parts of the motion: each is a picture.
 
         All parts use the same PSFs.
         """
@@ -78,21 +78,21 @@ class Motion(LightEffect):
         return f"it moves by {pixels:.3g} pixels in {s.exposure * 1e3:.3g} ms"
 
     def _paths(self, s: Situation) -> list[float]:
-        """Return the metres by which the motion effect smears each layer on the sensor."""
+        """Return the metres on the sensor over which each layer is smeared."""
         speed = math.hypot(*s.target.velocity)
         scales = (s.camera.magnification(layer.distance) for layer in s.target.layers)
         return [speed * s.exposure * scale for scale in scales]
 
     def _parts(self, s: Situation, level: int) -> int:
-        """Return how many parts a level of the motion effect divides the frame's motion into."""
+        """Return how many parts a level divides the frame's motion into."""
         return 2**level * math.ceil(s.exposure_span / s.exposure) if level else 1
 
     def _change(self, s: Situation, level: int) -> float:
-        """Bound the L2 error of the motion effect at a level, in electrons per second."""
+        """Bound the L2 error at a level, in electrons per second."""
         return s.picture_probe.change_bound([self._gain(s, path, level) for path in self._paths(s)])
 
     def _gain(self, s: Situation, path: float, level: int) -> Gain:
-        """Bound the motion effect's error by frequency, for a layer that moves `path` metres.
+        """Bound the error by frequency, for a layer that moves `path` metres on the sensor.
 
         All light of a part of the path, of length ℓ, is spread evenly over the part: its phases 2π
         k x differ from that of the middle by 2π k ℓ/4 on average. They are weighted by the lamp's
@@ -122,7 +122,7 @@ class Motion(LightEffect):
 
 
 def transform(s: Situation, levels: Mapping[str, int]) -> float:
-    """Return the operations of a Fourier transform of the whole picture, to count effects' work.
+    """Return the operations of a Fourier transform of the whole picture.
 
     The number depends on how far the PSFs reach and how fine the samples are.
     """
@@ -143,10 +143,7 @@ class Occlusion(LightEffect, OnOffEffect):
         )
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Estimate the occlusion effect: the sharp picture's relative error without covers.
-
-        Without covers, all layers are transparent.
-        """
+        """Estimate the sharp picture's relative error if all layers are transparent."""
         whole = s.picture_probe.norm_bound
         if not whole:
             return 0.0
@@ -158,7 +155,7 @@ class Occlusion(LightEffect, OnOffEffect):
         return sensor_error_bound(s, max_light_seconds(s) * self._hidden_light_bound(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations that the occlusion effect adds to simply summing the layers' light.
+        """Return the operations beyond those of simply summing the layers' light.
 
         For every wavelength, each layer's transfer function is transformed, for its light and its
         cover, and so are the pictures of both.
@@ -184,7 +181,7 @@ class Occlusion(LightEffect, OnOffEffect):
         return f"near things hide what is behind them along {edges:.3g} pixels of edges"
 
     def _hidden_light_bound(self, s: Situation) -> float:
-        """Bound the L2 norm of light that the occlusion effect should hide, electrons per second.
+        """Bound the L2 norm of light that near layers should hide, electrons per second.
 
         The bound is a layer's blurred light times the blurred covers before it. It consists of
         light that starts within twice a PSF's reach of a cover, and of the shares of light and
@@ -195,7 +192,7 @@ class Occlusion(LightEffect, OnOffEffect):
         return min(self._hidden_light_within(s, share) for share in shares)
 
     def _hidden_light_within(self, s: Situation, share: float) -> float:
-        """Bound the occlusion effect's hidden light if `share` of a PSF is beyond its reach."""
+        """Bound the hidden light if `share` of a PSF is beyond its reach."""
         reach = s.pattern_probe.reach_of_share(share)
         pixels = math.ceil(reach / s.camera.sensor.pitch)
         beyond = min(share + self._side_order_share(s), 1.0)
@@ -211,7 +208,7 @@ class Occlusion(LightEffect, OnOffEffect):
         return total
 
     def _side_order_share(self, s: Situation) -> float:
-        """Bound the PSF's side-order light that reaches the frame, for the occlusion effect."""
+        """Bound the share of a PSF's light in side orders that reaches the frame."""
         far = max(
             n * p
             for n, p in zip(s.picture_probe.plane.shape, s.picture_probe.plane.pitch, strict=True)
@@ -220,7 +217,7 @@ class Occlusion(LightEffect, OnOffEffect):
 
 
 def _dilate_mask(mask: torch.Tensor, pixels: int) -> torch.Tensor:
-    """Grow the occlusion effect's mask of covers by a square of `pixels` to each side."""
+    """Grow a mask by a square of `pixels` to each side."""
     values = mask.numpy()
     for axis, n in enumerate(values.shape):
         values = maximum_filter1d(values, min(2 * pixels + 1, 2 * n + 1), axis, mode="constant")

@@ -1,4 +1,4 @@
-"""Effects of the panel's imperfections, each with a bound of what it changes of a PSF."""
+"""Imperfections of the panel, each with a bound of what it changes of a PSF."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ from simulator.situation import Situation
 class PanelEffect(OnOffBlurEffect):
     """An imperfection of the panel, described by one field of Panel.
 
-    panel_field: the name of that field. neutral_value: its value without the effect.
+    panel_field: name of that field.
+    neutral_value: its value on an ideal panel.
     """
 
     panel_field: ClassVar[str]
@@ -53,9 +54,9 @@ class PanelEffect(OnOffBlurEffect):
 
     @abstractmethod
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Bound ‖Δh‖₁ of PSFs with the panel effect against without it, and say how it's known.
+        """Bound ‖Δh‖₁ of PSFs with the imperfection against without it, and say how it's known.
 
-        The bound holds whatever other effects are on.
+        The bound holds at any levels of everything else.
         """
 
     def is_present(self, s: Situation) -> bool:
@@ -82,7 +83,7 @@ class RedirectedLight(PanelEffect):
 
     @abstractmethod
     def redirected_share(self, s: Situation) -> float:
-        """Return the largest share of the light that a panel effect redirects."""
+        """Return the largest share of the light that moves."""
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
         return 2 * self.redirected_share(s), "proved: light that moves counts twice"
@@ -148,7 +149,7 @@ class PanelResponse(PanelEffect):
 
 
 def phase_error_gain(panel: Panel) -> float:
-    """Return how many times coupling and illumination may enlarge a panel effect's phase error."""
+    """Return how many times coupling and illumination may enlarge a phase error."""
     lit = 1.0
     if panel.illumination is not None:
         light = panel.illumination.at_pixels(panel)
@@ -185,7 +186,7 @@ class Coupling(PanelEffect):
 def _blocks(
     phase: torch.Tensor, aperture_share: torch.Tensor
 ) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Return blocks of neighbouring pixels on which the panel's coupling effect is bounded.
+    """Return blocks of neighbouring pixels on which coupling is bounded.
 
     These are 4 x 4 squares of 64 x 64 pixels from all over the panel, or the whole of a small
     panel.
@@ -212,7 +213,7 @@ class Flicker(PanelEffect):
     source = "thesis §3.4"
 
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Bound the panel flicker effect's change ‖Δh‖₁ of a PSF, and say how it is known.
+        """Bound ‖Δh‖₁ of PSFs by the loss of the mean field and the power of the ripple.
 
         The ripple's first order averages out. What is left is the loss of the mean field, 1 - J₀,
         which interferes, and the power of the ripple, 2 (1 - J₀).
@@ -330,12 +331,12 @@ class PanelDispersion(OnOffBlurEffect):
 
 
 def _total_psf_change(s: Situation) -> float:
-    """Bound the panel dispersion effect's change ‖Δh‖₁ of a PSF, over band and leak."""
+    """Bound the change ‖Δh‖₁ of a PSF by dispersion, over band and leak."""
     return _psf_change_over(s, "band") + (_psf_change_over(s, "leak") if s.band.leak else 0.0)
 
 
 def _psf_change_over(s: Situation, which: Literal["band", "leak"]) -> float:
-    """Bound the panel dispersion effect's mean change ‖Δh‖₁ of a PSF over the band or the leak.
+    """Bound the mean change ‖Δh‖₁ of a PSF by dispersion over the band or the leak.
 
     Each wavelength is weighted by its share of the brightest channel's electrons, or by the largest
     share that it has in any part and channel. The leak counts by its share of the light.
@@ -353,7 +354,7 @@ def _psf_change_over(s: Situation, which: Literal["band", "leak"]) -> float:
 
 
 def _psf_change_at(s: Situation, wavelength: float) -> float:
-    """Bound the panel dispersion effect's change ‖Δh‖₁ of a PSF at one wavelength."""
+    """Bound the change ‖Δh‖₁ of a PSF by dispersion at one wavelength."""
     pixels, panel = sample_pixels(s), s.camera.panel
     there = modulator_at(panel, wavelength)
     # A response that varies over the panel has to be evaluated on all pixels.

@@ -1,4 +1,4 @@
-"""The effect of the diffraction orders of the panel's pixel grid."""
+"""Diffraction orders of the panel's pixel grid."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ from simulator.situation import Situation
 class PanelOrders(BlurEffect):
     """The side orders of the panel's pixel grid, which hold copies of the picture.
 
-    audit_margin: factor of the error bound, from audits. ghost_margin: that of the estimate.
+    audit_margin: factor of the error bound, from audits.
+    ghost_margin: factor of the estimate, from audits.
     """
 
     audit_margin: ClassVar[float] = 1.5
@@ -71,7 +72,7 @@ class PanelOrders(BlurEffect):
         return min(missing, blurred, key=lambda one: one.mean)
 
     def _coarse_gain(self, s: Situation) -> Gain:
-        """Bound the panel orders effect's loss of detail by frequency if it is rendered on cells.
+        """Bound the detail by frequency that orders lose if they are rendered on cells.
 
         A cell's mean, and the line between the middles of two cells, each take (π k c)²/6 of a
         fringe of k cycles per metre, for cells of a side c along both axes; what cells don't
@@ -115,8 +116,8 @@ class PanelOrders(BlurEffect):
 def _ghost_norm(s: Situation, lowest: int) -> float:
     """Estimate the norm of the frame's light in side orders from `lowest` on, electrons/s.
 
-    The panel orders effect sends copies of the picture aside, most of which miss the frame. Only
-    what cells of the frame hold of them counts.
+    They hold copies of the picture, most of which miss the frame. Only what cells of the frame hold
+    of them counts.
     """
     probe, sensor = s.picture_probe, s.camera.sensor
     step = cell_pixels(s)
@@ -137,8 +138,8 @@ def _ghost_norm(s: Situation, lowest: int) -> float:
 def _detail_factor(s: Situation, *, coarse: bool) -> float:
     """Return the norm of all light in orders over that which the estimate's cells hold.
 
-    coarse: whether the panel orders effect is rendered on cells, so that only the detail that these
-    lose counts. The middles of cells, and the lines between them, take from fringes of up to eight.
+    coarse: whether orders are rendered on cells, so that only the detail that these lose counts.
+        The middles of cells, and the lines between them, take from fringes of up to eight.
     """
     finest = 0.125 / (order_cell_pixels(s) * s.camera.sensor.pitch) if coarse else 0.0
     return detail_factor(s, finest)

@@ -1,4 +1,4 @@
-"""Lower bounds of the norms of a picture with every effect; errors are relative to these."""
+"""Lower bounds and estimates of a picture's norms, which errors are relative to."""
 
 from __future__ import annotations
 
@@ -38,10 +38,13 @@ from simulator.speckle import speckle_variance
 
 @dataclass(frozen=True)
 class DustLosses:
-    """Sums of the dust effect's losses over the pixels, each a share of a pixel's light.
+    """Sums of the losses by dust over the pixels, each a share of a pixel's light.
 
-    deepest: of any pixel. total: of all. norm: root of the sum of squares. pixels: that are shaded.
     Shadows that overlap count as if they added up.
+    deepest: of any pixel.
+    total: of all.
+    norm: root of the sum of squares.
+    pixels: number that are shaded.
     """
 
     deepest: float
@@ -51,7 +54,7 @@ class DustLosses:
 
 
 def dust_losses(s: Situation) -> DustLosses:
-    """Return the losses of the dust effect; all are 0 for a sensor without dust."""
+    """Return the losses by dust; all are 0 for a sensor without any."""
     sensor = s.camera.sensor
     if not sensor.dust:
         return DustLosses(0.0, 0.0, 0.0, 0.0)
@@ -72,9 +75,7 @@ _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 
 
 def minimum_norms(s: Situation) -> MinimumNorms:
-    """Return lower bounds of the picture's norms, which effects' errors are compared with.
-
-    The norms are those of mean, variance and σ over the sensor's pixels, in electrons.
+    """Bound the norms of mean, variance and σ over the sensor's pixels from below, in electrons.
 
     The norm of the mean is the largest of three bounds. First, a pixel has at least the light of
     the darkest place within the reach of its PSF. Second, the light that surely stays on the sensor
@@ -106,7 +107,8 @@ def minimum_norms(s: Situation) -> MinimumNorms:
 def _with_speckle(s: Situation, norms: MinimumNorms, light: float) -> MinimumNorms:
     """Add what speckle of variance v m² adds to the least norms of pictures, for a mean m.
 
-    light: least norm of m. The norm of m² is least where all pixels are alike.
+    The norm of m² is least where all pixels are alike.
+    light: least norm of m.
     """
     varied = speckle_variance(s)
     squared = varied * light**2
@@ -117,7 +119,7 @@ def _with_speckle(s: Situation, norms: MinimumNorms, light: float) -> MinimumNor
 
 
 def _in_dusts_shadow(s: Situation, total: float, norm: float) -> tuple[float, float]:
-    """Return the least sum and norm of light that the dust effect leaves, electrons."""
+    """Return the least sum and norm of light that dust leaves, electrons."""
     losses = dust_losses(s)
     if not losses.deepest:
         return total, norm
@@ -128,7 +130,7 @@ def _in_dusts_shadow(s: Situation, total: float, norm: float) -> tuple[float, fl
 
 
 def estimated_norms(s: Situation) -> MinimumNorms:
-    """Estimate the picture's norms, which effects' estimated errors are compared with.
+    """Estimate the norms that estimated errors are relative to.
 
     The norm of the mean is that of the sharp picture, whose power at each frequency falls by the
     mean square of the transfer function. The full wells count as in minimum_norms().
@@ -147,7 +149,7 @@ def estimated_norms(s: Situation) -> MinimumNorms:
 
 
 def estimated_light(s: Situation) -> tuple[float, float]:
-    """Estimate the sum and norm of the light in the frame, with all effects, electrons/s."""
+    """Estimate the sum and norm of all light in the frame, electrons/s."""
     if s.picture_probe.is_dark:
         return 0.0, 0.0
     return cached_across_exposures(s, "estimated light", lambda: _estimated_light(s))
@@ -162,7 +164,7 @@ def estimated_light_share(s: Situation) -> float:
 
 
 def _estimated_light(s: Situation) -> tuple[float, float]:
-    """Estimate the sum and norm of the light that effects leave in the frame, electrons/s."""
+    """Compute what estimated_light() keeps."""
     power = _cached_for_margin(s, "power", 0, lambda edge: _power(s, _frame_without_edge(s, edge)))
     if power is None:
         return 0.0, 0.0
@@ -183,7 +185,7 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
 
 
 def _min_light(s: Situation) -> tuple[float, float]:
-    """Bound the sum and norm of light from below, with all effects on, electrons per second."""
+    """Bound the sum and norm of the frame's light from below, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
     attenuated, spread = 0.8 * _min_attenuation(s) / area_change(s), _min_light_by_area(s)
     # What ghosts take may fall beside the frame.
@@ -196,7 +198,7 @@ def _min_light(s: Situation) -> tuple[float, float]:
 
 
 def _min_attenuation(s: Situation) -> float:
-    """Return the least share of light that vignetting and colour filter effects leave.
+    """Return the least share of light that vignetting, angle, colour filters and panel leave.
 
     The colour filters' share is relative to the light of the best channel.
     """
@@ -206,7 +208,7 @@ def _min_attenuation(s: Situation) -> float:
 
 
 def _min_channel_share(s: Situation) -> float:
-    """Return the least share of electrons that the colour filter effect leaves the mean pixel.
+    """Return the least share of electrons that colour filters leave the mean pixel.
 
     The minimum is over the scene's parts. The share is relative to the part's best channel.
     """
@@ -225,7 +227,7 @@ def _min_channel_share(s: Situation) -> float:
 
 
 def _min_lamp_light(s: Situation) -> float:
-    """Return the least mean lamp light of any row, relative to the mean, for the flicker effect."""
+    """Return the least mean lamp light of any row's exposure, relative to the mean."""
     lamp = s.target.lamp
     if lamp is None or lamp.is_constant:
         return 1.0
@@ -234,7 +236,7 @@ def _min_lamp_light(s: Situation) -> float:
 
 
 def _blur_margin(s: Situation, share: float) -> int:
-    """Return the distance in pixels beyond which blur effects send less than `share` of the light.
+    """Return the pixels beyond which blur sends less than `share` of a point's light.
 
     The image's motion is added. The result is rounded up to one of four values per octave, so that
     other patterns can use the same results of the picture.
@@ -250,16 +252,13 @@ def _blur_margin(s: Situation, share: float) -> int:
 
 
 def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
-    """Return a result for effects' minimum norms, computed once for each edge width.
-
-    The result depends on the sharp picture alone.
-    """
+    """Return a result of the sharp picture alone, computed once for each edge width."""
     causes = (what, edge, s.camera.sensor.shape)
     return cached_across_patterns(s, causes, lambda: find(edge))
 
 
 def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
-    """Return the sharp frame with an empty edge, for minimum norms under blur effects.
+    """Return the sharp picture, set to zero outside the frame and on an edge within it.
 
     edge: pixels of the frame that are set to zero on each side.
     """
@@ -274,7 +273,7 @@ def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
 
 
 def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
-    """Return pairs (light, pixels): light that blur effects surely leave on so many pixels."""
+    """Return pairs (light, pixels): light that blur surely leaves on so many pixels."""
     found = []
     for share in _SHARES:
         edge = _blur_margin(s, share)
@@ -291,7 +290,7 @@ def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
 
 
 def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
-    """Return a picture's sum and its lit rows and columns, for norms that effects leave."""
+    """Return a picture's sum, and how many rows and columns its light spans."""
     rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
     if not len(rows):
         return 0.0, (0, 0)
@@ -300,9 +299,9 @@ def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
 
 
 def _norm_by_neighbourhood(s: Situation) -> float:
-    """Bound from below the norm that blur effects leave, by the least light near each pixel.
+    """Bound the norm from below by the least light within the PSF's reach of each pixel.
 
-    Each pixel gets the least light within its PSF's reach. The norm is in electrons per second.
+    It is in electrons per second.
     """
     if has_occlusion(s):
         return 0.0
@@ -322,10 +321,7 @@ def _norm_by_neighbourhood(s: Situation) -> float:
 
 
 def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
-    """Return the frame's norm with the least light near each pixel, to bound blur effects.
-
-    "Near" is up to `edge` pixels away, along each axis.
-    """
+    """Return the frame's norm with the least light up to `edge` pixels away, along each axis."""
     least = s.picture_probe.sharp_picture.clamp(min=0).numpy()
     for axis in (0, 1):
         least = minimum_filter1d(least, 2 * edge + 1, axis, mode="constant")
@@ -334,10 +330,7 @@ def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
 
 
 def _norm_by_frequency(s: Situation) -> float:
-    """Bound from below the norm that blur effects leave, by the transfer function.
-
-    The norm is in electrons per second.
-    """
+    """Bound the norm that blur leaves from below by the transfer function, electrons per second."""
     if s.target.is_moving or has_occlusion(s):
         return 0.0
     transfer, best = s.pattern_probe.transfer_bounds, 0.0
@@ -358,7 +351,7 @@ def _norm_by_frequency(s: Situation) -> float:
 
 
 def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the least share of power at k cycles/m that pixels' effects leave, for norms."""
+    """Return the least share of power that pixels, colours and vibration leave at k cycles/m."""
     sensor = s.camera.sensor
     gain = np.clip(1 - (np.pi * k * sensor.pitch) ** 2 / 3, 0, 1)
     if sensor.crosstalk:
@@ -374,7 +367,7 @@ def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
-    """Return a picture's radial power spectrum for norms that effects leave; None without light."""
+    """Return a picture's radial power spectrum; None without light."""
     return (
         RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
     )

@@ -1,4 +1,4 @@
-"""The effect of the pixel aperture: a pixel averages the irradiance over its area."""
+"""The aperture of pixels: each averages the irradiance over its area."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from simulator.situation import Situation
 
 
 class PixelAperture(LightEffect, PixelwiseEffect):
-    """The pixel aperture, which takes contrast from fine detail.
+    """The average over a pixel's area, which takes contrast from fine detail.
 
     audit_margin: factor, from audits, by which light above the pixels' Nyquist frequency may exceed
-    that in the finest octave that they resolve.
+        that in the finest octave that they resolve.
     """
 
     audit_margin: ClassVar[float] = 2.0
@@ -60,17 +60,14 @@ class PixelAperture(LightEffect, PixelwiseEffect):
         return f"pixels of {pitch * 1e6:g} µm would take {share:.2g} of the sharp picture"
 
     def _resolved_loss(self, s: Situation) -> float:
-        """Return the pixel aperture effect's loss at frequencies that the pixels resolve.
-
-        The loss is an L2 norm in electrons per second.
-        """
+        """Return the loss at frequencies that pixels resolve, an L2 norm in electrons/s."""
         pitch = s.camera.sensor.pitch
         return s.picture_probe.power_spectrum.filtered_norm_bound(
             lambda k: np.minimum((np.pi * k * pitch) ** 2 / 6, MAX_SINC_LOSS)
         )
 
     def _aliases(self, s: Situation) -> float:
-        """Return the root of how many frequencies alias to one, for the pixel aperture effect.
+        """Return the root of how many frequencies alias to one.
 
         The light's frequencies go up to the lens' limit; those that the pixels don't resolve are
         aliased.

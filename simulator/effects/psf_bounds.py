@@ -1,4 +1,4 @@
-"""Bounds of a PSF's spread and reach that hold whichever effects are on.
+"""Bounds of a PSF's spread and reach that hold whatever else is on.
 
 They hold for waves; the error of replacing waves by rays is counted separately.
 """
@@ -24,16 +24,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PSFBoundSettings:
-    """Tune the bounds of PSFs that hold whichever effects are on.
+    """Tune the bounds of PSFs.
 
-    Attributes
-    ----------
-    margin : float
-        Factor, from audits: a PSF may be brighter at another wavelength of the band, or with some
-        of the panel's effects, than with all of them or with none.
-    frequency_factor : float
-        Factor by which frequencies around one are searched for the largest modulus, for the same
-        reason.
+    margin: a PSF may be brighter by this factor at another wavelength of the band, or with some of
+        the panel's imperfections, than with all of them or with none; from audits.
+    frequency_factor: factor by which frequencies around one are searched for the largest modulus,
+        for the same reason.
     """
 
     margin: float = 1.3
@@ -44,18 +40,18 @@ _SETTINGS = PSFBoundSettings()
 
 
 def has_known_psf(s: Situation) -> bool:
-    """Whether effects' bounds may use the probed PSF: one distance, and no layer hides another."""
+    """Whether bounds may use the probed PSF: one distance, and no layer hides another."""
     return len(set(s.picture_probe.distances)) == 1 and not has_occlusion(s)
 
 
 def has_occlusion(s: Situation) -> bool:
-    """Whether the occlusion effect can occur: any layer of the target hides another."""
+    """Whether any layer of the target hides another."""
     return any(layer.cover is not None for layer in s.target.layers)
 
 
 @cached_per_situation
 def peak_pixel_share(s: Situation) -> float:
-    """Bound the share of a point's light on one pixel under any effects; 1 for an unknown PSF."""
+    """Bound the share of a point's light on any one pixel; 1 for an unknown PSF."""
     if not has_known_psf(s):
         return 1.0
     return _on_pixel(s, s.pattern_probe.peak)
@@ -63,7 +59,7 @@ def peak_pixel_share(s: Situation) -> float:
 
 @cached_per_situation
 def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
-    """Bound the sum over pixels of a PSF's squared shares, under any effects.
+    """Bound the sum over pixels of a PSF's squared shares.
 
     beyond: if given, only the light beyond a square of so many metres to each side counts.
     """
@@ -78,10 +74,9 @@ def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
 
 
 def _on_pixel(s: Situation, density: float) -> float:
-    """Bound a PSF's share on one pixel under any effects from its density at the centre.
+    """Bound a PSF's share on one pixel, over the whole band and field.
 
-    density: the PSF's in 1/m², in the middle of band and field. The bound holds over the whole band
-    and field.
+    density: the PSF's in 1/m², in the middle of band and field.
     """
     density *= _brighter(s)
     # Off the axis, light passes another part of the panel, and is aberrated more: amplitudes add.
@@ -93,7 +88,7 @@ def _on_pixel(s: Situation, density: float) -> float:
 
 
 def full_aperture_density(s: Situation) -> float:
-    """Return the densest that a PSF can be under any effect of phase, in shares per m².
+    """Return the densest that a PSF can be with any phase, in shares per m².
 
     All amplitudes of the pupil then add up at one point, at the middle of the band.
     """
@@ -102,14 +97,14 @@ def full_aperture_density(s: Situation) -> float:
 
 
 def zeroth_order_share(s: Situation) -> float:
-    """Bound the share of a point's light that the panel orders effect keeps on the sensor."""
+    """Bound the share of a point's light that diffraction orders leave on the sensor."""
     if can_orders_reach_sensor(s) or is_uniform_scene(s):
         return 1.0
     return min(1.05 * s.pattern_probe.zeroth_order_share, 1.0)
 
 
 def can_orders_reach_sensor(s: Situation) -> bool:
-    """Whether the panel orders effect can occur: side orders of any light can reach a pixel.
+    """Whether side orders of any light can reach a pixel.
 
     The first order begins half a period from the light's image.
     """
@@ -118,15 +113,12 @@ def can_orders_reach_sensor(s: Situation) -> bool:
 
 
 def _brighter(s: Situation) -> float:
-    """Return how much denser PSFs are at the band's short end, for bounds on effects.
-
-    The result is relative to the band's centre.
-    """
+    """Return how many times denser PSFs are at the band's short end than at its centre."""
     return _SETTINGS.margin * s.band.centre**2 / s.band.support[0] ** 2
 
 
 def mtf_bound(s: Situation, frequency: Array) -> Array:
-    """Bound the MTF ``|H|`` of any PSF under any effects, at cycles per metre on the sensor."""
+    """Bound the MTF ``|H|`` of any PSF, at cycles per metre on the sensor."""
     if not has_known_psf(s):
         return np.ones_like(frequency)
     spread = _SETTINGS.frequency_factor * s.band.support[1] / s.band.support[0]
@@ -141,10 +133,9 @@ def mtf_bound(s: Situation, frequency: Array) -> Array:
 
 
 def illuminated_area_change(s: Situation) -> float:
-    """Return the panel area lit from only one of axis and field corner, for off-axis effects.
+    """Return the panel area lit from only one of axis and corner, over that lit from the axis.
 
-    The area is relative to the one that is lit from the axis. A shadow that moves by v changes v
-    times its width on either side.
+    A shadow that moves by v changes v times its width on either side.
     """
     sensor, lens = s.camera.sensor, s.camera.lens
     corner = math.hypot(*(n * sensor.pitch / 2 for n in sensor.shape))
@@ -158,7 +149,7 @@ def illuminated_area_change(s: Situation) -> float:
 
 
 def is_uniform_scene(s: Situation) -> bool:
-    """Whether blur has no effect: all light is uniform and endless, and no layer hides another."""
+    """Whether blur changes nothing: all light is uniform and endless, and nothing is hidden."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return (
         bool(parts) and all(isinstance(one, UniformLight) for one in parts) and not has_occlusion(s)

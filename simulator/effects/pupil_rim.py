@@ -12,10 +12,11 @@ from simulator.situation import Situation
 
 
 def rim_displacement(s: Situation, shift: float) -> float:
-    """Bound how far an effect's shift of focus moves light from the pupil's rim, metres.
+    """Bound how far a shift of focus moves light from the pupil's rim on the sensor, metres.
 
-    shift: metres by which images lie behind the sensor. Light crosses the lens no farther from the
-    axis than the stop's edge, or than light from the panel's corners does.
+    Light crosses the lens no farther from the axis than the stop's edge, or than light from the
+    panel's corners does.
+    shift: metres by which images lie behind the sensor.
     """
     lens, panel = s.camera.lens, s.camera.panel
     half = math.hypot(*(n * panel.pitch / 2 for n in panel.shape)) + math.hypot(*s.mount.shift)
@@ -29,11 +30,11 @@ def rim_displacement(s: Situation, shift: float) -> float:
 def colour_turns(
     s: Situation, wavelengths: NDArray[np.float64], k: NDArray[np.float64]
 ) -> list[NDArray[np.float64]]:
-    """Return how a lens' colours turn light over a band, for the band effects.
+    """Return by how many radians a lens' colours turn light against that of the band's centre.
 
-    The radians are those by which a transfer function at frequencies k in cycles/m turns against
-    that of the band's centre: of light from the pupil's rim by axial colour, and of light in the
-    frame's corners by lateral colour; each (frequencies, wavelengths).
+    They are those of a transfer function at frequencies k in cycles/m: of light from the pupil's
+    rim by axial colour, and of light in the frame's corners by lateral colour; each (frequencies,
+    wavelengths).
     """
     lens, sensor = s.camera.lens, s.camera.sensor
     ways = []

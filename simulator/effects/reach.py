@@ -1,4 +1,4 @@
-"""The effect of a PSF's reach: how far from its image a point's light is computed."""
+"""A PSF's reach: how far from its image a point's light is computed."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from simulator.situation import Situation
 class PSFReach(BlurEffect):
     """The light of a PSF outside its window.
 
-    audit_margin: factor of the error bound, from audits. With some of the panel's effects off, or
-    all on, more light may fall outside.
+    audit_margin: factor of the error bound, from audits. With some of the panel's imperfections
+        off, or all on, more light may fall outside.
     """
 
     audit_margin: ClassVar[float] = 1.5
@@ -42,9 +42,9 @@ class PSFReach(BlurEffect):
     levels = tuple(f"{n} px" for n in LEVELS.windows)
 
     def finest_level(self, s: Situation) -> int:
-        """Return the PSF reach effect's level whose window holds all useful zeroth-order light.
+        """Return the level whose window holds all zeroth-order light that can reach a pixel.
 
-        Useful light can reach a pixel. The zeroth order is widest at the longest wavelength.
+        The zeroth order is widest at the longest wavelength.
         """
         period = s.band.whole_support[1] * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch
         far = min(period, 2 * max(max_blur_distance(s)))
@@ -70,7 +70,7 @@ class PSFReach(BlurEffect):
 
 
 def _longest_waves(s: Situation) -> list[tuple[float, float]]:
-    """Return (largest share of light, longest wavelength) of band and leak, for the reach effect.
+    """Return (largest share of light, longest wavelength) of band and leak.
 
     PSFs are widest at the longest wavelength.
     """
@@ -79,10 +79,10 @@ def _longest_waves(s: Situation) -> list[tuple[float, float]]:
 
 
 def _window_half_side(s: Situation, level: int, longest: float) -> float:
-    """Return the metres from a PSF window's centre to its side at a level of the reach effect.
+    """Return the metres from a PSF window's centre to its side, at the band's centre.
 
-    The metres hold at the band's centre. They are scaled from the longest wavelength to the centre.
-    Light that a shifted panel or field aberrations move out of the window is beyond it.
+    They are scaled from the longest wavelength to the centre. Light that a shifted panel or field
+    aberrations move out of the window is beyond it.
     """
     half = (LEVELS.windows[level] / 2 - 1) * s.camera.sensor.pitch
     half = max(half - s.image_shift - displacement(s), 0.0)
@@ -91,7 +91,7 @@ def _window_half_side(s: Situation, level: int, longest: float) -> float:
 
 
 def _beyond(s: Situation, level: int) -> float:
-    """Return the share of a point's light that a level of the PSF reach effect cuts off."""
+    """Return the share of a point's light that a level's window cuts off."""
     found = (
         share * s.pattern_probe.share_beyond(_window_half_side(s, level, longest))
         for share, longest in _longest_waves(s)

@@ -27,32 +27,19 @@ from simulator.situation import Situation
 
 @dataclass(frozen=True)
 class RenderingLevels:
-    """List what a recipe's fields are at each level of the effects, the coarsest first.
+    """List what a recipe's fields are at each level, the coarsest first. All values were chosen.
 
-    All values were chosen.
-
-    Attributes
-    ----------
-    wavelengths : tuple of int
-        Nodes in the filter's band.
-    leak : tuple of int
-        Nodes of the light that leaks outside the band.
-    depths : tuple of int
-        Nodes of distance.
-    places : tuple of int
-        Nodes along each axis of the field.
-    aberrated_places : tuple of int
-        The same for field aberrations, which change more than the stop's shadow.
-    angles : tuple of int
-        Angles at which light passes the filter.
-    orders : tuple of int
-        Diffraction orders of the panel's pixel grid on each side. At level 1, two on each side are
-        rendered on cells of pixels instead, where that is possible.
-    samples : tuple of int
-        Samples of a picture along each axis of a pixel, before it is blurred; and of the blurred
+    wavelengths: nodes in the filter's band.
+    leak: nodes of the light that leaks outside the band.
+    depths: nodes of distance.
+    places: nodes along each axis of the field.
+    aberrated_places: the same for field aberrations, which change more than the stop's shadow.
+    angles: at which light passes the filter.
+    orders: diffraction orders of the panel's pixel grid on each side. At level 1, two on each side
+        are rendered on cells of pixels instead, where that is possible.
+    samples: of a picture along each axis of a pixel, before it is blurred; and of the blurred
         light, up to as many as PSFs have.
-    windows : tuple of int
-        Sides of the PSF's window in sensor pixels.
+    windows: sides of the PSF's window in sensor pixels.
     """
 
     wavelengths: tuple[int, ...] = (1, 2, 3, 5, 7, 9, 13, 17, 25, 33)
@@ -69,7 +56,7 @@ class RenderingLevels:
 LEVELS = RenderingLevels()
 
 COARSE_ORDERS = 1
-"""Level of the panel orders effect at which they are rendered on cells, where that is possible."""
+"""Level at which the panel's orders are rendered on cells, where that is possible."""
 
 FILTER_BANDWIDTH, OUT_OF_BAND_LEAK, FIELD_POSITION, PANEL_ORDERS = (
     "filter bandwidth",
@@ -103,8 +90,8 @@ ATTRIBUTION_ORDER = (
     LENS_GHOSTS,
     FILTER_ANGLE,
 )
-"""Order in which the effects' operations are told apart: each effect's operations are those that
-it adds to the effects before."""
+"""Order in which operations are told apart: each effect's are those that it adds to the ones
+before."""
 
 _RELEVANT_EFFECTS = (
     *ATTRIBUTION_ORDER,
@@ -121,9 +108,11 @@ _RELEVANT_EFFECTS = (
 class _Counts:
     """Counts of the steps of rendering a picture.
 
-    psfs: PSFs of the zeroth order. orders: other orders of each PSF. transforms: Fourier transforms
-    of all samples, except for those of pictures when they are drawn. pictures: pictures that are
-    drawn. wave: whether light is a wave, or rays.
+    psfs: PSFs of the zeroth order.
+    orders: other orders of each PSF.
+    transforms: Fourier transforms of all samples, except for those of pictures when they are drawn.
+    pictures: that are drawn.
+    wave: whether light is a wave, or rays.
     """
 
     psfs: float
@@ -134,10 +123,7 @@ class _Counts:
 
 
 def added_operations(s: Situation, levels: Mapping[str, int], name: str) -> float:
-    """Return the operations that an effect adds to those of the effects before it.
-
-    The effects' order is ATTRIBUTION_ORDER.
-    """
+    """Return the operations that an effect adds to those before it in ATTRIBUTION_ORDER."""
     place = ATTRIBUTION_ORDER.index(name)
     # Only levels that matter are read: a plan asks again only if one of those changes.
     seen = {
@@ -149,13 +135,13 @@ def added_operations(s: Situation, levels: Mapping[str, int], name: str) -> floa
 
 
 def rendering_operations(s: Situation, levels: Mapping[str, int]) -> float:
-    """Return the operations of rendering at given effect levels, without the sensor's stages."""
+    """Return the operations of rendering at given levels, without the sensor's stages."""
     return _operations(s, tuple(levels.get(one, 0) for one in _RELEVANT_EFFECTS))
 
 
 @cached_per_situation
 def _operations(s: Situation, found: tuple[int, ...]) -> float:
-    """Return the operations of rendering, cached by the levels of the relevant effects."""
+    """Return the operations of rendering, cached by the levels that matter."""
     levels = dict(zip(_RELEVANT_EFFECTS, found, strict=True))
     wave = bool(levels.get(DIFFRACTION, 0))
     of_psf, of_light = s.coarsest_sampling, light_samples_at(s, levels)
@@ -177,7 +163,6 @@ def _operations(s: Situation, found: tuple[int, ...]) -> float:
 
 
 def _windows_at(s: Situation, levels: Mapping[str, int]) -> Windows:
-    """Return the windows that are rendered at effect levels."""
     wave, order = bool(levels.get(DIFFRACTION, 0)), levels.get(PANEL_ORDERS, 0)
     by_psfs = wave and not are_orders_coarse(s, order)
     return _windows(
@@ -199,19 +184,19 @@ def _windows(
 
 
 def picture_samples_at(s: Situation, levels: Mapping[str, int]) -> tuple[int, int]:
-    """Return the samples of a picture, (rows, columns), that is rendered at effect levels."""
+    """Return the samples (rows, columns) of a rendered picture."""
     rows, columns = (n * light_samples_at(s, levels) for n in _windows_at(s, levels).picture)
     return rows, columns
 
 
 def channel_count_at(s: Situation, levels: Mapping[str, int]) -> int:
-    """Return the number of colour channels that are rendered at effect levels."""
+    """Return the number of colour channels that are rendered."""
     colour = s.camera.sensor.colour
     return len(colour.channels) if colour and levels.get("colour filter array", 0) else 1
 
 
 def are_orders_coarse(s: Situation, level: int) -> bool:
-    """Whether a level of the panel orders effect renders them on cells of pixels."""
+    """Whether a level of the panel's orders renders them on cells of pixels."""
     return level == COARSE_ORDERS and can_be_coarse(s)
 
 
@@ -222,19 +207,19 @@ def _coarse_order_operations(s: Situation) -> float:
 
 
 def light_samples_at(s: Situation, levels: Mapping[str, int]) -> int:
-    """Return the samples of blurred light in a pixel along each axis, by effect levels."""
+    """Return the samples of blurred light in a pixel along each axis."""
     drawn = LEVELS.samples[levels.get(LIGHT_SAMPLING, 0)]
     return light_samples(s.coarsest_sampling, drawn, occlusion=bool(levels.get(OCCLUSION, 0)))
 
 
 def _picture_oversampling(of_light: int, levels: Mapping[str, int]) -> float:
-    """Return how many drawn samples the light-sampling effect uses per sample of light."""
+    """Return how many samples of a picture are drawn per sample of light."""
     along = math.ceil(LEVELS.samples[levels.get(LIGHT_SAMPLING, 0)] / of_light)
     return float(along**2)
 
 
 def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Counts:
-    """Count the PSFs, transforms and pictures that rendering takes at given effect levels.
+    """Count the PSFs, transforms and pictures that rendering takes.
 
     apart: whether the panel's side orders have PSFs of their own.
     """
@@ -283,13 +268,13 @@ def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Co
 
 
 def place_count_at(levels: Mapping[str, int]) -> int:
-    """Return the number of places in the field that are rendered at effect levels."""
+    """Return the number of places in the field that are rendered."""
     of_shadow = LEVELS.places[levels.get(FIELD_POSITION, 0)]
     return max(of_shadow, LEVELS.aberrated_places[levels.get(FIELD_ABERRATIONS, 0)]) ** 2
 
 
 def _flicker_field_count(s: Situation, levels: Mapping[str, int]) -> int:
-    """Return the number of panel fields that represent the panel flicker effect."""
+    """Return the number of panel fields that represent the panel's flicker."""
     if not levels.get("flicker", 0):
         return 1
     reach = max(float(phase.abs().max()) for phase in s.pattern_probe.phases)
@@ -297,7 +282,7 @@ def _flicker_field_count(s: Situation, levels: Mapping[str, int]) -> int:
 
 
 def first_level_reaching(values: tuple[int, ...], least: float) -> int:
-    """Return an effect's first level whose value is at least `least`, or its last level."""
+    """Return the first level whose value is at least `least`, or the last level."""
     for level, value in enumerate(values):
         if value >= least:
             return level

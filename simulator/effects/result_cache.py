@@ -1,4 +1,4 @@
-"""Keep results that effects compute for a situation, or for all exposures of a scene."""
+"""Keep results that are computed for a situation, or for all exposures of a scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ P = ParamSpec("P")
 def cached_per_situation(
     find: Callable[Concatenate[Situation, P], T],
 ) -> Callable[Concatenate[Situation, P], T]:
-    """Decorate an effect's function of a situation so that the situation keeps its results.
+    """Decorate a function of a situation so that the situation keeps its results.
 
     The results are deleted with the situation. A cache of the function's own would keep situations
     alive that nothing else uses any more.
@@ -34,10 +34,10 @@ def cached_per_situation(
 
 
 def cached_across_exposures(s: Situation, what: str, find: Callable[[], T]) -> T:
-    """Return an effect's result that is computed once for all exposure times and starts.
+    """Return a result that is computed once for all exposure times and starts.
 
-    what: name of the result, and of everything else that it depends on. If the target moves, each
-    exposure time has a result of its own.
+    If the target moves, each exposure time has a result of its own.
+    what: name of the result, and of everything else that it depends on.
     """
     moving = s.exposure if s.target.is_moving else None
     causes = (what, s.picture_probe, s.band, s.camera, s.mount, moving)
@@ -48,7 +48,7 @@ def cached_across_exposures(s: Situation, what: str, find: Callable[[], T]) -> T
 
 
 def cached_across_patterns(s: Situation, causes: Hashable, find: Callable[[], T]) -> T:
-    """Return an effect's result that follows from the sharp picture and the named causes alone."""
+    """Return a result that follows from the sharp picture and the named causes alone."""
     known = s.picture_probe.results
     if causes not in known:
         known[causes] = find()

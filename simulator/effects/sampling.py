@@ -1,4 +1,4 @@
-"""The effect of sampling pictures and their blurred light in each pixel."""
+"""Samples of pictures and of their blurred light in each pixel."""
 
 from __future__ import annotations
 
@@ -22,21 +22,14 @@ from simulator.situation import Situation
 class LightSamplingSettings:
     """Tune how finely pictures are sampled, and the error bound of their samples.
 
-    Attributes
-    ----------
-    max_samples_per_pixel : int
-        Samples along each axis of a pixel at the finest level. Chosen.
-    max_samples : int
-        Samples of a whole picture, at most. Chosen.
-    margin : float
-        Factor of the error bound, from audits: of detail finer than pixels, only the finest that
-        pixels resolve is known.
-    likely_factor : float
-        Factor of the estimated error, from audits on random scenes: where edges lie at random,
+    max_samples_per_pixel: along each axis of a pixel, at the finest level. Chosen.
+    max_samples: of a whole picture, at most. Chosen.
+    margin: factor of the error bound, from audits: of detail finer than pixels, only the finest
+        that pixels resolve is known.
+    likely_factor: of the estimated error, from audits on random scenes: where edges lie at random,
         aliases may be in phase.
-    fine_detail : float
-        Cycles per pixel from which on a picture's detail is taken to go on beyond what pixels
-        resolve. Chosen.
+    fine_detail: cycles per pixel from which on a picture's detail is taken to go on beyond what
+        pixels resolve. Chosen.
     """
 
     max_samples_per_pixel: int = 4
@@ -100,14 +93,14 @@ class LightSampling(BlurEffect):
 
 
 def _aliasing_gain(s: Situation, samples: int) -> Gain:
-    """Bound the light-sampling effect's aliasing by frequency, for `samples` per pixel."""
+    """Bound the relative amplitude of aliases by frequency, for `samples` per pixel."""
     pitch = s.camera.sensor.pitch
     aliases = _alias_power(s, samples, lambda cycles: mtf_bound(s, cycles / pitch) ** 2)
     return lambda k: _SETTINGS.margin * np.sqrt(aliases(k * pitch))
 
 
 def _likely_error_rate(s: Situation, samples: int) -> float:
-    """Estimate the light-sampling effect's L2 error, electrons/s, for `samples` per pixel."""
+    """Estimate the L2 error of aliases, electrons/s, for `samples` per pixel."""
     power, pitch = s.picture_probe.power_spectrum, s.camera.sensor.pitch
     transfers = s.pattern_probe.transfer_bounds
     aliases = _alias_power(s, samples, lambda cycles: transfers.mean_square_near(cycles / pitch))
@@ -151,15 +144,15 @@ def _alias_power(s: Situation, samples: int, contrast: Gain) -> Gain:
 
 
 def _least_decay(s: Situation) -> int:
-    """Return the slowest decay that the light-sampling effect can rely on, 0 to 2."""
+    """Return the slowest decay of spectra that can be relied on, a power of 0 to 2."""
     # A formula's picture may be a point, whose spectrum doesn't fall.
     return 0 if _has_exact_spectra(s) else min(_spectral_decay(s), 2)
 
 
 def _spectral_decay(s: Situation) -> int:
-    """Return the slowest decay of the pictures' spectra, for the light-sampling effect.
+    """Return the slowest decay of the pictures' spectra, a power of the frequency.
 
-    The decay is a power of the frequency, found at the pixels' Nyquist frequency.
+    It is found at the pixels' Nyquist frequency.
     """
     found = []
     for layer in s.target.layers:
@@ -171,6 +164,6 @@ def _spectral_decay(s: Situation) -> int:
 
 
 def _has_exact_spectra(s: Situation) -> bool:
-    """Whether pictures need no samples for light sampling, because formulas give their spectra."""
+    """Whether pictures need no samples, because formulas give their spectra."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
     return all(one.has_exact_spectrum for one in parts) and not has_occlusion(s)

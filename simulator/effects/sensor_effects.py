@@ -1,4 +1,4 @@
-"""Effects of the sensor's electronics on the electrons of each pixel."""
+"""What the sensor's electronics do to the electrons of each pixel."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class FixedPattern(PixelwiseEffect):
         )
 
     def _offsets(self, s: Situation) -> Bound:
-        """Bound the fixed-pattern effect of the pixels' offsets (DSNU).
+        """Bound the change by the pixels' offsets (DSNU).
 
         Offsets move means; they change variances only by rounding and at the converter's ends.
         """
@@ -142,7 +142,7 @@ class Clipping(PixelwiseEffect):
         )
 
     def _above(self, s: Situation) -> Bound:
-        """Bound the clipping effect in pixels that may clip at the upper end.
+        """Bound the change in pixels that may clip at the upper end.
 
         Their number is limited by the sum of their squared electrons.
         """
@@ -161,7 +161,7 @@ class Clipping(PixelwiseEffect):
         return Bound(excess * root, varied * root, math.sqrt(varied) * root, how=how)
 
     def _below(self, s: Situation) -> Bound:
-        """Bound the clipping effect in dark pixels whose noise reaches below the number 0."""
+        """Bound the change in dark pixels whose noise reaches below the number 0."""
         sensor = s.camera.sensor
         noise = sensor.read_noise + sensor.gain
         how = "proved: noise below the number 0"
@@ -212,7 +212,7 @@ class ReadNoise(PixelwiseEffect):
         )
 
     def _can_be_clipped(self, s: Situation) -> bool:
-        """Whether the read noise's effect can be clipped at the converter's ends."""
+        """Whether read noise can be clipped at the converter's ends."""
         sensor = s.camera.sensor
         return can_clip_at_zero(sensor) or (
             can_clip(s) and clipping_onset(sensor) < sensor.full_well
@@ -235,7 +235,7 @@ class Quantisation(PixelwiseEffect):
         return sensor.gain**2 / 12 / (noise + sensor.gain**2 / 12)
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the picture's error if the quantisation effect is left out.
+        """Bound the frame's error by half a step in each pixel.
 
         Rounding moves a number by at most half a step. So it moves the mean, and, by Minkowski, σ;
         the variance changes by the sum of both σ times that.

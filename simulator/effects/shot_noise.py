@@ -1,4 +1,4 @@
-"""The effect of shot noise: the number of photons is random."""
+"""Shot noise: the number of photons is random."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class ShotNoise(Effect):
         )
 
     def _bound_without_noise(self, s: Situation) -> Bound:
-        """Bound the picture's error if the shot noise effect is left out.
+        """Bound the frame's error if no noise is drawn.
 
         The bound follows from the variance of the number of electrons, a rounding step and full
         wells.
@@ -91,7 +91,7 @@ class ShotNoise(Effect):
         )
 
     def _gaussian_bound(self, s: Situation) -> Bound:
-        """Bound the shot noise effect's error if a normal distribution replaces Poisson's.
+        """Bound the frame's error if a normal distribution replaces Poisson's.
 
         Means and variances agree except where full wells and rounding cut the distributions. The
         cumulative distributions differ by 0.068 / √electrons: 1/(6 √(2π)) from Edgeworth's first
@@ -113,7 +113,7 @@ class ShotNoise(Effect):
         )
 
     def _skewed_gaussian_bound(self, s: Situation) -> Bound:
-        """Bound the shot noise effect's error if a skewed normal distribution replaces Poisson's.
+        """Bound the frame's error if a skewed normal distribution replaces Poisson's.
 
         The skewed one has the right third and fourth moments. The cumulative distributions differ
         by 3e-4 at ten electrons, and by less for more electrons.
@@ -131,7 +131,7 @@ class ShotNoise(Effect):
 
 
 def _max_sigma_change(variance: float, sensor: Sensor) -> float:
-    """Bound the error of σ from an error of the shot noise effect's variance.
+    """Bound the error of σ from an error of the variance.
 
     The error of σ is largest where the variance is least: a step of the converter may hide all of
     it.

@@ -1,4 +1,4 @@
-"""The effect of speckle: a rough object's light interferes with itself."""
+"""Speckle: a rough object's light interferes with itself."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from simulator.speckle import speckle_variance
 
 
 class Speckle(PixelwiseEffect):
-    """Light of a rough object varies from pixel to pixel by its contrast, whatever its mean is."""
+    """Light of a rough object, which varies between pixels by its contrast, whatever its mean."""
 
     name = "speckle"
     recipe_field = "speckle"

@@ -29,9 +29,10 @@ Array = NDArray[np.float64]
 class SpectralMeasure:
     """The electrons that the light frees, by wavelength.
 
-    wavelengths: points in metres. electrons: those of each channel and part at the points,
-    (channels, parts, points), relative to all of the brightest channel's. Where the filter's band
-    shifts with the angle, all channels follow for each further angle.
+    Where the filter's band shifts with the angle, all channels follow for each further angle.
+    wavelengths: points in metres.
+    electrons: of each channel and part at the points, relative to all of the brightest channel's,
+        (channels, parts, points).
     """
 
     wavelengths: Array
@@ -39,12 +40,12 @@ class SpectralMeasure:
 
     @property
     def is_empty(self) -> bool:
-        """Whether light frees no electrons, so that the band or the leak has no effect."""
+        """Whether light frees no electrons, so that band or leak changes nothing."""
         return not self.electrons.size or not self.electrons.any()
 
     @cached_property
     def nodes(self) -> Array:
-        """Return the 49 Chebyshev wavelengths in metres for the effects of band and leak.
+        """Return 49 Chebyshev wavelengths over the band or the leak, in metres.
 
         A transfer function, which is smooth over the range, is interpolated between them.
         """
@@ -54,7 +55,7 @@ class SpectralMeasure:
         return np.asarray((low + high) / 2 - (high - low) / 2 * np.cos(turns))
 
     def weight_errors(self, count: int) -> Array:
-        """Return the errors of the weights if an effect's `count` Gauss nodes stand for the light.
+        """Return the errors of the weights if `count` Gauss nodes stand for the light.
 
         The weights integrate values at `nodes` over the spectrum. The errors are relative to the
         brightest channel of each part, (channels, parts, nodes).
@@ -63,10 +64,7 @@ class SpectralMeasure:
 
     @cached_property
     def _exact_weights(self) -> Array:
-        """Return the nodes' exact weights, from which a level of the bandwidth effect deviates.
-
-        The weights integrate values at the nodes over the whole spectrum.
-        """
+        """Return the weights that integrate values at the nodes over the whole spectrum."""
         return np.asarray(
             self.electrons @ interpolation_weights(self.nodes.tolist(), self.wavelengths).T
         )
@@ -74,7 +72,6 @@ class SpectralMeasure:
 
 @lru_cache(maxsize=256)
 def _weight_errors(one: SpectralMeasure, count: int) -> Array:
-    """Return the errors of a band effect's weights; see SpectralMeasure.weight_errors()."""
     found, weights = gauss_quadrature(one.wavelengths, one.electrons, count)
     masses = one.electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[None, :, None]
@@ -83,10 +80,7 @@ def _weight_errors(one: SpectralMeasure, count: int) -> Array:
 
 
 def spectral_measure(s: Situation, which: Literal["band", "leak"]) -> SpectralMeasure:
-    """Return the electrons by wavelength for the effects of a filter's band or leak.
-
-    The situation's light frees these electrons.
-    """
+    """Return the electrons that a situation's light frees over band or leak, by wavelength."""
     spectra, curves = _lights_and_curves(s)
     angles = some_angles(s.camera, s.band, PROBED_ANGLES)
     return _measure(spectra, curves, s.band, which == "leak", tuple(angles))
@@ -104,10 +98,10 @@ def _lights_and_curves(s: Situation) -> tuple[tuple[Spectrum, ...], tuple[Spectr
 
 
 def measures_at_angles(s: Situation, squared: Sequence[Sequence[float]]) -> list[Array]:
-    """Return wavelengths, and the electrons at them for lists of angles, for the filter's effects.
+    """Return wavelengths in metres, and the electrons at them for lists of angles.
 
-    squared: lists of sin². The first array has wavelengths in metres. Each further one is
-    (angles, channels, parts, wavelengths).
+    Each array of electrons is (angles, channels, parts, wavelengths).
+    squared: lists of sin².
     """
     x, measures = electrons_by_angle(
         *_lights_and_curves(s), s.band, [one for many in squared for one in many], leak=False
@@ -124,9 +118,9 @@ def _measure(
     leak: bool,
     angles: tuple[float, ...],
 ) -> SpectralMeasure:
-    """Return the spectral measure for a filter's effects, cached by the values of light and filter.
+    """Return the electrons by wavelength, cached by the values of light and filter.
 
-    The measure is the same for every pattern.
+    They are the same for every pattern.
     """
     x, measures = electrons_by_angle(spectra, curves, band, angles, leak=leak)
     angles_and_channels = measures.shape[0] * measures.shape[1]
@@ -134,9 +128,9 @@ def _measure(
 
 
 def angle_shares(s: Situation) -> Array:
-    """Return the light that the filter angle effect leaves at some angles, over the most at any.
+    """Return the light that passes the filter at some angles, over the most at any, (angles,).
 
-    It is the least of any part and channel, (angles,).
+    It is the least of any part and channel.
     """
     if not s.band.shifts_with_angle:
         return np.ones(1)
@@ -148,7 +142,7 @@ def angle_shares(s: Situation) -> Array:
 
 
 def leak_share(s: Situation) -> float:
-    """Return the leak effect's largest share of any part's electrons in a channel.
+    """Return the leak's largest share of any part's electrons in a channel.
 
     The share is relative to the electrons of the part's brightest channel.
     """

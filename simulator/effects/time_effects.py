@@ -1,4 +1,4 @@
-"""Effects of time within an exposure: a flickering lamp, and a rolling shutter."""
+"""Time within an exposure: a flickering lamp, and a rolling shutter."""
 
 from __future__ import annotations
 
@@ -55,16 +55,15 @@ class LampFlicker(LightEffect, OnOffEffect):
         )
 
     def _max_row_deviation(self, s: Situation) -> float:
-        """Return the lamp flicker effect's largest deviation of a row's mean light from 1.
+        """Return the largest deviation from 1 of the lamp's mean light over a row's exposure.
 
-        The mean is over the row's exposure. Without a rolling shutter, all rows are exposed with
-        the first.
+        Without a rolling shutter, all rows are exposed with the first.
         """
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         return float(np.abs(_lamp(s).mean(begins, begins + s.exposure) - 1).max())
 
     def _mean_deviation(self, s: Situation) -> float:
-        """Bound the lamp flicker effect's mean deviation of the light within the exposure.
+        """Bound the mean deviation of the lamp's light within the exposure.
 
         The panel or a motion may favour bright or dark times. The deviation is computed from exact
         means over 4096 parts of the exposure; a bound of what they can't show is added.
@@ -81,7 +80,6 @@ class LampFlicker(LightEffect, OnOffEffect):
 
 
 def _lamp(s: Situation) -> Waveform:
-    """Return the lamp's waveform for the lamp flicker effect; the target must have a lamp."""
     assert s.target.lamp is not None
     return s.target.lamp
 
@@ -115,10 +113,7 @@ class RollingShutter(LightEffect, PixelwiseEffect):
         )
 
     def _row_difference(self, s: Situation) -> float:
-        """Bound the rolling shutter effect: how much a row's light differs from the first row's.
-
-        The result is the largest difference of any row, as a share of the light.
-        """
+        """Bound how much any row's light differs from the first row's, as a share of the light."""
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         if s.target.is_moving or s.panel_content.is_changing:
             # Each of the two exposures has light of its own for as long as they don't overlap.

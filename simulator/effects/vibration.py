@@ -1,4 +1,4 @@
-"""The effect of vibration: the image trembles on the sensor during an exposure."""
+"""Vibration: the image trembles on the sensor during an exposure."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Vibration(OnOffEffect, LightEffect):
         return f"in {s.exposure * 1e3:.3g} ms the image trembles by {pixels:.2g} pixels rms"
 
     def _change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that the vibration effect moves."""
+        """Bound the L2 norm of the electrons that move."""
         rms, probe, pitch = image_vibration(s), s.picture_probe, s.camera.sensor.pitch
 
         def loss(k: NDArray[np.float64]) -> NDArray[np.float64]:

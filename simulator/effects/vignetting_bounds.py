@@ -22,7 +22,7 @@ from simulator.situation import Situation
 
 @cached_per_situation
 def max_vignetting_change(s: Situation) -> float:
-    """Return the vignetting effect's largest relative change of a point's light.
+    """Return the largest relative change of a point's light by vignetting.
 
     The point may be wherever the finest rendering of side orders brings light from.
     """
@@ -31,10 +31,10 @@ def max_vignetting_change(s: Situation) -> float:
 
 @cached_per_situation
 def vignetting_change(s: Situation) -> float:
-    """Bound the vignetting effect's relative change of light that reaches the frame on all ways.
+    """Bound the relative change by vignetting of light that reaches the frame on all ways.
 
-    Light of the frame and its margin counts with the change there; that of the panel orders effect
-    comes from farther aside, and counts with its share.
+    Light of the frame and its margin counts with the change there; that of side orders comes from
+    farther aside, and counts with its share.
     """
     found = _vignetting_change(s, 0)
     for order in range(1, LEVELS.orders[-1] + 1):
@@ -63,11 +63,10 @@ def _vignetting_change(s: Situation, orders: int) -> float:
 def vignetting_samples(
     s: Situation, shape: Sequence[int], distances: Collection[float]
 ) -> torch.Tensor:
-    """Sample the vignetting effect: return the share of the light left, for each distance.
+    """Return the share of the light that vignetting leaves at 9 x 9 places, for each distance.
 
-    The share is computed at 9 x 9 places from corner to corner of `shape` pixels. A curve of
-    relative illumination that rises again counts with the least light so far, which the places
-    then can't miss.
+    The places go from corner to corner of `shape` pixels. A curve of relative illumination that
+    rises again counts with the least light so far, which the places then can't miss.
     """
     camera = _with_falling_light(s.mount.camera_in_panel_axes(s.camera))
     rows, columns = (n * camera.sensor.pitch / 8 for n in shape)
@@ -92,9 +91,9 @@ def _with_falling_light(camera: Camera) -> Camera:
 
 
 def blur_sensitivity(s: Situation) -> float:
-    """Return the largest share of the light that effects on the PSF can change.
+    """Return the largest share of the light that a change of PSFs can change.
 
-    In uniform, endless light, they change only what vignetting and the filter's angle make of it.
+    Uniform, endless light changes only by what vignetting and the filter's angle make of it.
     """
     return min(max_vignetting_change(s) + _aslant(s), 1.0) if is_uniform_scene(s) else 1.0
 

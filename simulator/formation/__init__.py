@@ -1,4 +1,4 @@
-"""Image formation: render the mean picture of a situation by its recipe.
+"""The mean picture of a situation, rendered by its recipe.
 
 `exposure_cells`, `nodes` and `kernels` compute how each point's light spreads. `sample_grid` and
 `compositing` convolve pictures with PSFs and combine them. `mean_picture` runs the recipe's stages

@@ -1,4 +1,4 @@
-"""Render the side orders of the panel's pixel grid on cells of several sensor pixels."""
+"""Side orders of the panel's pixel grid, rendered on cells of several sensor pixels."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ _SAMPLES_PER_SPOT = 1.5
 
 
 def order_cell_pixels(s: Situation) -> int:
-    """Return the sensor pixels along a cell on which an image's side orders are rendered."""
+    """Return the sensor pixels along a cell."""
     return max(1, math.ceil(max(s.camera.sensor.shape) / _CELLS))
 
 
 def can_be_coarse(s: Situation) -> bool:
-    """Whether side orders can be rendered on cells: all light takes the same way through the stop.
+    """Whether side orders can be computed on cells: all light takes the same way through the stop.
 
     Moving or hidden light, a turned panel, a lens that distorts, scales colours or has ghosts,
     light that interferes, and jitter, which scatters light evenly, need PSFs. So does a small
@@ -65,7 +65,7 @@ def can_be_coarse(s: Situation) -> bool:
 
 
 class CoarseOrders:
-    """Render the light of all side orders together, by the panel's far field.
+    """Compute the light of all side orders together, from the panel's far field.
 
     Copies of a picture far aside are dim, so that their detail doesn't count. The far field of the
     panel's field, one period of it, lands in each order, weighted by the envelope of one pixel.
@@ -90,9 +90,9 @@ class CoarseOrders:
         self._squared_sines = tuple(rendered_angles(s, recipe))
 
     def light(self, cell: ExposureCell) -> torch.Tensor:
-        """Render the light of an exposure cell in side orders, (channels, rows, columns).
+        """Return an exposure cell's light in side orders, electrons per second and pixel.
 
-        The light is in electrons per second on each pixel, float32.
+        The result is (channels, rows, columns), float32.
         """
         spreading = self._spreading
         total = np.zeros((spreading.channels, *self._frame))
@@ -111,10 +111,10 @@ class CoarseOrders:
     def _draw_on_cells(
         self, layer: Layer, part: int, kernel: tuple[int, ...], angle: int
     ) -> Array | None:
-        """Return a rendered layer's part on the cells from which light reaches the frame.
+        """Draw a layer's part on the cells from which light reaches the frame.
 
         angle: number of the angle at the filter by whose share it is weighted, 0 for none. None
-        stands for uniform light.
+        stands for light that is uniform on the sensor.
         """
         even = self._objects.is_uniform(layer.parts[part].picture) and not angle
         if even and not self._recipe.vignetting:
@@ -139,7 +139,7 @@ class CoarseOrders:
         return self._cache.get(causes, draw).numpy().astype(np.float64)
 
     def _kernel(self, layer: int, node: int, cell: ExposureCell) -> Array:
-        """Return how a layer's light of one wavelength is rendered in side orders, by cells."""
+        """Return how a layer's light of one wavelength spreads over the side orders, by cells."""
         wavelength, distances = self._spreading.nodes[node].metres, self._spreading.distances(layer)
         return self._keep(
             (cell.panel_state, wavelength, distances),
@@ -147,7 +147,7 @@ class CoarseOrders:
         )
 
     def _keep(self, light: tuple[object, ...], compute: Callable[[], Array]) -> Array:
-        """Return a kernel of rendered side orders from the cache, or compute it.
+        """Return the kernel of some light from the cache, or compute it.
 
         light: the light whose kernel it is.
         """
@@ -175,7 +175,7 @@ class CoarseOrders:
         return total
 
     def _orders(self, field: torch.Tensor | None, wavelength: float, distance: float) -> Array:
-        """Return a panel's field in its side orders, rendered by cells; None is an even field."""
+        """Return a field's light in its side orders, by cells; None stands for an even field."""
         camera = self._kernels.camera_at(wavelength)
         lit = torch.ones(camera.panel.shape) if field is None else field
         lens = LensProbe(camera, wavelength, distance, self._cache).field(distance)
@@ -184,7 +184,7 @@ class CoarseOrders:
         return _relative_power(lens, lit) * self._within_reach(far, wavelength)
 
     def _within_reach(self, far: FarField, wavelength: float) -> Array:
-        """Return a far field's orders by cells, as far as light reaches the rendered frame."""
+        """Return a far field's orders by cells, as far as light reaches the frame."""
         period = self._kernels.period(wavelength)
         kernel = side_order_kernel(far, period, self._cell, 1, 2)
         y, x = (
@@ -194,7 +194,7 @@ class CoarseOrders:
         return cut_kernel(kernel, (y, x))
 
     def _on_pixels(self, cells: Array) -> torch.Tensor:
-        """Interpolate rendered light linearly from cells to the sensor's pixels."""
+        """Interpolate light linearly from cells to the sensor's pixels."""
         down, along = (
             _interpolation_matrix(n, cells_along, self._pixels)
             for n, cells_along in zip(self._s.camera.sensor.shape, self._frame, strict=True)
@@ -203,7 +203,7 @@ class CoarseOrders:
 
 
 def _interpolation_matrix(count: int, cells: int, pixels: int) -> torch.Tensor:
-    """Return the matrix that interpolates rendered light from cells to pixels, (count, cells).
+    """Return the matrix that interpolates linearly from cells to pixels, (count, cells).
 
     The middle pixel has the middle cell's value. pixels: along a cell.
     """
@@ -212,6 +212,6 @@ def _interpolation_matrix(count: int, cells: int, pixels: int) -> torch.Tensor:
 
 
 def _relative_power(lens: torch.Tensor, field: torch.Tensor) -> float:
-    """Return the power of a panel's field that is rendered, relative to one of amplitude 1."""
+    """Return the power of the panel's field behind the lens, relative to one of amplitude 1."""
     power = (field.abs() ** 2 * lens.abs() ** 2).sum() / (lens.abs() ** 2).sum()
     return float(power)

@@ -19,7 +19,7 @@ _ONE = np.ones((1, 1))
 
 
 class LightPath(Protocol):
-    """A path of light to the sensor: one diffraction order of the panel's pixel grid.
+    """A way of light to the sensor, by one diffraction order of the panel's pixel grid.
 
     number: the layer's index. node: the wavelength's index. count: the index of the exposure cell.
     Spectra are Fourier spectra of the light on samples, in electrons per second and pixel.
@@ -28,13 +28,13 @@ class LightPath(Protocol):
     def layer_spectra(
         self, number: int, cell: ExposureCell, count: int, nodes: Sequence[int]
     ) -> list[torch.Tensor]:
-        """Render a layer's light of some wavelengths, as one spectrum for each channel."""
+        """Return a layer's light of some wavelengths, as one spectrum for each channel."""
         ...
 
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Render a layer's light of one wavelength, as one spectrum for each channel.
+        """Return a layer's light of one wavelength, as one spectrum for each channel.
 
         The list is empty if none of the light is near the frame on this path.
         """
@@ -43,7 +43,7 @@ class LightPath(Protocol):
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor | None:
-        """Render a layer's blurred cover at one wavelength, as a spectrum; None if it isn't near.
+        """Return a layer's blurred cover at one wavelength, as a spectrum; None if it isn't near.
 
         The cover is the share of the light behind that the layer hides.
         """
@@ -55,7 +55,7 @@ class LightPath(Protocol):
 
 
 class ZerothOrderPath:
-    """The path of the light that stays in the zeroth order of the panel's pixel grid."""
+    """The way of the light that stays in the zeroth order of the panel's pixel grid."""
 
     def __init__(self, gathering: SampleGrid, objects: ObjectSpectra, spreading: LayerPSFs) -> None:
         self._gathering, self._objects, self._spreading = gathering, objects, spreading
@@ -63,7 +63,7 @@ class ZerothOrderPath:
     def layer_spectra(
         self, number: int, cell: ExposureCell, count: int, nodes: Sequence[int]
     ) -> list[torch.Tensor]:
-        """Render a layer's zeroth-order light of some wavelengths, one spectrum for each channel.
+        """Return a layer's light of some wavelengths; see LightPath.
 
         The PSFs of these wavelengths are added before the convolution.
         """
@@ -97,7 +97,7 @@ class ZerothOrderPath:
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Render a layer's zeroth-order light of one wavelength, one spectrum for each channel."""
+        """Return a layer's light of one wavelength; see LightPath."""
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         total = self._gathering.zero_spectra(self._spreading.channels)
         where = self._objects.placement(layer, cell)
@@ -114,7 +114,7 @@ class ZerothOrderPath:
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor:
-        """Render the spectrum of a layer's cover at one wavelength, blurred by its PSF."""
+        """Return the spectrum of a layer's cover at one wavelength, blurred by its PSF."""
         layer = self._spreading.layers[number]
         where = self._objects.placement(layer, cell)
         assert where is not None
@@ -130,7 +130,7 @@ class ZerothOrderPath:
     def _transfers(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Return a layer's transfer functions for rendering one wavelength, one for each place."""
+        """Return a layer's transfer functions at one wavelength, one for each place."""
         return [
             self._gathering.transfers(
                 [self._spreading.psf(number, node, place, cell, count)], _ONE, "occlusion"
@@ -142,7 +142,7 @@ class ZerothOrderPath:
 def _apply_transfers(
     transfers: Sequence[torch.Tensor], spectra: Sequence[torch.Tensor]
 ) -> torch.Tensor:
-    """Render blur: sum the places' spectra times their transfer functions."""
+    """Blur: sum the places' spectra times their transfer functions."""
     total = transfers[0] * spectra[0]
     for transfer, spectrum in zip(transfers[1:], spectra[1:], strict=True):
         total += transfer * spectrum
@@ -161,13 +161,13 @@ class Compositor(ABC):
     def spectra(
         self, cell: ExposureCell, count: int, nodes: Sequence[int] | None = None
     ) -> list[torch.Tensor]:
-        """Render all layers into one image, as spectra of the light on samples for each channel.
+        """Return the light of all layers on samples, as a spectrum for each channel.
 
-        nodes: the wavelengths that are rendered; all of them by default.
+        nodes: the wavelengths that count; all of them by default.
         """
 
     def _nodes(self, nodes: Sequence[int] | None) -> Sequence[int]:
-        """Return the wavelengths that are rendered."""
+        """Return the wavelengths that count, all of them for None."""
         return range(len(self.spreading.nodes)) if nodes is None else nodes
 
 
@@ -187,7 +187,7 @@ class AdditiveCompositor(Compositor):
 
 
 class OccludingCompositor(Compositor):
-    """Combine a target's layers from the farthest to the nearest, where near layers hide far ones.
+    """Combine layers from the farthest to the nearest, where near ones hide far ones.
 
     Blurred light is multiplied by blurred covers, and so has to be computed wavelength by
     wavelength, and path by path: what comes to a pixel from aside is hidden by what is aside.
@@ -207,9 +207,9 @@ class OccludingCompositor(Compositor):
     def _path_light(
         self, way: LightPath, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Render the light of one wavelength and path, near layers before far ones, on samples.
+        """Return the light of one wavelength and path on samples, near layers before far ones.
 
-        The result has one picture for each channel, or none if no layer's light is near the frame.
+        There is one picture for each channel, or none if no layer's light is near the frame.
         """
         behind: list[torch.Tensor] = []
         for number in reversed(range(len(self.spreading.layers))):

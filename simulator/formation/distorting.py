@@ -1,4 +1,4 @@
-"""Distort and scale a rendered picture as the lens does, with all its blur."""
+"""Distortion and scaling of a blurred picture, as the lens does it."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _STRAIGHT = DistortedFrame(0.0, 1.0, 1.0)
 
 
 def distorted_frame(camera: Camera) -> DistortedFrame:
-    """Return what the distortion of a rendered frame amounts to, up to its corners.
+    """Return what distortion does to a frame, up to its corners.
 
     Raises ValueError if light from beyond the picture's margin is brought into the frame.
     """
@@ -58,7 +58,7 @@ def distorted_frame(camera: Camera) -> DistortedFrame:
 
 @functools.lru_cache(maxsize=8)
 def _distorted_frame(lens: Lens, shape: tuple[int, int], pitch: float) -> DistortedFrame:
-    """Return what the distortion of a rendered frame of (rows, columns) pixels amounts to."""
+    """Return what a lens' distortion does to a frame of (rows, columns) pixels."""
     by = lens.radial_distortion
     assert by is not None
     corner = math.hypot(*shape) * pitch / 2
@@ -76,7 +76,7 @@ def _distorted_frame(lens: Lens, shape: tuple[int, int], pitch: float) -> Distor
 
 
 def lateral_scales(s: Situation) -> tuple[float, float]:
-    """Return the least and the largest scale of the images of all rendered light."""
+    """Return the least and the largest scale of the images of all light."""
     lens = s.camera.lens
     if not lens.lateral_colour:
         return 1.0, 1.0
@@ -91,7 +91,7 @@ def lateral_scales(s: Situation) -> tuple[float, float]:
 
 
 def moved_frame(s: Situation) -> DistortedFrame:
-    """Return what distortion and the colours' scales of a rendered frame amount to together.
+    """Return what distortion and the colours' scales do to a frame together.
 
     Raises ValueError if light from beyond the picture's margin is brought into the frame.
     """
@@ -114,7 +114,7 @@ def moved_frame(s: Situation) -> DistortedFrame:
 def distort(
     spectrum: torch.Tensor, plane: Plane, camera: Camera, *, bend: bool = True, scale: float = 1.0
 ) -> torch.Tensor:
-    """Distort a rendered picture, given and returned as its spectrum on a plane's samples.
+    """Distort a picture, given and returned as its spectrum on a plane's samples.
 
     The light of each area is kept, and is spread over its image. But where the lens has a curve of
     relative illumination, the light is as bright as the curve says where it lands. bend: whether
@@ -143,12 +143,12 @@ def distort(
 
 
 def _from_corner(values: Array) -> Array:
-    """Return the coordinates along an axis of a rendered picture in the order of its transform."""
+    """Move an axis' coordinates to the order of a transform, which begins in the corner."""
     return np.roll(values, -(len(values) // 2))
 
 
 def _padded(spectrum: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Return the spectrum of a rendered picture on finer samples, without the Nyquist frequency."""
+    """Return a picture's spectrum on finer samples, without the Nyquist frequency."""
     rows, columns = shape
     finer = torch.zeros(_FINER * rows, _FINER * columns // 2 + 1, dtype=spectrum.dtype)
     half, kept = (rows - 1) // 2, (columns - 1) // 2 + 1

@@ -29,7 +29,7 @@ class Shadow:
 
 @functools.lru_cache(maxsize=8)
 def dust_shadows(sensor: Sensor, lens: Lens) -> tuple[Shadow, ...]:
-    """Return the shadows of a rendered sensor's dust; specks whose shadow is beside it have none.
+    """Return the shadows of a sensor's dust; specks whose shadow is beside it have none.
 
     A pixel is lit by a cone of light from the lens' stop, which is taken to be round and evenly
     lit. The cone meets the glass in a disc; the share of it that the speck covers is lost.
@@ -38,14 +38,14 @@ def dust_shadows(sensor: Sensor, lens: Lens) -> tuple[Shadow, ...]:
 
 
 def cast_shadows(light: torch.Tensor, sensor: Sensor, lens: Lens) -> None:
-    """Take from rendered light, (channels, rows, columns), what dust holds back, in place."""
+    """Take from the light on pixels, (channels, rows, columns), what dust holds back, in place."""
     for one in dust_shadows(sensor, lens):
         left = torch.from_numpy(1 - one.loss).to(light)
         light[:, one.rows, one.columns] *= left
 
 
 def _shadow(sensor: Sensor, lens: Lens, speck: tuple[float, float, float]) -> Shadow | None:
-    """Return the shadow of a speck on the rendered sensor; None if it is beside it."""
+    """Return a speck's shadow, or None if it is beside the sensor."""
     y, x, diameter = speck
     # From a pixel, the middle of the stop is seen towards the axis.
     oblique = 1 - sensor.dust_distance / lens.image_distance
@@ -70,23 +70,23 @@ def _shadow(sensor: Sensor, lens: Lens, speck: tuple[float, float, float]) -> Sh
 
 
 def _pixels(middle: float, reach: float, count: int, pitch: float) -> slice:
-    """Return the rendered pixels of an axis that a dust shadow falls on."""
+    """Return the pixels along an axis that a shadow falls on."""
     first = math.floor((middle - reach) / pitch + 0.5) + count // 2
     last = math.ceil((middle + reach) / pitch - 0.5) + count // 2
     return slice(min(max(first, 0), count), min(max(last + 1, 0), count))
 
 
 def _samples(side: slice, count: int, pitch: float, fine: int) -> Array:
-    """Return where dust shadows are sampled along an axis, metres, `fine` of them in a pixel."""
+    """Return where a shadow is sampled along an axis, metres, `fine` times in a pixel."""
     pixels = np.arange(side.start, side.stop) - count // 2
     within = (np.arange(fine) + 0.5) / fine - 0.5
     return np.asarray((pixels[:, None] + within).ravel() * pitch)
 
 
 def _common_area(one: float, other: float, away: Array) -> Array:
-    """Return the area that two discs, of dust and of light, have in common; radii are in metres.
+    """Return the area that two discs have in common: that of two circular segments.
 
-    away: between their middles. It is that of two circular segments.
+    one, other: their radii, metres. away: between their middles, metres.
     """
     small, large = min(one, other), max(one, other)
     d = np.clip(away, max(large - small, 1e-12 * large), large + small)

@@ -40,9 +40,7 @@ class ExposureCell:
 
 
 def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
-    """Divide the exposure of a rendered image into cells with one mean PSF each.
-
-    The object has one path in each cell.
+    """Divide an exposure into cells, each with one mean PSF and one path of the object.
 
     Raises ValueError for an exposure that isn't positive and finite.
     """
@@ -68,7 +66,7 @@ def exposure_cells(s: Situation, recipe: Recipe) -> list[ExposureCell]:
 
 
 def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, float]]:
-    """Yield begin and end of each part of the exposure that is rendered for a moving target.
+    """Yield begin and end of the parts into which the exposure of a moving target is cut.
 
     The recipe gives the number of parts per exposure time.
     """
@@ -83,10 +81,7 @@ def _cuts(s: Situation, recipe: Recipe, starts: Array) -> Iterator[tuple[float, 
 def _shift_and_path(
     s: Situation, recipe: Recipe, begin: float, end: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return a moving target's shift and path, (y, x) metres, while part of an image is formed.
-
-    Both are (0, 0) if the target doesn't move.
-    """
+    """Return a target's shift and path between two times, (y, x) metres; 0 if it is still."""
     if not s.target.is_moving:
         return (0.0, 0.0), (0.0, 0.0)
     vy, vx = s.target.velocity
@@ -108,7 +103,7 @@ class _PanelTimes:
     end: float
 
     def still_picture_weights(self) -> list[tuple[PictureShares, Array]]:
-        """Return panel pictures and their weights in the image if the crystal responds at once.
+        """Return what the panel shows, with each row's weight, if the crystal responds at once.
 
         If all rows see the same, all pictures are in one cell.
         """
@@ -120,7 +115,7 @@ class _PanelTimes:
         return [(PictureShares(shares), np.array([total]))] if present else []
 
     def responding_frame_weights(self) -> list[tuple[FrameSequence, Array]]:
-        """Return parts of video frames and their weights in the image for a slow crystal."""
+        """Return parts of video frames, with each row's weight, for a slow crystal."""
         parts = 8  # Rows and lamp weight each eighth of a frame by itself.
         shown, seconds = self.s.panel_content, self.s.panel_content.frame_time / parts
         weights = self._row_weights(parts, lambda part: divmod(part, parts))
@@ -142,9 +137,7 @@ class _PanelTimes:
         return [(FrameSequence(shown.names, shown.frame_time, shares), np.array([total]))]
 
     def _row_weights(self, parts: int, of: Callable[[int], K]) -> dict[K, Array]:
-        """Return the seconds for which each row of the rendered image sees each item of a video.
-
-        Each second is weighted by the lamp's light, relative to its mean.
+        """Return the seconds of the lamp's mean light for which each row sees each item of a video.
 
         of: returns the item, such as a picture's name, of a part of a frame. Items that no row sees
         are left out.
@@ -158,10 +151,7 @@ class _PanelTimes:
         return {key: weight for key, weight in weights.items() if weight.any()}
 
     def _intervals(self, parts: int) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
-        """Yield, in batches, when the panel shows each picture while the image is formed.
-
-        Each batch is (index of the part of a frame, begins, ends).
-        """
+        """Yield when the panel shows each part of a frame: batches of (index, begins, ends)."""
         shown = self.s.panel_content
         if not shown.is_changing or math.isinf(shown.frame_time):
             yield np.zeros(1, dtype=np.int64), np.array([self.begin]), np.array([self.end])
@@ -180,10 +170,7 @@ class _PanelTimes:
             yield index % (parts * len(shown.names)), begins, np.maximum(ends, begins)
 
     def _light_seconds(self, begins: Array, ends: Array) -> Array:
-        """Return the seconds of mean light that the image's rows collect, (rows, intervals).
-
-        Each row collects light only while it is exposed.
-        """
+        """Return the seconds of mean light that each row collects, (rows, intervals)."""
         low = np.maximum(begins, self.starts[:, None])
         high = np.maximum(np.minimum(ends, self.starts[:, None] + self.s.exposure), low)
         lamp = self.s.target.lamp

@@ -1,4 +1,4 @@
-"""Render the ghosts of a lens: scaled, defocused copies of a picture about the axis."""
+"""The ghosts of a lens: scaled, defocused copies of a picture about the axis."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _TRANSFORMS = 6.0
 
 
 def ghost_operations(shape: tuple[int, int]) -> float:
-    """Return the operations of rendering one ghost of a picture of (rows, columns) samples."""
+    """Return the operations that one copy of a picture of (rows, columns) samples takes."""
     return _TRANSFORMS * transform_operations(*shape)
 
 
 def ghost_on_pixels(
     spectrum: torch.Tensor, plane: Plane, frame: Plane, ghost: Ghost, *, aperture: bool
 ) -> torch.Tensor:
-    """Return the light of a rendered image's ghost on the pixels of `frame`, without its share.
+    """Return a ghost's light on the pixels of `frame`, without its share.
 
     spectrum: of the picture on the samples of `plane`, by rfft2 with the axis in the corner; a
     sample has the light of a whole pixel, as `frame` has. aperture: whether the light is averaged
@@ -51,7 +51,7 @@ def ghost_on_pixels(
 
 
 def _ghost_transfer(plane: Plane, frame: Plane, ghost: Ghost, *, aperture: bool) -> torch.Tensor:
-    """Return the transfer function that renders a ghost's disc and pixels, in picture size."""
+    """Return the transfer function of a ghost's disc and of pixels, in the picture's size."""
     scale = abs(ghost.magnification)
     transfer = spectrum_of_disc(plane, ghost.blur_diameter / scale).real
     if aperture:

@@ -1,4 +1,4 @@
-"""Compute the PSFs of points by wavelength, distance and place in the field."""
+"""PSFs of points by wavelength, distance and place in the field, averaged over an exposure."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ fields' PSFs."""
 def exposure_fields(
     modulator: Modulator, panel_state: PictureShares | FrameSequence, pictures: Pictures, tol: float
 ) -> WeightedFields:
-    """Yield the fields on the simulator's panel during an exposure, with each field's share of it.
+    """Yield the panel's fields during an exposure, with each field's share of it.
 
     Each field is computed when it is asked for. tol: relative error of averages over time.
     """
@@ -53,19 +53,19 @@ def exposure_fields(
 
 
 def _grey_levels(pictures: Pictures, name: str) -> torch.Tensor:
-    """Return the grey levels of one of the pictures on the simulator's panel, uint8."""
+    """Return a picture's grey levels, uint8."""
     return torch.from_numpy(pictures[name].copy())
 
 
 def _settled_phase(modulator: Modulator, pictures: Pictures, name: str) -> torch.Tensor:
-    """Return the phase in radians that the simulator's panel reaches for a still pattern."""
+    """Return the phase in radians that the crystal reaches for a still pattern."""
     return torch.as_tensor(modulator.phase(_grey_levels(pictures, name)))
 
 
 def _moving(
     modulator: Modulator, seen: FrameSequence, pictures: Pictures, tol: float
 ) -> WeightedFields:
-    """Yield the fields of a repeated video while the simulator's liquid crystal responds.
+    """Yield the fields of a repeated video while the liquid crystal responds.
 
     A span within a frame is treated as a shorter frame, which begins with the phase that the
     crystal has reached by then.
@@ -136,10 +136,7 @@ class Kernels:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Return the cache key of rendered PSFs, without point and panel state.
-
-        The key has everything else that the PSFs depend on.
-        """
+        """Return the cache key with all that PSFs depend on, without point and panel state."""
         r = self._recipe
         beats = self._s.interference if r.interference else 0j
         sides = (self.plane.shape, self._around_orders.shape, self._merged_orders)
@@ -148,7 +145,7 @@ class Kernels:
         return (self.camera, self._s.mount, self._s.numerics, self._s.wavelength, *axes)
 
     def camera_at(self, wavelength: float, place: tuple[float, float] = (0.0, 0.0)) -> Camera:
-        """Return the camera in the panel's axes by which light of a wavelength is rendered.
+        """Return the camera in the panel's axes for light of a wavelength.
 
         place: (y, x) metres of the image, for the lens' field aberrations.
         """
@@ -171,7 +168,7 @@ class Kernels:
         effect: str,
         order: Order | None = None,
     ) -> torch.Tensor:
-        """Return the PSF that a point is rendered with, from the cache or computed.
+        """Return a point's PSF, from the cache or computed.
 
         effect: the effect in the ledger for which it is computed. order: the diffraction order
         whose cell alone is returned, for the zeroth with the orders that are merged with it; if
@@ -183,29 +180,26 @@ class Kernels:
     def fields(
         self, panel_state: PictureShares | FrameSequence, wavelength: float
     ) -> tuple[Modulator, Iterable[tuple[float, torch.Tensor]]]:
-        """Return the modulator at a wavelength, and the panel's fields during an exposure cell.
-
-        The PSFs are rendered from these fields; each comes with its share of the time.
-        """
+        """Return the modulator at a wavelength, and an exposure cell's fields with their shares."""
         modulator = modulator_at(self.camera.panel, wavelength)
         return modulator, self._fields(panel_state, modulator)
 
     def central(self, wavelength: float) -> Order | None:
-        """Return the zeroth order if the rendered PSF's window exceeds its orders, else None."""
+        """Return the zeroth order if a PSF's window reaches beyond its orders, else None."""
         period, side = self.period(wavelength), max(self.plane.shape) * self.plane.pitch[0]
         wide = side > (2 * self._merged_orders + 1) * period - self._fading(period)
         return (0, 0) if wide and self._recipe.diffraction else None
 
     def _fading(self, period: float) -> float:
-        """Return the metres over which one rendered diffraction order fades into the next."""
+        """Return the metres over which one diffraction order fades into the next."""
         return min(ORDER_FADE_PIXELS * self.camera.sensor.pitch, period / 4)
 
     def period(self, wavelength: float) -> float:
-        """Return the metres on the sensor between the panel's orders, for rendering PSFs."""
+        """Return the metres on the sensor between the panel's orders."""
         return wavelength * as_number(self.camera.ray_matrix_b) / self.camera.panel.pitch
 
     def order_centre(self, wavelength: float, order: Order) -> tuple[float, float]:
-        """Return (y, x) metres on the sensor from a point's image to a rendered order's PSF."""
+        """Return (y, x) metres on the sensor from a point's image to one of its orders."""
         y, x = self._order_offset(wavelength, order)
         mount = self._s.mount
         y, x = (-y if mount.flip_y else y), (-x if mount.flip_x else x)
@@ -213,7 +207,7 @@ class Kernels:
         return y * cos + x * sin, x * cos - y * sin
 
     def _order_offset(self, wavelength: float, order: Order) -> tuple[float, float]:
-        """Return a rendered order's offset in the panel's axes, rounded to whole samples.
+        """Return an order's offset in the panel's axes, rounded to whole samples.
 
         The samples of neighbouring orders then coincide where they meet.
         """
@@ -230,7 +224,7 @@ class Kernels:
         effect: str,
         order: Order | None,
     ) -> torch.Tensor:
-        """Render the PSF of a point in the sensor's axes, for image formation."""
+        """Compute a point's PSF in the sensor's axes."""
         mount, modulator = self._s.mount, modulator_at(self.camera.panel, point.wavelength)
         parts = self._record_fields(seen, modulator, effect, self._window(order).shape)
         if order and any(order):
@@ -250,7 +244,7 @@ class Kernels:
     def _light(
         self, operator: PSFOperator | RayOperator, modulator: Modulator, parts: WeightedFields
     ) -> torch.Tensor:
-        """Render the PSF of the panel's fields, by waves or rays as the recipe says."""
+        """Return the PSF of the panel's fields, by waves or rays as the recipe says."""
         if isinstance(operator, RayOperator):
             return _ray_psf(operator, modulator, parts)
         if not self._recipe.interference:
@@ -260,7 +254,7 @@ class Kernels:
     def _side_order_light(
         self, point: PointSource, order: Order, modulator: Modulator, parts: WeightedFields
     ) -> torch.Tensor:
-        """Render the PSF of a side order for image formation.
+        """Return the PSF of a side order.
 
         Where hardly any light goes, the error may be a large share of it. The tolerance is
         therefore relaxed, up to a relative error of 0.1: such an order hardly counts in the
@@ -276,7 +270,7 @@ class Kernels:
                     raise
 
     def _vignetting_correction(self, point: PointSource) -> float:
-        """Return the factor that renders an off-axis PSF as bright as one on the axis."""
+        """Return the factor that makes an off-axis PSF as bright as one on the axis."""
         seen = self._shadow_place(point)
         if not (self.camera.separation and any(seen)):
             return 1.0
@@ -289,7 +283,7 @@ class Kernels:
         return axis / here if here else 0.0
 
     def _shadow_place(self, point: PointSource) -> tuple[float, float]:
-        """Return the place from which a rendered point sees the stop's shadow on the panel.
+        """Return the place from which a point sees the stop's shadow on the panel.
 
         It is on the axis where only the lens' aberrations differ over the field.
         """
@@ -298,25 +292,25 @@ class Kernels:
     def _place_in_panel_axes(
         self, distance: float, place: tuple[float, float]
     ) -> tuple[float, float]:
-        """Return the place of a rendered point's image in the panel's axes, metres (y, x)."""
+        """Return the place of a point's image in the panel's axes, metres (y, x)."""
         return self._s.mount.place_in_panel_axes(place, self.camera, distance)
 
     def _window(self, order: Order | None) -> Plane:
-        """Return the window's plane on which a PSF is rendered.
+        """Return the plane of a PSF's window.
 
         A side order is far from any image, so that all of its square window counts.
         """
         return self._around_orders if order and any(order) else self.plane
 
     def _around(self, point: PointSource, order: Order) -> Plane:
-        """Return the samples around an order on which a PSF is rendered, in the panel's axes."""
+        """Return the samples of a PSF around an order, in the panel's axes."""
         plane = self._window(order)
         if not self._s.mount.is_aligned:
             plane = self._s.mount.plane_in_panel_axes(plane)
         return replace(plane, centre=self._order_offset(point.wavelength, order))
 
     def _without_image_shift(self, plane: Plane, camera: Camera, distance: float) -> Plane:
-        """Return the plane on which a centred panel has the light that is rendered on a plane."""
+        """Return the plane on which a centred panel has the light that this one has on a plane."""
         if self._s.mount.is_centred:
             return plane
         moved = self._s.mount.image_shift_in_panel_axes(camera, distance)
@@ -326,7 +320,7 @@ class Kernels:
     def _operator(
         self, point: PointSource, order: Order, tol: float | None = None
     ) -> PSFOperator | RayOperator:
-        """Return the wave or ray operator that renders a PSF from the panel's field.
+        """Return the wave or ray operator from the panel's field to a PSF.
 
         Unmodulated light is left to the modulator.
         """
@@ -359,10 +353,9 @@ class Kernels:
         effect: str,
         shape: tuple[int, int],
     ) -> WeightedFields:
-        """Yield the panel's fields to render for an exposure cell, each with a ledger entry.
+        """Yield the panel's fields in an exposure cell, each with a ledger entry and a check.
 
-        The check is called for each field as well. The caller computes a PSF from each field before
-        it asks for the next.
+        The caller computes a PSF from each field before it asks for the next.
         """
         count = psf_operations if self._recipe.diffraction else ray_operations
         panel = self.camera.panel
@@ -375,9 +368,9 @@ class Kernels:
     def _fields(
         self, seen: PictureShares | FrameSequence, modulator: Modulator
     ) -> Iterable[tuple[float, torch.Tensor]]:
-        """Return the panel's fields from which an exposure cell is rendered.
+        """Return the panel's fields in an exposure cell.
 
-        The fields are kept if they are needed again, at other depths, places or wavelengths.
+        They are kept if they are needed again, at other depths, places or wavelengths.
         """
         r, s = self._recipe, self._s
         panel, pictures, tol = self.camera.panel, s.panel_content.pictures, s.numerics
@@ -391,7 +384,7 @@ class Kernels:
         )
 
     def _cell_shares(self, point: PointSource, order: Order) -> list[torch.Tensor]:
-        """Return the share of each rendered sample's light that belongs to a diffraction order.
+        """Return the share of each sample's light that belongs to a diffraction order.
 
         It is the product of two, a column along y and a row along x, in the panel's axes. The
         orders that are merged with the zeroth belong to it. The shares of all orders add up to 1.
@@ -407,9 +400,7 @@ class Kernels:
 
 
 def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields) -> torch.Tensor:
-    """Render a point's geometric PSF from the panel's fields by rays.
-
-    modulated_psf() does the same for waves.
+    """Return a point's geometric PSF from the panel's fields, as modulated_psf() does for waves.
 
     The light that jitter scatters goes evenly to all orders, beyond the picture.
     """
@@ -426,9 +417,7 @@ def _ray_psf(operator: RayOperator, modulator: Modulator, parts: WeightedFields)
 def _interference_psf(
     operator: PSFOperator, modulator: Modulator, parts: WeightedFields, strength: complex
 ) -> torch.Tensor:
-    """Render a point's PSF with interference of modulated and unmodulated light.
-
-    The PSF is that of modulated_psf(), plus the interference.
+    """Return the PSF of modulated_psf(), plus the interference with unmodulated light.
 
     The interference is Re(strength conj(p) q), of the pattern's field p and the field q of light
     that the panel doesn't modulate (see optics.polarisation.PathEffect). The sensor's field is

@@ -21,11 +21,10 @@ from simulator.situation import Situation
 
 
 def groups_of_parts(layer: Layer, channels: int, nodes: int) -> list[list[int]]:
-    """Return the indices of a layer's parts, in groups that are rendered as one picture.
+    """Return the indices of a layer's parts, in groups that can be drawn as one picture.
 
-    At one wavelength and in one channel, each part's light is its picture times a number.
-    Pictures on the same pixels can then be added before they are drawn, as the colours of a
-    photograph.
+    At one wavelength and in one channel, each part's light is its picture times a number. Pictures
+    on the same pixels can then be added before they are drawn, as the colours of a photograph.
     """
     groups: dict[object, list[int]] = {}
     for index, part in enumerate(layer.parts):
@@ -40,7 +39,7 @@ def groups_of_parts(layer: Layer, channels: int, nodes: int) -> list[list[int]]:
 def merge_parts(
     layer: Layer, weights: NDArray[np.float64], cache: ByteCache
 ) -> tuple[Layer, NDArray[np.float64]]:
-    """Return a layer with fewer parts that renders as the given one, and the parts' weights.
+    """Return a layer with fewer parts that looks as the given one, and the parts' weights.
 
     weights: of the layer's parts, (channels, parts, nodes). cache: keeps merged pictures.
     """
@@ -65,7 +64,7 @@ def merge_parts(
 def _mix(
     pictures: tuple[Drawable, ...], shares: tuple[float, ...], cache: ByteCache
 ) -> PixelPicture:
-    """Add up pictures of the same pixels for rendering, each times its share."""
+    """Add up pictures of the same pixels, each times its share."""
 
     def sum_pictures() -> PixelPicture:
         known = [one for one in pictures if isinstance(one, PixelPicture)]
@@ -78,7 +77,7 @@ def _mix(
 class LayerPSFs:
     """Wavelength nodes, weights and PSFs of a target's layers.
 
-    layers: the nearest first, with parts merged that are rendered alike. nodes: the wavelengths.
+    layers: the nearest first, with like parts merged. nodes: the wavelengths.
     """
 
     def __init__(
@@ -116,27 +115,24 @@ class LayerPSFs:
         self._first = self._depths[distances[0]][0][0]
 
     def weights(self, layer: int) -> NDArray[np.float64]:
-        """Return the electrons per second and pixel of a rendered layer at picture value 1.
-
-        The shape is (channels, parts, nodes).
-        """
+        """Return electrons per second and pixel at picture value 1, (channels, parts, nodes)."""
         return self._weights[layer]
 
     def angles(self, layer: int) -> list[int]:
-        """Return for each part of a rendered layer the number of the filter's angle, 0 on the axis.
+        """Return for each part of a layer the number of the filter's angle, 0 on the axis.
 
         The light of a further angle is what it has more or less than the axis; see Wavelengths.
         """
         return self._angles[layer]
 
     def distances(self, layer: int) -> tuple[tuple[float, float], ...]:
-        """Return the distances whose PSFs render a layer, in metres, with their weights."""
+        """Return the distances whose PSFs stand for a layer, in metres, with their weights."""
         return tuple(self._depths[self.layers[layer].distance])
 
     def psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, number: int
     ) -> torch.Tensor:
-        """Return the PSF that renders a layer at one wavelength and place."""
+        """Return a layer's PSF at one wavelength and place."""
         wavelength = self.nodes[node]
         order = self._kernels.central(wavelength.metres)
         total: torch.Tensor | None = None
@@ -151,10 +147,7 @@ class LayerPSFs:
     def order_psf(
         self, layer: int, node: int, place: Place, cell: ExposureCell, order: Order
     ) -> torch.Tensor:
-        """Return the PSF that renders a layer in one diffraction order.
-
-        The samples are around the order's centre.
-        """
+        """Return a layer's PSF in one diffraction order, on samples around the order's centre."""
         total: torch.Tensor | None = None
         for distance, share in self._depths[self.layers[layer].distance]:
             point = PointSource(self.nodes[node].metres, distance, place)
@@ -164,11 +157,11 @@ class LayerPSFs:
         return total
 
     def order_centre(self, node: Wavelength, order: Order) -> Place:
-        """Return (y, x) metres on the sensor from a point's image to an order's rendered PSF."""
+        """Return (y, x) metres on the sensor from a point's image to one of its orders."""
         return self._kernels.order_centre(node.metres, order)
 
     def _effect(self, distance: float, node: int, place: Place, number: int) -> str:
-        """Return the effect to which the ledger ascribes the work of rendering a PSF."""
+        """Return the effect to which the ledger ascribes the work on a PSF."""
         if self.nodes[node].leak:
             return "out-of-band leak"
         if place != self.places[0]:

@@ -1,4 +1,4 @@
-"""Render the mean picture of a situation by a recipe: electrons on each pixel."""
+"""The mean picture of a situation by a recipe: electrons on each pixel, side orders included."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def side_orders(most: int) -> list[Order]:
 
 
 class SideOrderPath:
-    """The path of light that the panel's pixel grid diffracts into one side order.
+    """The way of light that the panel's pixel grid diffracts into one side order.
 
     An order's offset is proportional to the wavelength. Its PSF is computed around the order's
     centre, and convolved with the object as if the object were there.
@@ -57,7 +57,7 @@ class SideOrderPath:
     def layer_spectra(
         self, number: int, cell: ExposureCell, count: int, nodes: Sequence[int]
     ) -> list[torch.Tensor]:
-        """Render a layer's light of some wavelengths; see LightPath."""
+        """Return a layer's light of some wavelengths; see LightPath."""
         total = self._gathering.zero_spectra(self._spreading.channels)
         for node in nodes:
             for channel, light in enumerate(self.wavelength_spectra(number, node, cell, count)):
@@ -67,7 +67,7 @@ class SideOrderPath:
     def wavelength_spectra(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> list[torch.Tensor]:
-        """Render a layer's light of one wavelength; see LightPath."""
+        """Return a layer's light of one wavelength; see LightPath."""
         del count
         layer, weights = self._spreading.layers[number], self._spreading.weights(number)
         off = self._spreading.order_centre(self._spreading.nodes[node], self._order)
@@ -90,7 +90,7 @@ class SideOrderPath:
     def cover_spectrum(
         self, number: int, node: int, cell: ExposureCell, count: int
     ) -> torch.Tensor | None:
-        """Render the spectrum of a layer's cover, which may be beside the frame; see LightPath."""
+        """Return the spectrum of a layer's cover, which may be beside the frame; see LightPath."""
         del count
         layer = self._spreading.layers[number]
         assert layer.cover is not None
@@ -109,7 +109,7 @@ class SideOrderPath:
     def _spectrum(
         self, number: int, node: int, cell: ExposureCell, spectra: list[torch.Tensor]
     ) -> torch.Tensor | None:
-        """Render a picture's spectrum in this order; None if none of its light is near."""
+        """Return a picture's spectrum in this order, or None if none of its light is near."""
         if not any(bool(one.any()) for one in spectra):
             return None
         total = self._gathering.zero_spectra(1)[0]
@@ -126,7 +126,7 @@ def expected_electrons(
     ledger: Ledger,
     check: Callable[[], None] = lambda: None,
 ) -> torch.Tensor:
-    """Render the mean image of a situation: the mean photo-electrons on each pixel.
+    """Return the mean photo-electrons of a situation on each pixel.
 
     Colour filters, pixel aperture and crosstalk are included; the sensor's other stages come later.
 
@@ -181,7 +181,7 @@ def expected_electrons(
 
 
 def _require_counts(recipe: Recipe) -> None:
-    """Raise ValueError if a count of the recipe is too small to render any image."""
+    """Raise ValueError if one of a recipe's counts is too small."""
     for name in (
         "window",
         "samples_per_pixel",
@@ -199,7 +199,7 @@ def _require_counts(recipe: Recipe) -> None:
 
 
 class _Rendering:
-    """Render the light of exposure cells; it holds what all cells of an exposure share."""
+    """Compute the light of exposure cells, with what all cells of an exposure share."""
 
     def __init__(
         self,
@@ -240,9 +240,9 @@ class _Rendering:
         )
 
     def light(self, cell: ExposureCell, number: int) -> torch.Tensor:
-        """Render the light of an exposure cell, or take it from the cache.
+        """Return the light of an exposure cell, computed or from the cache.
 
-        The light is in electrons per second, (channels, rows, columns).
+        It is in electrons per second, (channels, rows, columns).
         """
         s, r = self._s, self._recipe
         # The light doesn't depend on the recipe's fields for time, which the cell contains, or for
@@ -261,7 +261,6 @@ class _Rendering:
         return self._cache.get(causes, lambda: self._compute_light(cell, number))
 
     def _compute_light(self, cell: ExposureCell, number: int) -> torch.Tensor:
-        """Render the image that an exposure cell forms on the sensor's pixels."""
         aperture = self._recipe.pixel_aperture
         light = []
         for spectrum, straight in self._spectra(cell, number):
@@ -276,7 +275,7 @@ class _Rendering:
         return self._with_glare(total) if self._recipe.glare else total
 
     def _spectra(self, cell: ExposureCell, number: int) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Render all light where it lands, and straight, as two spectra for each channel."""
+        """Return all light where it lands, and straight, as two spectra for each channel."""
         groups: list[tuple[list[int] | None, float]] = [(None, 1.0)]
         if self._recipe.lateral_colour:
             scale = self._s.camera.lens.image_scale
@@ -291,7 +290,7 @@ class _Rendering:
         return total
 
     def _blurred(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Blur the rendered image of a spectrum as it trembles."""
+        """Blur a picture, given as its spectrum, by its vibration."""
         self._check()
         if not self._vibration:
             return spectrum
@@ -299,7 +298,7 @@ class _Rendering:
         return spectrum * vibration_transfer(self._gathering.plane, self._vibration)
 
     def _moved(self, spectrum: torch.Tensor, scale: float) -> torch.Tensor:
-        """Distort and scale the rendered image of a spectrum."""
+        """Distort and scale a picture, given as its spectrum."""
         bend, coloured = self._recipe.distortion, self._recipe.lateral_colour
         if not (bend or coloured):
             return spectrum
@@ -310,7 +309,7 @@ class _Rendering:
         return distort(spectrum, plane, self._s.camera, bend=bend, scale=scale)
 
     def _with_ghosts(self, light: torch.Tensor, straight: torch.Tensor) -> torch.Tensor:
-        """Add the lens' ghosts to the rendered image, and take their share from the picture.
+        """Add the lens' ghosts to the light, and take their share from the picture.
 
         straight: the picture's spectrum, not moved; ghosts are paraxial, and of one scale.
         """
@@ -327,7 +326,7 @@ class _Rendering:
         return total
 
     def _with_glare(self, light: torch.Tensor) -> torch.Tensor:
-        """Add veiling glare to the rendered image: spread a share of its light evenly."""
+        """Spread a share of the light evenly, as veiling glare."""
         self._ledger.add("veiling glare", 3.0 * light.numel(), 4 * light.numel())
         mean = light.mean(dim=(-2, -1), keepdim=True, dtype=torch.float64).to(light)
         return torch.lerp(light, mean, self._s.camera.glare)

@@ -1,4 +1,4 @@
-"""The nodes of a recipe's axes: wavelengths, depths, and places in the field."""
+"""Nodes of a recipe's axes: wavelengths, the filter's angles, depths, and places in the field."""
 
 from __future__ import annotations
 
@@ -50,9 +50,7 @@ class Wavelengths:
 
 
 def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Wavelengths:
-    """Return the wavelengths at which an image is rendered, and each part's weights at them.
-
-    The wavelengths are the Gauss nodes of all light that counts.
+    """Return the Gauss nodes of all light that counts, and each part's weights at them.
 
     A part's weights are those of the interpolating polynomial through the nodes: they add up to all
     of the part's electrons, for any number of nodes. Without light there are no nodes. The nodes
@@ -74,7 +72,7 @@ def wavelengths(s: Situation, recipe: Recipe, parts: Sequence[Part]) -> Waveleng
 
 
 def rendered_angles(s: Situation, recipe: Recipe) -> list[float]:
-    """Return sin² of the angles for which the filter's band is rendered, that of the axis first."""
+    """Return sin² of the angles at which light passes the filter, that of the axis first."""
     if recipe.angles == 1 or not s.band.shifts_with_angle:
         return [0.0]
     return angle_nodes(largest_squared_sine(s.camera), recipe.angles)
@@ -88,7 +86,7 @@ def electrons_by_angle(
     *,
     leak: bool,
 ) -> tuple[Array, Array]:
-    """Return electrons_by_wavelength() for rendering light that passes the filter at some angles.
+    """Return electrons_by_wavelength() for light that passes the filter at some angles.
 
     squared: sin² of each. The result is points in metres, and (angles, curves, spectra, points).
     """
@@ -108,7 +106,7 @@ def electrons_by_angle(
 def electrons_by_wavelength(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], band: Band, leak: bool
 ) -> tuple[Array, Array]:
-    """Return the electrons by wavelength for rendering light in a filter's band, or in its leak.
+    """Return the electrons by wavelength for light in a filter's band, or in its leak.
 
     The result is points in metres that integrate all spectra, and each point's share of the
     integral in electrons per joule of white light, (curves, spectra, points). There are no points
@@ -124,9 +122,9 @@ def electrons_by_wavelength(
 
 
 def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
-    """Return the electrons per photon of each channel of a rendered image.
+    """Return the electrons per photon of each channel.
 
-    If the recipe has no mosaic, the only channel is the mean over the mosaic's pixels.
+    Without a mosaic in the recipe, the only channel is the mean over the mosaic's pixels.
     """
     sensor = s.camera.sensor
     if sensor.colour is not None:
@@ -136,7 +134,7 @@ def channel_efficiencies(s: Situation, recipe: Recipe) -> tuple[Spectrum, ...]:
 
 
 def mean_curve(colour: Mosaic) -> Spectrum:
-    """Return a colour mosaic's mean electrons per photon, to render an image without mosaic."""
+    """Return a colour mosaic's mean electrons per photon."""
     letters = "".join(colour.pattern)
     curves = [(colour.efficiencies[name], letters.count(name)) for name in colour.channels]
     nodes = sorted({x for curve, _ in curves for x in curve.wavelengths})
@@ -149,7 +147,7 @@ def mean_curve(colour: Mosaic) -> Spectrum:
 def _seen_range(
     spectra: Sequence[Spectrum], curves: Sequence[Spectrum], low: float, high: float
 ) -> tuple[float, float]:
-    """Return the part of a wavelength range that is emitted and detected, to be rendered."""
+    """Return the part of a wavelength range in which light is emitted and detected."""
     if not spectra:
         return low, low
     low = max(low, min(one.low for one in spectra), min(one.low for one in curves))
@@ -157,10 +155,7 @@ def _seen_range(
 
 
 def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Array, Array]:
-    """Return points and weights that integrate all spectra that form an image.
-
-    These are Gauss-Legendre points between all kinks of the spectra.
-    """
+    """Return points and weights that integrate all spectra: Gauss-Legendre between their kinks."""
     kinks = {low, high}
     for one in every:
         kinks.update(x for x in one.wavelengths if low < x < high)
@@ -176,9 +171,9 @@ def _fine_points(every: Sequence[Spectrum], low: float, high: float) -> tuple[Ar
 
 
 def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) -> Array:
-    """Return the spectral density of the electrons that form an image, (curves, spectra, x).
+    """Return the electrons' spectral density, (curves, spectra, x).
 
-    The density is in electrons per metre of wavelength and joule of white light.
+    It is in electrons per metre of wavelength and joule of white light.
     """
     photons = x / (constants.h * constants.c)
     sent = np.stack([one.at(x) for one in spectra])
@@ -186,9 +181,7 @@ def _density(spectra: Sequence[Spectrum], curves: Sequence[Spectrum], x: Array) 
 
 
 def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Array]:
-    """Return the Gauss nodes at which light is rendered, and each measure's weights at them.
-
-    The nodes are those of the sum of the measures at points x.
+    """Return the Gauss nodes of a sum of measures at points x, and each measure's weights at them.
 
     measures: (..., points), not negative. The weights, (..., nodes), integrate polynomials of a
     degree below the number of nodes as the measure does; for the sum of the measures, up to twice
@@ -227,15 +220,15 @@ def gauss_quadrature(x: Array, measures: Array, count: int) -> tuple[Array, Arra
 
 
 def electrons_per_radiance(camera: Camera, distance: float) -> float:
-    """Return the factor from spectral electrons to a rendered pixel's electrons per second, m² sr.
+    """Return the factor from spectral electrons to a pixel's electrons per second, m² sr.
 
-    The factor is the camera equation of optics.camera.system_mtf.electron_rate without the light.
+    It is the camera equation of optics.camera.system_mtf.electron_rate without the light.
     """
     return irradiance_per_radiance(camera, distance) * camera.sensor.pitch**2
 
 
 def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tuple[float, float]]]:
-    """Return the distances whose PSFs render each distance, and their weights.
+    """Return for each distance the distances whose PSFs stand for it, and their weights.
 
     `count` nodes are evenly spaced in 1/distance from the farthest to the nearest; a single node is
     in the middle. PSFs between two nodes are their weighted mean. If there are as many nodes as
@@ -261,12 +254,12 @@ def depth_nodes(distances: Sequence[float], count: int) -> dict[float, list[tupl
 
 
 def _distance(vergence: float) -> float:
-    """Convert the vergence of a rendered depth to a distance in metres, infinite for 0."""
+    """Convert a vergence to a distance in metres, infinite for 0."""
     return 1 / vergence if vergence > 0 else math.inf
 
 
 def field_nodes(count: int, half: float) -> list[float]:
-    """Return the places along an axis of the field for which PSFs are rendered.
+    """Return the places of PSFs along an axis of the field.
 
     These are Chebyshev points of the second kind from -half to half; a single one is in the middle.
     """
@@ -276,12 +269,11 @@ def field_nodes(count: int, half: float) -> list[float]:
 
 
 def interpolation_weights(nodes: Sequence[float], at: Array) -> Array:
-    """Return the weights that interpolate between the nodes of a rendering, (nodes, points).
+    """Return the weights that interpolate between nodes, (nodes, points).
 
-    The weights are those of the polynomial through the nodes, by the barycentric formula (Berrut
-    and Trefethen 2004, doi 10.1137/S0036144502417715).
-
-    Beyond the outermost nodes, the polynomial's value there is kept.
+    They are those of the polynomial through the nodes, by the barycentric formula (Berrut and
+    Trefethen 2004, doi 10.1137/S0036144502417715). Beyond the outermost nodes, the polynomial's
+    value there is kept.
     """
     if len(nodes) == 1:
         return np.ones((1, len(at)))
@@ -303,7 +295,7 @@ _TABLE = 1025
 
 
 def angle_share(squared: Sequence[float], angle: int, camera: Camera, plane: Plane) -> torch.Tensor:
-    """Return the weight of one of the rendered angles at each place of a plane, float32.
+    """Return the weight of one of the filter's angles at each place of a plane, float32.
 
     squared: sin² of all angles, between which bands are interpolated by a polynomial. Beyond the
     outermost, its value there is kept.

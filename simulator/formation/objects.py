@@ -25,14 +25,14 @@ from simulator.situation import Situation
 
 
 def place_count(s: Situation, recipe: Recipe) -> int:
-    """Return the places along each axis of the field whose PSFs are rendered."""
+    """Return the places along each axis of the field that have PSFs of their own."""
     of_shadow = recipe.places if s.camera.separation else 1
     of_lens = recipe.aberrated_places if s.camera.lens.field_aberrations else 1
     return max(of_shadow, of_lens)
 
 
 def field_effect(recipe: Recipe) -> str:
-    """Return the effect to which the ledger ascribes the work of rendering places."""
+    """Return the effect to which the ledger ascribes the work on more than one place."""
     return "field position" if recipe.places > 1 else "field aberrations"
 
 
@@ -42,10 +42,10 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class LayerPlacement:
-    """The placement of a layer's picture during an exposure cell.
+    """Size and place of a layer's picture during an exposure cell.
 
-    magnification: of the layer. shift: (y, x) metres on the object by which it has moved. path: (y,
-    x) metres on the sensor along which it moves.
+    shift: (y, x) metres on the object by which it has moved. path: (y, x) metres on the sensor
+    along which it moves.
     """
 
     magnification: float
@@ -79,10 +79,10 @@ class ObjectSpectra:
     def placement(
         self, layer: Layer, cell: ExposureCell, off: Place = (0.0, 0.0)
     ) -> LayerPlacement | None:
-        """Return where and how large a layer's picture is rendered during an exposure cell.
+        """Return where and how large a layer's picture is during an exposure cell.
 
-        off: (y, x) metres on the sensor by which the picture is shifted further. The result is None
-        if a layer at infinity would have to be shifted.
+        off: (y, x) metres on the sensor by which the picture is shifted further. None for a layer
+        at infinity that would have to be shifted.
         """
         scale = self._s.camera.magnification(layer.distance)
         shift = cell.shift
@@ -93,7 +93,7 @@ class ObjectSpectra:
         return LayerPlacement(scale, shift, (cell.path[0] * scale, cell.path[1] * scale))
 
     def is_off_plane(self, picture: Drawable, layer: Layer, cell: ExposureCell, off: Place) -> bool:
-        """Whether a picture shifted by `off` is wholly outside the rendered image's samples."""
+        """Whether a picture shifted by `off` is wholly beside the samples."""
         scale = self._s.camera.magnification(layer.distance)
         ends = picture.extent(scale, cell.shift)
         plane = self._plane
@@ -106,7 +106,7 @@ class ObjectSpectra:
     def picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
-        """Return the spectrum with which a picture is rendered, smeared along its path."""
+        """Return the spectrum of a picture smeared along its path, from the cache if possible."""
         return self._cache.get(
             ("object", picture, where, self._plane, self._recipe.picture_samples_per_pixel),
             lambda: self._compute_picture_spectrum(picture, where, effect),
@@ -115,7 +115,6 @@ class ObjectSpectra:
     def _compute_picture_spectrum(
         self, picture: Drawable, where: LayerPlacement, effect: str
     ) -> torch.Tensor:
-        """Compute the spectrum with which a picture is rendered, smeared along its path."""
         spectrum = self._gathering.spectrum(picture, where.magnification, where.shift, effect)
         smear = self._gathering.motion_transfer(where.path)
         return spectrum if smear is None else spectrum * smear
@@ -128,7 +127,7 @@ class ObjectSpectra:
         off: Place = (0.0, 0.0),
         angle: int = 0,
     ) -> list[torch.Tensor]:
-        """Return the spectra of a picture's light for each rendered place, with vignetting.
+        """Return the spectra of a picture's light for each place, with vignetting.
 
         off: (y, x) metres on the sensor by which the picture was shifted further. angle: number of
         the angle at the filter by whose share of each point's light the picture is weighted; 0 for
@@ -154,14 +153,14 @@ class ObjectSpectra:
         return self._cache.get(causes, weighted_spectra)
 
     def is_uniform(self, picture: Drawable) -> bool:
-        """Whether a picture renders as uniform light: uniform, endless and hidden by nothing.
+        """Whether a picture's light is uniform, endless and hidden by nothing.
 
         Such light stays uniform however it is blurred, and whatever share goes to side orders.
         """
         return isinstance(picture, UniformLight) and not self._recipe.occlusion
 
     def uniform_dc_term(self, picture: Drawable, angle: int = 0) -> float:
-        """Return the rendered spectrum of uniform light at frequency 0; 0 for other pictures.
+        """Return the spectrum of uniform light at frequency 0; 0 for other pictures.
 
         Blur doesn't change this value. angle: as in light_spectra(), which has all light of others.
         """
@@ -171,17 +170,14 @@ class ObjectSpectra:
         return picture.value * rows * columns
 
     def cover_spectra(self, cover: Drawable, where: LayerPlacement) -> list[torch.Tensor]:
-        """Return the spectra with which a layer's cover is rendered, one for each place."""
+        """Return the spectra of a layer's cover, one for each place."""
         bare = self.picture_spectrum(cover, where, "occlusion")
         if len(self.places) == 1:
             return [bare]
         return self._weight_by_place(bare, None)
 
     def _attenuation(self, layer: Layer, off: Place, angle: int) -> torch.Tensor | None:
-        """Return the vignetting of a layer on the rendered samples, times an angle's share.
-
-        The result is None if the recipe has neither.
-        """
+        """Return a layer's vignetting times an angle's share, on samples; None with neither."""
         seen = self._vignetting(layer, off)
         if not angle:
             return seen
@@ -190,12 +186,12 @@ class ObjectSpectra:
         return share if seen is None else seen * share
 
     def _plane_before(self, off: Place) -> Plane:
-        """Return the rendered samples' plane where light was before it was shifted by `off`."""
+        """Return the samples' plane where light was before it was shifted by `off`."""
         centre = (self._plane.centre[0] - off[0], self._plane.centre[1] - off[1])
         return Plane(self._plane.shape, self._plane.pitch, centre)
 
     def _vignetting(self, layer: Layer, off: Place) -> torch.Tensor | None:
-        """Return the vignetting of a layer on the rendered samples; None if it isn't rendered."""
+        """Return a layer's vignetting on samples; None if the recipe leaves it out."""
         if not self._recipe.vignetting:
             return None
         camera, mount, plane = self._kernels.camera, self._s.mount, self._plane
@@ -208,7 +204,7 @@ class ObjectSpectra:
     def _weight_by_place(
         self, bare: torch.Tensor, attenuation: torch.Tensor | None, even: bool = False
     ) -> list[torch.Tensor]:
-        """Weight a rendered picture by vignetting and field place; return the spectra."""
+        """Weight a picture by vignetting and place in the field; return the spectra."""
         effect = "vignetting" if len(self.places) == 1 else field_effect(self._recipe)
         light = self._gathering.samples(bare, effect)
         if attenuation is not None:

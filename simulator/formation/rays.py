@@ -41,7 +41,7 @@ class RayOperator:
         self._open = self._stop_transmission()
 
     def _rays(self) -> int:
-        """Return the rays along an axis of a panel pixel for rendering a PSF, at most 16.
+        """Return the rays along an axis of a panel pixel, at most 16.
 
         Neighbouring rays land within half a sample of each other, if the limit allows.
         """
@@ -51,7 +51,7 @@ class RayOperator:
         return min(max(1, math.ceil(2 * step / min(self.pixels.pitch))), 16)
 
     def _stop_transmission(self) -> torch.Tensor:
-        """Return the share of each bundle of rays that the stop lets into the rendered PSF.
+        """Return the share of each bundle of rays that the stop lets pass.
 
         For a panel apart from the lens, the stop's shadow on the panel is used.
         """
@@ -85,7 +85,7 @@ class RayOperator:
         return self._splat(landed[0], landed[1], weight)
 
     def straight(self, field: torch.Tensor | None = None, *, keep: bool = False) -> torch.Tensor:
-        """Render a point's geometric PSF for light without a pattern's phase.
+        """Return the light on the samples without a pattern's phase.
 
         keep: has no effect; it is there because a PSFOperator has it.
         """
@@ -95,14 +95,11 @@ class RayOperator:
 
     @property
     def _straight(self) -> torch.Tensor:
-        """Return the light from the pupil for a unit field, the reference for rendering by rays."""
+        """Return the light from the pupil for a unit field, to which shares refer."""
         return pupil_amplitude(replace(self.camera, separation=0.0)).sum()
 
     def _ray_displacement(self, axis: int, at: torch.Tensor) -> torch.Tensor:
-        """Return how far rendered rays land from the geometric image, in metres.
-
-        Defocus and aberrations displace them.
-        """
+        """Return how far defocus and aberrations displace rays from the geometric image, metres."""
         lens, away = self.camera.lens, object_to_lens_distance(self.camera, self._distance)
         share = 1e-4  # Slopes are differences over this share of the stop's radius.
         z2, radius = lens.image_distance, as_number(lens.stop_diameter) / 2
@@ -126,14 +123,11 @@ class RayOperator:
         return bent * z2
 
     def _other_coordinate(self, axis: int) -> torch.Tensor:
-        """Return where rendered rays meet the lens along the other axis, in metres."""
+        """Return where rays meet the lens along the other axis, in metres."""
         return (self._x if axis == 0 else self._y) * self._spread
 
     def _splat(self, y: torch.Tensor, x: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
-        """Render rays into an image: share each ray's light among the four samples around it.
-
-        The shares are bilinear in the ray's place.
-        """
+        """Share each ray's light among the four samples around it, bilinearly by its place."""
         rows, columns = self.pixels.shape
         py, px = self.pixels.pitch
         y = ((y - self.pixels.centre[0]) / py + rows // 2).expand(weight.shape).reshape(-1)
@@ -152,9 +146,9 @@ class RayOperator:
 
 
 def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
-    """Return the wavefront's slope for rendering by rays, radians per pixel, float64.
+    """Return the wavefront's slope, radians per pixel, float64.
 
-    The slope is the mean of the phase steps to both neighbours, modulo a wave.
+    It is the mean of the phase steps to both neighbours, modulo a wave.
     """
     n = field.shape[axis]
     if n == 1:
@@ -166,10 +160,7 @@ def _slope(field: torch.Tensor, axis: int) -> torch.Tensor:
 
 
 def _slopes_between_pixels(slopes: torch.Tensor, k: int) -> torch.Tensor:
-    """Interpolate the slopes of rendered rays at k places along each axis of every pixel.
-
-    The interpolation is linear between pixels' centres.
-    """
+    """Interpolate slopes linearly between pixels' centres, at k places along an axis of each."""
     if k == 1:
         return slopes
     shape = (slopes.shape[0] * k, slopes.shape[1] * k)

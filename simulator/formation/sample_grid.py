@@ -56,23 +56,23 @@ class SampleGrid:
 
     @property
     def operations(self) -> float:
-        """Return the operations of one Fourier transform of the rendered image's samples."""
+        """Return the operations of one Fourier transform of the samples."""
         return transform_operations(*self.plane.shape)
 
     def _count(self, effect: str) -> None:
-        """Enter one Fourier transform of image formation in the ledger."""
+        """Enter one Fourier transform in the ledger."""
         self._check()
         self._ledger.add(effect, self.operations, 8 * math.prod(self.plane.shape))
 
     def zero_spectra(self, count: int) -> list[torch.Tensor]:
-        """Return `count` spectra of a rendered image without light."""
+        """Return `count` spectra without light."""
         rows, columns = self.plane.shape
         return [torch.zeros(rows, columns // 2 + 1, dtype=torch.complex64) for _ in range(count)]
 
     def spectrum(
         self, picture: Drawable, magnification: float, shift: tuple[float, float], effect: str
     ) -> torch.Tensor:
-        """Draw a picture for image formation and return its spectrum.
+        """Draw a picture and return its spectrum.
 
         shift: (y, x) metres on the object.
         """
@@ -85,23 +85,22 @@ class SampleGrid:
         return _crop_spectrum(spectrum, self._drawn.shape, self.plane.shape)
 
     def samples(self, spectrum: torch.Tensor, effect: str) -> torch.Tensor:
-        """Transform a rendered image's spectrum to its samples, (rows, columns)."""
+        """Transform a spectrum to its samples, (rows, columns)."""
         self._count(effect)
         return origin_to_centre(irfft2(spectrum, self.plane.shape))
 
     def transform_samples(self, samples: torch.Tensor, effect: str) -> torch.Tensor:
-        """Transform a rendered image's samples to their spectrum."""
+        """Transform samples to their spectrum."""
         self._count(effect)
         return rfft2(origin_to_corner(samples)).to(torch.complex64)
 
     def transfers(
         self, psfs: Sequence[torch.Tensor], weights: Array, effect: str
     ) -> list[torch.Tensor]:
-        """Return transfer functions for rendering, of weighted sums of PSFs.
+        """Return the transfer functions of weighted sums of PSFs.
 
-        weights: (sums, PSFs).
-
-        The sums are formed before or after the transform, whichever needs fewer transforms.
+        weights: (sums, PSFs). The sums are formed before or after the transform, whichever needs
+        fewer transforms.
         """
         if len(psfs) <= len(weights):
             known = [self._transfer(psf, effect) for psf in psfs]
@@ -109,12 +108,12 @@ class SampleGrid:
         return [self._transfer(_weighted_sum(psfs, row), effect) for row in weights]
 
     def _transfer(self, psf: torch.Tensor, effect: str) -> torch.Tensor:
-        """Return the transfer function that renders the blur of one PSF."""
+        """Return the transfer function of one PSF."""
         self._count(effect)
         return _transform_centred_part(psf.to(torch.float32), self._of_psfs.shape, self.plane.shape)
 
     def motion_transfer(self, path: tuple[float, float]) -> torch.Tensor | None:
-        """Return the transfer function that renders uniform motion; None without motion.
+        """Return the transfer function of uniform motion; None without motion.
 
         path: (y, x) metres on the sensor.
         """
@@ -125,11 +124,11 @@ class SampleGrid:
 
     @cached_property
     def _aperture(self) -> torch.Tensor:
-        """Return the transfer function that renders the pixel aperture."""
+        """Return the transfer function of the pixel aperture."""
         return pixel_transfer(*self.plane.shape, self.finer).to(torch.float32)
 
     def light_on_pixels(self, spectrum: torch.Tensor, aperture: bool) -> torch.Tensor:
-        """Return the rendered light on the sensor's pixels, (rows, columns).
+        """Return the light on the sensor's pixels, (rows, columns).
 
         aperture: whether the light is averaged over each pixel, or taken at its centre.
         """
@@ -144,7 +143,7 @@ class SampleGrid:
 def _transform_centred_part(
     part: torch.Tensor, shape: tuple[int, int], kept: tuple[int, int]
 ) -> torch.Tensor:
-    """Transform a rendered PSF that is zero except for a part around its origin, by rfft2.
+    """Transform a PSF that is zero except for a part around its origin, by rfft2.
 
     The part's origin is at n // 2 along both axes. Rows without light aren't transformed. shape: of
     the whole PSF. kept: of as large a plane with as many samples or fewer; the result has its
@@ -158,10 +157,7 @@ def _transform_centred_part(
 
 
 def _from_origin(part: torch.Tensor, length: int, dim: int) -> torch.Tensor:
-    """Return a rendered PSF's part along an axis of `length`, from its origin on, and 0 elsewhere.
-
-    The part's origin is at n // 2.
-    """
+    """Return a part along an axis of `length`, from its origin at n // 2 on, and 0 elsewhere."""
     count = part.shape[dim]
     before = count // 2
     shape = list(part.shape)
@@ -175,17 +171,14 @@ def _from_origin(part: torch.Tensor, length: int, dim: int) -> torch.Tensor:
 def _crop_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], new_shape: tuple[int, int]
 ) -> torch.Tensor:
-    """Return the rfft2 of a drawn picture on fewer samples, for image formation.
-
-    Detail finer than the new samples resolve is removed.
-    """
+    """Return the rfft2 of a picture on fewer samples, without detail finer than they resolve."""
     rows, columns = new_shape
     samples = shape[0] * shape[1] / (rows * columns)
     return (_low_rows(spectrum, rows)[:, : columns // 2 + 1] / samples).contiguous()
 
 
 def _low_rows(spectrum: torch.Tensor, rows: int) -> torch.Tensor:
-    """Return the lowest frequencies along y of a rendered spectrum, so many in the same order."""
+    """Return the lowest frequencies along y of a spectrum, so many in the same order."""
     if len(spectrum) == rows:
         return spectrum
     half = (rows + 1) // 2
@@ -195,7 +188,7 @@ def _low_rows(spectrum: torch.Tensor, rows: int) -> torch.Tensor:
 def downsample_spectrum(
     spectrum: torch.Tensor, shape: tuple[int, int], factor: int
 ) -> torch.Tensor:
-    """Transform a rendered image's rfft2 to every `factor`th sample, (rows, columns) of `shape`.
+    """Transform an rfft2 to every `factor`th sample, (rows, columns) of `shape`.
 
     The samples begin at the origin, which is in the corner. Frequencies that are aliases of each
     other are added before the transform.
@@ -221,7 +214,6 @@ def downsample_spectrum(
 
 
 def _weighted_sum(parts: Sequence[torch.Tensor], weights: Array) -> torch.Tensor:
-    """Return the weighted sum of PSFs or transfer functions with which an image is rendered."""
     first, *others = (
         part if w == 1 else float(w) * part for part, w in zip(parts, weights, strict=True)
     )

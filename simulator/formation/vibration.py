@@ -1,4 +1,4 @@
-"""The image's vibration on the sensor during an exposure, and how it blurs what is rendered."""
+"""The image's vibration on the sensor during an exposure, and how it blurs pictures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from simulator.situation import Situation
 
 
 def image_vibration(s: Situation) -> float:
-    """Return how far the rendered image trembles during an exposure, metres rms along an axis.
+    """Return how far the image trembles during an exposure, metres rms along an axis.
 
     A vibration of frequency f and any phase leaves 1 - sinc²(f T) of its variance about the mean
     place in an exposure T: all of it over many periods, and little in a small part of one.
@@ -26,6 +26,6 @@ def image_vibration(s: Situation) -> float:
 
 
 def vibration_transfer(plane: Plane, rms: float) -> torch.Tensor:
-    """Return the transfer function that renders a normally distributed vibration, float32."""
+    """Return the transfer function of a normally distributed vibration, float32."""
     fy, fx = rfft2_frequencies(plane)
     return torch.exp(-2 * (math.pi * rms) ** 2 * (fy**2 + fx**2)).to(torch.float32)

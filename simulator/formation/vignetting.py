@@ -16,7 +16,7 @@ _PLACES = 33
 
 
 def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> torch.Tensor:
-    """Return a rendered image's vignetting: each place's light over that on the axis, float32.
+    """Return each place's light over that on the axis, float32.
 
     The result is (rows, columns) of the plane. camera: in the panel's axes. Vignetting is cos⁴ of
     the angle at which the lens appears from the sensor, or what the lens' curve of relative
@@ -33,7 +33,7 @@ def vignetting(camera: Camera, mount: Mount, plane: Plane, distance: float) -> t
 
 
 def _relative_illumination(lens: Lens, squared_height: torch.Tensor) -> torch.Tensor:
-    """Return a rendered image's vignetting by the lens itself: its curve, or else cos⁴.
+    """Return the vignetting of the lens itself: its curve of relative illumination, or else cos⁴.
 
     squared_height: of the places, m². The curve is linear in it between two pairs, which makes it
     smooth on the axis, and it is even beyond the last.
@@ -51,7 +51,7 @@ def _relative_illumination(lens: Lens, squared_height: torch.Tensor) -> torch.Te
 def _relative_stop_transmission(
     camera: Camera, mount: Mount, plane: Plane, distance: float
 ) -> torch.Tensor:
-    """Return a rendered image's vignetting by the stop: light through it, relative to the axis."""
+    """Return the light through the stop by place, relative to that on the axis."""
 
     def share(y: float, x: float) -> float:
         return share_through_stop(
@@ -75,10 +75,7 @@ def _relative_stop_transmission(
 def _interpolate(
     values: NDArray[np.float64], at: NDArray[np.float64], nodes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Interpolate a rendered image's vignetting linearly along the first axis.
-
-    nodes: evenly spaced.
-    """
+    """Interpolate values linearly along the first axis, between evenly spaced nodes."""
     step = nodes[1] - nodes[0]
     if not step:
         return np.repeat(values[:1], len(at), axis=0)

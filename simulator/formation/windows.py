@@ -21,15 +21,15 @@ _FIELD_OPERATIONS = 60.0
 
 
 def transform_operations(rows: int, columns: int) -> float:
-    """Return the operations of one real two-dimensional Fourier transform in image formation."""
+    """Return the operations of one real two-dimensional Fourier transform."""
     samples = rows * columns
     return 2.5 * samples * math.log2(max(samples, 2))
 
 
 def psf_operations(panel: Panel, down: int, across: int) -> float:
-    """Return the operations of rendering one PSF on `down` x `across` samples.
+    """Return the operations of one PSF on `down` x `across` samples.
 
-    The PSF takes chirped Fourier transforms of the panel along both axes.
+    It takes chirped Fourier transforms of the panel along both axes.
     """
     rows, columns = panel.shape
     along = rows * (columns + across) * math.log2(columns + across)
@@ -38,7 +38,7 @@ def psf_operations(panel: Panel, down: int, across: int) -> float:
 
 
 def ray_operations(panel: Panel, down: int, across: int) -> float:
-    """Return the operations of rendering one geometric PSF on `down` x `across` samples."""
+    """Return the operations of one geometric PSF on `down` x `across` samples."""
     # 80 operations per ray.
     return (80.0 + _FIELD_OPERATIONS) * panel.shape[0] * panel.shape[1] + down * across
 
@@ -63,22 +63,22 @@ ORDER_FADE_PIXELS = 4.0
 
 
 def light_extent(s: Situation) -> tuple[float, float]:
-    """Return how far from the axis a scene's rendered light reaches, (y, x) metres on the sensor.
+    """Return how far from the axis a scene's light reaches on the sensor, (y, x) metres.
 
-    The result holds for any time of the exposure. It is infinite for endless light.
+    It holds for any time of the exposure, and is infinite for endless light.
     """
     y, x = (side + s.image_motion for side in s.picture_probe.extent)
     return y, x
 
 
 def _field_of_ghosts(s: Situation) -> tuple[float, float]:
-    """Return from how far beside the frame ghosts of a rendered image bring light, metres."""
+    """Return from how far beside the frame ghosts bring light, metres."""
     sensor = s.camera.sensor
     return ghost_field(s.camera.ghosts, [n * sensor.pitch / 2 for n in sensor.shape])
 
 
 def max_blur_distance(s: Situation) -> tuple[float, float]:
-    """Return the largest distance of rendered blur: from any light's image to any pixel.
+    """Return the largest distance from any light's image to any pixel.
 
     The distances (y, x) are in metres on the sensor, along the panel's axes.
     """
@@ -95,7 +95,7 @@ def max_blur_distance(s: Situation) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Windows:
-    """The sizes of what is rendered, in sensor pixels (rows, columns).
+    """Sizes in sensor pixels, (rows, columns).
 
     psf: of the PSF around a point's image. side_order: of the PSF around each side order's centre.
     picture: of the picture with its margin. merged_orders: side orders of the panel, on each side,
@@ -117,30 +117,17 @@ def rendering_windows(
     samples: tuple[int, int] = (1, 1),
     ghosts: bool = False,
 ) -> Windows:
-    """Return the windows for rendering PSFs, and the size that the picture needs for them.
+    """Return the windows of PSFs, and the size that the picture needs for them.
 
     No window is larger than light can go, or than the diffraction orders that it holds. Where the
     panel's orders lie close together, one PSF with all of them takes less work than one for each.
+    Raises ValueError for ghosts of so wide a field that the picture would be many times as large.
 
-    Parameters
-    ----------
-    s : Situation
-        The situation that is rendered.
-    window : int
-        Largest side of a PSF's window, in sensor pixels.
-    orders : int
-        Side orders of the panel that are rendered on each side.
-    wave : bool
-        Whether light is a wave; rays have no orders.
-    samples : tuple of int
-        Samples of PSFs, and of light, along each axis of a pixel, for the work.
-    ghosts : bool
-        Whether the lens' ghosts are rendered, which may bring light from beside the frame.
-
-    Raises
-    ------
-    ValueError
-        For ghosts of so wide a field that the picture would be many times as large.
+    window: largest side of a PSF's window, sensor pixels.
+    orders: side orders of the panel on each side that are rendered.
+    wave: whether light is a wave; rays have no orders.
+    samples: of PSFs, and of light, along each axis of a pixel, for the work.
+    ghosts: whether the lens' ghosts count, which may bring light from beside the frame.
     """
     found = _windows_with(s, window, orders, samples, wave=wave, ghosts=ghosts)
     if ghosts and any(_field_of_ghosts(s)):
@@ -159,7 +146,7 @@ def rendering_windows(
 def _windows_with(
     s: Situation, window: int, orders: int, samples: tuple[int, int], *, wave: bool, ghosts: bool
 ) -> Windows:
-    """Return rendering_windows(), whether or not ghosts can be rendered."""
+    """Return rendering_windows(), whether or not ghosts are too wide."""
     if not wave:
         own = _window_within_reach(s, window)
         return Windows(own, own, _picture_shape(s, own, ghosts=ghosts))
@@ -182,7 +169,7 @@ def _windows_with(
 
 
 def _order_side(s: Situation, most: int) -> int:
-    """Return the side in pixels of the square that holds orders up to `most` of a rendered PSF."""
+    """Return the side in pixels of the square that holds a PSF's orders up to `most`."""
     longest, pitch = s.band.whole_support[1], s.camera.sensor.pitch
     period = longest * as_number(s.camera.ray_matrix_b) / s.camera.panel.pitch / pitch
     half = (most + 0.5) * period + ORDER_FADE_PIXELS / 2
@@ -191,7 +178,7 @@ def _order_side(s: Situation, most: int) -> int:
 
 
 def _work(s: Situation, windows: Windows, orders: int, samples: tuple[int, int]) -> float:
-    """Return the operations of rendering one PSF with its side orders, and their transforms."""
+    """Return the operations of one PSF with its side orders, and of their transforms."""
 
     def one(sides: tuple[int, int]) -> float:
         return psf_operations(s.camera.panel, *(n * samples[0] for n in sides))
@@ -203,7 +190,7 @@ def _work(s: Situation, windows: Windows, orders: int, samples: tuple[int, int])
 
 
 def _window_within_reach(s: Situation, window: int) -> tuple[int, int]:
-    """Return a rendered PSF's window, (rows, columns): smaller where no light goes so far.
+    """Return a PSF's window, (rows, columns): smaller where no light goes so far.
 
     window: its side.
     """
@@ -217,7 +204,7 @@ def _window_within_reach(s: Situation, window: int) -> tuple[int, int]:
 def _picture_shape(
     s: Situation, sides: tuple[int, int], *, ghosts: bool, endless: bool = False
 ) -> tuple[int, int]:
-    """Return the size of a rendered picture with its margin, (rows, columns) of sensor pixels.
+    """Return the size of a picture with its margin, (rows, columns) of sensor pixels.
 
     The margin is so wide that light carried periodically around the edges doesn't reach the sensor.
     sides: of the PSF's window. ghosts: whether the lens' ghosts are rendered. endless: whether the

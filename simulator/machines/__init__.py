@@ -1,1 +1,1 @@
-"""Simulated instruments behind their wires: they answer bytes or USB transfers by their manuals."""
+"""Instruments behind their wires: they answer bytes or USB transfers as their manuals say."""

@@ -1,10 +1,10 @@
-"""Colour values that the simulated spectroradiometer computes from a spectrum.
+"""Colour values that a CS-2000 computes from a spectrum.
 
-The colour matching functions are the analytic fits of Wyman, Sloan and Shirley, "Simple
-Analytic Approximations to the CIE XYZ Color Matching Functions", Journal of Computer Graphics
-Techniques 2(2), 2013: multi-lobe for the 2 degrees observer of 1931, single-lobe for the 10
-degrees observer of 1964. They differ from the tables by 0.7 to 1.4 % and 2.5 to 3.2 % of the
-tables' norm. The constants of luminance and of the Planckian locus come from CIE 015:2018.
+The colour matching functions are the analytic fits of Wyman, Sloan and Shirley, "Simple Analytic
+Approximations to the CIE XYZ Color Matching Functions", Journal of Computer Graphics Techniques
+2(2), 2013: multi-lobe for the 2 degrees observer of 1931, single-lobe for the 10 degrees observer
+of 1964. They differ from the tables by 0.7 to 1.4 % and 2.5 to 3.2 % of the tables' norm. The
+constants of luminance and of the Planckian locus come from CIE 015:2018.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ Array = NDArray[np.float64]
 
 
 def colour_matching_functions(wavelengths_m: Array, observer: int = 2) -> Array:
-    """Return the CIE colour matching functions x, y, z for the simulated CS-2000 instrument.
+    """Return the CIE colour matching functions x, y, z, (3, n).
 
-    The shape is (3, n). observer: of 2 or 10 degrees.
+    observer: of 2 or 10 degrees.
     """
     nm = np.asarray(wavelengths_m) * 1e9
     return np.stack(_matching_2_degrees(nm) if observer == 2 else _matching_10_degrees(nm))
@@ -59,7 +59,7 @@ def _matching_10_degrees(nm: Array) -> tuple[Array, Array, Array]:
 
 
 def tristimulus(wavelengths_m: Array, radiance: Array, observer: int = 2) -> Array:
-    """Compute a spectrum's tristimulus values X, Y, Z for the simulated CS-2000 instrument.
+    """Return the tristimulus values X, Y, Z of a spectrum.
 
     Y is in cd/m² if the radiance is in W/(sr m² m).
     """
@@ -68,19 +68,13 @@ def tristimulus(wavelengths_m: Array, radiance: Array, observer: int = 2) -> Arr
 
 
 def chromaticity(xyz: Array) -> tuple[float, float]:
-    """Compute the chromaticity x, y of tristimulus values for the simulated CS-2000 instrument.
-
-    Both are NaN for a spectrum without light.
-    """
+    """Return the chromaticity x, y of tristimulus values; NaN for a spectrum without light."""
     total = float(xyz.sum())
     return (float(xyz[0]) / total, float(xyz[1]) / total) if total > 0 else (math.nan, math.nan)
 
 
 def uniform_chromaticity(xyz: Array) -> tuple[float, float]:
-    """Compute the CIE 1976 chromaticity u', v' for the simulated CS-2000 instrument.
-
-    Both are NaN for a spectrum without light.
-    """
+    """Return the CIE 1976 chromaticity u', v'; NaN for a spectrum without light."""
     bottom = float(xyz[0] + 15 * xyz[1] + 3 * xyz[2])
     if bottom <= 0:
         return math.nan, math.nan
@@ -88,13 +82,10 @@ def uniform_chromaticity(xyz: Array) -> tuple[float, float]:
 
 
 def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
-    """Compute colour temperature (K) and duv for the simulated CS-2000 instrument.
+    """Return the correlated colour temperature (K) and duv, the distance from the Planckian locus.
 
-    The temperature is the correlated colour temperature; duv is the distance from the Planckian
-    locus.
-
-    The distance is measured in the diagram of 1960 and is positive above the locus. Both values
-    are NaN beyond 0.05 from the locus or outside 1000 to 100 000 K.
+    The distance is measured in the diagram of 1960 and is positive above the locus. Both values are
+    NaN beyond 0.05 from the locus or outside 1000 to 100 000 K.
     """
     u, v = uniform_chromaticity(xyz)
     if math.isnan(u):
@@ -118,9 +109,9 @@ def colour_temperature(wavelengths_m: Array, xyz: Array, observer: int = 2) -> t
 
 @functools.lru_cache(maxsize=8)
 def _planckian_locus(first: float, step: float, count: int, observer: int) -> Array:
-    """Return u', v' (2, n) of black bodies for the simulated CS-2000's colour temperatures.
+    """Return u', v' (2, n) of a black body at each of `_TEMPERATURES`.
 
-    There is one black body for each of `_TEMPERATURES`. The wavelengths are evenly spaced.
+    The wavelengths are evenly spaced.
     """
     wavelengths = (first + step * np.arange(count)).astype(np.float64)
     light = wavelengths**-5 / np.expm1(_C2 / np.outer(_TEMPERATURES, wavelengths))
@@ -131,7 +122,7 @@ def _planckian_locus(first: float, step: float, count: int, observer: int) -> Ar
 
 
 def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> tuple[float, float]:
-    """Compute dominant wavelength (nm) and excitation purity (%) for the simulated CS-2000.
+    """Return the dominant wavelength (nm) and the excitation purity (%).
 
     The white point is that of equal energy. Purples have the negative complementary wavelength.
     Both values are NaN for a spectrum without light and for white itself.
@@ -157,10 +148,10 @@ def dominant_wavelength(wavelengths_m: Array, xyz: Array, observer: int = 2) -> 
 
 
 def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[float, float] | None:
-    """Find where a ray from white crosses the spectral locus, for the simulated CS-2000.
+    """Find where a ray from white crosses the spectral locus: fractional index and distance.
 
-    The result is the fractional index into the locus and the distance from white. If the ray
-    crosses more than once, as in the violet, the crossing where `seen` is largest counts.
+    If the ray crosses more than once, as in the violet, the crossing where `seen` is largest
+    counts.
     """
     across = locus[0] * dy - locus[1] * dx
     along = locus[0] * dx + locus[1] * dy
@@ -174,10 +165,7 @@ def _locus_crossing(locus: Array, seen: Array, dx: float, dy: float) -> tuple[fl
 
 
 def _distance_to_purple_line(locus: Array, dx: float, dy: float) -> float:
-    """Return the distance from white to the line of purples, for the simulated CS-2000's purity.
-
-    The distance is measured in the direction (dx, dy).
-    """
+    """Return the distance from white to the line of purples in the direction (dx, dy)."""
     a, b = locus[:, 0], locus[:, -1]
     side = b - a
     bottom = dx * side[1] - dy * side[0]

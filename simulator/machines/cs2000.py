@@ -1,7 +1,7 @@
-"""A simulated Konica Minolta CS-2000 or CS-2000A spectroradiometer behind its serial port.
+"""A Konica Minolta CS-2000 or CS-2000A spectroradiometer behind its serial port.
 
-Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications",
-rev. 7.00, 2020; the optical limits are those of the instrument's data sheet.
+Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications", rev.
+7.00, 2020; the optical limits are those of the instrument's data sheet.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ BLOCKS: dict[int, tuple[str, ...]] = {
 def colorimetric_values(
     wavelengths_m: NDArray[np.float64], per_nm: NDArray[np.float64]
 ) -> dict[str, float]:
-    """Return the simulated CS-2000's colorimetric values by name; NaN where one can't be computed.
+    """Return a spectrum's colorimetric values by name; NaN where one can't be computed.
 
     per_nm: radiance in W/(sr m² nm).
     """
@@ -85,7 +85,7 @@ def colorimetric_values(
 
 
 def format_value(name: str, value: float, hexadecimal: bool, failed_is_zero: bool = False) -> str:
-    """Format a value in the simulated CS-2000's reply, as the real instrument does.
+    """Format a value as the instrument's replies do.
 
     name: of a colorimetric value, or "spectral". failed_is_zero: whether a value that can't be
     computed is sent as 0, as old firmware does.
@@ -111,7 +111,7 @@ def format_block(names: Sequence[str], values: dict[str, float], *how: bool) -> 
 
 
 def _format_exponential(value: float) -> str:
-    """Format a number of the simulated CS-2000 with four decimals and a one-digit exponent."""
+    """Format a number with four decimals and a one-digit exponent."""
     exponent = math.floor(math.log10(abs(value))) if value else -9
     exponent = max(-9, min(9, exponent))
     mantissa = f"{value / 10.0**exponent:.4f}"
@@ -122,7 +122,7 @@ def _format_exponential(value: float) -> str:
 
 
 def _format_six_characters(value: float) -> str:
-    """Format a number of the simulated CS-2000 in six characters, with as many decimals as fit."""
+    """Format a number in six characters, with as many decimals as fit."""
     if value > 999_999.5:
         mantissa, _, exponent = f"{value:.2e}".partition("e")
         return f"{mantissa}e+{int(exponent)}"
@@ -136,7 +136,7 @@ _SPANS = {1: slice(0, 100), 2: slice(100, 200), 3: slice(200, 300), 4: slice(300
 
 @dataclass
 class _Measurement:
-    """Hold a running measurement: the end of its present phase, and the exposure it has chosen."""
+    """A running measurement: the end of its present phase, and the exposure it has chosen."""
 
     until: float
     integration: float = 0.0
@@ -192,17 +192,14 @@ class CS2000Machine(FaultyMachine):
         return self._measuring is not None
 
     def press_escape(self) -> None:
-        """Press the simulated CS-2000's escape key: abort a measurement, else end remote mode."""
+        """Press the escape key: abort a measurement, else end remote mode."""
         if self._measuring:
             self._measuring = None
         else:
             self.settings.remote = 0
 
     def press_measure(self, t: float) -> list[Reply]:
-        """Press the simulated CS-2000's measuring key, which works if MSWE has enabled it.
-
-        The instrument sends nothing.
-        """
+        """Press the measuring key, which works if MSWE has enabled it; nothing is sent."""
         if not (self.settings.remote and self.settings.single_values["MSWE"]) or self._measuring:
             return []
         return self._start(t, by_key=True)
@@ -241,7 +238,7 @@ class CS2000Machine(FaultyMachine):
         return [Reply(at, b"")]
 
     def _advance(self, t: float) -> list[Reply]:
-        """Finish what the simulated CS-2000 machine has to do by time t, and return its replies."""
+        """Finish what is to be done by time t, and return the replies."""
         replies = self._advance_measurement(t)
         while self._answers and self._answers[0].at <= t:
             answer = self._answers.pop(0)
@@ -282,14 +279,14 @@ class CS2000Machine(FaultyMachine):
         return self._queue_reply("OK00", t)
 
     def _start(self, t: float, by_key: bool = False) -> list[Reply]:
-        """Begin a measurement of the simulated CS-2000, and return its wake-up call."""
+        """Begin a measurement, and return its wake-up call."""
         self.measured_radiance = None
         until = t + min(10.0, max(1.0, self.optics.required_exposure(*self.settings.speed)[0] / 10))
         self._measuring = _Measurement(until, by_key=by_key)
         return [Reply(until, b"")]
 
     def _advance_measurement(self, t: float) -> list[Reply]:
-        """Finish measuring phases of the simulated CS-2000 that end by time t; return replies."""
+        """Finish the phases of a measurement that end by time t, and return the replies."""
         replies: list[Reply] = []
         while (going := self._measuring) and going.until <= t:
             if going.in_main_phase and "busy forever" in self._faults:
@@ -302,7 +299,7 @@ class CS2000Machine(FaultyMachine):
         return replies
 
     def _begin_main_phase(self, going: _Measurement) -> list[Reply]:
-        """End the simulated CS-2000's pre-measurement, and report how long the main one takes."""
+        """End the pre-measurement, and report how long the main one takes."""
         self._measuring = None
         if "stuck" in self._faults:
             return self._report_measurement("ER81", going)
@@ -325,11 +322,11 @@ class CS2000Machine(FaultyMachine):
         return self._report_measurement("OK00", going)
 
     def _report_measurement(self, text: str, of: _Measurement) -> list[Reply]:
-        """Report the simulated CS-2000's progress, unless its measuring key started it."""
+        """Report progress, unless the measuring key started the measurement."""
         return [] if of.by_key else [Reply(of.until, text.encode() + self._delimiter)]
 
     def _medr(self, given: list[int]) -> str:
-        """Answer the command MEDR as the real CS-2000 instrument: read out a measurement."""
+        """Answer the command MEDR: read out a measurement."""
         if len(given) != 3:
             return "ER00"
         mode, form, number = given
@@ -354,7 +351,7 @@ class CS2000Machine(FaultyMachine):
         return ",".join(["OK00", *texts])
 
     def _discard_read_block(self, mode: int, number: int) -> None:
-        """Discard the simulated CS-2000's measurement once read out, if its measuring key is on."""
+        """Discard a measurement once it is read out, if the measuring key is on."""
         self._unread -= {number} if mode == 1 else set()
         if self.settings.single_values["MSWE"] and (mode == 2 or not self._unread):
             self.measured_radiance = None

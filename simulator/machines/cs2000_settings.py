@@ -1,7 +1,7 @@
-"""Identity and settings of a simulated CS-2000: its commands other than those that measure.
+"""Identity, settings and optics of a CS-2000, with its commands other than those that measure.
 
-Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications",
-rev. 7.00, 2020.
+Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications", rev.
+7.00, 2020.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ the 5000 cd/m² of the data sheet, with the shortest time and the internal filte
 
 
 class CS2000Optics:
-    """Simulate the light path of a CS-2000 from the spectrum before its lens to its sensor.
+    """The light path of a CS-2000 from the spectrum before its lens to its sensor.
 
     spectrum, slit_nm, angle: as of CS2000Machine.
     """
@@ -38,10 +38,7 @@ class CS2000Optics:
         """External filter that is really attached: 0 none, 1 passes a tenth, 2 a hundredth."""
 
     def measured_spectrum(self) -> Array:
-        """Return the radiance that the simulated CS-2000 measures, in W/(sr m² nm).
-
-        The light has passed the slit and the external filter.
-        """
+        """Return the radiance behind slit and external filter, in W/(sr m² nm)."""
         samples_per_nm = 5
         reach = samples_per_nm * self._slit
         nm = (
@@ -55,7 +52,7 @@ class CS2000Optics:
         return light[::samples_per_nm] * 10.0**-self.attached_nd
 
     def _signal(self, integration: float, nd: int) -> float:
-        """Return the exposure of the simulated CS-2000's sensor, in cd s/m² at 1 degree."""
+        """Return the sensor's exposure, in cd s/m² at 1 degree."""
         luminance = float(tristimulus(WAVELENGTHS, self.measured_spectrum() * 1e9)[1])
         # The instrument doesn't report its internal filter's transmittance; a tenth is assumed.
         transmittance = 0.1 if nd else 1.0
@@ -67,7 +64,7 @@ class CS2000Optics:
         return self._signal(integration, nd) > 1.001 * _SATURATION
 
     def required_exposure(self, mode: int, given: int, nd: int) -> tuple[float, int]:
-        """Return the simulated CS-2000's integration time (s) and internal filter by speed mode."""
+        """Return integration time (s) and internal filter by speed mode."""
         if mode == 3:
             return given * 1e-6, nd
         if nd == 2:
@@ -89,7 +86,7 @@ _INTO_FLASH = ("SPMS", "SCMS", "NDFS", "LNSS", "OBSS")
 
 
 class CS2000Settings:
-    """Hold the settings of a simulated CS-2000, and answer the commands that ask or set them.
+    """Hold the settings of a CS-2000, and answer the commands that ask or set them.
 
     model, serial, firmware: as of CS2000Machine. optics: the optics, whose dial STSR reports.
 
@@ -115,7 +112,7 @@ class CS2000Settings:
         self.flash_write_count = 0
 
     def command_handler(self, name: str) -> Command | None:
-        """Return the simulated CS-2000's handler of a command that asks or sets, or else None."""
+        """Return the handler of a command that asks or sets, or else None."""
         work: Command | None
         work = (
             getattr(self, f"_{name.lower()}")
@@ -133,7 +130,7 @@ class CS2000Settings:
         return put
 
     def conditions(self, integration: float, nd: int) -> str:
-        """Return the simulated CS-2000's measuring conditions, in the text of its reply to MEDR."""
+        """Return the measuring conditions, in the text of the reply to MEDR."""
         given = self.single_values
         return (
             f"{self.speed[0]},{self.sync[0]},{round(integration * 1e6):09d},{nd},"
@@ -141,10 +138,7 @@ class CS2000Settings:
         )
 
     def _single_value_handler(self, name: str) -> Callable[[list[int]], str] | None:
-        """Return the simulated CS-2000's handler of a command for one of its `single_values`.
-
-        The command sets or asks the value. The result is None for any other command.
-        """
+        """Return the handler of a command that sets or asks one of `single_values`, or None."""
         asked = {"NDFR": "NDFS", "LNSR": "LNSS", "OBSR": "OBSS"}.get(name)
         if asked:
             return lambda given: "ER00" if given else f"OK00,{self.single_values[asked]}"

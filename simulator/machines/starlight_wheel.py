@@ -1,4 +1,4 @@
-"""A simulated Starlight Xpress filter wheel behind its USB wire.
+"""A Starlight Xpress filter wheel behind its USB wire.
 
 Source: "Handbook for the SX Universal Filter Wheel" (2009), Communication Protocols.
 """
@@ -50,10 +50,7 @@ class StarlightWheelMachine:
         return b"", self.write(0x01, data, t)
 
     def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
-        """Give the simulated Starlight wheel machine the two bytes of an output report.
-
-        The bytes come from the control or the output endpoint.
-        """
+        """Take the two bytes of an output report, from the control or the output endpoint."""
         if self._stalled or len(data) != 2:
             raise UsbStall
         known = self._slot_count(t)
@@ -76,10 +73,7 @@ class StarlightWheelMachine:
         self.wheel.stuck = kind == "stuck"
 
     def _start_counting(self, t: float) -> None:
-        """Turn the simulated Starlight wheel machine once around and on to the first slot.
-
-        This takes one to two rotations, by the handbook.
-        """
+        """Turn once around and on to the first slot: one to two rotations, by the handbook."""
         count, at = self.wheel.count, self.wheel.slot_at(t)
         around = [(at - 1 + i) % count + 1 for i in range(1, count + 1)]
         home = [slot % count + 1 for slot in range(at, count + 1)] if at > 1 else []

@@ -1,7 +1,7 @@
-"""A simulated Thorlabs FW102C or FW212C filter wheel behind its serial port.
+"""A Thorlabs FW102C or FW212C filter wheel behind its serial port.
 
-Sources: Thorlabs' manual of the FW102C/FW212C, chapter 5.2.3, for the commands; the public
-drivers of pyLabLib, msl-equipment and Odemis for the observed behaviour of real wheels.
+Sources: Thorlabs' manual of the FW102C/FW212C, chapter 5.2.3, for the commands; the public drivers
+of pyLabLib, msl-equipment and Odemis for the observed behaviour of real wheels.
 """
 
 from __future__ import annotations
@@ -58,17 +58,17 @@ class ThorlabsWheelMachine(FaultyMachine):
 
     @property
     def position(self) -> int:
-        """Return the simulated Thorlabs wheel machine's slot that is in the light."""
+        """Return the slot that is in the light."""
         return self._state["pos"]
 
     @property
     def settings(self) -> dict[str, int]:
-        """Return the simulated Thorlabs wheel machine's settings: its reply to each query."""
+        """Return the settings: the reply to each query."""
         return dict(self._state)
 
     @property
     def saved_settings(self) -> dict[str, int]:
-        """Return the settings that the simulated Thorlabs wheel machine keeps when switched off."""
+        """Return the settings that are kept when the wheel is switched off."""
         return dict(self._saved)
 
     def feed(self, data: bytes, t: float) -> list[Reply]:
@@ -87,10 +87,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return replies
 
     def _begin(self, line: bytes, t: float) -> list[Reply]:
-        """Carry out a command as the Thorlabs wheel machine, and return its wake-up calls.
-
-        The wake-up calls are at the times when the wheel turns and replies.
-        """
+        """Carry out a command, and return wake-up calls for when the wheel turns and replies."""
         self._path = []
         output = self._command_output(line, t)
         # The reply leaves 2 ms after the command or, if the wheel turns, after its arrival.
@@ -102,7 +99,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return [Reply(time, b"") for time, _ in self._path] + [Reply(at, b"")]
 
     def _advance(self, t: float) -> list[Reply]:
-        """Turn the Thorlabs wheel machine to its state at time t, and return the replies due."""
+        """Turn to the state at time t, and return the replies due."""
         while self._path and self._path[0][0] <= t:
             self._state["pos"] = self._path.pop(0)[1]
             if self._turned:
@@ -115,7 +112,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return [Reply(t, output)]
 
     def _command_output(self, line: bytes, t: float) -> bytes:
-        """Return the simulated Thorlabs wheel machine's reply to a command, without the prompt."""
+        """Return the reply to a command, without the prompt."""
         if self._switched_on:
             self._switched_on = False
             return b"\0\0" + _NOT_DEFINED
@@ -155,7 +152,7 @@ class ThorlabsWheelMachine(FaultyMachine):
         return b""
 
     def _turn(self, goal: int, t: float) -> list[tuple[float, int]]:
-        """List (time, slot) along the Thorlabs wheel machine's shorter way to a slot."""
+        """List (time, slot) along the shorter way to a slot."""
         way = shorter_path(self.position, goal, self._state["pcount"])
         seconds = self._step[self._state["speed"]]
         return [(t + i * seconds, slot) for i, slot in enumerate(way, 1)]

@@ -1,4 +1,4 @@
-"""Turning of simulated filter wheels from slot to slot."""
+"""The turning of filter wheels from slot to slot."""
 
 from __future__ import annotations
 
@@ -32,26 +32,23 @@ class TurningWheel:
         self._since = 0.0
 
     def turn_to(self, slot: int, t: float) -> None:
-        """Begin to turn the simulated wheel machine to a slot.
-
-        A wheel that is already turning goes on from its present slot.
-        """
+        """Begin to turn to a slot; a wheel that is turning goes on from its present slot."""
         self.turn_through(shorter_path(self.slot_at(t), slot, self.count, self.both_ways), t)
 
     def turn_through(self, way: list[int], t: float) -> None:
-        """Begin to turn the simulated wheel machine through a list of slots."""
+        """Begin to turn through a list of slots."""
         if self.stuck:
             return
         self._way, self._since = way, t
         self.target = way[-1] if way else self._at
 
     def jump_to(self, slot: int, t: float) -> None:
-        """Put the simulated wheel machine at a slot without turning."""
+        """Put the wheel at a slot without turning."""
         self._way, self._since, self._at, self.target = [], t, slot, slot
         self._turned(slot)
 
     def slot_at(self, t: float) -> int:
-        """Return the simulated wheel machine's slot that is in the light, or was the last to be."""
+        """Return the slot that is in the light, or was the last to be."""
         while self._way and not self.stuck and t >= self._since + self.step:
             self._since += self.step
             self._at = self._way.pop(0)
@@ -59,18 +56,18 @@ class TurningWheel:
         return self._at
 
     def resting_slot(self, t: float) -> int:
-        """Return the slot at which the simulated wheel machine really stands; 0 while it turns."""
+        """Return the slot at which the wheel really stands; 0 while it turns."""
         at = self.slot_at(t)
         return 0 if self._way and not self.stuck else at
 
     def reported_slot(self, t: float) -> int:
-        """Return the slot that the simulated wheel machine reports; 0 if it says that it turns."""
+        """Return the slot that the wheel reports; 0 if it says that it turns."""
         at = self.resting_slot(t)
         return 0 if self.never_arrives else at
 
 
 def shorter_path(start: int, end: int, count: int, both_ways: bool = True) -> list[int]:
-    """Return the slots that a simulated wheel machine passes on its shorter way.
+    """Return the slots that a wheel passes on its shorter way.
 
     The wheel turns forward if both ways are equally long, or if `both_ways` is false.
     """

@@ -1,4 +1,4 @@
-"""Interface of simulated USB instruments: descriptors, transfers in, and reports out."""
+"""What a USB instrument of the virtual bench can do: descriptors, transfers in, reports out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 
 class Endpoint(NamedTuple):
-    """Describe an endpoint of a simulated USB device.
+    """An endpoint of a USB device.
 
     address: 0x80 is added for the direction to the host. attributes: 2 bulk, 3 interrupt. size:
     largest packet in bytes. interval: as in the endpoint's descriptor.
@@ -48,7 +48,7 @@ class SetupPacket(NamedTuple):
 
 
 class UsbStall(Exception):
-    """Raised when a simulated USB device refuses a transfer."""
+    """Raised when a device refuses a transfer."""
 
 
 class InputReport(NamedTuple):
@@ -60,7 +60,7 @@ class InputReport(NamedTuple):
 
 
 class UsbMachine(Protocol):
-    """A simulated USB instrument, independent of the bus and of the virtual bench.
+    """A USB instrument, independent of the bus and of the virtual bench.
 
     own_faults: names of the faults that can occur within it.
     """
@@ -69,25 +69,23 @@ class UsbMachine(Protocol):
     description: UsbDescription
 
     def control(self, setup: SetupPacket, data: bytes, t: float) -> tuple[bytes, list[InputReport]]:
-        """Carry out a control transfer at time t as the real USB instrument would.
-
-        Returns its answer and the reports that follow.
+        """Carry out a control transfer at time t; return its answer and the reports that follow.
 
         The time never decreases from call to call. Raises UsbStall if the device refuses.
         """
         ...
 
     def write(self, endpoint: int, data: bytes, t: float) -> list[InputReport]:
-        """Give the simulated USB instrument bytes at an endpoint, and return its reports.
+        """Give the instrument bytes at an endpoint, and return its reports.
 
         Raises UsbStall if it refuses them.
         """
         ...
 
     def power_up(self, t: float) -> None:
-        """Power the simulated USB instrument up at time t, with nothing stored from before."""
+        """Switch the instrument on at time t, with nothing stored from before."""
         ...
 
     def set_fault(self, kind: str | None) -> None:
-        """Begin one of a simulated USB instrument's `own_faults`, or end all if `kind` is None."""
+        """Begin one of `own_faults`, or end all if `kind` is None."""
         ...

@@ -1,4 +1,4 @@
-"""A simulated ZWO EFW filter wheel behind its USB wire.
+"""A ZWO EFW filter wheel behind its USB wire.
 
 Source: the protocol that Adam Fritzler observed on the wire of a 7-slot wheel (zwoefw-set, 2023).
 """
@@ -102,10 +102,9 @@ class ZwoWheelMachine:
         self._answer[: len(said)] = said
 
     def _encode_state(self, t: float) -> bytes:
-        """Encode the simulated ZWO wheel machine's state report.
+        """Return the state report.
 
-        The report's bytes are 1, status, error, target, start, target, number of slots, and 4
-        zeros.
+        Its bytes are 1, status, error, target, start, target, number of slots, and 4 zeros.
         """
         timed_out = 0x0C
         wheel = self.wheel

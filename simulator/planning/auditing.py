@@ -1,4 +1,4 @@
-"""Audit an effect plan's error bounds by rendering with the effects that it leaves out."""
+"""Audit the error bounds of a plan by rendering with what it leaves out."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class AuditResult:
 
     @property
     def measured_over_bound(self) -> float:
-        """Return the largest measured change over what the plan states, which fails above 1."""
+        """Return the largest measured change over the stated one, which fails above 1."""
         allowed = self.bound.plus(self.slack)
         return max(
             ratio(getattr(self, name), getattr(allowed, name))
@@ -76,7 +76,7 @@ def audit(
     *,
     pairs: Pairs | None = None,
 ) -> tuple[AuditResult, ...]:
-    """Compare the errors that an effect plan states with the measured changes of pictures.
+    """Compare the errors that a plan states with the measured changes of pictures.
 
     Each effect that the plan has below its finest level is set to its finest level, once with the
     other effects as planned, and once with the others at their finest. Pairs of such effects are
@@ -118,7 +118,7 @@ def audit(
 
 
 class _AuditRenderer:
-    """Render the pictures of an audit, and cache those that are compared several times."""
+    """Render the pictures that are compared, and cache those that are used several times."""
 
     def __init__(
         self,
@@ -167,7 +167,7 @@ class _AuditRenderer:
         )
 
     def _stated_error(self, names: tuple[str, ...], coarse: Levels) -> Bound:
-        """Sum the errors that the plan states of audited effects, and of those that they refine."""
+        """Sum the stated errors of the named effects, and of those that they refine."""
         levels = {
             refined: coarse[refined]
             for name in names
@@ -182,7 +182,7 @@ class _AuditRenderer:
     def _with_requirements(
         self, coarse: dict[str, int], fine: dict[str, int], names: tuple[str, ...]
     ) -> tuple[dict[str, int], dict[str, int]]:
-        """Complete two sets of planned effect levels, so that all effects' requirements are met.
+        """Complete two sets of levels, so that all effects' requirements are met.
 
         Effects that an effect above off requires are set to their finest level. Effects that
         require one that is off are switched off. Effects that aren't audited get the same level in
@@ -198,7 +198,7 @@ class _AuditRenderer:
         return coarse, fine
 
     def _all_required(self, levels: Levels) -> list[str]:
-        """Return the effects that are off in a plan although its other effects require them."""
+        """Return the effects that are off although others that are on require them."""
         missing: list[str] = []
         queue = [one for name, one in self._effects.items() if levels[name]]
         while queue:
@@ -209,14 +209,14 @@ class _AuditRenderer:
         return missing
 
     def _picture(self, levels: Levels) -> Rendered:
-        """Render the audited plan's picture at given effect levels, as mean and variance maps."""
+        """Render mean and variance maps at given levels, as float64."""
         recipe = build_recipe(tuple(self._effects.values()), self._s, levels)
         mean, variance = self._kept.get(recipe, lambda: self._render(recipe))
         return mean.to(torch.float64), variance.to(torch.float64)
 
 
 def _rounding_bound(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
-    """Bound the rounding errors of two pictures that are rendered to audit an effect plan.
+    """Bound the rounding errors of two pictures that are compared.
 
     The rounding of Fourier transforms is as large in dark pixels as in bright ones, and changes the
     standard deviation most in dark pixels.
@@ -230,5 +230,4 @@ def _rounding_bound(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
 
 
 def _norm(change: torch.Tensor) -> float:
-    """Return the L2 norm of a picture's change, to audit an effect plan."""
     return float(torch.linalg.vector_norm(change))

@@ -1,4 +1,4 @@
-"""Define the interface of all effects of the simulator."""
+"""What each effect tells about itself: whether it is there, its error bound, and its work."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Bound:
                 raise ValueError(f"{name} is {value}; a bound is 0 or more")
 
     def plus(self, other: Bound) -> Bound:
-        """Add two error bounds of an effect plan; the sum bounds both changes together."""
+        """Add two bounds; the sum bounds both changes together."""
         return Bound(
             self.mean + other.mean,
             self.variance + other.variance,
@@ -68,7 +68,7 @@ class Bound:
         )
 
     def minus(self, other: Bound) -> Bound:
-        """Return by how much an effect plan's error bound exceeds another, 0 at least."""
+        """Return by how much the bound exceeds another, 0 at least."""
         return Bound(
             max(self.mean - other.mean, 0.0),
             max(self.variance - other.variance, 0.0),
@@ -102,7 +102,7 @@ class MinimumNorms:
     sigma: float
 
     def relative_error(self, bound: Bound) -> float:
-        """Return the largest relative error of a bound in an effect plan.
+        """Return the largest relative error of a bound's measures.
 
         The error is infinite for a change where a norm is 0.
         """
@@ -115,7 +115,7 @@ class MinimumNorms:
 
 
 def ratio(change: float, whole: float) -> float:
-    """Return a planned effect's change over the picture's norm; infinite for a norm of 0."""
+    """Return a change over a whole; infinite for a whole of 0, unless nothing changes."""
     if change == 0:
         return 0.0
     return change / whole if whole > 0 else math.inf
@@ -175,26 +175,26 @@ class Effect(ABC):
 
     @abstractmethod
     def is_present(self, s: Situation) -> bool:
-        """Return whether the effect occurs in a situation, so that it has to be planned."""
+        """Return whether the effect occurs in a situation."""
 
     def finest_level(self, s: Situation) -> int:
-        """Return the effect's finest level to plan; beyond it, the picture doesn't change."""
+        """Return the finest level that is useful; beyond it, the picture doesn't change."""
         return len(self.levels) - 1
 
     @abstractmethod
     def estimated_error(self, s: Situation, level: int) -> float:
-        """Estimate the picture's relative change between the effect's planned and finest level."""
+        """Estimate the picture's relative change between a level and the finest."""
 
     def error_bound(self, s: Situation, level: int) -> Bound:
-        """Bound the error of the effect at a planned level; it decreases to 0 at the finest."""
+        """Bound the error at a level; it decreases to 0 at the finest."""
         return Bound() if level >= self.finest_level(s) else self.error_bound_below_finest(s, level)
 
     @abstractmethod
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        """Bound the error of the effect at a planned level below the finest."""
+        """Bound the error at a level below the finest."""
 
     def likely_error(self, s: Situation, level: int) -> Bound:
-        """Estimate how large the error of the effect at a planned level is, at most, but for few.
+        """Estimate how large the error at a level is, at most, but for few.
 
         The estimate comes from audits on random scenes; it isn't proved. Without one, the bound
         takes its place.
@@ -202,7 +202,7 @@ class Effect(ABC):
         return self.error_bound(s, level)
 
     def error(self, s: Situation, level: int, decided_by: DecidedBy) -> Bound:
-        """Return the error of the effect at a planned level, as bounds or estimates tell it."""
+        """Return the error at a level, as bounds or estimates tell it."""
         told = self.error_bound if decided_by == "bound" else self.likely_error
         found = told(s, level)
         varied = speckle_variance(s) if found.mean and s.target.speckle else 0.0
@@ -218,17 +218,17 @@ class Effect(ABC):
 
     @abstractmethod
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations that the effect adds to a plan.
+        """Return the operations that the effect adds to rendering.
 
         levels: those of all effects that occur.
         """
 
     @abstractmethod
     def explain(self, s: Situation) -> str:
-        """Describe in words for the plan how strong the effect is in a situation."""
+        """Describe in words how strong the effect is in a situation."""
 
     def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
-        """Return the recipe with this effect added at its planned level, above off."""
+        """Return the recipe with the effect added at a level above off."""
         return recipe.with_changes(**{self.recipe_field: self.recipe_values[level]})
 
 
@@ -239,11 +239,11 @@ class OnOffEffect(Effect):
 
     @abstractmethod
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        """Estimate the picture's relative change if the plan omits the effect."""
+        """Estimate the picture's relative change if the effect is left out."""
 
     @abstractmethod
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the picture's change if the plan omits the effect."""
+        """Bound the picture's change if the effect is left out."""
 
     def estimated_error(self, s: Situation, level: int) -> float:
         return 0.0 if level else self.estimated_error_if_omitted(s)
@@ -253,7 +253,7 @@ class OnOffEffect(Effect):
 
 
 def forced_level(effects: Sequence[Effect], s: Situation, name: str, request: str | bool) -> int:
-    """Return the level to plan for a forced effect: finest for True, off for False, or as named.
+    """Return the level of a forced effect: finest for True, off for False, or as named.
 
     Raises ValueError for an effect or a level that doesn't exist.
     """
@@ -274,7 +274,7 @@ def forced_level(effects: Sequence[Effect], s: Situation, name: str, request: st
 def resolve_forced_levels(
     effects: Sequence[Effect], forced_levels: Mapping[str, int]
 ) -> dict[str, int]:
-    """Return the planned levels of forced effects and of effects that these switch off.
+    """Return the levels of forced effects and of effects that these switch off.
 
     Effects that don't occur are left out. An effect that requires one that is forced off is off as
     well. Raises ValueError if such an effect is forced on.
@@ -294,5 +294,5 @@ def resolve_forced_levels(
 
 
 def _lacks_requirement(one: Effect, found: Mapping[str, int]) -> bool:
-    """Whether a planned effect may be on although an effect that it requires is forced off."""
+    """Whether an effect may be on although one that it requires is forced off."""
     return found.get(one.name) != 0 and any(found.get(name) == 0 for name in one.requires)

@@ -1,4 +1,4 @@
-"""Plan the levels of all effects for a picture, with the reasons, for people and renderers."""
+"""Choose the levels of all effects for a picture, with the reasons, for people and renderers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EFFECTS_SHARE = 0.9
 
 @dataclass(frozen=True)
 class Decision:
-    """The decision of a plan about one effect: its level, its error bound, and the physics.
+    """What was decided about one effect: its level, its error bound, and the physics.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class EffectPlan:
         return {one.effect: one for one in self.decisions}[effect]
 
     def level(self, effect: str) -> int:
-        """Return the planned level of an effect; 0 if it is off or doesn't occur."""
+        """Return the level of an effect; 0 if it is off or doesn't occur."""
         return self._levels.get(effect, 0)
 
     @property
@@ -143,7 +143,7 @@ class EffectPlan:
         return dict(self._levels)
 
     def as_data(self) -> dict[str, Any]:
-        """Return the effect plan as plain data, with None for bounds that aren't finite."""
+        """Return plain data, with None for errors that aren't finite."""
         return {
             "tol": self.tol,
             "decided_by": self.decided_by,
@@ -168,7 +168,7 @@ class EffectPlan:
 def build_recipe(
     effects: Sequence[Effect], situation: Situation, levels: Mapping[str, int]
 ) -> Recipe:
-    """Build the recipe that renders a situation with the planned levels of its effects.
+    """Build the recipe that renders a situation with given levels of its effects.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def plan_effects(
     forced: Mapping[str, str | bool] | None = None,
     decided_by: DecidedBy = "bound",
 ) -> EffectPlan:
-    """Plan the levels of all effects so that the picture's error stays within a tolerance.
+    """Choose the levels of all effects so that the picture's error stays within a tolerance.
 
     Parameters
     ----------
@@ -239,13 +239,13 @@ def plan_effects(
 
 
 def require_tolerance(tol: float) -> None:
-    """Raise ValueError for an effect plan's tolerance that is negative or not finite."""
+    """Raise ValueError for a tolerance that is negative or not finite."""
     if not 0 <= tol < math.inf:
         raise ValueError(f"tol is {tol:g}; it must be finite and not negative")
 
 
 def require_decided_by(decided_by: str) -> None:
-    """Raise ValueError for another word than those by which an effect plan may decide."""
+    """Raise ValueError for anything else than 'bound' and 'estimate'."""
     if decided_by not in get_args(DecidedBy):
         words = " or ".join(repr(one) for one in get_args(DecidedBy))
         raise ValueError(f"decide_by is {decided_by!r}; give {words}")
@@ -254,7 +254,7 @@ def require_decided_by(decided_by: str) -> None:
 def _decision(
     one: Effect, s: Situation, ladder: Ladder, levels: dict[str, int], forced: Mapping[str, int]
 ) -> Decision:
-    """Return the plan's decision about one effect, with its bound, work and reasons."""
+    """Return the decision about one effect, with its error, work and reasons."""
     level = levels[one.name]
     error = ladder.effect_error(one.name, level)
     off, finest = {**levels, one.name: 0}, {**levels, one.name: one.finest_level(s)}
@@ -276,5 +276,4 @@ def _decision(
 
 
 def _finite(value: float) -> float | None:
-    """Return a number for the effect plan's data, or None if it isn't finite."""
     return value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Order all effect plans of a situation in a ladder, from all effects at their finest to all off.
+"""Order all choices of levels in a ladder, from all effects at their finest to all off.
 
 The order of the steps doesn't depend on the tolerance. The next step is that of the effect which
 saves most work for its error bound, except that a step with a large bound lets steps with smaller
@@ -42,8 +42,8 @@ class CachedWork:
     """The operations of one effect as a cached function of the levels of all effects.
 
     The operations depend only on the levels that the effect reads. So they are cached in a tree,
-    which branches first by the level that was read first, and so on. levels_read: the names of all
-    effects whose level was read so far.
+    which branches first by the level that was read first, and so on.
+    levels_read: names of all effects whose level was read so far.
     """
 
     def __init__(self, effect: Effect, situation: Situation) -> None:
@@ -63,7 +63,7 @@ class CachedWork:
         return found
 
     def _keep(self, seen: list[tuple[str, int]], work: float) -> None:
-        """Store the operations that a planned effect adds in the tree, under the levels it read."""
+        """Store operations in the tree, under the levels that were read."""
         if not seen:
             self._kept = work
             return
@@ -95,11 +95,12 @@ _PATIENCE = 0.5
 
 @dataclass(frozen=True)
 class LadderStep:
-    """One step down the ladder, which sets an effect to a coarser level.
+    """One step down, which sets an effect to a coarser level.
 
-    effect, to: name and new level of the effect. bound: largest change beyond that at the level
-    before. relative_error: the same relative to the picture's norms. saved_work: operations that
-    the step saves, multiplied by `repetitions` for its rank.
+    effect, to: name and new level of the effect.
+    bound: largest change beyond that at the level before.
+    relative_error: the same relative to the picture's norms.
+    saved_work: operations that the step saves, multiplied by `repetitions` for its rank.
     """
 
     effect: str
@@ -115,7 +116,7 @@ class LadderStep:
 
     @property
     def rank(self) -> tuple[bool, float, float]:
-        """Return the sort key of a step in planning effect levels; the best step has the largest.
+        """Return the sort key of the step; the best step has the largest.
 
         Steps without error come first, then those that save most work for their error, then those
         with the least error.
@@ -183,11 +184,11 @@ class Ladder:
         return tuple(self._walk_down())
 
     def work(self, levels: Mapping[str, int]) -> float:
-        """Return the operations of rendering a picture at a plan's effect levels."""
+        """Return the operations of rendering a picture at given levels."""
         return sum(work(levels) for work in self._works.values())
 
     def levels(self, tol: float) -> dict[str, int]:
-        """Return the coarsest planned effect levels on the ladder that keep a tolerance.
+        """Return the coarsest levels on the ladder that keep a tolerance.
 
         The bounds of all steps down to these levels are summed. Steps farther down aren't found.
         """
@@ -200,14 +201,14 @@ class Ladder:
         return levels
 
     def error(self, levels: Mapping[str, int]) -> Bound:
-        """Return the error of a plan with the given levels, forced effects included."""
+        """Return the error at given levels, forced effects included."""
         total = Bound()
         for name, level in levels.items():
             total = total.plus(self.effect_error(name, level))
         return total
 
     def effect_error(self, effect: str, level: int) -> Bound:
-        """Return the error of one planned effect at a level."""
+        """Return the error of one effect at a level."""
         if level >= self._finest[effect]:
             return Bound()
         if (effect, level) not in self._errors:
@@ -220,7 +221,7 @@ class Ladder:
         return self._floor.relative_error(bound)
 
     def _walk_down(self) -> Iterator[LadderStep]:
-        """Yield the plan's steps to coarser effect levels, from the top of the ladder down.
+        """Yield the steps to coarser levels, from the top of the ladder down.
 
         The work is a sum of products, so every step down reduces what other steps save. The savings
         of an effect's steps are therefore upper bounds, and are computed again only when one of the
@@ -249,7 +250,7 @@ class Ladder:
                     known[name] = list(self._steps_of(self._named[name], levels))
 
     def _steps_of(self, one: Effect, levels: dict[str, int]) -> Iterator[LadderStep]:
-        """Yield the steps down that a plan may take with one effect, over one or several levels."""
+        """Yield the steps down that one effect may take now, over one or several levels."""
         name, now = one.name, levels[one.name]
         if name in self.forced_levels or not now:
             return
@@ -266,20 +267,19 @@ class Ladder:
             yield LadderStep(name, to, more, self._floor.relative_error(more), saved, often)
 
     def _is_required(self, name: str, levels: Mapping[str, int]) -> bool:
-        """Return whether an effect that is still on in the plan requires the named effect."""
+        """Whether an effect that is still on requires the named effect."""
         return any(name in one.requires and levels[one.name] for one in self.effects)
 
 
 def _next_steps(
     steps: Sequence[LadderStep], waited: Mapping[tuple[str, int], float]
 ) -> list[LadderStep]:
-    """List the steps of the plan's ladder that wait now, and last the step to take next.
+    """List the steps that wait now, and last the step to take next; none if there are no steps.
 
     If the step with the best rank were always next, no tolerance below its error would save any
     work. So steps with smaller errors go first, the best rank first, as long as their errors add up
-    to less than the share _PATIENCE of its error. The same rule applies among them. waited: for
-    each step, the summed errors of the steps that it has already waited for. The list is empty if
-    there are no steps.
+    to less than the share _PATIENCE of its error. The same rule applies among them.
+    waited: for each step, the summed errors of the steps that it has already waited for.
     """
     order: list[LadderStep] = []
     limit = math.inf

@@ -1,4 +1,4 @@
-"""Probe the far field behind a panel: one period of its diffraction orders."""
+"""The far field behind a panel: one period of its diffraction orders, and the lens' part in it."""
 
 from __future__ import annotations
 
@@ -29,11 +29,13 @@ Light = NDArray[np.float32]
 class FarField:
     """The far-field irradiance of a field on the panel, by samples in each diffraction spot.
 
-    It is |Fourier transform of the field|², with a sum of 1. light: the irradiance over one period
-    of the panel's diffraction orders along each axis, (rows, columns), with the optical axis at
-    index (0, 0). side: side of a pixel's open area over the pitch. samples_per_spot: 2 along each
-    axis resolve the irradiance. Fewer take less work, and alias its transfer function near the
-    cut-off; 1 would lie between the fringes of an open panel. Distances are in shares of a period.
+    It is |Fourier transform of the field|², with a sum of 1. Distances are in shares of a period.
+    Raises ValueError if no light passes the stop.
+    light: the irradiance over one period of the panel's diffraction orders along each axis, (rows,
+        columns), with the optical axis at index (0, 0).
+    side: side of a pixel's open area over the pitch.
+    samples_per_spot: 2 along each axis resolve the irradiance. Fewer take less work, and alias its
+        transfer function near the cut-off; 1 would lie between the fringes of an open panel.
     """
 
     def __init__(self, field: torch.Tensor, side: float, samples_per_spot: float = 2) -> None:
@@ -52,51 +54,45 @@ class FarField:
 
     @property
     def bytes(self) -> int:
-        """Return the bytes of a probed far field with all its properties computed.
-
-        These are two arrays of light and the transfer function.
-        """
+        """Return the bytes of the light, its zeroth order, and the transfer function."""
         return 2 * self.light.nbytes + 16 * _frequency_count(self.light.shape) ** 2
 
     def envelope(self, axis: int, order: int = 0) -> Array:
-        """Return the probed far field's envelope in an order, from one pixel of the panel.
-
-        The result is along an axis, (samples,).
-        """
+        """Return the envelope of one pixel of the panel in an order, along an axis, (samples,)."""
         return self._envelope_at(np.fft.fftfreq(self.light.shape[axis]) + order)
 
     def _envelope_at(self, places: NDArray[np.floating]) -> Array:
-        """Return the probed far field's envelope along an axis at places in shares of a period."""
+        """Return one pixel's envelope along an axis at places in shares of a period."""
         return np.asarray(self._side * np.sinc(self._side * places) ** 2)
 
     def _summed_envelope(self, axis: int, orders: int) -> Array:
-        """Sum the probed far field's envelope along an axis over orders from -orders to orders."""
+        """Sum the envelope along an axis over orders from -orders to orders."""
         every = range(-orders, orders + 1)
         return np.asarray(sum(self.envelope(axis, order) for order in every))
 
     def order_share(self, orders: int) -> float:
-        """Return the share of the probed far field's light in the orders from -orders to orders."""
+        """Return the share of the light in the orders from -orders to orders."""
         along = self.light @ self._summed_envelope(1, orders).astype(np.float32)
         return float(along.astype(np.float64) @ self._summed_envelope(0, orders))
 
     @cached_property
     def peak(self) -> float:
-        """Return the probed far field's peak irradiance times a period's area, over all light."""
+        """Return the peak irradiance times a period's area, over all light."""
         return float(self._top * self._side**2 * self.light.size)
 
     @cached_property
     def zeroth_order_light(self) -> Light:
-        """Return the light of the probed far field's zeroth diffraction order."""
+        """Return the light of the zeroth diffraction order."""
         down, along = (self.envelope(axis).astype(np.float32) for axis in (0, 1))
         light = self.light * down[:, None]
         light *= along
         return light
 
     def light_around_axis(self, reach: tuple[int, int]) -> Light:
-        """Return the light of the probed far field around the optical axis, over all orders.
+        """Return the light around the optical axis, over all orders, (2 y, 2 x) samples.
 
-        reach: samples (y, x) to either side. The result is (2 y, 2 x) samples, with the optical
-        axis in the middle, at n // 2. It may reach beyond one period.
+        The optical axis is in the middle, at n // 2. The light may reach beyond one period.
+        reach: samples (y, x) to either side.
         """
         light: NDArray[np.float32] = self.light
         for axis, most in enumerate(reach):
@@ -107,7 +103,7 @@ class FarField:
         return light
 
     def _ensquared_sums(self, light: Light) -> Array:
-        """Sum a probed far field's light in squares around the axis, for each size of square.
+        """Sum light in squares around the axis, for each size of square.
 
         The half side of square k is k + 1/2 steps. A step is the distance of the samples along the
         shorter axis.
@@ -120,7 +116,7 @@ class FarField:
 
     @cached_property
     def ensquared_share(self) -> Array:
-        """Return the share of a probed zeroth order's light within squares around the axis.
+        """Return the share of the zeroth order's light within squares around the axis.
 
         The half side of square k is k + 1/2 steps, as in _ensquared_sums().
         """
@@ -129,7 +125,7 @@ class FarField:
 
     @cached_property
     def beyond_energy(self) -> Array:
-        """Integrate the squared density of a probed zeroth order outside squares around the axis.
+        """Integrate the squared density of the zeroth order outside squares around the axis.
 
         The squares are those of ensquared_share. The integral is relative to that of uniform light
         over the period, and exact, because the density is sampled at its Nyquist rate.
@@ -139,22 +135,19 @@ class FarField:
 
     @cached_property
     def energy(self) -> float:
-        """Integrate the squared density of a probed zeroth order over the period.
-
-        The integral is 1 for uniform light.
-        """
+        """Integrate the zeroth order's squared density over the period; 1 for uniform light."""
         return float(self.light.size * self._squared_sums[-1])
 
     @cached_property
     def _squared_sums(self) -> Array:
-        """Return the sums of the probed zeroth order's squared light, as in _ensquared_sums()."""
+        """Return the sums of the zeroth order's squared light, as in _ensquared_sums()."""
         return self._ensquared_sums(self.zeroth_order_light**2)
 
     @cached_property
     def transfer(self) -> NDArray[np.complex64]:
-        """Return the transfer function of the probed far field's zeroth order.
+        """Return the transfer function of the zeroth order, (frequencies y, frequencies x).
 
-        The shape is (frequencies y, frequencies x); radii() gives the moduli of the frequencies.
+        radii() gives the moduli of the frequencies.
         """
         spectrum = scipy.fft.rfft2(self.zeroth_order_light)
         kept = _frequency_count(self.light.shape)
@@ -162,7 +155,7 @@ class FarField:
 
 
 def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: float) -> float:
-    """Return the peak irradiance of a probed far field, also between its samples."""
+    """Return the peak irradiance of a far field, also between its samples."""
     most = float(light.max())
     # Light may be brighter half a sample away: for two samples a spot, by a factor of sinc(1/4)^-4,
     # which is below 1.6.
@@ -188,7 +181,7 @@ def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: 
 
 
 def _frequency_count(shape: tuple[int, ...]) -> int:
-    """Return how many frequencies the probed transfer function has along each axis.
+    """Return how many frequencies a transfer function has along each axis.
 
     The frequencies are 0 and more, up to half those of the far field's shorter axis.
     """
@@ -196,7 +189,7 @@ def _frequency_count(shape: tuple[int, ...]) -> int:
 
 
 def radii(shape: tuple[int, ...]) -> Array:
-    """Return the frequency moduli of a probed far field's transfer function, cycles per period."""
+    """Return the frequency moduli of a far field's transfer function, cycles per period."""
     kept = _frequency_count(shape)
     down = np.concatenate([np.arange(kept), np.arange(-kept + 1, 0)])
     return np.hypot(down[:, None], np.arange(kept))
@@ -204,10 +197,10 @@ def radii(shape: tuple[int, ...]) -> Array:
 
 @lru_cache(maxsize=16)
 def _ring_sums(samples: int, steps: int) -> scipy.sparse.csr_array:
-    """Return the matrix that sums samples along an axis of a probed far field over rings.
+    """Return the matrix that sums samples along an axis of a far field over rings.
 
-    Ring k contains distances from the optical axis above k - 1 steps, up to k steps. The matrix is
-    (steps + 1, samples), and the axis is at sample 0.
+    It is (steps + 1, samples). Ring k contains distances from the optical axis above k - 1 steps,
+    up to k steps. The axis is at sample 0.
     """
     sample = np.arange(samples)
     away = np.minimum(sample, samples - sample) * (2 * steps / samples)
@@ -219,11 +212,11 @@ def _ring_sums(samples: int, steps: int) -> scipy.sparse.csr_array:
 def side_order_kernel(
     far: FarField, period: float, cell: float, lowest: int, highest: int, fade: float = 0.0
 ) -> Array:
-    """Return how a probed far field spreads a point's light over side orders of the panel.
+    """Return how a far field spreads a point's light over side orders of the panel.
 
-    lowest, highest: range of the orders' numbers: of the larger of both along y and x. fade: metres
-    over which the order below the lowest fades into it, at most a period. See order_kernel() for
-    all else.
+    See order_kernel() for all else.
+    lowest, highest: range of the orders' numbers: of the larger of both along y and x.
+    fade: metres over which the order below the lowest fades into it, at most a period.
     """
     outer = order_kernel(far, period, cell, highest)
     inner = order_kernel(far, period, cell, lowest - 1, min(fade, period))
@@ -239,28 +232,15 @@ def order_kernel(
     fade: float = 0.0,
     reach: float = math.inf,
 ) -> Array:
-    """Return how a probed far field spreads a point's light over the panel's diffraction orders.
+    """Return the share of a point's light in each cell, by the panel's diffraction orders.
 
-    Parameters
-    ----------
-    far : FarField
-        The far field; all orders are copies of it, times the envelope of one pixel of the panel.
-    period : float
-        Distance between two orders on the sensor, metres.
-    cell : float
-        Side of a cell, metres.
-    highest : int
-        Largest number of an order along y or x.
-    fade : float, default 0.0
-        Metres over which the outermost orders fade out, half of them in the next ones.
-    reach : float, default inf
-        Metres to either side beyond which light isn't needed.
-
-    Returns
-    -------
-    numpy.ndarray
-        Share of the point's light in each cell, (cells, cells), with the point's image in the
-        middle cell of an odd number.
+    All orders are copies of the far field, times the envelope of one pixel of the panel. The result
+    is (cells, cells), an odd number, with the point's image in the middle cell.
+    period: distance between two orders on the sensor, metres.
+    cell: side of a cell, metres.
+    highest: largest number of an order along y or x.
+    fade: metres over which the outermost orders fade out, half of them in the next ones.
+    reach: metres to either side beyond which light isn't needed.
     """
     half = math.ceil(min((highest + 0.5) * period + fade / 2, reach) / cell)
     along = [
@@ -270,31 +250,31 @@ def order_kernel(
 
 
 def _middle(outer: Array, inner: Array) -> tuple[slice, slice]:
-    """Return the part of a probed far field's kernel that a smaller one covers."""
+    """Return the part of a kernel that a smaller one covers."""
     more = (len(outer) - len(inner)) // 2
     part = slice(more, len(outer) - more)
     return part, part
 
 
 def cut_kernel(kernel: Array, half: tuple[int, int]) -> Array:
-    """Cut a probed far field's kernel to `half` cells (y, x) on each side of its middle."""
+    """Cut a kernel to `half` cells (y, x) on each side of its middle."""
     middle = len(kernel) // 2
     y, x = (min(cells, middle) for cells in half)
     return kernel[middle - y : middle + y + 1, middle - x : middle + x + 1]
 
 
 def _in_cells(far: FarField, down: csr_array, across: csr_array) -> Array:
-    """Sum a probed far field's light in cells, by the samples of both axes that belong to each."""
+    """Sum a far field's light in cells, by the samples of both axes that belong to each."""
     return np.asarray(across @ (down @ far.light).T).T.astype(np.float64)
 
 
 def _cells_of_samples(
     far: FarField, axis: int, cells_per_period: float, most: int, half: int, fade: float
 ) -> csr_array:
-    """Return the envelope of each sample of a probed far field in each cell, (cells, samples).
+    """Return the envelope of each sample of a far field in each cell, (cells, samples).
 
-    Every sample stands for one place in each order from -most to most along the axis. fade: share
-    of a period over which the outermost orders fade into the next ones.
+    Every sample stands for one place in each order from -most to most along the axis.
+    fade: share of a period over which the outermost orders fade into the next ones.
     """
     samples = far.light.shape[axis]
     last = most + math.ceil(fade / 2)
@@ -314,10 +294,12 @@ T = TypeVar("T")
 
 
 class LensProbe:
-    """The effect of a camera's lens and stop at a wavelength, for points at several distances.
+    """What a camera's lens and stop do to light of a wavelength, for points at several distances.
 
-    wavelength, nearest: metres. nearest: the least distance of a point; the stop's shadow on the
-    panel is computed for its light. cache: stores the results, which other patterns share.
+    wavelength: metres.
+    nearest: the least distance of a point, metres; the stop's shadow on the panel is computed for
+        its light.
+    cache: stores the results, which other patterns share.
     samples_per_spot: of far fields.
     """
 
@@ -334,33 +316,29 @@ class LensProbe:
 
     @property
     def aperture_share(self) -> torch.Tensor:
-        """Return the share of each panel pixel that the probed lens' stop leaves open.
-
-        The shape is (rows, columns).
-        """
+        """Return the share of each panel pixel that the stop leaves open, (rows, columns)."""
         return self._from_cache(self._compute_aperture_share, ())
 
     def path(self, distance: float) -> torch.Tensor:
-        """Return the optical path that the probed lens adds to light on the panel, metres.
+        """Return the optical path in metres that the lens adds at each pixel of the panel.
 
-        The light comes from a point at `distance`.
+        distance: metres, of the point that the light comes from.
         """
         return self._from_cache(self._compute_path, (distance,))
 
     def lens_phase(self, distance: float) -> torch.Tensor:
-        """Return the phase that the probed lens adds to a point's light on the panel, radians."""
+        """Return the phase that the lens adds to a point's light on the panel, radians."""
         return 2 * math.pi / self._wavelength * self.path(distance)
 
     def field(self, distance: float) -> torch.Tensor:
-        """Return uniform light's field on the panel behind the probed lens and stop, complex64."""
+        """Return uniform light's field on the panel behind lens and stop, complex64."""
         return self._from_cache(self._compute_field, (distance, self._wavelength))
 
     def unmodulated_far_field(self, distance: float) -> FarField:
-        """Return the probed far field of light that the panel's pattern doesn't modulate."""
+        """Return the far field of light that the panel's pattern doesn't modulate."""
         return self._from_cache(self._compute_unmodulated_far_field, (distance, self._wavelength))
 
     def _from_cache(self, find: Callable[..., T], of: tuple[float, ...]) -> T:
-        """Return a result of the lens probe from the cache, or compute it."""
         causes = (find.__name__, self._camera, self._nearest, self._samples_per_spot, *of)
         return self._cache.get(causes, lambda: find(*of[:1]))
 

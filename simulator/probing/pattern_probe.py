@@ -1,4 +1,4 @@
-"""Probe the PSF of a shown pattern or video for bounds, before any PSF is computed."""
+"""A shown pattern or video, probed for bounds on its PSF before any PSF is computed."""
 
 from __future__ import annotations
 
@@ -33,20 +33,13 @@ Array = NDArray[np.float64]
 class PatternProbeSettings:
     """Tune how a shown pattern is probed. All values are chosen.
 
-    Attributes
-    ----------
-    max_pictures : int
-        Largest number of pictures of a video that are probed, evenly spaced.
-    transfer_error : float
-        Error of a transfer function between the samples of its grid, as a share of all light.
-    wider_share : float
-        Share of the light by which the PSF of unmodulated light must be wider than those of the
+    max_pictures: of a video, that are probed at most, evenly spaced.
+    transfer_error: of a transfer function between the samples of its grid, as a share of all light.
+    wider_share: of the light, by which the PSF of unmodulated light must be wider than those of the
         pattern to be included.
-    lines : int
-        Number of panel lines along each axis from which the mean angle of the rays is computed.
-    alias_free : float
-        Cycles per sample from which on the transfer function of light with fewer than two samples
-        a diffraction spot fades out.
+    lines: of the panel along each axis, from which the mean angle of the rays is computed.
+    alias_free: cycles per sample from which on the transfer function of light with fewer than two
+        samples a diffraction spot fades out.
     """
 
     max_pictures: int = 4
@@ -60,7 +53,7 @@ _SETTINGS = PatternProbeSettings()
 
 
 def panel_without_effects(panel: Panel) -> Panel:
-    """Return the panel without any of the simulator's effects, as the pattern probe needs it."""
+    """Return the panel without any of the simulator's effects."""
     return replace(
         panel,
         response=None,
@@ -79,12 +72,15 @@ def panel_without_effects(panel: Panel) -> Panel:
 class PatternProbe:
     """A pattern or video on a camera's panel at a wavelength, and bounds on its PSF.
 
-    The probe computes the far fields of the panel's light, with all effects of the panel, and with
-    the lens' phase for the nearest and the farthest of the given distances. Each property is
-    computed when it is first needed. wavelength, distances: metres. cache: stores the effect of
-    lens and stop for other patterns. samples_per_spot: of far fields; fewer than 2
-    suffice for estimates. foci, leaked_foci: metres behind the sensor at which the lens may form
-    its image of the band's light and of light that leaks; all light is probed in each of them.
+    Far fields of the panel's light are computed with all effects of the panel, and with the lens'
+    phase for the nearest and the farthest of the given distances. Each property is computed when it
+    is first needed. Bounds of shares and densities hold for any picture, distance and focus, and
+    for unmodulated light. Raises ValueError without any distance.
+    wavelength, distances: metres.
+    cache: stores what lens and stop do, for other patterns.
+    samples_per_spot: of far fields; fewer than 2 suffice for estimates.
+    foci, leaked_foci: metres behind the sensor at which the lens may form its image of the band's
+        light and of light that leaks; all light is probed in each of them.
     """
 
     def __init__(
@@ -127,10 +123,7 @@ class PatternProbe:
 
     @cached_property
     def greys(self) -> list[torch.Tensor]:
-        """Return the probed pictures on the panel, (rows, columns) uint8.
-
-        All pictures differ; if there are many, only some are probed.
-        """
+        """Return the different pictures on the panel, or some of many, (rows, columns) uint8."""
         names = sorted(self.panel_content.pictures)
         step = max(1, math.ceil(len(names) / _SETTINGS.max_pictures))
         return [
@@ -139,28 +132,22 @@ class PatternProbe:
 
     @cached_property
     def phases(self) -> list[torch.Tensor]:
-        """Return the settled panel phase of each probed picture, radians, float64."""
+        """Return the settled panel phase of each picture, radians, float64."""
         return [torch.as_tensor(self.modulator.phase(grey)) for grey in self.greys]
 
     @cached_property
     def linear_phase_range(self) -> float:
-        """Return the phase of the probed panel's highest grey level if its response is linear.
-
-        The phase is in radians.
-        """
+        """Return the phase of the panel's highest grey level if its response is linear, radians."""
         return max_phase(self.modulator.panel, self.wavelength)
 
     @cached_property
     def fields(self) -> list[torch.Tensor]:
-        """Return the field behind the panel for each probed picture, complex64."""
+        """Return the field behind the panel for each picture, complex64."""
         return [self.modulator.modulation_of_grey(grey) for grey in self.greys]
 
     @cached_property
     def _ideal_fields(self) -> list[torch.Tensor]:
-        """Return each probed picture's field behind an ideal panel.
-
-        The list is empty if the panel itself is ideal.
-        """
+        """Return each picture's field behind an ideal panel; none if the panel itself is ideal."""
         bare = replace(panel_without_effects(self.panel), unmodulated=self.panel.unmodulated)
         if bare == self.panel:
             return []
@@ -169,12 +156,12 @@ class PatternProbe:
 
     @property
     def aperture_share(self) -> torch.Tensor:
-        """Return the share of each probed panel pixel that the stop leaves open, float64."""
+        """Return the share of each panel pixel that the stop leaves open, float64."""
         return self._lens.aperture_share
 
     @cached_property
     def min_relative_power(self) -> float:
-        """Return the least power of a probed picture behind the panel, over uniform pixels' power.
+        """Return the least power of a picture behind the panel, over uniform pixels' power.
 
         The pixels for comparison have an amplitude of 1. A phase that is blurred within pixels
         makes the power less.
@@ -187,10 +174,10 @@ class PatternProbe:
 
     @cached_property
     def max_relative_power(self) -> float:
-        """Bound the power of any picture behind the probed panel, over uniform pixels' power.
+        """Bound the power of any picture behind the panel, over uniform pixels' power.
 
-        The light of the gaps between pixels may be in phase with that of the pixels. An uneven
-        beam may be brighter than its mean where the stop is open.
+        The light of the gaps between pixels may be in phase with that of the pixels. An uneven beam
+        may be brighter than its mean where the stop is open.
         """
         power, panel = max_gap_power(self.panel), self.panel
         weight = self.aperture_share.square()
@@ -202,19 +189,19 @@ class PatternProbe:
 
     @property
     def period(self) -> float:
-        """Return the metres on the sensor between the probed panel's diffraction orders."""
+        """Return the metres on the sensor between the panel's diffraction orders."""
         return self.wavelength * as_number(self.camera.ray_matrix_b) / self.panel.pitch
 
     @property
     def lens_phases(self) -> list[torch.Tensor]:
-        """Return the phase that the probed lens adds to a point's light on the panel, radians.
+        """Return the phase that the lens adds to a point's light on the panel, radians.
 
         There is one for each distance and focus.
         """
         return [lens.lens_phase(distance) for lens, distance in self._states]
 
     def _far(self, field: torch.Tensor, lens: LensProbe, distance: float) -> FarField:
-        """Return the probed far field of a field behind the panel, with the lens' phase."""
+        """Return the far field of a field behind the panel, with the lens' phase."""
         # A neutral pattern has the far field of unmodulated light.
         if bool((field == field[0, 0]).all()):
             return lens.unmodulated_far_field(distance)
@@ -227,17 +214,17 @@ class PatternProbe:
 
     @cached_property
     def _pattern_far_fields(self) -> list[list[FarField]]:
-        """Return the far fields of every probed picture, for each distance and focus."""
+        """Return the far fields of every picture, for each distance and focus."""
         return [[self._far(field, *state) for field in self.fields] for state in self._states]
 
     @cached_property
     def _unmodulated_far_fields(self) -> list[FarField]:
-        """Return the probed far field of unmodulated light for each distance and focus."""
+        """Return the far field of unmodulated light for each distance and focus."""
         return [lens.unmodulated_far_field(distance) for lens, distance in self._states]
 
     @cached_property
     def _possible_far_fields(self) -> list[FarField]:
-        """Return the probed far fields of all light that may reach the sensor.
+        """Return the far fields of all light that may reach the sensor.
 
         These are the far fields with all effects of the panel, with none of them, and of
         unmodulated light.
@@ -256,24 +243,26 @@ class PatternProbe:
 
     @cached_property
     def side_order_share(self) -> float:
-        """Bound the share of a probed pattern's light outside the zeroth diffraction order."""
+        """Bound the share of the light outside the zeroth diffraction order."""
         return self.beyond_orders(0)
 
     @cached_property
     def zeroth_order_share(self) -> float:
-        """Bound the share of a probed pattern's light in the zeroth diffraction order."""
+        """Bound the share of the light in the zeroth diffraction order."""
         return max(one.order_share(0) for one in self._possible_far_fields)
 
     def beyond_orders(self, most: int) -> float:
-        """Bound the share of a probed pattern's light in orders beyond `most` on each side."""
+        """Bound the share of the light in orders beyond `most` on each side."""
         return max(0.0, 1 - min(one.order_share(most) for one in self._possible_far_fields))
 
     def side_order_kernels(
         self, cell: float, lowest: int, highest: int, fade: float
     ) -> list[Array]:
-        """Return how the probed pattern spreads light over side orders, for each distance.
+        """Return how the pattern spreads light over side orders, for each distance.
 
-        See side_order_kernel(). cell: side of a cell, metres; fade: metres.
+        See side_order_kernel().
+        cell: side of a cell, metres.
+        fade: metres.
         """
         return [
             side_order_kernel(there[0], self.period, cell, lowest, highest, fade)
@@ -281,11 +270,12 @@ class PatternProbe:
         ]
 
     def blur_kernels(self, cell: float, reach: float) -> list[Array]:
-        """Return how the probed pattern spreads all of a point's light, for each distance.
+        """Return how the pattern spreads all of a point's light, for each distance.
 
-        The mean over a video's pictures counts, with unmodulated light and the side orders up to
-        the second that come so far. See order_kernel(). cell: side of a cell, metres; reach: how
-        far the light matters, metres.
+        See order_kernel(). The mean over a video's pictures counts, with unmodulated light and the
+        side orders up to the second that come so far.
+        cell: side of a cell, metres.
+        reach: how far the light matters, metres.
         """
         most = max(math.ceil(min(reach / self.period - 0.5, 2.0)), 0)
         held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
@@ -303,10 +293,10 @@ class PatternProbe:
 
     @cached_property
     def mean_ray_displacement(self) -> float:
-        """Return the mean distance from a point's image to a probed pattern's rays, metres.
+        """Return the mean distance on the sensor from a point's image to its rays, metres.
 
-        The distance is measured on the sensor. It is the largest of all pictures, unmodulated light
-        and object distances, computed along some lines of the panel.
+        It is the largest of all pictures, unmodulated light and object distances, computed along
+        some lines of the panel.
         """
         worst = 0.0
         straight = torch.ones(self.panel.shape, dtype=torch.complex64)
@@ -319,7 +309,7 @@ class PatternProbe:
         return worst / (2 * math.pi * self.panel.pitch) * lever
 
     def _mean_step(self, field: torch.Tensor, wave: torch.Tensor, axis: int) -> float:
-        """Return the mean phase step between neighbouring pixels of the probed panel, radians."""
+        """Return the mean phase step between neighbouring pixels along an axis, radians."""
         every = max(1, field.shape[1 - axis] // _SETTINGS.lines)
         field, wave, opened = (
             one[:, ::every] if axis == 0 else one[::every]
@@ -333,7 +323,7 @@ class PatternProbe:
 
     @cached_property
     def _ensquared_share(self) -> Array:
-        """Return the least share of the probed zeroth order's light in squares, as in FarField."""
+        """Return the least share of the zeroth order's light in squares, as in FarField."""
         curve = np.min([one.ensquared_share for one in self._possible_far_fields], axis=0)
         half = np.linspace(0, 1, len(curve))
         # Jitter spreads its share evenly over the period.
@@ -342,7 +332,7 @@ class PatternProbe:
         )
 
     def _index(self, half_side: float) -> int:
-        """Return the index of the largest probed square within a half side in metres.
+        """Return the index of the largest known square within a half side in metres.
 
         Half a step is subtracted, because the light of a sample may be anywhere within it.
         """
@@ -350,20 +340,14 @@ class PatternProbe:
         return math.floor(half_side / (self.period / 2) * steps - 0.5)
 
     def share_beyond(self, half_side: float) -> float:
-        """Bound the share of the probed zeroth order's light outside a square; half side in metres.
-
-        The bound holds for any picture, any distance, and for unmodulated light.
-        """
+        """Bound the share of the zeroth order's light outside a square of a half side in metres."""
         index = self._index(half_side)
         if index >= len(self._ensquared_share) - 2:
             return 0.0
         return 1.0 if index < 0 else float(max(0.0, 1 - self._ensquared_share[index]))
 
     def reach_of_share(self, share: float) -> float:
-        """Return the half side of a square that misses at most `share` of the probed light.
-
-        The half side is in metres.
-        """
+        """Return the half side in metres of a square that misses at most `share` of the light."""
         if not 0 < share <= 1:
             raise ValueError(f"share is {share:g}; give one above 0, up to 1")
         steps = len(self._ensquared_share) - 1
@@ -373,19 +357,16 @@ class PatternProbe:
 
     @cached_property
     def peak(self) -> float:
-        """Bound the probed PSF's peak as a share of the light per square metre of the sensor.
-
-        The bound holds for any picture, any distance, and for unmodulated light.
-        """
+        """Bound the PSF's peak as a share of the light per square metre of the sensor."""
         return max(one.peak for one in self._possible_far_fields) / self.period**2
 
     @cached_property
     def squared_density(self) -> float:
-        """Bound the integral of the probed squared PSF over the sensor, 1/m²."""
+        """Bound the integral of the squared PSF over the sensor, 1/m²."""
         return max(one.energy for one in self._possible_far_fields) / self.period**2
 
     def squared_density_beyond(self, half_side: float) -> float:
-        """Bound the integral of the probed squared zeroth-order PSF outside a square, 1/m².
+        """Bound the integral of the squared zeroth-order PSF outside a square of a half side, 1/m².
 
         half_side: metres.
         """
@@ -399,7 +380,7 @@ class PatternProbe:
 
     @cached_property
     def transfer_bounds(self) -> TransferBounds:
-        """Bound the probed PSF's transfer function, for all pictures, distances and foci."""
+        """Bound the PSF's transfer function, for all pictures, distances and foci."""
         bins = rings(self._shape)
         held, share = 1 - self.modulator.jitter_scatter_share, self.modulator.unmodulated_share
         mixed = []
@@ -425,17 +406,18 @@ class PatternProbe:
         )
 
     def focus_change(self, number: int, frequency: Array, spread: float) -> Array:
-        """Bound how the probed transfer functions in a focus differ from those in the first one.
+        """Bound how transfer functions in a focus differ from those in the first one.
 
-        number: of the focus in `foci` and `leaked_foci`. The change is the largest of all fields,
-        near frequencies in cycles per metre; see largest_near().
+        The change is the largest of all fields, near frequencies in cycles per metre; see
+        largest_near().
+        number: of the focus in `foci` and `leaked_foci`.
         """
         edges = rings(self._shape).edges / self.period
         return largest_near(edges[:-1], edges[1:], self._focus_changes[number], frequency, spread)
 
     @cached_property
     def _focus_changes(self) -> list[Array]:
-        """Return the largest changes of probed transfer functions by focus, in radial bins."""
+        """Return the largest changes of transfer functions by focus, in radial bins."""
         fields, bins = [*self._ideal_fields, *self.fields], rings(self._shape)
         count, found = len(self.distances), list[Array]()
         states = [*self._states, *self._leaked]
@@ -458,18 +440,18 @@ class PatternProbe:
 
     @property
     def _shape(self) -> tuple[int, int]:
-        """Return the samples (rows, columns) of a probed far field."""
         rows, columns = self._pattern_far_fields[0][0].light.shape
         return rows, columns
 
     def transfers_at(
         self, ky: Array, kx: Array, half: tuple[float, float]
     ) -> list[NDArray[np.complex128]]:
-        """Return the probed zeroth order's transfer functions at frequencies (ky, kx), cycles/m.
+        """Return the zeroth order's transfer functions at frequencies (ky, kx), cycles/m.
 
         There is one for every picture at each distance, and one for unmodulated light where its PSF
-        is wider. half: half sides (y, x) in metres of the part of the PSF that is transformed, up
-        to two side orders. The values are 0 at frequencies that the panel doesn't resolve.
+        is wider. The values are 0 at frequencies that the panel doesn't resolve.
+        half: half sides (y, x) in metres of the part of the PSF that is transformed, up to two side
+            orders.
         """
         shown = [one for there in self._pattern_far_fields for one in there]
         least = np.min([one.ensquared_share for one in shown], axis=0) - _SETTINGS.wider_share
@@ -479,7 +461,7 @@ class PatternProbe:
     def _transfer_at(
         self, far: FarField, ky: Array, kx: Array, half: tuple[float, float]
     ) -> NDArray[np.complex128]:
-        """Return the transfer function of a far field's light for the probe; see transfers_at().
+        """Return the transfer function of a far field's light; see transfers_at().
 
         A large panel's side orders are left out of estimates: they are far aside.
         """
@@ -496,11 +478,11 @@ class PatternProbe:
     def transfers_behind_moved_stop(
         self, moves: Sequence[tuple[float, float]], ky: Array, kx: Array, half: tuple[float, float]
     ) -> list[list[NDArray[np.complex128]]]:
-        """Return the transfer functions if the shadow of the stop moves over the probed panel.
+        """Return the transfer functions if the shadow of the stop moves over the panel.
 
-        The frequencies are as in transfers_at(). moves: (y, x) metres on the panel. There is one
-        list for each distance, with one transfer function for each move, of the first probed
-        picture.
+        There is one list for each distance, with one transfer function for each move, of the first
+        picture. The frequencies are as in transfers_at().
+        moves: (y, x) metres on the panel.
         """
         found, side = [], math.sqrt(self.panel.fill_factor)
         for state, distance in self._states:
@@ -515,7 +497,7 @@ class PatternProbe:
 
 
 def _move_pixels(values: torch.Tensor, down: float, along: float) -> torch.Tensor:
-    """Move the values of the probed panel's pixels by pixels; 0 takes their place.
+    """Move values of the panel's pixels by pixels; 0 takes their place.
 
     Between whole pixels, values are interpolated linearly.
     """
@@ -527,7 +509,6 @@ def _move_pixels(values: torch.Tensor, down: float, along: float) -> torch.Tenso
 
 
 def _move_by_whole_pixels(values: torch.Tensor, axis: int, away: int) -> torch.Tensor:
-    """Move the values of the probed panel's pixels by whole pixels along an axis."""
     n = values.shape[axis]
     moved = torch.zeros_like(values)
     if abs(away) < n:
@@ -543,10 +524,11 @@ def _transfer_at(
     kx: Array,
     samples_per_spot: float,
 ) -> NDArray[np.complex128]:
-    """Return the transfer function of a probed far field's light at frequencies (ky, kx).
+    """Return the transfer function of a far field's light at frequencies (ky, kx), cycles/m.
 
-    light: with the optical axis in the middle; pitch: metres on the sensor between its samples. The
-    transfer function fades out where light with fewer than two samples a spot doesn't tell it.
+    It fades out where light with fewer than two samples a spot doesn't tell it.
+    light: with the optical axis in the middle.
+    pitch: metres on the sensor between its samples.
     """
     known = (abs(ky) * pitch[0] < 0.5) & (abs(kx) * pitch[1] < 0.5)
     found = np.zeros(known.shape, dtype=np.complex128)
@@ -563,5 +545,5 @@ def _transfer_at(
 
 
 def _power(transfer: NDArray[np.complex64]) -> NDArray[np.float32]:
-    """Return the squared modulus of a probed transfer function."""
+    """Return the squared modulus of a transfer function."""
     return np.asarray(transfer.real**2 + transfer.imag**2)

@@ -1,4 +1,4 @@
-"""Probe the sharp picture of a target for bounds that hold after any blur."""
+"""The sharp picture of a target, probed for bounds that hold after any blur."""
 
 from __future__ import annotations
 
@@ -27,9 +27,7 @@ from simulator.scene.target import Layer, Target
 
 
 def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
-    """Return the sensor's electrons per photon for the picture probe, for each colour channel.
-
-    Each is a function of wavelength.
+    """Return the sensor's electrons per photon by wavelength, for each colour channel.
 
     None stands for the same efficiency at all wavelengths.
     """
@@ -41,14 +39,13 @@ def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
 def electron_rates(
     spectrum: Spectrum, band: Band, camera: Camera, distance: float, *, leak: bool = True
 ) -> tuple[float, ...]:
-    """Return the electrons per second and square metre of sensor that a probed spectrum frees.
-
-    There is one rate for each colour channel.
+    """Return the electrons per second and square metre of sensor that a spectrum frees, by channel.
 
     The rate is that near the axis, by the camera equation of
-    optics.camera.system_mtf.electron_rate(), integrated over wavelengths. spectrum: radiance,
-    W / (sr m² m). distance: metres to the panel. leak: whether light that the filter passes outside
-    its band is included.
+    optics.camera.system_mtf.electron_rate(), integrated over wavelengths.
+    spectrum: radiance, W / (sr m² m).
+    distance: metres to the panel.
+    leak: whether light that the filter passes outside its band is included.
     """
     nodes = _nodes(spectrum, band, camera.sensor, leak)
     passed = band.total_transmission(nodes) if leak else band.transmission(nodes)
@@ -61,7 +58,7 @@ def electron_rates(
 
 
 def irradiance_per_radiance(camera: Camera, distance: float) -> float:
-    """Return the sensor's irradiance near the axis over a probed scene's radiance, sr."""
+    """Return the sensor's irradiance near the axis over a scene's radiance, sr."""
     spread = 1 + camera.separation / distance
     gathered = open_area(camera) * spread**2 / camera.lens.image_distance**2
     return gathered * camera.panel.reflectivity * camera.transmission
@@ -70,14 +67,14 @@ def irradiance_per_radiance(camera: Camera, distance: float) -> float:
 def _efficiency(
     curve: Spectrum | None, nodes: NDArray[np.float64], sensor: Sensor
 ) -> NDArray[np.float64]:
-    """Return a sensor's electrons per photon at given wavelengths, for the picture probe."""
+    """Return a sensor's electrons per photon at given wavelengths."""
     if curve is None:
         return np.full_like(nodes, sensor.quantum_efficiency)
     return curve.at(nodes)
 
 
 def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArray[np.float64]:
-    """Return the wavelengths at which the picture probe integrates a spectrum behind a filter.
+    """Return the wavelengths at which a spectrum behind a filter is integrated.
 
     These are the nodes of all curves, both sides of every jump, and a fine grid over the band and
     its leak.
@@ -107,10 +104,12 @@ class PictureProbe:
 
     Nothing is blurred, and the losses are those of the aperture near the axis. The filter's leak is
     included. For a colour sensor, each part of the target counts with its most sensitive channel.
-    The lamp has its mean power. shift: (y, x) displacement of the target, metres on the object.
+    The lamp has its mean power.
 
     Bounds that hold "after any blur" hold for all PSFs with a sum of one or less, and for layers
     each of which hides what is behind it.
+
+    shift: (y, x) displacement of the target, metres on the object.
     """
 
     target: Target
@@ -122,19 +121,19 @@ class PictureProbe:
 
     @property
     def distances(self) -> tuple[float, ...]:
-        """Return the distance in metres of each probed layer from the panel, nearest first."""
+        """Return the distance in metres of each layer from the panel, nearest first."""
         return tuple(layer.distance for layer in self.target.layers)
 
     @cached_property
     def plane(self) -> Plane:
-        """Return the probed picture's sample plane: the sensor's pixels with a margin around."""
+        """Return the picture's sample plane: the sensor's pixels with a margin around."""
         sensor = self.camera.sensor
         rows, columns = sensor.shape
         return Plane((rows + 2 * MARGIN, columns + 2 * MARGIN), sensor.plane.pitch)
 
     @cached_property
     def rates(self) -> tuple[tuple[float, ...], ...]:
-        """Return a probed pixel's electrons per second at picture value 1, by layer and part.
+        """Return a pixel's electrons per second at picture value 1, by layer and part.
 
         Where the filter's band shifts with the angle, the rates are those of the best angle.
         """
@@ -156,7 +155,7 @@ class PictureProbe:
 
     @cached_property
     def lights(self) -> tuple[torch.Tensor, ...]:
-        """Return the light of each probed layer in electrons per second, hidden parts included.
+        """Return the light of each layer in electrons per second, hidden parts included.
 
         The arrays are (rows, columns) of the plane.
         """
@@ -165,7 +164,7 @@ class PictureProbe:
 
     @cached_property
     def covers(self) -> tuple[torch.Tensor | None, ...]:
-        """Return the share of each pixel in which a probed layer hides what is behind it.
+        """Return the share of each pixel in which a layer hides what is behind it.
 
         None stands for a layer that hides nothing, such as the farthest one.
         """
@@ -174,7 +173,7 @@ class PictureProbe:
 
     @cached_property
     def sharp_picture(self) -> torch.Tensor:
-        """Return the probed sharp picture of all layers, near layers in front of far ones.
+        """Return the sharp picture of all layers, near layers in front of far ones.
 
         The array is (rows, columns) of the plane, in electrons per second.
         """
@@ -185,7 +184,7 @@ class PictureProbe:
 
     @cached_property
     def extent(self) -> tuple[float, float]:
-        """Return how far the probed target's light reaches from the axis, (y, x) in metres."""
+        """Return how far the target's light reaches from the axis, (y, x) in metres."""
         sides = [(0.0, 0.0)]
         for layer, rates in zip(self.target.layers, self.rates, strict=True):
             scale = self._scale(layer)
@@ -195,28 +194,28 @@ class PictureProbe:
 
     @cached_property
     def dim_decile(self) -> float:
-        """Return the first decile of the probed frame's pixels, electrons per second."""
+        """Return the first decile of the frame's pixels, electrons per second."""
         inside = self.sharp_picture[MARGIN:-MARGIN, MARGIN:-MARGIN]
         # A subset of about 65,536 pixels is enough.
         every = max(1, math.isqrt(inside.numel() // 65536))
         return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
 
     def excess_over(self, level: float) -> tuple[float, float]:
-        """Sum the probed sharp picture's excess over a level, and the excess squared.
+        """Sum the sharp picture's excess over a level in electrons/s, and the excess squared.
 
-        level: electrons per second. The sums are over frame and margin.
+        The sums are over frame and margin.
         """
         rest = (self.sharp_picture - level).clamp(min=0)
         return float(rest.sum(dtype=torch.float64)), float(rest.double().square().sum())
 
     @cached_property
     def total_with_margin(self) -> float:
-        """Return the probed picture's electrons per second on the whole frame and its margin."""
+        """Return the electrons per second on the whole frame and its margin."""
         return float(self.sharp_picture.double().sum())
 
     @cached_property
     def total(self) -> float:
-        """Return the probed picture's electrons per second on the whole frame.
+        """Return the electrons per second on the whole frame.
 
         It is 0 for a frame without light, where rounding leaves a little of either sign.
         """
@@ -226,11 +225,11 @@ class PictureProbe:
 
     @cached_property
     def brightest(self) -> float:
-        """Bound the electrons per second of any pixel of the probed picture, after any blur."""
+        """Bound the electrons per second of any pixel, after any blur."""
         return self.brightest_behind(0) + self.off_plane_star_rate
 
     def brightest_behind(self, first: int) -> float:
-        """Bound any pixel's electrons per second from the probed layers `first` and behind.
+        """Bound any pixel's electrons per second from the layers `first` and behind.
 
         0 is the nearest layer. The shares of a pixel that it gets from covering layers add up to
         one at most, because the covers are blurred like the light. Each share is at most as bright
@@ -253,7 +252,7 @@ class PictureProbe:
 
     @cached_property
     def norm_bound(self) -> float:
-        """Bound the probed picture's L2 norm over the frame after any blur, electrons per second.
+        """Bound the picture's L2 norm over the frame after any blur, electrons per second.
 
         By Young's inequality, a PSF with a sum of one or less doesn't increase the norm.
         """
@@ -265,12 +264,12 @@ class PictureProbe:
 
     @property
     def _uniform_norm(self) -> float:
-        """Return the frame's L2 norm if all pixels had the probed picture's largest rate."""
+        """Return the frame's L2 norm if all pixels had the largest rate."""
         return self.brightest * math.sqrt(math.prod(self.camera.sensor.shape))
 
     @cached_property
     def power_spectrum(self) -> RadialProfile:
-        """Return the probed sharp picture's power spectrum, (electrons per second)² per pixel.
+        """Return the sharp picture's power spectrum, (electrons per second)² per pixel.
 
         Frequencies are in cycles per metre on the sensor.
         """
@@ -278,14 +277,14 @@ class PictureProbe:
 
     @cached_property
     def layer_power_spectra(self) -> tuple[RadialProfile, ...]:
-        """Return the power spectrum of each probed layer's light, hidden parts included."""
+        """Return the power spectrum of each layer's light, hidden parts included."""
         if len(self.lights) == 1:
             return (self.power_spectrum,)
         return tuple(self._profile(light) for light in self.lights)
 
     @cached_property
     def powers_by_spectrum(self) -> list[tuple[list[int], torch.Tensor]]:
-        """Return the probed target's power spectrum, separately for each spectrum of light.
+        """Return the target's power spectrum, separately for each spectrum of light.
 
         Each entry has the numbers of the parts with that spectrum, counted through all layers, and
         the squared modulus of their picture's Fourier transform, hidden parts included, in
@@ -308,21 +307,21 @@ class PictureProbe:
 
     @cached_property
     def sampled_frequencies(self) -> SampledFrequencies:
-        """Return the sampled frequencies that represent all light of the probed target."""
+        """Return the sampled frequencies that represent all light of the target."""
         squared = torch.stack([squared for _, squared in self.powers_by_spectrum]).sum(0)
         return SampledFrequencies.of(squared, self.plane)
 
     @cached_property
     def cover_powers(self) -> tuple[RadialProfile | None, ...]:
-        """Return the power spectrum of each probed layer's cover, without unit."""
+        """Return the power spectrum of each layer's cover, without unit."""
         return tuple(None if one is None else self._profile(one) for one in self.covers)
 
     def change_bound(self, gains: Sequence[Gain]) -> float:
-        """Bound the probed picture's change if each layer is filtered, as L2 norm in electrons/s.
+        """Bound the picture's change if each layer is filtered, as L2 norm in electrons/s.
 
-        gains: for each layer, the relative change of its light and cover by frequency. A layer with
-        the light F and the cover a, in front of the light C' behind it, gives C = F + (1 - a) C'.
-        So |ΔC| is at most |ΔF| + |Δa| max C' + |ΔC'|.
+        A layer with the light F and the cover a, in front of the light C' behind it, gives C = F +
+        (1 - a) C'. So |ΔC| is at most |ΔF| + |Δa| max C' + |ΔC'|.
+        gains: for each layer, the relative change of its light and cover by frequency.
         """
         total = 2 * self.off_plane_star_rate
         for number, gain in enumerate(gains):
@@ -335,7 +334,7 @@ class PictureProbe:
 
     @cached_property
     def edge_length(self) -> float:
-        """Return the length of edges where probed near layers hide far ones, metres on the sensor.
+        """Return the length of edges where near layers hide far ones, metres on the sensor.
 
         The length is counted along rows and columns, so it is never too short, and at most √2 times
         too long.
@@ -350,7 +349,7 @@ class PictureProbe:
 
     @cached_property
     def off_plane_star_rate(self) -> float:
-        """Return the electrons per second of artificial stars outside the probed plane.
+        """Return the electrons per second of artificial stars outside the plane.
 
         Their blurred light may fall on the plane. All of it counts, because one pixel may get it.
         """
@@ -365,7 +364,7 @@ class PictureProbe:
 
     @property
     def is_dark(self) -> bool:
-        """Return whether no light at all comes from the probed target."""
+        """Whether no light at all comes from the target."""
         return not any(rate for rates in self.rates for rate in rates)
 
     def _profile(self, picture: torch.Tensor) -> RadialProfile:
@@ -375,16 +374,14 @@ class PictureProbe:
         return self.camera.magnification(layer.distance)
 
     def _covering(self, layer: Layer) -> torch.Tensor | None:
-        """Return the share of each pixel that a probed layer covers; None if it hides nothing."""
         if layer.cover is None:
             return None
         return layer.cover.light(self.plane, self._scale(layer), self.shift)
 
     def light_on(self, plane: Plane) -> NDArray[np.float64]:
-        """Return the probed light of all layers on another plane, electrons per second and pixel.
+        """Return the light of all layers on another plane, (rows, columns), electrons/s and pixel.
 
-        Hidden parts are included. The result is (rows, columns); each value is the mean over a
-        sample's cell.
+        Hidden parts are included. Each value is the mean over a sample's cell.
         """
         pairs = zip(self.target.layers, self.rates, strict=True)
         light = torch.stack([self._layer_light(layer, rates, plane) for layer, rates in pairs])

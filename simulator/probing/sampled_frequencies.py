@@ -29,10 +29,11 @@ Gain = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 class RadialProfile:
     """The power spectrum of a picture by the modulus of the frequency.
 
-    low, high: edges of each bin, cycles per metre; the first bin holds frequency 0 alone. power:
-    sum of the squared modulus over a bin, scaled so that all bins add up to the sum of the
-    picture's squares over its samples. least: the same if the whole bin had the least value of the
-    bin. count: number of frequencies in a bin over that of the picture's samples.
+    low, high: edges of each bin, cycles per metre; the first bin holds frequency 0 alone.
+    power: sum of the squared modulus over a bin, scaled so that all bins add up to the sum of the
+        picture's squares over its samples.
+    least: the same if the whole bin had the least value of the bin.
+    count: number of frequencies in a bin over that of the picture's samples.
     """
 
     low: NDArray[np.float64]
@@ -43,7 +44,7 @@ class RadialProfile:
 
     @staticmethod
     def of(spectrum: torch.Tensor, plane: Plane) -> RadialProfile:
-        """Compute the radial profile of a probed picture's power from its spectrum.
+        """Sum a spectrum's power in radial bins.
 
         spectrum: on the plane's rfft2 grid.
         """
@@ -62,19 +63,19 @@ class RadialProfile:
 
     @property
     def norm(self) -> float:
-        """Return the L2 norm of the probed picture over its samples."""
+        """Return the L2 norm of the picture over its samples."""
         return math.sqrt(float(self.power.sum()))
 
     def filtered_norm_bound(self, gain: Gain) -> float:
-        """Bound the L2 norm of the probed picture after a filter with the given gain.
+        """Bound the L2 norm of the picture after a filter.
 
         gain: function of cycles per metre, not negative. Within each bin, its largest value at nine
-        frequencies is used.
+            frequencies is used.
         """
         return math.sqrt(float((self._largest_gain(gain) ** 2 * self.power).sum()))
 
     def filtered_peak_bound(self, gain: Gain) -> float:
-        """Bound every sample of the probed picture after a filter with the given gain.
+        """Bound every sample of the picture after a filter with the given gain.
 
         All frequencies are taken to be in phase.
         """
@@ -85,7 +86,7 @@ class RadialProfile:
         return np.asarray(gain(self.low + steps * (self.high - self.low)).max(axis=0))
 
     def plus(self, other: RadialProfile) -> RadialProfile:
-        """Add the power spectra of two probed pictures, as if they were uncorrelated."""
+        """Add two power spectra, as if their pictures were uncorrelated."""
         return RadialProfile(
             self.low, self.high, self.power + other.power, self.least + other.least, self.count
         )
@@ -95,10 +96,9 @@ class RadialProfile:
 def bins(
     plane: Plane,
 ) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
-    """Return the radial bin of each frequency of a probed picture, with edges and counts.
+    """Return the radial bin of each frequency of the plane's rfft2 grid, with edges and counts.
 
-    The frequencies are the entries of the plane's rfft2 grid. The result is (bin numbers as uint8,
-    lower edges, upper edges, numbers of frequencies).
+    The result is (bin numbers as uint8, lower edges, upper edges, numbers of frequencies).
     """
     fy, fx = rfft2_frequencies(plane)
     # The outer edges have a margin, so that every entry belongs to a bin.
@@ -123,9 +123,11 @@ _ORDERS = 32 << 20
 class SampledFrequencies:
     """Frequencies that represent a picture's spectrum, sampled in proportion to their power.
 
-    The number of samples in a ring of the spectrum depends only on its radius. ky, kx: cycles per
-    metre. place: index of each frequency in the flattened rfft2 grid. share: factor by which its
-    power must be multiplied to represent its part of the ring. Frequency 0 isn't included.
+    The number of samples in a ring of the spectrum depends only on its radius. Frequency 0 isn't
+    included.
+    ky, kx: cycles per metre.
+    place: index of each frequency in the flattened rfft2 grid.
+    share: factor by which its power must be multiplied to represent its part of the ring.
     """
 
     ky: Array
@@ -135,11 +137,11 @@ class SampledFrequencies:
 
     @staticmethod
     def of(squared: torch.Tensor, plane: Plane) -> SampledFrequencies:
-        """Sample frequencies that represent the power spectrum of a probed picture.
+        """Sample frequencies that represent a power spectrum.
 
-        squared: |spectrum|² on the plane's rfft2 grid. Around each ring, the power between
-        neighbouring samples is the same (systematic sampling, Cochran 1977). So all directions are
-        represented, and the result isn't random.
+        Around each ring, the power between neighbouring samples is the same (systematic sampling,
+        Cochran 1977). So all directions are represented, and the result isn't random.
+        squared: |spectrum|² on the plane's rfft2 grid.
         """
         order, starts = _sort_by_ring(plane)
         power = (squared.double() * rfft_column_weights(plane.shape[1])).flatten().numpy()
@@ -160,13 +162,13 @@ class SampledFrequencies:
         return SampledFrequencies(fy[y, 0], fx[0, x], place, np.concatenate([np.zeros(0), *shares]))
 
     def every(self, step: int) -> SampledFrequencies:
-        """Return one of `step` sampled frequencies of a probed picture, for all of its power."""
+        """Return one of `step` frequencies, which then represent all of the power."""
         part = slice(step // 2, None, step)
         share = self.share[part] * (len(self.share) / max(len(self.share[part]), 1))
         return SampledFrequencies(self.ky[part], self.kx[part], self.place[part], share)
 
     def with_aliases(self, plane: Plane) -> SampledFrequencies:
-        """Add to a probed picture's sampled frequencies their aliases on the pixel grid.
+        """Add the frequencies' aliases on the pixel grid.
 
         An alias is one sampling frequency away along either axis. Its power is assumed to be the
         same as that of the sampled frequency, apart from the pixel's transfer function.
@@ -185,29 +187,27 @@ class SampledFrequencies:
         )
 
     def represented_power(self, squared: torch.Tensor, plane: Plane) -> Array:
-        """Return the power of a probed picture that each sampled frequency represents.
+        """Return the power of a picture that each frequency represents.
 
         Without aliases, the powers add up to about the sum of the squares of the picture without
         its mean, over its samples.
+        squared: |spectrum|² on the plane's rfft2 grid.
         """
         power = (squared * rfft_column_weights(plane.shape[1])).flatten().numpy()[self.place]
         return np.asarray(power * self.share / (plane.shape[0] * plane.shape[1]))
 
 
 def _frequencies_per_ring(radius: float) -> int:
-    """Return how many frequencies sample a ring of a probed picture's spectrum.
+    """Return how many frequencies sample a ring: from 6 for the innermost to 64 for the outermost.
 
-    radius: the ring's, relative to the outermost. The number grows from 6 for the innermost ring to
-    64 for the outermost.
+    radius: the ring's, relative to the outermost.
     """
     return round(6 + (64 - 6) * radius)
 
 
 @byte_limited_cache(_ORDERS)
 def _sort_by_ring(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
-    """Sort a probed spectrum's entries by ring, and within each ring by direction.
-
-    The entries are those of the plane's rfft2 grid.
+    """Sort the entries of the plane's rfft2 grid by ring, and within each ring by direction.
 
     Returns the order, and the index at which each ring except that of frequency 0 begins, followed
     by the end of the last ring.

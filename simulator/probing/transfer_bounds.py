@@ -1,4 +1,4 @@
-"""Bound the transfer functions of a pattern by frequency, over all directions."""
+"""Bounds of a pattern's transfer functions by frequency, over all directions."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ _RINGS = 32 << 20
 class TransferBounds:
     """Bounds of the transfer function H of a pattern, in bins of the frequency on the sensor.
 
-    low, high: edges of each bin, cycles per metre; nothing is known above the last. least,
-    mean_square: least |H| and mean of |H|² over the directions, for the light of the pattern from
-    where it is blurred most. largest_mean_square: the same from where it is blurred least. most:
-    largest |H| of any light that may reach the sensor. max_loss: largest |1 - H| of any such light
-    at all frequencies up to a bin.
+    low, high: edges of each bin, cycles per metre; nothing is known above the last.
+    least, mean_square: least |H| and mean of |H|² over the directions, for the light of the pattern
+        from where it is blurred most.
+    largest_mean_square: the same from where it is blurred least.
+    most: largest |H| of any light that may reach the sensor.
+    max_loss: largest |1 - H| of any such light at all frequencies up to a bin.
     """
 
     low: Array
@@ -36,28 +37,23 @@ class TransferBounds:
     max_loss: Array
 
     def loss_bound(self, frequency: Array) -> Array:
-        """Bound ``|1 - H|`` of the probed pattern at all frequencies up to the given ones.
-
-        The bound is 2 beyond the last bin.
-        """
+        """Bound ``|1 - H|`` at all frequencies up to the given ones; 2 beyond the last bin."""
         index = np.searchsorted(self.high, frequency)
         return np.append(self.max_loss, 2.0)[index]
 
     def modulus_bound(self, frequency: Array, spread: float = 1.0) -> Array:
-        """Bound ``|H|`` of the probed pattern near the given frequencies.
-
-        Beyond the last bin, the last value is used.
+        """Bound ``|H|`` near the given frequencies. Beyond the last bin, the last value is used.
 
         spread: factor by which the blur may be wider or narrower.
         """
         return largest_near(self.low, self.high, self.most, frequency, spread)
 
     def least_between(self, low: Array, high: Array) -> Array:
-        """Return the least ``|H|`` of the probed pattern's light in each range of frequencies."""
+        """Return the least ``|H|`` of the pattern's light in each range of frequencies."""
         return _least(self, self.least, low, high)
 
     def mean_square_near(self, frequency: Array) -> Array:
-        """Estimate the mean of the probed pattern's ``|H|²`` over the directions, at frequencies.
+        """Estimate the mean of ``|H|²`` over the directions, at frequencies.
 
         It is that of the distance whose light is blurred least: what stands there also hides light
         of others by its sharp edges. Beyond the last bin, the last value is used.
@@ -70,10 +66,11 @@ class TransferBounds:
 
 
 def largest_near(low: Array, high: Array, values: Array, frequency: Array, spread: float) -> Array:
-    """Return the largest of a probed pattern's values in the bins near each frequency.
+    """Return the largest of the values in the bins near each frequency.
 
-    low, high: edges of the bins. spread: factor by which a bin may be off the frequency. Beyond the
-    last bin, the last value is used.
+    Beyond the last bin, the last value is used.
+    low, high: edges of the bins.
+    spread: factor by which a bin may be off the frequency.
     """
     last = len(high) - 1
     first = np.searchsorted(high, frequency / spread) - 1
@@ -86,9 +83,9 @@ def largest_near(low: Array, high: Array, values: Array, frequency: Array, sprea
 
 
 def _least(of: TransferBounds, values: Array, low: Array, high: Array) -> Array:
-    """Return the least value of a probed pattern's bins that each frequency range touches.
+    """Return the least value of the bins that each frequency range touches, neighbours included.
 
-    The neighbouring bins are included. The value is 0 for a range beyond the last bin.
+    The value is 0 for a range beyond the last bin.
     """
     found = np.zeros(len(low))
     for k, (a, b) in enumerate(zip(low, high, strict=True)):
@@ -126,11 +123,10 @@ class Rings:
 
 @byte_limited_cache(_RINGS)
 def rings(shape: tuple[int, int]) -> Rings:
-    """Return the radial bins of a probed far field's transfer function.
-
-    shape: samples of the far field.
+    """Return the radial bins of a far field's transfer function.
 
     The edges are in cycles per period. Empty bins are left out, and the first bin is frequency 0.
+    shape: samples of the far field.
     """
     away = radii(shape).ravel()
     bins = 96

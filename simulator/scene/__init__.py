@@ -1,4 +1,4 @@
-"""Scenes for the simulated camera: targets with distance, size, spectrum and radiance."""
+"""Scenes before the simulated camera: targets with distance, size, spectrum and radiance."""
 
 from simulator.scene.colours import basis_of, mix_reflectances, primaries
 from simulator.scene.cube import Cube

@@ -1,4 +1,4 @@
-"""Conversion of red, green and blue to reflectance by wavelength."""
+"""Reflectances by wavelength that stand for red, green and blue."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ its linear red, green and blue."""
 
 
 def primaries() -> Basis:
-    """Return reflectance spectra of red, green and blue for a scene.
+    """Return reflectance spectra of red, green and blue.
 
     The spectra are linear between 610, 540 and 450 nm. They don't come from physics, but they are
     exact for a picture that was taken at just these wavelengths.
@@ -30,7 +30,7 @@ def primaries() -> Basis:
 
 
 def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
-    """Make a scene's reflectance basis from measured or published red, green and blue spectra.
+    """Make a basis from measured or published spectra of red, green and blue.
 
     Beyond its ends each spectrum continues with its last value.
 
@@ -68,7 +68,7 @@ def basis_of(red: Spectrum, green: Spectrum, blue: Spectrum) -> Basis:
 
 
 def extend_to_silicon_range(table: Spectrum) -> Spectrum:
-    """Extend a scene's reflectance by its end values to all wavelengths that silicon detects."""
+    """Extend a reflectance by its end values to all wavelengths that silicon detects."""
     wavelengths, values = list(table.wavelengths), list(table.values)
     if table.low > SHORTEST_WAVELENGTH:
         wavelengths, values = [SHORTEST_WAVELENGTH, *wavelengths], [values[0], *values]
@@ -78,7 +78,7 @@ def extend_to_silicon_range(table: Spectrum) -> Spectrum:
 
 
 def mix_reflectances(basis: Basis, colour: tuple[float, float, float]) -> Spectrum:
-    """Return the reflectance spectrum of a scene's colour as a mixture of the basis.
+    """Return a colour's reflectance spectrum as a mixture of the basis.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A scene target that is a multispectral picture."""
+"""A multispectral picture as a target."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from simulator.scene.framed import FramedPicture, require_image
 def factorise_spectra(
     samples: NDArray[np.float64], tol: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Factorise a scene's spectra (n, bands) into weights (n, rank) and a basis (rank, bands).
+    """Factorise spectra (n, bands) into weights (n, rank) and a basis (rank, bands).
 
     samples: not negative. tol: relative error in the L2 norm over all samples. The first basis
     spectrum is the mean. The others are the singular vectors of the residual; to each of them the
@@ -46,7 +46,7 @@ def factorise_spectra(
 
 @dataclass(frozen=True, eq=False)
 class Cube(FramedPicture):
-    """Scene target that is a flat, matt, evenly lit print with a reflectance in many bands.
+    """Flat, matt, evenly lit print with a reflectance in many bands.
 
     Between the bands' wavelengths the reflectance is linear; beyond them it has its end values.
 

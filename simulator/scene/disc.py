@@ -1,4 +1,4 @@
-"""Draw discs of light, among them an artificial star."""
+"""Discs of light, among them an artificial star and a pinhole."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from simulator.scene.target import Layer, Part, Target
 
 @dataclass(frozen=True)
 class Disc(Drawable):
-    """Picture of an evenly lit disc. diameter, offset (y, x): metres on the object."""
+    """Picture of an evenly lit disc.
+
+    diameter, offset (y, x): metres on the object.
+    """
 
     has_exact_spectrum = True
     diameter: float
@@ -49,7 +52,7 @@ class Disc(Drawable):
         return torch.from_numpy(polygon_coverage(plane, [corners], [1.0]))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the Fourier spectrum of a scene's disc: an exact jinc if the plane holds the disc.
+        """Return the Fourier spectrum: an exact jinc if the plane holds the disc.
 
         The spectrum of a disc that reaches beyond the plane is computed from samples.
         """
@@ -67,20 +70,20 @@ class Disc(Drawable):
     def _diameter_and_centre(
         self, magnification: float, shift: Shift
     ) -> tuple[float, float, float]:
-        """Return the diameter and centre (y, x) of a scene's disc on the sensor, in metres."""
+        """Return diameter and centre (y, x) on the sensor, in metres."""
         y, x = ((part + s) * magnification for part, s in zip(self.offset, shift, strict=True))
         return self.diameter * magnification, y, x
 
 
 def _holds(plane: Plane, y: float, x: float, reach: float) -> bool:
-    """Return whether a plane on the axis holds a scene's disc of radius `reach` around (y, x)."""
+    """Return whether a plane on the axis holds a disc of radius `reach` around (y, x)."""
     halves = (n * pitch / 2 for n, pitch in zip(plane.shape, plane.pitch, strict=True))
     return all(abs(p) + reach <= half for p, half in zip((y, x), halves, strict=True))
 
 
 @dataclass(frozen=True)
 class Star(Target):
-    """Scene target that is an artificial star: an illuminated pinhole (thesis §3.4).
+    """Artificial star: an illuminated pinhole (thesis §3.4).
 
     Parameters
     ----------
@@ -122,7 +125,7 @@ class Star(Target):
 
 @dataclass(frozen=True)
 class Pinhole(Star):
-    """Scene target that is a pinhole, lit from behind through the filter (thesis §5.6).
+    """Pinhole that is lit from behind through the filter (thesis §5.6).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A scene target that is a display with coloured stripes in each pixel (thesis §6.4)."""
+"""A display with coloured stripes in each pixel, as a target (thesis §6.4)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ a liquid-crystal display in front of white diodes."""
 
 
 def display_primaries(bands: Sequence[tuple[float, float]] = PEAKS) -> Basis:
-    """Return Gaussian spectra of a scene display's red, green and blue, each with a peak of 1.
+    """Return Gaussian spectra of a display's red, green and blue, each with a peak of 1.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Windows(Drawable):
         return torch.from_numpy(np.ascontiguousarray((across @ (down @ values).T).T))
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the Fourier spectrum of a scene's display, computed window by window.
+        """Return the Fourier spectrum, computed window by window.
 
         The harmonics of the pixel grid fall too slowly for sampling to resolve them. Windows
         beyond the plane are left out.
@@ -116,9 +116,9 @@ class Windows(Drawable):
 def _visible_pixels(
     image: torch.Tensor, axis: int, plane: Plane, side: float, shift: float
 ) -> tuple[torch.Tensor, float]:
-    """Return a scene display's pixels along an axis that overlap the plane, and where they begin.
+    """Return the pixels along an axis that overlap the plane, one at least, and where they begin.
 
-    At least one pixel is returned. The beginning is in metres on the plane.
+    The beginning is in metres on the plane.
     """
     n, ends = image.shape[axis], edges(plane, axis)
     start = shift - n * side / 2
@@ -129,7 +129,7 @@ def _visible_pixels(
 
 @dataclass(frozen=True, eq=False)
 class Display(Target):
-    """Scene target that is a self-luminous display with red, green and blue stripes.
+    """Self-luminous display with red, green and blue stripes.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class Display(Target):
 
     @property
     def size(self) -> tuple[float, float]:
-        """Return height and width of a scene's display in metres."""
+        """Return height and width in metres."""
         rows, columns = self.image.shape[:2]
         return rows * self.pitch, columns * self.pitch
 

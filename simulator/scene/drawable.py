@@ -1,4 +1,4 @@
-"""Interface of pictures in a scene: their sharp image as samples on the sensor plane."""
+"""What a picture at an object can do: draw its sharp image as samples on the sensor plane."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class Drawable(ABC):
     """Whether `spectrum` is free of aliasing, because it isn't computed from samples."""
 
     def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
-        """Return the largest distance of a scene picture's light from the axis on the sensor.
+        """Return the largest distance of a picture's light from the axis on the sensor.
 
         The distances along y and x are in metres; the default is infinite.
         """
         return math.inf, math.inf
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
-        """Return the power of the frequency with which a scene picture's spectrum falls.
+        """Return the power of the frequency with which a picture's spectrum falls.
 
         frequency: lowest frequency that counts, cycles per metre on the sensor. The power is 1 for
         a picture with sharp edges.
@@ -45,14 +45,14 @@ class Drawable(ABC):
 
     @abstractmethod
     def light(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return a scene picture's mean light over the cell around each sample of the sensor plane.
+        """Return the mean light over the cell around each sample of the sensor plane.
 
         The result is float32, (rows, columns), from 0 to 1. For one of several parts that add up
         to a target it may be negative.
         """
 
     def spectrum(self, plane: Plane, magnification: float, shift: Shift = STILL) -> torch.Tensor:
-        """Return the Fourier spectrum of a scene's picture on the plane's rfft2 grid, complex64.
+        """Return the Fourier spectrum on the plane's rfft2 grid, complex64.
 
         The origin is in the corner. The spectrum is divided by the transfer function of the
         average over cells. Frequencies beyond the plane's are aliased, but only after that average

@@ -1,4 +1,4 @@
-"""A scene target that is an evenly lit field."""
+"""An evenly lit field as a target."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simulator.scene.target import Layer, Part, Target
 
 @dataclass(frozen=True)
 class Flat(Target):
-    """Scene target that is an evenly lit field: a diffuser that fills more than the frame.
+    """Evenly lit field: a diffuser that fills more than the frame.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Scene targets made of pixels, whose size is given or follows from the camera's frame."""
+"""Targets made of pixels, whose size is given or follows from the camera's frame."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from simulator.scene.target import Layer, Part, Target
 
 
 def require_image(image: torch.Tensor, bands: str) -> None:
-    """Raise ValueError unless a scene's picture is finite and has shape (rows, columns, bands)."""
+    """Raise ValueError unless an image is finite and has shape (rows, columns, bands)."""
     if image.ndim != 3 or image.numel() == 0:
         raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and {bands}")
     require_finite("image", image)
 
 
 def covering(shape: tuple[int, ...], cover: float, camera: Camera) -> float:
-    """Return the pixel side on the sensor, in metres, of a scene picture that covers the frame.
+    """Return the pixel side on the sensor, in metres, of a picture that covers the frame.
 
     shape: (rows, columns) of the picture. cover: side of the picture over side of the frame, along
     the axis where this ratio is smaller.
@@ -42,7 +42,7 @@ class _Pixels(ABC):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FramedPicture(_Pixels, Target):
-    """Scene target that is a picture of pixels.
+    """Target that is a picture of pixels.
 
     cover: side of the picture over side of the frame, along the axis where this ratio is smaller;
     what exceeds the frame lies beyond its edges. height: of the picture at the object in metres;
@@ -64,16 +64,13 @@ class FramedPicture(_Pixels, Target):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return rows and columns of a scene's picture."""
+        """Return the image's rows and columns."""
         return self.image.shape[0], self.image.shape[1]
 
     @property
     @abstractmethod
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """Return reflectances and pictures whose products add up to the scene's target.
-
-        Each picture is (rows, columns).
-        """
+        """Return reflectances and pictures (rows, columns) whose products add up to the target."""
 
     def for_camera(self, camera: Camera) -> Target:
         if self.height is not None:
@@ -89,7 +86,7 @@ class FramedPicture(_Pixels, Target):
         return self._copies_by_side[side]
 
     def place_image(self, image: torch.Tensor) -> PixelPicture:
-        """Place a picture (rows, columns) in the scene, with this target's position and size."""
+        """Give a picture (rows, columns) this target's position and size."""
         if self.height is not None:
             return PixelPicture(image, self.height / self.shape[0], self.offset)
         if self.side is None:

@@ -1,4 +1,4 @@
-"""Merging of a scene's pictures that share shape and place, before they are drawn."""
+"""Merging of pictures that share shape and place, before they are drawn."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WeightedPicture = tuple[Drawable, float]
 
 
 def merge_pictures(pictures: Iterable[WeightedPicture]) -> list[WeightedPicture]:
-    """Merge a scene's pictures into fewer with the same weighted sum, without those of weight 0."""
+    """Merge pictures into fewer with the same weighted sum, without those of weight 0."""
     kinds: dict[object, list[WeightedPicture]] = {}
     for number, (picture, weight) in enumerate(pictures):
         if weight:
@@ -22,14 +22,14 @@ def merge_pictures(pictures: Iterable[WeightedPicture]) -> list[WeightedPicture]
 
 
 def _kind(picture: Drawable, number: int) -> object:
-    """Return a key that is equal for two of a scene's pictures if they can be merged."""
+    """Return a key that is equal for two pictures if they can be merged."""
     if isinstance(picture, PixelPicture):
         return picture.image.shape, picture.side, picture.offset, picture.on_sensor
     return picture.corners if isinstance(picture, Polygons) else number
 
 
 def _one(alike: Sequence[WeightedPicture]) -> WeightedPicture:
-    """Merge a scene's pictures of one kind into one picture and its weight."""
+    """Merge pictures of one kind into one picture and its weight."""
     first, weight = alike[0]
     if len(alike) == 1:
         return first, weight

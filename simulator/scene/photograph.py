@@ -1,4 +1,4 @@
-"""A scene target that is the print of a photograph."""
+"""The print of a photograph as a target."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from simulator.scene.framed import FramedPicture, require_image
 
 @dataclass(frozen=True, eq=False)
 class PhotographPrint(FramedPicture):
-    """Scene target that is a flat, matt, evenly lit print of a photograph.
+    """Flat, matt, evenly lit print of a photograph.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class PhotographPrint(FramedPicture):
 
 
 def require_colours(image: torch.Tensor) -> None:
-    """Raise ValueError unless a scene's photograph is finite and has three colours."""
+    """Raise ValueError unless a photograph is finite and has three colours."""
     require_image(image, "3 colours")
     if image.shape[2] != 3:
         raise ValueError(f"image is {tuple(image.shape)}; it needs rows, columns and 3 colours")

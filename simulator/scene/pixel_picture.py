@@ -1,4 +1,4 @@
-"""The picture of a print: pixels of a given size in the scene."""
+"""Pixels of a given size, as the picture of a print."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from simulator.scene.drawable import STILL, Drawable, Shift
 def averaging_matrix(
     pixels: int, side: float, middle: float, edges: NDArray[np.float64]
 ) -> sparse.csr_array[Any, Any]:
-    """Return the matrix (cells, pixels) that averages a scene's interpolated pixels over cells.
+    """Return the matrix (cells, pixels) that averages interpolated pixels over cells.
 
     The matrix is for one axis, in float32. The values are linear between the middles of the pixels
     and 0 beyond the outermost pixels; their means over cells are exact. pixels: number of pixels
@@ -56,7 +56,7 @@ def window_matrix(
     window: tuple[float, float],
     edges: NDArray[np.float64],
 ) -> sparse.csr_array[Any, Any]:
-    """Return the matrix (cells, pixels) of how much of each cell a scene's display lights.
+    """Return the matrix (cells, pixels) of how much of each cell a pixel's window lights.
 
     An element is the share of the cell that the pixel's window lights. The matrix is for one axis
     of a display, in float32. window: its beginning and end within the pixel, in sides of a pixel.
@@ -105,7 +105,7 @@ class PixelPicture(Drawable):
 
     @property
     def bytes(self) -> int:
-        """Return the bytes that a scene picture's pixels take in memory."""
+        """Return the bytes that the pixels take in memory."""
         return self.image.numel() * self.image.element_size()
 
     def extent(self, magnification: float, shift: Shift = STILL) -> tuple[float, float]:
@@ -113,7 +113,7 @@ class PixelPicture(Drawable):
         return y, x
 
     def spectral_decay(self, magnification: float, frequency: float) -> int:
-        """Return the power of the frequency with which a scene picture's spectrum falls: 1 or 2.
+        """Return the power of the frequency with which the spectrum falls: 1 or 2.
 
         Because of the linear interpolation it is 2 at frequencies beyond those that the pixels
         resolve, unless the picture has light at its rim, where it ends abruptly.
@@ -126,7 +126,7 @@ class PixelPicture(Drawable):
         return any(bool(end.any()) for end in (*self.image[[0, -1]], *self.image.mT[[0, -1]]))
 
     def _half(self, axis: int, magnification: float, shift: Shift) -> float:
-        """Return the largest distance of a scene picture's light from the axis, on the sensor."""
+        """Return the largest distance of light from the axis along y or x of the sensor, metres."""
         side = self.side if self.on_sensor else self.side * magnification
         aside = abs(self.offset[axis] + shift[axis]) * magnification
         return aside + (self.image.shape[axis] + 1) * side / 2
@@ -149,10 +149,7 @@ class PixelPicture(Drawable):
 
 
 def edges(plane: Plane, axis: int) -> NDArray[np.float64]:
-    """Return the cell edges, in metres, along an axis of the plane on which a scene is drawn.
-
-    There is one more edge than there are cells.
-    """
+    """Return the cell edges along an axis of the plane, metres: one more than there are cells."""
     n, pitch = plane.shape[axis], plane.pitch[axis]
     index = np.arange(n + 1, dtype=np.float64) - n // 2 - 0.5
     return np.asarray(index * pitch + plane.centre[axis])

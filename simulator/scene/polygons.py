@@ -60,7 +60,7 @@ def polygon_coverage(
     weights: Sequence[float],
     ground: float = 0.0,
 ) -> NDArray[np.float32]:
-    """Return the weighted share of each cell that a scene's polygons cover, plus `ground`.
+    """Return the weighted share of each cell that polygons cover, plus `ground`.
 
     polygons: (corners, 2), y and x in metres on the plane. Each edge adds, to the cells that it
     crosses, the exact area to its right; cumulative sums along the rows then fill the polygons.
@@ -83,7 +83,7 @@ def polygon_coverage(
 
 
 def _orientation(corners: NDArray[np.float64]) -> float:
-    """Return 1 if a scene's polygon lies to the right of its downward edges, or else -1."""
+    """Return 1 if a polygon lies to the right of its downward edges, or else -1."""
     y, x = (corners - corners.mean(axis=0)).T
     area = float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
     return -math.copysign(1.0, area)
@@ -95,9 +95,7 @@ def _edge_contributions(
     ends: NDArray[np.float64],
     weights: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the area that the edges of a scene's polygons add to each cell.
-
-    The caller then sums the areas along the rows.
+    """Return the area that edges add to each cell, which the caller sums along the rows.
 
     starts, ends: (edges, 2), y and x in cells from the plane's corner. The result, flattened, has
     one column more than the plane.
@@ -124,7 +122,7 @@ def _edge_contributions(
 def _cut(
     shape: tuple[int, int], starts: NDArray[np.float64], ends: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cut the edges of a scene's polygons where they cross from cell to cell.
+    """Cut edges where they cross from cell to cell.
 
     Returns the edge and the position on it, 0 to 1 and ascending, of each beginning, crossing and
     end.
@@ -150,7 +148,7 @@ def _cut(
 def rectangle(
     centre: tuple[float, float], size: tuple[float, float], angle: float = 0.0
 ) -> Corners:
-    """Return the corners of a rectangle in a scene, in metres.
+    """Return the corners of a rectangle, in metres.
 
     centre: (y, x). size: (height, width). angle: rotation from x towards y, radians.
     """
@@ -169,7 +167,7 @@ def rectangle(
 def brick(
     size: tuple[float, float], studs: int = 4, offset: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Polygons, Polygons]:
-    """Draw the front of a scene's toy brick with studs, and return its picture and its cover.
+    """Draw the front of a toy brick with studs, and return its picture and its cover.
 
     The cover is 1 where the brick hides what lies behind it. size: (height, width) of the brick's
     body, metres, whose middle is at `offset`. Raises ValueError for fewer than one stud.

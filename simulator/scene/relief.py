@@ -1,4 +1,4 @@
-"""A scene target that is a photograph with a distance for each pixel."""
+"""A photograph with a distance for each pixel, as a target."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from simulator.scene.target import Layer, Part
 def distances_of(
     disparity: NDArray[np.floating], baseline: float, focal: float, offset: float = 0.0
 ) -> NDArray[np.float64]:
-    """Return the distances in a scene's relief from the disparity of a stereo pair.
+    """Return distances from the disparity of a stereo pair.
 
     Each distance is baseline times focal, divided by the sum of disparity and offset.
 
@@ -60,7 +60,7 @@ def distances_of(
 
 @dataclass(frozen=True, eq=False)
 class Relief(FramedPicture):
-    """Scene target that is a photograph in depth layers, with a distance for each pixel.
+    """Photograph in depth layers, with a distance for each pixel.
 
     The blurred edge of a near layer reveals parts of farther layers that the photograph doesn't
     show. They are filled with the nearest pixel in the picture that is farther away.
@@ -113,7 +113,7 @@ class Relief(FramedPicture):
 
     @property
     def images(self) -> tuple[tuple[Spectrum, torch.Tensor], ...]:
-        """Return the reflectances and pictures of a scene's relief, without its distances."""
+        """Return the reflectances and pictures, without the distances."""
         colours = (one.contiguous().to(torch.float32) for one in self.image.unbind(-1))
         return tuple(zip(self.basis, colours, strict=True))
 
@@ -149,7 +149,7 @@ class Relief(FramedPicture):
 
 
 def _nearest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return row and column of the nearest pixel in a mask, for each pixel of a scene's relief."""
+    """Return row and column of the nearest pixel in a mask, for each pixel."""
     rows, columns = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return rows, columns
 
@@ -162,7 +162,7 @@ def _fill_unknown_depths(depths: NDArray[np.floating]) -> NDArray[np.floating]:
 def _assign_layers(
     depths: NDArray[np.floating], levels: int
 ) -> tuple[NDArray[np.int64], list[float]]:
-    """Assign a scene relief's pixels to depth layers; return each pixel's layer and the distances.
+    """Assign pixels to depth layers; return each pixel's layer and the layers' distances.
 
     Layer 0 is the nearest, and no layer is empty. Their steps of vergence are even.
     """

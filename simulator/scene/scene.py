@@ -10,7 +10,7 @@ from simulator.scene.target import Layer, Target
 
 @dataclass(frozen=True)
 class Dark(Target):
-    """Scene target without any light: the lamp is off.
+    """Target without any light: the lamp is off.
 
     Parameters
     ----------

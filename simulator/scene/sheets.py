@@ -1,4 +1,4 @@
-"""A scene target made of flat sheets at several distances, which hide what is behind them."""
+"""Flat sheets at several distances, which hide what is behind them, as a target."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PaintedPicture = tuple[Spectrum | None, Drawable]
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Flat part of a scene in one plane across the axis.
+    """Flat surface across the axis, with what it shows and what it hides.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class Sheets(Target):
-    """Scene target made of matt, evenly lit sheets at several distances.
+    """Matt, evenly lit sheets at several distances.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Targets of a scene: layers at distances, made of parts with a spectrum and a picture."""
+"""Layers at distances, made of parts with a spectrum and a picture: what a target consists of."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from simulator.scene.drawable import Drawable
 
 
 def require_radiance(radiance: float) -> None:
-    """Raise ValueError if a radiance in the scene is negative or not finite."""
+    """Raise ValueError if a radiance is negative or not finite."""
     if not 0 <= radiance < math.inf:
         raise ValueError(f"radiance is {radiance:g} W/(sr m² m); it must be finite, not negative")
 
 
 def require_distance(distance: float) -> None:
-    """Raise ValueError for a distance in the scene that isn't positive; infinity is allowed."""
+    """Raise ValueError for a distance that isn't positive; infinity is allowed."""
     if not distance > 0:
         raise ValueError(f"distance is {distance:g} m; it must be positive")
 
@@ -117,14 +117,14 @@ class Target(_Stands):
     @property
     @abstractmethod
     def layers(self) -> tuple[Layer, ...]:
-        """Return the depth layers of the scene's target, the nearest first."""
+        """Return the depth layers, the nearest first."""
 
     @property
     def is_moving(self) -> bool:
         return any(self.velocity)
 
     def for_camera(self, camera: Camera) -> Target:
-        """Return this target of the scene with a size that follows from the camera's frame.
+        """Return this target with a size that follows from the camera's frame.
 
         A target that has a size of its own returns itself. The same frame gives the same object
         again.
@@ -132,6 +132,6 @@ class Target(_Stands):
         return self
 
     def reflected_radiance(self, reflectance: Spectrum | None = None) -> Spectrum:
-        """Return the radiance of a matt surface (white by default) in a scene target's light."""
+        """Return the radiance of a matt surface (white by default) in this target's light."""
         lamp = (self.light or Spectrum.flat(1.0)).with_scale(self.radiance)
         return lamp if reflectance is None else lamp.times(reflectance)

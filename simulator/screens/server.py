@@ -1,4 +1,4 @@
-"""X servers that this process starts, and their inspection by X's own tools, xwd and xrandr."""
+"""X servers that this process starts, their cookies, and their inspection by xwd and xrandr."""
 
 from __future__ import annotations
 
@@ -26,10 +26,7 @@ _HEADER = struct.Struct(">25I")
 
 
 def pixels_of(dump: bytes) -> NDArray[np.uint8]:
-    """Return the pixels of a virtual screen from its xwd screenshot: blue, green, red.
-
-    The screenshot has 24 bits per pixel. The result is (rows, columns, 3).
-    """
+    """Return the pixels of an xwd screenshot of 24 bits: (rows, columns, 3) of blue, green, red."""
     header = _HEADER.unpack_from(dump)
     # Header fields: [0] its own size, [4] columns, [5] rows, [11] bits per pixel, [12] bytes per
     # line, and [19] entries of the colour map, of 12 bytes each.
@@ -60,7 +57,7 @@ _LOCK_LIFE = 60.0
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of an authority file: whom it is for, by address and display number, and the data.
+    """Whom a cookie is for, by address and display number, and the cookie, in an authority file.
 
     kind: name of the protocol.
     """
@@ -72,7 +69,7 @@ class Entry:
     data: bytes
 
     def encode(self) -> bytes:
-        """Return the entry of an X server as bytes, each text after its length."""
+        """Return the entry as bytes, each text after its length."""
         texts = (self.address, self.number, self.kind, self.data)
         parts = [struct.pack(">H", len(text)) + text for text in texts]
         return struct.pack(">H", self.family) + b"".join(parts)
@@ -80,7 +77,7 @@ class Entry:
 
 @contextmanager
 def server_cookie(folder: Path) -> Iterator[tuple[Path, bytes]]:
-    """Make a new cookie for an X server; yield the server's authority file, and the cookie.
+    """Make a new cookie; yield the server's authority file, and the cookie.
 
     The file is in `folder`, and only this user may read it. It is removed at the end.
     """
@@ -97,7 +94,7 @@ def server_cookie(folder: Path) -> Iterator[tuple[Path, bytes]]:
 
 @contextmanager
 def published_cookie(display: str, cookie: bytes) -> Iterator[None]:
-    """Let this user's programs find the cookie of an X server while the block lasts.
+    """Let this user's programs find a server's cookie while the block lasts.
 
     The cookie is in the user's authority file, XAUTHORITY or ~/.Xauthority. display: such as ":99".
     Raises OSError if that file can't be written.
@@ -113,12 +110,12 @@ def published_cookie(display: str, cookie: bytes) -> Iterator[None]:
 
 
 def authority_file() -> Path:
-    """Return the authority file in which this user's programs look for cookies of X servers."""
+    """Return the authority file in which this user's programs look for cookies."""
     return Path(os.environ.get("XAUTHORITY") or Path.home() / ".Xauthority")
 
 
 def read_entries(data: bytes) -> tuple[list[Entry], bytes]:
-    """Return the entries of an authority file of X servers, and what can't be read as entries."""
+    """Return an authority file's entries, and what can't be read as entries."""
     entries = []
     rest = memoryview(data)
     while len(rest) >= 2:
@@ -138,7 +135,7 @@ def read_entries(data: bytes) -> tuple[list[Entry], bytes]:
 def _change(
     *, remove_address_of: Entry | None = None, remove: Entry | None = None, add: Entry | None = None
 ) -> None:
-    """Change the user's authority file: remove an X server's entry, or all of its address, add one.
+    """Change the user's authority file: remove an entry, or all of its address, or add one.
 
     Raises OSError if the file can't be written.
     """
@@ -161,13 +158,13 @@ def _change(
 
 
 def _address(entry: Entry) -> tuple[int, bytes, bytes]:
-    """Return whom an entry of an X server's cookie is for."""
+    """Return whom an entry is for."""
     return entry.family, entry.address, entry.number
 
 
 @contextmanager
 def _hold_lock(file: Path) -> Iterator[None]:
-    """Hold the lock of an authority file of X servers, as xauth does, or raise OSError."""
+    """Hold the lock of an authority file, as xauth does, or raise OSError."""
     made, lock = (file.with_name(f"{file.name}-{end}") for end in "cl")
     late = time.monotonic() + _LOCK_TIMEOUT
     while not _take(made, lock):
@@ -182,7 +179,7 @@ def _hold_lock(file: Path) -> Iterator[None]:
 
 
 def _take(made: Path, lock: Path) -> bool:
-    """Try to take the lock of an authority file of X servers; return whether that succeeded."""
+    """Try to take the lock of an authority file; return whether that succeeded."""
     with suppress(FileNotFoundError):
         if time.time() - made.stat().st_ctime > _LOCK_LIFE:
             for one in (made, lock):
@@ -200,14 +197,9 @@ def _take(made: Path, lock: Path) -> bool:
 class XServerSettings:
     """Limit how long X servers and X's tools may take.
 
-    Attributes
-    ----------
-    tool_timeout : float
-        Seconds within which a tool must answer, also on a busy computer. Chosen.
-    start_timeout : float
-        Seconds within which a server must be up, and within which a program must end. Chosen.
-    start_tries : int
-        Most times that a server is started. Chosen.
+    tool_timeout: within which a tool must answer, also on a busy computer, seconds. Chosen.
+    start_timeout: within which a server must be up, and a program must end, seconds. Chosen.
+    start_tries: most times that a server is started. Chosen.
     """
 
     tool_timeout: float = 60.0
@@ -237,7 +229,7 @@ class XServer:
         self.display, self.process = display, process
 
     def run(self, *command: str, stdin: str = "") -> str:
-        """Run an X tool on the virtual screen and return what it prints.
+        """Run an X tool on the display and return what it prints.
 
         Raises OSError if the tool isn't installed, and subprocess.SubprocessError if it fails.
         """
@@ -253,11 +245,11 @@ class XServer:
         return done.stdout
 
     def xrandr(self, words: str) -> str:
-        """Run xrandr on the virtual screen with these arguments and return what it prints."""
+        """Run xrandr with these arguments and return what it prints."""
         return self.run("xrandr", *words.split())
 
     def pixels(self) -> NDArray[np.uint8]:
-        """Return the whole virtual screen as xwd reads it: (rows, columns, 3) of blue, green, red.
+        """Return all pixels as xwd reads them: (rows, columns, 3) of blue, green, red.
 
         Raises OSError if xwd isn't installed, or returns no picture.
         """
@@ -273,7 +265,7 @@ class XServer:
 
     @contextmanager
     def program(self, *command: str) -> Iterator[subprocess.Popen[bytes]]:
-        """Run a program on the virtual screen while the block lasts."""
+        """Run a program on the display while the block lasts."""
         process = subprocess.Popen(
             command,
             env=self._environment(),
@@ -287,13 +279,13 @@ class XServer:
             terminate_or_kill(process, SETTINGS.start_timeout)
 
     def _environment(self) -> dict[str, str]:
-        """Return the environment variables with which a program finds the virtual screen."""
+        """Return the environment variables with which a program finds the display."""
         return {**os.environ, "DISPLAY": self.display}
 
 
 @contextmanager
 def running_server(command: list[str]) -> Iterator[XServer]:
-    """Run an X server with virtual screens on a free display while the block lasts.
+    """Run an X server on a free display while the block lasts.
 
     Only programs of this user can use it: they find its cookie in the user's authority file.
 
@@ -322,7 +314,7 @@ def running_server(command: list[str]) -> Iterator[XServer]:
 
 
 def _start_server(command: list[str]) -> tuple[subprocess.Popen[bytes], str]:
-    """Start an X server; return its process, and the number of its display once it listens.
+    """Start an X server; return its process, and its display's number once it listens.
 
     A server that starts at the same moment may take the display that this one has found free, so
     that it ends; then it is tried again.
@@ -364,7 +356,7 @@ def _start_server(command: list[str]) -> tuple[subprocess.Popen[bytes], str]:
 
 @contextmanager
 def _publish_cookie(display: str, cookie: bytes) -> Iterator[None]:
-    """Let this user's programs use an X server while the block lasts; NoXServer if that fails."""
+    """Let this user's programs use a server while the block lasts; NoXServer if that fails."""
     with ExitStack() as stack:
         try:
             stack.enter_context(published_cookie(display, cookie))
@@ -378,7 +370,7 @@ def _publish_cookie(display: str, cookie: bytes) -> Iterator[None]:
 
 @contextmanager
 def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
-    """Run an X server with one invisible virtual screen of 24 bits while the block lasts.
+    """Run an X server with one invisible screen of 24 bits while the block lasts.
 
     Parameters
     ----------
@@ -404,7 +396,7 @@ def xvfb(columns: int, rows: int, display: str = "") -> Iterator[XServer]:
 
 
 def require_program(name: str, packages: str) -> str:
-    """Return the path of an installed program that a virtual screen's X server needs.
+    """Return the path of an installed program.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ EndSection
 
 @contextmanager
 def xorg(folder: Path) -> Iterator[XServer]:
-    """Run an X server with two virtual screens while the block lasts.
+    """Run an X server with two screens and no monitors while the block lasts.
 
     DUMMY0, 1280x1024, is the operator's screen; DUMMY1, 1920x1080 at 60 Hz, is the panel's, at its
     right.
@@ -81,7 +81,7 @@ def xorg(folder: Path) -> Iterator[XServer]:
 
 
 def lay_out(server: XServer) -> None:
-    """Lay out an X server's two virtual screens as on a bench, whatever their layout was before.
+    """Lay the two screens out as on a bench, whatever their layout was before.
 
     Parameters
     ----------

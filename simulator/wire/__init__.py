@@ -1,4 +1,4 @@
-"""The simulated cable between a driver and an instrument: bytes, their timing and their faults."""
+"""The cable between a driver and an instrument of the virtual bench: bytes, timing and faults."""
 
 from simulator.wire.faults import WIRE_FAULT_KINDS, WireFault
 from simulator.wire.line import SimulatedLine

@@ -1,4 +1,4 @@
-"""Faults of a simulated camera behind its GigE wire."""
+"""Faults of a GigE camera."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CAMERA_FAULT_KINDS: tuple[CameraFaultKind, ...] = get_args(CameraFaultKind)
 
 @dataclass(frozen=True)
 class CameraFault:
-    """One fault of a simulated camera.
+    """One fault of a GigE camera.
 
     kind: one of CAMERA_FAULT_KINDS. at: time at which it begins, in seconds of the bench's clock.
     seconds: its duration.

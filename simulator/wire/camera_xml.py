@@ -1,7 +1,7 @@
-"""GenICam description of a simulated camera's registers.
+"""Registers of the simulated camera, as GenICam describes them, and what its features do.
 
 The registers below 0x3d0 are those of Aravis' fake camera; the others are those of `gige_process`
-and `camera_features`.
+and of FEATURES.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from drivers.aravis.pixel_formats import FORMATS
 
 
 class CameraFeature(NamedTuple):
-    """Where a simulated camera keeps a feature.
+    """Where the camera keeps a feature.
 
     kind: its type in GenICam. scale: what the register holds for a value of 1. start: the value
     after power-up.
@@ -43,11 +43,11 @@ FEATURES = {
     "SharpeningEnable": CameraFeature(0x802C, "switch"),
     "TestPattern[ImageProcessor]": CameraFeature(0x8054, "choice"),
 }
-"""Those that the simulated camera has, by their names in GenICam's SFNC, with the entry of the
-selector behind which they lie, if it isn't the first."""
+"""Features of the camera by their names in GenICam's SFNC, with the entry of the selector behind
+which they lie, if it isn't the first."""
 
 SELECTORS = {"TestPattern": ("TestPatternGeneratorSelector", ("Sensor", "ImageProcessor"), 0x8060)}
-"""Selectors of the simulated camera's features, their entries and their registers."""
+"""Selectors of the camera's features, their entries and their registers."""
 
 _OTHERS = {
     "Gain": CameraFeature(0x110, "float", 10),
@@ -61,7 +61,7 @@ _OTHERS = {
 
 
 def register_of(name: str, value: float) -> tuple[int, int]:
-    """Return the address and the number that set a feature of a simulated camera."""
+    """Return the address and the number that set a feature."""
     feature = (FEATURES | _OTHERS)[name]
     return feature.address, round(value * feature.scale)
 
@@ -69,7 +69,7 @@ def register_of(name: str, value: float) -> tuple[int, int]:
 def apply_features(
     image: NDArray[np.uint16], registers: Sequence[int], full_scale: int
 ) -> NDArray[np.uint16]:
-    """Return what a simulated camera makes of its sensor's picture with its features set so.
+    """Return what a camera with its features set so makes of its sensor's picture.
 
     registers: those of FEATURES first, in their order.
     """
@@ -137,10 +137,7 @@ _FEATURES = [name for name in FEATURES if "[" not in name]
 
 
 def genicam_xml(pixel_formats: Iterable[str], exposure_us: tuple[int, int]) -> str:
-    """Return the GenICam XML with which the camera on the simulated wire describes itself.
-
-    The XML lists the given pixel formats and exposure range.
-    """
+    """Return the GenICam XML of a camera with these pixel formats and this exposure range."""
     parts = [_HEAD, _root_category()]
     for name, (address, length) in _TEXTS.items():
         parts.append(

@@ -1,4 +1,4 @@
-"""A simulated GigE Vision camera on the loopback, whose pictures this process renders."""
+"""A GigE Vision camera on the loopback, whose pictures this process renders."""
 
 from __future__ import annotations
 
@@ -29,10 +29,7 @@ from simulator.wire.gige_process import HEADER_BYTES, GigERegister
 
 
 def pack_pixels(image: NDArray[np.uint16], form: PixelFormat) -> NDArray[np.uint8]:
-    """Pack a picture's pixels into bytes for the simulated GigE wire.
-
-    Numbers are limited to the format's full scale.
-    """
+    """Pack a picture's pixels into bytes; numbers are limited to the format's full scale."""
     pixels = np.minimum(image.reshape(-1), form.full_scale).astype(np.uint16)
     match form.layout:
         case "bytes":
@@ -69,7 +66,7 @@ PackPixels = Callable[[NDArray[np.uint16], PixelFormat], NDArray[np.uint8]]
 
 
 class NoAravis(OSError):
-    """Raised for a simulated camera when Aravis, or Python's gi, isn't installed."""
+    """Raised when Aravis, or Python's gi, isn't installed."""
 
 
 class FakeGigECamera:
@@ -78,16 +75,15 @@ class FakeGigECamera:
     render: called in a thread of this process for each frame, whose noise must be its own: the
     driver refuses a frame that comes again. Without `always_render`, it is called `cycle_length`
     times whenever the exposure, the gain or the region has changed, or `mark_scene_changed()` was
-    called, and these pictures are sent in turn. shape: of the sensor,
-    (rows, columns). pixel_format: the format after power-up. pixel_formats: further formats.
-    latency: number of frames after which a new exposure takes effect. exposure_us: shortest and
-    longest exposure in microseconds. address: an address of this computer, for one camera at a
-    time. clock, faults: faults that begin at given times. features: values of `camera_features`
-    after power-up, by name. pack: how pictures become bytes. leader: what each frame's leader says
-    otherwise than the registers do: code, width, height, x, y, padding (bytes after each line),
-    stamp (nanoseconds), clock_rate (seconds of its clock in one second). more_bytes: by which a
-    payload may exceed the picture. Entering raises NoAravis if there is no
-    gi, and OSError if the address isn't free.
+    called, and these pictures are sent in turn. shape: of the sensor, (rows, columns).
+    pixel_format: the format after power-up. pixel_formats: further formats. latency: number of
+    frames after which a new exposure takes effect. exposure_us: shortest and longest exposure in
+    microseconds. address: an address of this computer, for one camera at a time. clock, faults:
+    faults that begin at given times. features: values of FEATURES after power-up, by name. pack:
+    how pictures become bytes. leader: what each frame's leader says otherwise than the registers
+    do: code, width, height, x, y, padding (bytes after each line), stamp (nanoseconds), clock_rate
+    (seconds of its clock in one second). more_bytes: by which a payload may exceed the picture.
+    Entering raises NoAravis if there is no gi, and OSError if the address isn't free.
 
     Pixels of a picture are averaged for binning, cropped to the region and limited to full scale. A
     triggered exposure takes its real time; a free-running camera exposes all the time.
@@ -196,37 +192,34 @@ class FakeGigECamera:
         self._process.close()
 
     def mark_scene_changed(self) -> None:
-        """Tell the GigE camera on the simulated wire to render new pictures of a changed scene."""
+        """Tell the camera to render new pictures of a changed scene."""
         with self._counting:
             count = int.from_bytes(self._memory[:8], "little") + 1
             self._memory[:8] = count.to_bytes(8, "little")
 
     def inject(self, fault: CameraFault) -> None:
-        """Add a fault to the GigE camera on the simulated wire.
-
-        A fault whose time has come is active on return.
-        """
+        """Add a fault; one whose time has come is active on return."""
         with self._scripting:
             self._faults.append(fault)
             self._follow_script()
 
     def clear_faults(self) -> None:
-        """Remove all faults of the GigE camera on the simulated wire, active and future ones."""
+        """Remove all faults, active and future ones."""
         with self._scripting:
             self._faults.clear()
             self._follow_script()
 
     def set_latency(self, frames: int) -> None:
-        """Set how many frames late the GigE camera on the simulated wire obeys a new exposure."""
+        """Set how many frames late a new exposure takes effect."""
         self._send_request("set_latency", frames)
 
     def set_features(self, **values: float) -> None:
-        """Change features of the GigE camera on the simulated wire, as if by itself."""
+        """Change features, as if the camera did so by itself."""
         registers = [register_of(name, value) for name, value in values.items()]
         self._send_request("write_registers", registers)
 
     def pulse(self) -> None:
-        """Send an electric pulse down the trigger wire of the simulated GigE camera."""
+        """Send an electric pulse down the trigger line."""
         self._process.send(Notification("pulse"))
 
     def _now(self) -> float:
@@ -249,7 +242,7 @@ class FakeGigECamera:
                 self._send_request("set_fault", kind)
 
     def _send_request(self, name: str, *given: Any) -> None:
-        """Send a request to the GigE camera's process on the simulated wire, and await a reply.
+        """Send a request to the camera's process, and await a reply.
 
         The thread that receives the replies doesn't wait, because it would wait for itself.
         """
@@ -279,10 +272,7 @@ class FakeGigECamera:
             self._obeyed_event.set()
 
     def _render_pictures(self, request: dict[str, Any]) -> None:
-        """Render the pictures that the GigE camera will send over the simulated wire.
-
-        The pictures go into the set of memory places that isn't being sent.
-        """
+        """Render requested pictures into the set of memory places that isn't being sent."""
         self._set ^= 1
         places = [(self._set * self._cycle + number) * self._slot for number in range(self._cycle)]
         form, pack = self._formats[request["code"]], self._pack or pack_pixels
@@ -302,7 +292,7 @@ class FakeGigECamera:
 
 
 def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[np.uint16]:
-    """Bin and crop a picture that the GigE camera will send over the simulated wire.
+    """Bin and crop a picture.
 
     region: x, y, width, height, binning across and down.
     """
@@ -318,7 +308,7 @@ def _crop_and_bin(image: NDArray[np.uint16], region: Sequence[int]) -> NDArray[n
 
 
 def _await_free(address: str) -> None:
-    """Wait until the simulated GigE wire's port is free of other cameras; OSError after 20 s."""
+    """Wait until the GigE port is free of other cameras; OSError after 20 s."""
     # GigE Vision has a fixed port.
     port = 3956
     late = time.monotonic() + 20.0

@@ -1,4 +1,4 @@
-"""Faults of a simulated cable."""
+"""Faults of a cable: their kinds and times."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DEFAULT_SHARES = {"bit flips": 0.03}
 
 @dataclass(frozen=True)
 class WireFault:
-    """One fault on the wire to a simulated instrument, and its time.
+    """One fault of a cable or of the instrument behind it, and its time.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class WireFault:
 
     @property
     def probability(self) -> float:
-        """Return the probability that a fault on the wire affects a byte, reply or echo."""
+        """Return the probability that the fault affects a byte, reply or echo."""
         return _DEFAULT_SHARES.get(self.kind, 1.0) if self.share is None else self.share
 
     def is_active(self, t: float) -> bool:

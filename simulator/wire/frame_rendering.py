@@ -1,4 +1,4 @@
-"""Pictures of the virtual bench for a simulated camera behind the wire."""
+"""Pictures of the virtual bench for a `FakeGigECamera`."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from simulator.world import World
 
 
 def frame_renderer(world: World) -> Callable[[float, float], NDArray[np.uint16]]:
-    """Return the `render` function that shows the virtual bench to a camera on the wire.
-
-    The camera is a `FakeGigECamera`.
+    """Return the `render` function that shows the virtual bench to a `FakeGigECamera`.
 
     The function takes an exposure in seconds and a gain in decibels. Each picture has its own noise
     and shows the bench in its state at that time. Numbers that the gain raises above the sensor's

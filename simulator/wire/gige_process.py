@@ -35,7 +35,7 @@ _FILL = ctypes.CFUNCTYPE(
 
 
 class GigERegister(IntEnum):
-    """Addresses of the simulated camera's registers.
+    """Addresses of the camera's registers.
 
     TEMPERATURE, MORE_BYTES, TRIGGER and TRIGGER_SOURCE belong to this module, and PRIVILEGE,
     STREAM_PORT, PACKET_SIZE and STREAM_ADDRESS to GigE Vision. The others are those of Aravis' fake
@@ -133,7 +133,7 @@ class GigEMachine:
         self._fake, self._server = fake, server
 
     def set_fault(self, kind: str) -> None:
-        """Begin a fault of the GigE camera on the simulated wire, or end all if `kind` is empty."""
+        """Begin a fault, or end all if `kind` is empty."""
         before, self.fault = self.fault, kind
         if kind == "disconnect" and self._server is not None:
             self._server = self._fake = None
@@ -144,11 +144,11 @@ class GigEMachine:
             fake.write_register(GigERegister.PRIVILEGE, 0)
 
     def set_leader(self, leader: dict[str, Any]) -> None:
-        """Set what the GigE camera's leaders tell on the simulated wire; see FakeGigECamera."""
+        """Set what the frames' leaders tell; see FakeGigECamera."""
         self.leader = leader
 
     def write_registers(self, values: list[tuple[int, int]]) -> None:
-        """Write registers of the simulated GigE camera, as if it did so by itself."""
+        """Write registers, as if the camera did so by itself."""
         for address, value in values:
             self._write(address, value)
 
@@ -156,7 +156,7 @@ class GigEMachine:
         self.latency = frames
 
     def pulse(self) -> None:
-        """Take an electric pulse from the trigger wire of the simulated GigE camera."""
+        """Take an electric pulse from the trigger line."""
         self._pulses += 1
 
     def _register(self, address: int) -> int:
@@ -167,16 +167,12 @@ class GigEMachine:
         return int(answer[-1] if isinstance(answer, tuple) else answer)
 
     def _write(self, address: int, value: int) -> None:
-        """Write a register of the camera on the simulated GigE wire."""
         fake = self._fake
         if fake is not None:
             fake.write_register(address, value)
 
     def _serve_triggers(self) -> None:
-        """Turn each trigger on the simulated GigE wire into a frame after the exposure time.
-
-        Triggers are served one after the other.
-        """
+        """Turn each trigger into a frame after the exposure time, one after the other."""
         while True:
             running = self._register(GigERegister.RUNNING)
             if not running or not self._register(GigERegister.TRIGGER_MODE):
@@ -208,12 +204,12 @@ class GigEMachine:
                 self._write(GigERegister.FAKE_TRIGGER, 1)
 
     def _is_still_streaming(self, stream: int) -> bool:
-        """Return whether the same stream still runs over the simulated GigE wire."""
+        """Return whether the same stream still runs."""
         running = bool(self._register(GigERegister.RUNNING))
         return running and self._register(GigERegister.STREAM_PORT) == stream
 
     def _start_exposure(self) -> int:
-        """Begin an exposure of the camera on the GigE wire; return its length in microseconds."""
+        """Begin an exposure; return its length in microseconds."""
         exposure = GigERegister.EXPOSURE
         if self.fault == "wrong exposure":
             self._write(exposure, 2 * self._register(exposure))
@@ -221,18 +217,12 @@ class GigEMachine:
         return self._effective_exposure_us()
 
     def _effective_exposure_us(self) -> int:
-        """Return the exposure that the camera on the simulated GigE wire obeys now.
-
-        The exposure is in microseconds, and depends on the camera's latency in frames.
-        """
+        """Return the exposure that is obeyed now, in microseconds, after the latency in frames."""
         late = 3 if self.fault == "stale frame" else self.latency
         return self._exposure_history[max(0, len(self._exposure_history) - 1 - late)]
 
     def _request_pictures(self, us: int, patience: float) -> list[int] | None:
-        """Request pictures of an exposure for the simulated GigE wire.
-
-        Returns their memory places, or None after a timeout.
-        """
+        """Request pictures of an exposure; return their memory places, or None after a timeout."""
         r = GigERegister
         region = [self._register(a) for a in (r.X, r.Y, r.WIDTH, r.HEIGHT, r.ACROSS, r.DOWN)]
         seen = struct.unpack_from("=Q", self._memory, 0)[0]
@@ -255,9 +245,9 @@ class GigEMachine:
             return self._places
 
     def receive_pictures(self, places: list[int], request: dict[str, Any], size: int = 0) -> None:
-        """Take rendered pictures to be sent over the simulated GigE wire.
+        """Take rendered pictures to be sent; those for an outdated request are dropped.
 
-        Pictures for an outdated request are dropped. size: bytes of each; 0 for the usual ones.
+        size: bytes of each; 0 for the usual ones.
         """
         with self._arrived:
             if request != self._request:
@@ -270,7 +260,7 @@ class GigEMachine:
         return places[self._turn % len(places)]
 
     def _fill_buffer(self, buffer: Any, data: Any, us: int, gain: int, code: int) -> None:
-        """Copy a picture into the frame that Aravis is about to send over the simulated wire."""
+        """Copy a picture into the frame that Aravis is about to send."""
         fake, server = self._fake, self._server
         if fake is None or server is None:
             return
@@ -299,12 +289,12 @@ class GigEMachine:
             self._send_forged_leader(self._library.arv_buffer_get_frame_id(buffer))
 
     def _send_forged_leader(self, number: int) -> None:
-        """Send a frame leader of a wrong size over the simulated GigE wire before the right one."""
+        """Send a frame leader of a wrong size before the right one."""
         height = max(1, self._register(GigERegister.HEIGHT) // 2)
         self._send_packets([self._leader_packet(number, {"height": height})])
 
     def _send_frame(self, number: int, data: bytes) -> None:
-        """Send a frame whose leader or size Aravis' fake camera can't have over the wire."""
+        """Send a frame whose leader or size Aravis' fake camera can't have."""
         # Headers of IP, UDP and GVSP.
         length = (self._register(GigERegister.PACKET_SIZE) & 0xFFFF) - 20 - 8 - 8
         blocks = [data[start : start + length] for start in range(0, len(data), length)]
@@ -319,7 +309,7 @@ class GigEMachine:
         self._send_packets(packets)
 
     def _leader_packet(self, number: int, told: dict[str, Any]) -> bytes:
-        """Return the packet with which a frame begins on the simulated GigE wire.
+        """Return the packet with which a frame begins.
 
         told: what it says otherwise than the registers do.
         """
@@ -339,10 +329,9 @@ class GigEMachine:
 
 
 def main(line: MessageSocket, given: dict[str, Any]) -> None:
-    """Run the process of the GigE camera on the simulated wire.
+    """Run the camera: report whether it runs, and then serve requests.
 
-    The process reports whether the camera runs, and then serves requests. A request has the name of
-    the method of `GigEMachine` that it calls.
+    A request has the name of the method of `GigEMachine` that it calls.
     """
     import gi
 

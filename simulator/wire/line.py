@@ -1,4 +1,4 @@
-"""Simulated serial cable between a port and a machine: timing of the bytes, and faults."""
+"""Serial cable between a port and a machine: timing of the bytes, and faults."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class SimulatedLine:
         self._lock = threading.RLock()
 
     def send(self, data: bytes, t: float) -> None:
-        """Send bytes from the host over the simulated serial wire, beginning at time t."""
+        """Send bytes from the host, beginning at time t."""
         with self._lock:
             self._advance(t)
             for byte in data:
@@ -64,7 +64,7 @@ class SimulatedLine:
                 heapq.heappush(self._going, (self._free_there, next(self._count), byte))
 
     def receive(self, t: float) -> bytes:
-        """Return the bytes that reached the host over the simulated wire since the last call.
+        """Return the bytes that reached the host since the last call.
 
         t: the present time.
         """
@@ -76,16 +76,16 @@ class SimulatedLine:
             return bytes(arrived)
 
     def next_event_time(self) -> float:
-        """Return when something may happen next on the simulated wire; infinite if nothing will."""
+        """Return when something may happen next; infinite if nothing will."""
         with self._lock:
             return min(
                 _first_time(self._going), _first_time(self._leaving), _first_time(self._coming)
             )
 
     def inject(self, fault: WireFault) -> None:
-        """Add a fault on the simulated wire.
+        """Add a fault.
 
-        Raises ValueError if neither the wire nor its machine knows this kind.
+        Raises ValueError if neither the cable nor its machine knows this kind.
         """
         known = (*WIRE_FAULT_KINDS, *self.machine.own_faults)
         if fault.kind not in known:
@@ -94,18 +94,18 @@ class SimulatedLine:
             self._faults.setdefault(fault.kind, []).append(fault)
 
     def clear_faults(self) -> None:
-        """End all faults on the simulated wire; bytes that they have delayed still arrive."""
+        """End all faults; bytes that they have delayed still arrive."""
         with self._lock:
             self._cleared_unplugs = self.unplug_count(self._now)
             self._faults.clear()
             self._update_machine_faults(self._now)
 
     def is_unplugged(self, t: float) -> bool:
-        """Return whether the simulated cable is unplugged at time t."""
+        """Return whether the cable is unplugged at time t."""
         return self._active_fault("disconnect", t) is not None
 
     def unplug_count(self, t: float) -> int:
-        """Return how often the simulated cable has been unplugged by time t.
+        """Return how often the cable has been unplugged by time t.
 
         A port that was opened before the last time is no longer valid.
         """
@@ -114,13 +114,13 @@ class SimulatedLine:
             return self._cleared_unplugs + (sum(one.at <= t for one in pulls) if pulls else 0)
 
     def next_unplug_time(self, t: float) -> float:
-        """Return when the simulated cable is unplugged next, infinite if it isn't."""
+        """Return when the cable is unplugged next, infinite if it isn't."""
         with self._lock:
             pulls = self._faults.get("disconnect", ())
             return min((fault.at for fault in pulls if fault.at > t), default=math.inf)
 
     def _advance(self, t: float) -> None:
-        """Carry out all events on the simulated wire until time t, in their order."""
+        """Carry out all events until time t, in their order."""
         self._now = max(self._now, t)
         while self._going or self._leaving:
             going, leaving = _first_time(self._going), _first_time(self._leaving)
@@ -139,13 +139,13 @@ class SimulatedLine:
             self._coming.clear()
 
     def _deliver_to_machine(self, byte: int, t: float) -> None:
-        """Bring a byte over the simulated wire to the machine, unless a fault stops it."""
+        """Bring a byte to the machine, unless a fault stops it."""
         if self._active_fault("silence", t) or self._active_fault("disconnect", t):
             return
         self._feed(bytes([self._with_bit_flips(byte, t)]), t)
 
     def _feed(self, data: bytes, t: float) -> None:
-        """Pass bytes from the simulated wire to its machine, and take the machine's replies."""
+        """Pass bytes to the machine, and take its replies."""
         self._update_machine_faults(t)
         for reply in self.machine.feed(data, t):
             echo = bool(data) and reply == Reply(t, data)
@@ -163,7 +163,7 @@ class SimulatedLine:
             self.machine.set_fault(kind)
 
     def _transmit_reply(self, data: bytes, t: float, echo: bool) -> None:
-        """Send the machine's bytes over the simulated wire to the host, as faults change them."""
+        """Send the machine's bytes to the host, as faults change them."""
         if any(self._active_fault(kind, t) for kind in ("silence", "mute", "disconnect")):
             return
         late = 0.0
@@ -198,11 +198,11 @@ class SimulatedLine:
         return next((f for f in faults if f.is_active(t)), None) if faults else None
 
     def _drawn_fault(self, kind: str, t: float) -> WireFault | None:
-        """Return a fault of the wire if it is active at time t and a random draw picks it."""
+        """Return a fault if it is active at time t and a random draw picks it."""
         fault = self._active_fault(kind, t)
         return fault if fault and self._rng.random() < fault.probability else None
 
 
 def _first_time(heap: Sequence[tuple[Any, ...]]) -> float:
-    """Return the time of the first event that is pending on the simulated wire."""
+    """Return the time of the first pending event."""
     return heap[0][0] if heap else math.inf

@@ -17,7 +17,7 @@ from simulator.wire.line import SimulatedLine
 
 @dataclass
 class _SimPort:
-    """Connect a simulated line to its port name; one open port at a time holds it."""
+    """A line at its port name; one open port at a time holds it."""
 
     line: SimulatedLine
     clock: Clock
@@ -28,7 +28,7 @@ _SOCKETS: dict[str, _SimPort] = {}
 
 
 def plug_in(name: str, line: SimulatedLine, clock: Clock) -> str:
-    """Plug a simulated wire into the serial port sim://NAME, and return this URL.
+    """Plug a line into the serial port sim://NAME, and return this URL.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def plug_in(name: str, line: SimulatedLine, clock: Clock) -> str:
 
 
 def unplug(name: str) -> None:
-    """Unplug the simulated wire at the serial port sim://NAME; an open port remains usable.
+    """Unplug the line at the serial port sim://NAME; an open port remains usable.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def unplug(name: str) -> None:
 
 
 class Serial(serial.SerialBase):  # type: ignore[misc]
-    """Implement a pyserial port whose far end is a simulated line of this process."""
+    """A pyserial port whose far end is a simulated line of this process."""
 
     is_open: bool
 
@@ -91,7 +91,7 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
             self._socket.held.release()
 
     def _reconfigure_port(self) -> None:
-        """Accept any port settings, since the simulated wire has none."""
+        """Accept any port settings, since there is nothing to set."""
 
     def _update_rts_state(self) -> None: ...
 
@@ -100,7 +100,7 @@ class Serial(serial.SerialBase):  # type: ignore[misc]
     def _update_break_state(self) -> None: ...
 
     def _receive_arrived(self) -> float:
-        """Move bytes from the simulated wire into the port's buffer, and return the time."""
+        """Move bytes from the line into the port's buffer, and return the time."""
         if not self.is_open:
             raise serial.PortNotOpenError()
         now = self._clock.now()

@@ -1,4 +1,4 @@
-"""Simulated line behind a pseudo-terminal, which any local program can open as a serial port."""
+"""A pseudo-terminal before a simulated line, which any local program can open as a serial port."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class PtyLine:
             self._transfer(now)
 
     def _transfer(self, now: float) -> None:
-        """Transfer bytes between the pseudo-terminal and the simulated wire, and wait for more."""
+        """Transfer bytes between the pseudo-terminal and the line, and wait for more."""
         if self._ends is None:
             return
         near = self._ends[0]

@@ -23,7 +23,7 @@ _buses: dict[str, UsbBus] = {}
 
 
 def register_bus(name: str, bus: UsbBus) -> str:
-    """Register a bus of simulated USB cables in this process; return drivers' option `backend`."""
+    """Register a bus in this process; return drivers' option `backend`."""
     _buses[name] = bus
     return f"simulated-here@{name}"
 
@@ -33,7 +33,7 @@ def unregister_bus(name: str) -> None:
 
 
 def bus(name: str) -> UsbBus:
-    """Return the bus of simulated USB cables that has this name, or raise LookupError."""
+    """Return the bus that has this name, or raise LookupError."""
     if name not in _buses:
         raise LookupError(f"no simulated USB bus {name!r} is in this process")
     return _buses[name]
@@ -44,7 +44,7 @@ class SimulatedUsbBackend(ABC):
 
     @abstractmethod
     def control(self, handle: Handle, setup: SetupPacket, data: bytes, timeout: int) -> bytes:
-        """Carry out a control transfer over the simulated USB cable.
+        """Carry out a control transfer.
 
         The timeout is in milliseconds, as in the methods below.
         """
@@ -56,10 +56,10 @@ class SimulatedUsbBackend(ABC):
     def write(self, handle: Handle, endpoint: int, data: bytes, timeout: int) -> int: ...
 
     def get_parent(self, dev: int) -> None:  # noqa: B027
-        """Return None, since all simulated USB cables lead to the root hub."""
+        """Return None, since every device hangs at the root hub."""
 
     def close_device(self, dev_handle: Handle) -> None:  # noqa: B027
-        """Do nothing, since an open device on a simulated USB cable holds no resources."""
+        """Do nothing, since an open device holds no resources."""
 
     def ctrl_transfer(
         self,
@@ -100,10 +100,7 @@ class UsbBus(SimulatedUsbBackend):
         self._plugs: dict[int, Plug] = {}
 
     def plug_in(self, machine: UsbMachine) -> Plug:
-        """Plug a machine's simulated USB cable into the next free port.
-
-        Returns the plug, which controls the machine's faults.
-        """
+        """Plug a machine into the next free port; return the plug, which controls its faults."""
         port = len(self._plugs) + 1
         plug = Plug(machine, self._clock, self._seed * 1000 + port)
         self._plugs[port] = plug
@@ -170,7 +167,7 @@ class UsbBus(SimulatedUsbBackend):
         return dev, plug.address
 
     def set_configuration(self, dev_handle: Handle, *given: int) -> None:
-        """Check that the simulated USB cable is plugged in; there is nothing to configure."""
+        """Check that the device is plugged in; there is nothing to configure."""
         self._plug(dev_handle)
 
     set_interface_altsetting = release_interface = clear_halt = set_configuration
@@ -207,7 +204,7 @@ class UsbBus(SimulatedUsbBackend):
         return self._plug(handle).write(endpoint, data, timeout * 1e-3)
 
     def _plug(self, handle: Handle) -> Plug:
-        """Return the plug of an open device on the simulated USB cable, if it is still there."""
+        """Return the plug of an open device, if it is still there."""
         port, address = handle
         plug = self._plugs[port]
         plug.require_plugged_in()
@@ -217,7 +214,7 @@ class UsbBus(SimulatedUsbBackend):
 
 
 def _first_only(index: Any, value: int) -> int:
-    """Return a descriptor's value on the simulated USB wire if the index is 0.
+    """Return a descriptor's value if the index is 0.
 
     Any other index raises IndexError, which ends pyusb's lists.
     """
@@ -227,6 +224,6 @@ def _first_only(index: Any, value: int) -> int:
 
 
 def _copy_into(buffer: array.array[int], data: bytes) -> int:
-    """Copy bytes from the simulated USB wire into pyusb's buffer, and return their number."""
+    """Copy bytes into pyusb's buffer, and return their number."""
     buffer[: len(data)] = array.array(buffer.typecode, data)
     return len(data)

@@ -1,4 +1,4 @@
-"""One simulated USB device in its socket: its presence, reports and faults."""
+"""One USB device in its socket: its presence, reports and faults."""
 
 from __future__ import annotations
 
@@ -35,10 +35,7 @@ class PacketFaults:
         self._before = b""
 
     def deliver_to_device(self, data: bytes, faults: Iterable[WireFault]) -> bytes | None:
-        """Return the host's bytes that reach the device over the faulty USB wire, or None.
-
-        None means that no bytes arrive.
-        """
+        """Return what reaches the device of the host's bytes, or None if nothing arrives."""
         for fault in faults:
             if fault.kind == "silence" and self._is_drawn(fault):
                 return None
@@ -47,7 +44,7 @@ class PacketFaults:
         return data
 
     def deliver_to_host(self, packet: Packet, faults: Iterable[WireFault]) -> list[Packet]:
-        """Return the packets that reach the host over the faulty USB wire for one that was sent."""
+        """Return the packets that reach the host for one that was sent."""
         original = packet.data
         packets = [packet]
         for fault in faults:
@@ -92,7 +89,7 @@ T = TypeVar("T")
 
 
 def usb_error(code: int) -> Exception:
-    """Return the error that pyusb's libusb backend raises for an errno on the simulated wire."""
+    """Return the error that pyusb's libusb backend raises for an errno."""
     libusb = {errno.ENODEV: -4, errno.EPIPE: -9, errno.EACCES: -3, errno.EBUSY: -6}
     if code == errno.ETIMEDOUT:
         return usb.core.USBTimeoutError("Operation timed out", -7, code)
@@ -125,7 +122,7 @@ class Plug:
         return self.machine.description
 
     def inject(self, fault: WireFault) -> None:
-        """Add a fault of the simulated USB cable or its device.
+        """Add a fault of the cable or its device.
 
         Raises ValueError for an unknown kind.
         """
@@ -135,7 +132,7 @@ class Plug:
         self._faults.append(fault)
 
     def clear_faults(self) -> None:
-        """Remove all faults on the simulated USB cable, and plug it in again."""
+        """Remove all faults, and plug the cable in again."""
         with self._turn:
             self.update_presence()
             self._faults.clear()
@@ -143,10 +140,7 @@ class Plug:
             self.update_presence()
 
     def update_presence(self) -> bool:
-        """Unplug the simulated USB cable and begin its faults when due.
-
-        Returns whether the cable is plugged in.
-        """
+        """Unplug the cable and begin faults when due; return whether it is plugged in."""
         with self._turn:
             now = self._clock.now()
             begun = [f for f in self._faults if f.kind == "disconnect" and f.at <= now]
@@ -178,7 +172,7 @@ class Plug:
         return [fault for fault in self._faults if fault.is_active(now)]
 
     def control(self, setup: SetupPacket, data: bytes, timeout: float) -> bytes:
-        """Carry out a control transfer over the simulated USB cable, and return the answer."""
+        """Carry out a control transfer, and return the answer."""
         with self._turn:
             late = self._clock.now() + timeout
             answer, reports = self._deliver(
@@ -201,7 +195,7 @@ class Plug:
         return self.machine.control(setup, data, self._clock.now())
 
     def write(self, endpoint: int, data: bytes, timeout: float) -> int:
-        """Write bytes over the simulated USB cable to an endpoint, and return their number."""
+        """Write bytes to an endpoint, and return their number."""
         with self._turn:
             late, now = self._clock.now() + timeout, self._clock.now
             out = self.machine.write
@@ -211,10 +205,7 @@ class Plug:
             return len(data)
 
     def _deliver(self, data: bytes, late: float, handler: Callable[[bytes], T]) -> T:
-        """Bring bytes over the simulated USB cable to the device, as faults change them.
-
-        Returns the handler's result.
-        """
+        """Bring bytes to the device, as faults change them, and return the handler's result."""
         self.require_plugged_in()
         heard = self._noise.deliver_to_device(data, self._active_faults)
         if heard is None:
@@ -225,7 +216,7 @@ class Plug:
             raise usb_error(errno.EPIPE) from None
 
     def read(self, endpoint: int, length: int, timeout: float) -> bytes:
-        """Read the device's next report over the simulated USB cable, within `timeout` seconds."""
+        """Read the device's next report, within `timeout` seconds."""
         with self._turn:
             late = self._clock.now() + timeout
             self.require_plugged_in()
@@ -255,7 +246,7 @@ class Plug:
         return usb_error(errno.ETIMEDOUT)
 
     def _wait(self, time: float) -> None:
-        """Wait until a time of the bench's clock, or raise an error if the USB cable is pulled."""
+        """Wait until a time of the bench's clock, or raise an error if the cable is pulled."""
         now = self._clock.now()
         pulled = [f.at for f in self._faults if f.kind == "disconnect" and now < f.at <= time]
         end = min(pulled, default=math.inf)
@@ -264,10 +255,7 @@ class Plug:
 
 
 def _descriptor(description: UsbDescription, value: int) -> bytes:
-    """Return a string descriptor of the device on the simulated USB wire.
-
-    The bytes are packed as the USB specification says.
-    """
+    """Return a string descriptor, packed as the USB specification says."""
     kind, index = value >> 8, value & 0xFF
     if kind != 3:
         raise UsbStall
@@ -281,10 +269,7 @@ def _descriptor(description: UsbDescription, value: int) -> bytes:
 
 
 def device_descriptor(description: UsbDescription, port: int, address: int) -> SimpleNamespace:
-    """Return the descriptor of a device on the simulated USB wire, as pyusb reads it.
-
-    The fields are named as in libusb.
-    """
+    """Return a device's descriptor as pyusb reads it, with fields named as in libusb."""
     strings = (description.maker, description.name, description.serial)
     indices = [index if said else 0 for index, said in enumerate(strings, start=1)]
     return SimpleNamespace(

@@ -1,4 +1,4 @@
-"""Simulated USB devices of another process, as a pyusb backend over a local socket.
+"""USB devices of another process, as a pyusb backend over a local socket.
 
 The process that holds the bus serves it by `with UsbServer(bus, path)`. A driver in another process
 of the same user reaches it by its option backend = "simulated@PATH". A key file beside the socket,
@@ -47,10 +47,7 @@ _FORWARDED_CALLS = (
 
 
 def backend_option(path: str | Path) -> str:
-    """Return the drivers' option `backend` for a served bus of simulated USB cables.
-
-    path: where the bus is served.
-    """
+    """Return the drivers' option `backend` for a bus that is served at a path."""
     return f"simulated@{path}"
 
 
@@ -59,7 +56,7 @@ def _key_file(path: str | Path) -> Path:
 
 
 class UsbServer:
-    """Serve a simulated USB bus to drivers in other processes, by a socket at `path`.
+    """Serve a bus to drivers in other processes, by a socket at `path`.
 
     It is a context manager and serves until it is left.
     """
@@ -102,7 +99,7 @@ class UsbServer:
             threading.Thread(target=self._serve, args=(line,), name="USB host", daemon=True).start()
 
     def _serve(self, line: MessageSocket) -> None:
-        """Answer the calls of one process to the bus of simulated USB cables."""
+        """Answer the calls of one process."""
         # Only this thread closes the socket. Until then no other file can get its descriptor, on
         # which this thread may be waiting.
         with contextlib.closing(line), contextlib.suppress(EOFError, OSError):
@@ -111,7 +108,7 @@ class UsbServer:
                 line.send(capture_result(self._call_bus, request.name, *request.arguments))
 
     def _call_bus(self, name: str, *given: Any) -> Any:
-        """Call a method of the bus of simulated USB cables.
+        """Call a method of the bus.
 
         Raises OSError if the call fails, and IndexError after the end of a list.
         """
@@ -127,7 +124,7 @@ class UsbServer:
 
 
 def _message_socket(connection: Connection) -> MessageSocket:
-    """Return a MessageSocket over an authenticated connection to the simulated USB wire's bus."""
+    """Return a MessageSocket over an authenticated connection."""
     with connection:
         return MessageSocket(os.dup(connection.fileno()))
 
@@ -165,7 +162,7 @@ class RemoteBackend(SimulatedUsbBackend):
         return taken
 
     def _ask(self, name: str, given: tuple[Any, ...], timeout: int = 0) -> Any:
-        """Call the simulated USB wire's bus in the other process, and return its result."""
+        """Call the bus in the other process, and return its result."""
         with self._turn:
             try:
                 # If the other process hasn't replied 2 s after the transfer's own timeout, it
@@ -195,14 +192,14 @@ class RemoteBackend(SimulatedUsbBackend):
         return answer
 
     def _drop(self) -> None:
-        """Close the socket to the process that holds the simulated USB wire's bus."""
+        """Close the socket to the other process."""
         line, self._line = self._line, None
         if line is not None:
             line.close()
 
 
 def backend(path: str) -> RemoteBackend:
-    """Return the USB backend that reaches the bus of simulated USB cables at a path.
+    """Return the USB backend that reaches the bus at a path.
 
     The drivers' option `backend` names this function.
     """

@@ -1,4 +1,4 @@
-"""The learned decoder: a linear filter's picture and the capture, refined by a network."""
+"""A linear filter's picture and the capture, refined by a network."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _LINEAR_BELOW = 0.0031308
 
 @dataclass(frozen=True)
 class DecoderSettings:
-    """Describe a learned decoder of captures with an extended depth of field.
+    """What a learned decoder is given, and its size.
 
     Parameters
     ----------
@@ -75,26 +75,26 @@ class DecoderSettings:
 
     @property
     def is_blind(self) -> bool:
-        """Whether the decoder gets nothing that depends on a capture's depth but the capture."""
+        """Whether nothing that is given but the capture depends on its depth."""
         return self.front != "known" and not self.psf_channel
 
     @property
     def knowledge(self) -> str:
-        """What the decoder knows of a capture's depth, in words."""
+        """What is known of a capture's depth, in words."""
         return "blind" if self.is_blind else "told the depth"
 
     @property
     def inputs(self) -> int:
-        """Channels that the decoder's network is given."""
+        """Number of channels that the network is given."""
         return 2 + (self.front != "none") + self.psf_channel
 
     def as_data(self) -> dict[str, Any]:
-        """Return the decoder's settings as plain data, from which they can be made again."""
+        """Return plain data, from which the settings can be made again."""
         return {**asdict(self), "shape": self.shape.as_data()}
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> DecoderSettings:
-        """Make a decoder's settings from plain data; ValueError for unknown or missing names."""
+        """Make settings from plain data; ValueError for unknown or missing names."""
         try:
             return cls(**{**data, "shape": NetworkShape.from_data(data["shape"])})
         except (KeyError, TypeError) as error:
@@ -102,7 +102,7 @@ class DecoderSettings:
 
 
 class DecoderNetwork(nn.Module):
-    """The network of a learned decoder, which corrects a filter's picture of a capture.
+    """A network that corrects a filter's picture of a capture.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class DecoderNetwork(nn.Module):
 
     @property
     def weight_count(self) -> int:
-        """Number of weights of the decoder's network."""
+        """Number of weights."""
         return sum(one.numel() for one in self.parameters())
 
     def forward(
@@ -127,7 +127,7 @@ class DecoderNetwork(nn.Module):
         filtered: torch.Tensor | None = None,
         psfs: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Decode captures of an extended depth of field, in the scale in which they're compared.
+        """Restore captures, in the scale in which they're compared.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class DecoderNetwork(nn.Module):
         psf: torch.Tensor | None = None,
         tile: int | None = None,
     ) -> torch.Tensor:
-        """Decode one capture of any size, in tiles without seams.
+        """Restore one capture of any size, in tiles without seams.
 
         Parameters
         ----------
@@ -211,7 +211,7 @@ class DecoderNetwork(nn.Module):
     def _require_given(
         self, captures: torch.Tensor, filtered: torch.Tensor | None, psfs: torch.Tensor | None
     ) -> None:
-        """Raise ValueError unless the decoder's network gets what its settings say."""
+        """Raise ValueError unless what the settings say is given, in shapes that fit."""
         front, channel = self.settings.front, self.settings.psf_channel
         if (filtered is None) != (front == "none"):
             wanted = "give what it made of captures" if filtered is None else "leave filtered out"
@@ -228,14 +228,14 @@ class DecoderNetwork(nn.Module):
             )
 
     def _encode(self, light: torch.Tensor) -> torch.Tensor:
-        """Encode light for the decoder's network, if its settings say so."""
+        """Encode light as sRGB, if the settings say so."""
         if self.settings.light == "srgb":
             return light
         return encode_screen(light)
 
 
 def encode_screen(light: torch.Tensor) -> torch.Tensor:
-    """Encode linear light as sRGB for a decoder, whose filter may leave light below 0 or above 1.
+    """Encode linear light as sRGB where a filter may leave it below 0 or above 1.
 
     The encoding goes on below 0 along its straight start, and above 1 by the same power; light
     beyond -0.25 and 1.5 is set to these.
@@ -246,13 +246,13 @@ def encode_screen(light: torch.Tensor) -> torch.Tensor:
 
 
 def decode_screen(values: torch.Tensor) -> torch.Tensor:
-    """Decode a decoder's sRGB values to linear light; the inverse of `encode_screen`."""
+    """Convert sRGB values to linear light; the inverse of `encode_screen`."""
     curved = ((values.clamp(min=12.92 * _LINEAR_BELOW) + 0.055) / 1.055) ** 2.4
     return torch.where(values > 12.92 * _LINEAR_BELOW, curved, values / 12.92)
 
 
 def learned_decoder(network: DecoderNetwork, spectrum: Spectrum, name: str = "learned") -> Decoder:
-    """Return the learned decoder of a trained network for an evaluation.
+    """Return the decoder of a trained network for an evaluation.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def learned_decoder(network: DecoderNetwork, spectrum: Spectrum, name: str = "le
 def _build_restore(
     network: DecoderNetwork, transfer: torch.Tensor, spectrum: Spectrum, noise: float
 ) -> Restore:
-    """Build the function that decodes captures, from transfer functions at some depths."""
+    """Build the function that restores captures, from transfer functions at some depths."""
     settings = network.settings
     filtering: Restore | None = None
     if settings.front != "none":
@@ -306,9 +306,9 @@ def _centred_psf(transfer: torch.Tensor) -> torch.Tensor:
 
 
 def fit_psf(psf: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Bring a centred PSF to a picture's size and a peak of 1, as a channel for the decoder.
+    """Bring a centred PSF, (..., rows, columns), to a picture's size and a peak of 1.
 
-    psf: (..., rows, columns). It is cut, or continued by zeros.
+    It is cut, or continued by zeros.
     """
     cut = tuple(min(n, m) for n, m in zip(psf.shape[-2:], shape, strict=True))
     fitted = centred_pad(centred_crop(psf, (cut[0], cut[1])), shape)

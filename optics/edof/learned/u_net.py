@@ -1,4 +1,4 @@
-"""The network that refines what a linear filter restored: a U-Net, applied in tiles."""
+"""A U-Net that refines what a linear filter restored, applied in tiles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ tiles have 2048 pixels along a side and take 750 MB; 1024 take a tenth longer an
 
 
 def tile_side(channels: int, fold: int) -> int:
-    """Return the pixels along a side of a network's tiles, so that any network's take as much.
+    """Return the pixels along a side of tiles, so that those of any network take as much memory.
 
     channels, fold: those of the network's finest level; see `NetworkShape`.
     """
@@ -38,26 +38,14 @@ def apply_in_tiles(
 
     Each tile is computed with a margin as wide as the neighbourhood, and begins at a multiple of
     the coarsest level's pixels. Its middle therefore is what the function gives for the whole
-    picture, apart from the order in which numbers are added.
+    picture, apart from the order in which numbers are added. The result is (1, 1, rows, columns).
 
-    Parameters
-    ----------
-    function : callable
-        Takes (1, channels, rows, columns), both sides multiples of `multiple`, and gives
-        (1, 1, rows, columns).
-    pictures : torch.Tensor, (1, channels, rows, columns)
-        Pictures of any size.
-    multiple : int
-        Pixels of which the sides must be multiples.
-    reach : int
-        Pixels from a pixel of the result to the farthest one that decides it.
-    tile : int
-        Pixels along a side of the part of the result that one tile gives.
-
-    Returns
-    -------
-    torch.Tensor, (1, 1, rows, columns)
-        The result.
+    function: takes (1, channels, rows, columns), both sides multiples of `multiple`, and gives (1,
+        1, rows, columns).
+    pictures: (1, channels, rows, columns), of any size.
+    multiple: pixels of which the sides must be multiples.
+    reach: pixels from a pixel of the result to the farthest one that decides it.
+    tile: pixels along a side of the part of the result that one tile gives.
     """
     rows, columns = pictures.shape[-2:]
     whole = _extend(pictures, multiple)
@@ -84,7 +72,7 @@ def _extend(pictures: torch.Tensor, multiple: int) -> torch.Tensor:
 
 
 def _parts(length: int, side: int) -> Iterator[tuple[int, int]]:
-    """Yield the first and last-but-one pixel of the tiles of a length, about equally long.
+    """Yield the first pixel of each tile of a length, and the one after its last.
 
     side: most pixels of a tile.
     """
@@ -94,7 +82,7 @@ def _parts(length: int, side: int) -> Iterator[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class NetworkShape:
-    """Describe the size of a U-Net that decodes captures of an extended depth of field.
+    """The size of a U-Net.
 
     Parameters
     ----------
@@ -143,12 +131,12 @@ class NetworkShape:
 
     @property
     def multiple(self) -> int:
-        """Pixels of which both sides of the network's pictures must be multiples."""
+        """Pixels of which both sides of pictures must be multiples."""
         return self.fold * 2 ** (self.levels - 1)
 
     @property
     def reach(self) -> int:
-        """Most pixels, along an axis, from a pixel of the network's result to what decides it."""
+        """Most pixels, along an axis, from a pixel of the result to what decides it."""
         finest = self.fold
         reach = 2 * finest + finest
         for level in range(self.levels):
@@ -164,16 +152,16 @@ class NetworkShape:
 
     @property
     def _bottom_dilations(self) -> tuple[int, ...]:
-        """Dilation of each convolution of the network's coarsest block."""
+        """Dilation of each convolution of the coarsest block."""
         return self.dilations or (1,) * self.convolutions
 
     def as_data(self) -> dict[str, Any]:
-        """Return the network's shape as plain data, from which it can be made again."""
+        """Return plain data, from which the shape can be made again."""
         return {**asdict(self), "dilations": list(self.dilations)}
 
     @classmethod
     def from_data(cls, data: dict[str, Any]) -> NetworkShape:
-        """Make a network's shape from plain data; ValueError for unknown or missing names."""
+        """Make a shape from plain data; ValueError for unknown or missing names."""
         try:
             return cls(**{**data, "dilations": tuple(data.get("dilations", ()))})
         except TypeError as error:
@@ -181,7 +169,7 @@ class NetworkShape:
 
 
 class UNet(nn.Module):
-    """A network that computes a correction of pictures from some channels of information.
+    """Computes a correction of pictures from some channels of information.
 
     It has no statistics of batches (unlike the thesis' batch renormalisation), so that a picture is
     decoded alike in any company. A skip connection adds the encoder's values at each level. It
@@ -220,10 +208,10 @@ class UNet(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, pictures: torch.Tensor) -> torch.Tensor:
-        """Compute the correction of pictures, (pictures, 1, rows, columns), for their decoding.
+        """Compute the correction, (pictures, 1, rows, columns).
 
         pictures: (pictures, inputs, rows, columns), rows and columns multiples of
-        ``shape.multiple``.
+            ``shape.multiple``.
         """
         head = self.head(_fold(pictures, self.shape.fold))
         values, kept = head, []
@@ -237,10 +225,7 @@ class UNet(nn.Module):
 
 
 class _ResidualBlock(nn.Module):
-    """A residual block of the decoder's U-Net: convolutions of 3 x 3 with a skip connection.
-
-    See He et al. 2016, doi 10.1109/CVPR.2016.90.
-    """
+    """Convolutions of 3 x 3 with a skip connection (He et al. 2016, doi 10.1109/CVPR.2016.90)."""
 
     def __init__(self, width: int, dilations: tuple[int, ...]) -> None:
         super().__init__()
@@ -258,7 +243,7 @@ class _ResidualBlock(nn.Module):
 
 
 def _fold(pictures: torch.Tensor, fold: int) -> torch.Tensor:
-    """Fold squares of pixels into channels for the decoder's U-Net, as pixel_unshuffle does.
+    """Fold squares of pixels into channels, as pixel_unshuffle does.
 
     The channels come last in memory, in one copy.
     """

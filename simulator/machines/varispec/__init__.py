@@ -1,4 +1,4 @@
-"""A simulated VariSpec tunable filter, from its serial port to the wavelength that it passes."""
+"""A VariSpec tunable filter, from its serial port to the wavelength that it passes."""
 
 from simulator.machines.varispec.machine import VariSpecMachine
 

@@ -1,4 +1,4 @@
-"""Commands of a simulated VariSpec as text, and its replies (manual 1.37, chapter 3)."""
+"""A VariSpec's commands as text, and its replies (manual 1.37, chapter 3)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _LEGAL = {
 
 
 def parse_command(line: str) -> tuple[str, list[str]]:
-    """Split a command to the simulated VariSpec machine into its letter and arguments.
+    """Split a command into its letter and arguments.
 
     Raises CommandError if the line is no command.
     """
@@ -52,7 +52,7 @@ def parse_number(word: str) -> float:
 
 
 def parse_integer(letter: str, words: list[str]) -> int:
-    """Return the only argument of a command to the VariSpec machine, a whole number.
+    """Return a command's only argument, a whole number.
 
     Raises CommandError for more or fewer arguments, and for a number that the command doesn't take.
     """
@@ -65,10 +65,7 @@ def parse_integer(letter: str, words: list[str]) -> int:
 
 
 def execute(state: VariSpecState, letter: str, words: list[str], serial: int) -> None:
-    """Change the simulated VariSpec machine's state by a command other than I and E.
-
-    The commands I and E aren't handled here, because they take time.
-    """
+    """Change a VariSpec's state by a command other than I and E, which take time."""
     if letter in "VY":
         raise CommandError(VariSpecErrorCode.READ_ONLY)
     if letter in "AS":
@@ -103,7 +100,7 @@ def _tune(state: VariSpecState, words: list[str]) -> None:
 
 
 def _choose(state: VariSpecState, words: list[str]) -> None:
-    """Choose an element of the VariSpec machine's palette, as a command's argument says."""
+    """Choose an element of the palette, as a command's argument says."""
     if len(words) == 1 and words[0] in _STEPS:
         state.choose_next(_STEPS[words[0]])
     else:
@@ -125,7 +122,7 @@ def _set_integer(state: VariSpecState, letter: str, value: int) -> None:
 def reply_lines(
     state: VariSpecState, letter: str, serial: int, firmware: str, heat: float
 ) -> list[str]:
-    """Return the lines of the VariSpec machine's reply to a query, padded as the manual says."""
+    """Return the lines of the reply to a query, padded as the manual says."""
     if letter == "V":
         optics = f"{state.shortest:.2f}  {state.longest:.2f}"
         return [f"   {firmware}  {optics} {serial:05d}"]

@@ -1,4 +1,4 @@
-"""A simulated VariSpec behind its serial port: echo, queue, immediate characters and time."""
+"""A VariSpec behind its serial port: echo, queue, immediate characters and time."""
 
 from __future__ import annotations
 
@@ -20,21 +20,14 @@ _LOWER = "VBPM"
 
 @dataclass(frozen=True)
 class VariSpecTiming:
-    """Durations of a simulated VariSpec's work, in seconds.
+    """Seconds that the work of a VariSpec takes.
 
-    Attributes
-    ----------
-    initialisation : float
-        Duration of an initialisation (chosen).
-    exercise : float
-        Duration of one exercise of the liquid crystals (chosen).
-    command : float
-        Duration of any other command; the manual says "within a millisecond or two".
-    calculation_rs232 : float
-        Time in which the RS-232 electronics calculate the drive levels of a wavelength (chosen).
-        The USB electronics take the duration of a command.
-    abort : float
-        Duration of an abort by ESC (chosen).
+    initialisation: chosen.
+    exercise: one exercise of the liquid crystals; chosen.
+    command: any other command; the manual says "within a millisecond or two".
+    calculation_rs232: in which the RS-232 electronics calculate the drive levels of a wavelength;
+        chosen. The USB electronics take the duration of a command.
+    abort: an abort by ESC; chosen.
     """
 
     initialisation: float = 30.0
@@ -48,7 +41,7 @@ _TIMING = VariSpecTiming()
 
 
 def _warm_up_temperature(t: float) -> float:
-    """Return the VariSpec machine's temperature in °C, which rises by 4 K in about an hour."""
+    """Return a temperature in °C that rises by 4 K in about an hour."""
     return 25.0 - 4.0 * math.exp(-max(t, 0.0) / 1200.0)
 
 
@@ -106,7 +99,7 @@ class VariSpecMachine(FaultyMachine):
         self.power_up(powered_at)
 
     def power_up(self, t: float) -> None:
-        """Switch the simulated VariSpec machine on at time t, which resets its state."""
+        """Switch the filter on at time t, which resets its state."""
         shortest, longest = self._range
         self.state = VariSpecState(shortest, longest, lambda nm: self._tell(round(nm * 100) / 1e11))
         self._line = bytearray()
@@ -158,10 +151,7 @@ class VariSpecMachine(FaultyMachine):
         return self.state.status & ~1 if "uninitialised" in self._faults else self.state.status
 
     def _advance(self, t: float) -> list[Reply]:
-        """Finish the VariSpec machine's command that is due by time t, and begin waiting ones.
-
-        Returns the replies.
-        """
+        """Finish the command that is due by time t, begin waiting ones, and return the replies."""
         replies: list[Reply] = []
         while "busy forever" not in self._faults:
             if self._finish is not None:
@@ -179,7 +169,7 @@ class VariSpecMachine(FaultyMachine):
         return replies
 
     def _try(self, work: Callable[[float], list[str]], t: float) -> list[str]:
-        """Do a command's work in the VariSpec machine, and keep the error code if it fails."""
+        """Do a command's work, and keep the error code if it fails."""
         initialised = self.state.initialised
         if "uninitialised" in self._faults:
             self.state.initialised = False
@@ -193,13 +183,13 @@ class VariSpecMachine(FaultyMachine):
                 self.state.initialised = initialised
 
     def _begin(self, t: float, seconds: float, finish: Callable[[float], list[str]]) -> None:
-        """Keep the simulated VariSpec machine busy for some seconds, and then call `finish`."""
+        """Keep the filter busy for some seconds, and then call `finish`."""
         self._finish, self._done_at = finish, t + seconds
 
     def _start(self, line: bytes, t: float) -> list[str]:
-        """Begin the command that a line gives to the VariSpec machine.
+        """Begin the command that a line gives.
 
-        A machine that is asleep obeys only the command to wake.
+        A filter that is asleep obeys only the command to wake.
         """
         text = line.decode("latin-1")
         if not text.strip():
@@ -246,7 +236,7 @@ class VariSpecMachine(FaultyMachine):
         return self._confirm("E")(t)
 
     def _confirm(self, letter: str) -> Callable[[float], list[str]]:
-        """Make the VariSpec machine's reply to a completed command: none unless brief mode is 2."""
+        """Make the reply to a completed command: none unless brief mode is 2."""
         return lambda t: self._query_reply(letter, t) if self.state.brief == 2 else []
 
     def _query_reply(self, letter: str, t: float) -> list[str]:

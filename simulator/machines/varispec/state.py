@@ -1,4 +1,4 @@
-"""State of a simulated VariSpec and the effect of its commands (user manual 1.37, table 3).
+"""A VariSpec's state and what commands do to it (user manual 1.37, table 3).
 
 Wavelengths are in nanometres here, as on the wire.
 """
@@ -70,7 +70,7 @@ class VariSpecState:
         self.on_tuned(self.wavelength)
 
     def define(self, wavelength: float, element: int | None) -> None:
-        """Add, replace or delete (wavelength -1) an element of the VariSpec machine's palette."""
+        """Add, replace or delete (wavelength -1) an element of the palette."""
         if not self.initialised:
             raise CommandError(VariSpecErrorCode.NOT_INITIALISED)
         count = len(self.palette)
@@ -98,7 +98,7 @@ class VariSpecState:
         self.tune(self.palette[element])
 
     def choose_next(self, step: int) -> None:
-        """Choose the next or previous element of the VariSpec machine's palette, cyclically."""
+        """Choose the next or previous element of the palette, cyclically."""
         if not self.palette:
             raise CommandError(VariSpecErrorCode.NO_PALETTE)
         first = 0 if step > 0 else len(self.palette) - 1
@@ -106,7 +106,7 @@ class VariSpecState:
         self.choose((self.element + step) % len(self.palette) if chosen else first)
 
     def pulse(self) -> None:
-        """Carry out the effect of a pulse at the simulated VariSpec machine's sync port."""
+        """Carry out the effect of a pulse at the sync port."""
         if self.mode == 4:
             self.tune(self.wavelength + self.jump)
         else:
@@ -114,7 +114,7 @@ class VariSpecState:
 
     @property
     def status(self) -> int:
-        """Return the VariSpec machine's status bits, its reply to `@` (table 2 of the manual)."""
+        """Return the status bits, the reply to `@` (table 2 of the manual)."""
         bits = (
             self.initialised,
             self.exercised,

@@ -1,4 +1,4 @@
-"""Test charts for the scene, as polygons that are drawn without sampling error.
+"""Test charts as polygons, which are drawn without sampling error.
 
 The first polygon of each chart is the sheet that it is printed on; see outline().
 """
@@ -11,7 +11,7 @@ from simulator.scene.polygons import Polygons
 
 
 def outline(chart: Polygons) -> Polygons:
-    """Return the sheet that a scene's chart is printed on, as the cover of a `Sheet`.
+    """Return the sheet that a chart is printed on, as the cover of a `Sheet`.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from simulator.scene.sheets import PaintedPicture
 def checker(
     reflectances: Sequence[Spectrum], width: float, offset: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[PaintedPicture, ...]:
-    """Draw a scene's test chart of 24 coloured patches in four rows of six, framed in black.
+    """Draw a chart of 24 coloured patches in four rows of six, framed in black.
 
     Parameters
     ----------

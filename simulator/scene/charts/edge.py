@@ -18,7 +18,7 @@ def slanted_edge(
     offset: tuple[float, float] = (0.0, 0.0),
     horizontal: bool = False,
 ) -> Polygons:
-    """Draw a scene's slanted-edge chart: a square, dark on the left and bright on the right.
+    """Draw a slanted edge: a square, dark on the left and bright on the right.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A test chart that is a Siemens star."""
+"""Siemens star: a round test chart of spokes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def siemens_star(
     bright: float = PAPER,
     offset: tuple[float, float] = (0.0, 0.0),
 ) -> Polygons:
-    """Draw a scene's Siemens star, a chart of dark spokes as wide as the gaps between them.
+    """Draw a Siemens star: dark spokes as wide as the gaps between them.
 
     At a radius r the star has spokes / (2πr) line pairs per metre.
 

@@ -7,7 +7,7 @@ PAPER, INK = 0.9, 0.05
 
 
 def require_tones(dark: float, bright: float) -> None:
-    """Raise ValueError unless a scene chart's dark and bright are reflectances, darker first."""
+    """Raise ValueError unless `dark` and `bright` are reflectances, the darker first."""
     if not 0 <= dark < bright <= 1:
         raise ValueError(
             f"dark is {dark:g} and bright is {bright:g}; give reflectances from 0 to 1, the "

@@ -10,7 +10,7 @@ _ELEMENTS = 6
 
 
 def line_pairs(group: int, element: int) -> float:
-    """Return the line pairs per metre of an element of a scene's USAF test chart.
+    """Return the line pairs per metre of an element of the USAF chart.
 
     An element has 2^(group + (element - 1) / 6) line pairs per millimetre.
 
@@ -52,7 +52,7 @@ def usaf_1951(
     bright: float = PAPER,
     offset: tuple[float, float] = (0.0, 0.0),
 ) -> Polygons:
-    """Draw a scene's USAF resolution chart of 1951: groups of three-bar elements.
+    """Draw the USAF resolution chart of 1951: groups of three-bar elements.
 
     An element has three level bars on the left and three upright bars on the right. Bars are as
     wide as the gaps between them and five times as long. Each group is a column of elements.
@@ -96,16 +96,16 @@ def usaf_1951(
 
 
 def _bar(group: int, element: int) -> float:
-    """Return the bar width in metres of a scene's USAF chart element: half of a line pair."""
+    """Return the width of an element's bar in metres: half of a line pair."""
     return 0.5 / line_pairs(group, element)
 
 
 def _element_layout(
     first: int, last: int
 ) -> tuple[list[tuple[tuple[float, float], float]], tuple[float, float]]:
-    """Place the elements of a scene's USAF chart: return corners, bar widths and total size.
+    """Place the elements: return their upper left corners with bar widths, and the total size.
 
-    The corners are the upper left ones. The size is (height, width). All lengths are in metres.
+    The size is (height, width). All lengths are in metres.
     """
     placed, x, height = [], 0.0, 0.0
     for group in range(first, last + 1):
@@ -123,10 +123,7 @@ def _element_layout(
 def _bars(
     corner: tuple[float, float], bar: float
 ) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Return centre and size of the six bars of an element in a scene's USAF chart.
-
-    Three bars are level, and three are upright.
-    """
+    """Return centre and size of an element's six bars, the three level ones first."""
     y, x = corner
     steps = [(2 * k + 0.5) * bar for k in range(3)]
     level = [((y + s, x + 2.5 * bar), (bar, 5 * bar)) for s in steps]
