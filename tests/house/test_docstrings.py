@@ -43,7 +43,6 @@ PACKAGES = (
     "labapp.runs.export",
     "labapp.studies",
     "optics.accuracy",
-    "optics.camera",
     "optics.fourier",
     "optics.inverse",
     "optics.light",

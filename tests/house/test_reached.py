@@ -47,6 +47,8 @@ MODULES = modules()
 def imported(path: Path) -> frozenset[str]:
     """Modules of ours that a file imports, or names in a text as a module to be started."""
     names: set[str] = set()
+    if path == ROOT / "optics/moved.py":
+        return frozenset()  # it leads old names of callers to new ones
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
