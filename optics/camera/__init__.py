@@ -1,13 +1,21 @@
-"""A camera as data, and what its optics alone determines.
+"""Describe a camera: panel, lens with its stop, and sensor.
 
-`camera` holds panel, lens and sensor; `stop` the shapes of stops; `stop_areas`, `stop_rows` and
+`camera` holds the description; `stop` the shapes of stops; `stop_areas`, `stop_rows` and
 `stop_nodes` what of them is open, and quadrature over it; `pupil` the wave in the stop; and
-`system_mtf` the sharpness and light that the optics predicts.
+`system_mtf` the sharpness and light that the optics predicts. The exported names are loaded when
+they are first used: a stop's shape needs no torch.
 """
 
-from optics.camera.camera import Camera, Lens
-from optics.camera.ghost import Ghost
-from optics.sensor.sensor import Sensor
-from optics.slm.panel import Panel
+from typing import TYPE_CHECKING
+
+from optics.late_names import late_names
+
+if TYPE_CHECKING:
+    from optics.camera.camera import Camera, Lens
+    from optics.camera.ghost import Ghost
+    from optics.sensor.sensor import Sensor
+    from optics.slm.panel import Panel
 
 __all__ = ["Camera", "Ghost", "Lens", "Panel", "Sensor"]
+
+__getattr__ = late_names(__name__, dict.fromkeys(__all__, "camera"))

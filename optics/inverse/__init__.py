@@ -8,8 +8,9 @@ The exported names are loaded when they are first used. The command line and the
 the names of the methods; these are in `method_names`, which doesn't load torch.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from optics.late_names import late_names
 
 if TYPE_CHECKING:
     from optics.inverse.blur import (
@@ -90,12 +91,4 @@ _MODULES = {
     "restore_within_bounds": "bounded",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__ = late_names(__name__, _MODULES)

@@ -26,8 +26,8 @@ DOORS = {
     "labapp/studies/contract.py: import_module": "the module that a study of labapp names",
     "labapp/studies/study_lookup.py: import_module": "a study in labapp's own list",
     "labapp/window/frame_memory.py: pickle.loads": "messages of the window's engine",
-    "optics/inverse/__init__.py: importlib.import_module": "a module in a list of names",
     "optics/inverse/choice.py: import_module": "a method in a list of names",
+    "optics/late_names.py: importlib.import_module": "a module in a list of names",
     "optics/moved.py: importlib.import_module": "the name that a module of ours has now",
 }
 """Where names become code or objects, with what the name can be."""
