@@ -12,10 +12,14 @@ from optics.late_names import late_names
 
 if TYPE_CHECKING:
     from optics.camera.camera import Camera, Lens
+    from optics.camera.field_aberrations import FieldAberrations
     from optics.camera.ghost import Ghost
+    from optics.camera.stop import Circle, Stop
     from optics.sensor.sensor import Sensor
     from optics.slm.panel import Panel
 
-__all__ = ["Camera", "Ghost", "Lens", "Panel", "Sensor"]
+__all__ = ["Camera", "Circle", "FieldAberrations", "Ghost", "Lens", "Panel", "Sensor", "Stop"]
 
-__getattr__ = late_names(__name__, dict.fromkeys(__all__, "camera"))
+_MODULES = dict.fromkeys(__all__, "camera") | {"Circle": "stop", "Stop": "stop"}
+
+__getattr__ = late_names(__name__, _MODULES)
