@@ -1,13 +1,30 @@
-"""Expand a smooth function over a plane in Chebyshev polynomials, from few of its values."""
+"""Chebyshev nodes, polynomials through them, and expansions of smooth functions over a plane."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from optics.plane import Plane
+
+
+def chebyshev_nodes(count: int) -> NDArray[np.float64]:
+    """Return nodes of interpolation in (-1, 1), the zeros of a Chebyshev polynomial, ascending."""
+    return np.asarray(-np.cos(np.pi * (np.arange(count) + 0.5) / count))
+
+
+def lagrange_basis(nodes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
+    """Return the polynomials that are 1 at one node and 0 at the others, (places, nodes)."""
+    flat = places.reshape(-1, 1)
+    columns = []
+    for number in range(nodes.numel()):
+        others = torch.cat([nodes[:number], nodes[number + 1 :]])
+        columns.append(((flat - others) / (nodes[number] - others)).prod(1))
+    return torch.stack(columns, dim=1)
 
 
 class ChebyshevExpansion:

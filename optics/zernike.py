@@ -6,6 +6,7 @@ import math
 
 import torch
 
+from optics.chebyshev import chebyshev_nodes, lagrange_basis
 from optics.validation import accepts_numpy
 from optics.zernike_order import require_zernike_indices as require_zernike_indices
 
@@ -40,13 +41,13 @@ def _zernike_on_mesh(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.
 
     It takes n + 1 products for each point of the mesh, a twentieth of the time of the recurrence.
     """
-    nodes = [_chebyshev_nodes(n + 1, p) for p in (y, x)]
+    nodes = [_nodes_among(n + 1, p) for p in (y, x)]
     values = _zernike_at_points(n, m, nodes[0][:, None], nodes[1][None, :])
-    column, row = (_lagrange_basis(node, p) for node, p in zip(nodes, (y, x), strict=True))
+    column, row = (lagrange_basis(node, p) for node, p in zip(nodes, (y, x), strict=True))
     return column @ values @ row.mT
 
 
-def _chebyshev_nodes(count: int, places: torch.Tensor) -> torch.Tensor:
+def _nodes_among(count: int, places: torch.Tensor) -> torch.Tensor:
     """Return Chebyshev nodes for the interpolation over places.
 
     They reach a little beyond the unit disc at most. Farther out polynomials grow fast, and digits
@@ -56,18 +57,7 @@ def _chebyshev_nodes(count: int, places: torch.Tensor) -> torch.Tensor:
     low, high = (float(end.clamp(-1.2, 1.2)) for end in ends)
     if not high > low:
         low, high = -1.2, 1.2
-    angle = (torch.arange(count, dtype=torch.float64) + 0.5) * (math.pi / count)
-    return (low + high) / 2 - (high - low) / 2 * torch.cos(angle)
-
-
-def _lagrange_basis(nodes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
-    """Return the polynomials that are 1 at one node and 0 at the others, (places, nodes)."""
-    flat = places.reshape(-1, 1)
-    columns = []
-    for number in range(nodes.numel()):
-        others = torch.cat([nodes[:number], nodes[number + 1 :]])
-        columns.append(((flat - others) / (nodes[number] - others)).prod(1))
-    return torch.stack(columns, dim=1)
+    return (low + high) / 2 + (high - low) / 2 * torch.from_numpy(chebyshev_nodes(count))
 
 
 def _zernike_at_points(n: int, m: int, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:

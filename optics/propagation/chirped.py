@@ -7,10 +7,10 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 
 from optics.accuracy import Budget, MachineSpeed
+from optics.chebyshev import chebyshev_nodes, lagrange_basis
 from optics.fourier import FourierGeometry, plan_transform, unit_phasor
 from optics.fourier.transform import RETAINED_BYTES
 from optics.plane import Plane
@@ -134,8 +134,7 @@ class ChirpedTransform:
         if self._cells is None:
             return [(before.to(self._dtype), (after * source.pitch[axis]).to(self._dtype))]
         side, after = self._cells.sides[axis], after * self._cells.sides[axis]
-        nodes = _chebyshev_nodes(x, self._cells.nodes[axis])
-        shares = _lagrange_weights(x, nodes)
+        nodes, shares = _envelope_nodes(x, self._cells.nodes[axis])
         return [
             (
                 (before * share).to(self._dtype),
@@ -241,22 +240,13 @@ def _sum_terms(
     return functools.reduce(torch.add, terms)
 
 
-def _chebyshev_nodes(x: torch.Tensor, count: int) -> list[float]:
-    """Return `count` Chebyshev nodes in the range of x."""
+def _envelope_nodes(x: torch.Tensor, count: int) -> tuple[list[float], list[torch.Tensor]]:
+    """Return nodes in the range of x, and at x the polynomials that are 1 at one node each."""
     low, high = float(x.min()), float(x.max())
-    angles = (2 * np.arange(count) + 1) * math.pi / (2 * count)
-    return ((low + high) / 2 + (high - low) / 2 * np.cos(angles)).tolist()
-
-
-def _lagrange_weights(x: torch.Tensor, nodes: list[float]) -> list[torch.Tensor]:
-    """Evaluate at x the polynomials that are 1 at one node and 0 at the others."""
-    if float(x.max()) == float(x.min()):
-        return [torch.full_like(x, 1 / len(nodes)) for _ in nodes]
-    found = []
-    for node in nodes:
-        factors = [(x - other) / (node - other) for other in nodes if other != node]
-        found.append(torch.stack(factors).prod(0) if factors else torch.ones_like(x))
-    return found
+    nodes = (low + high) / 2 + (high - low) / 2 * chebyshev_nodes(count)
+    if low == high:
+        return nodes.tolist(), [torch.full_like(x, 1 / count) for _ in nodes]
+    return nodes.tolist(), list(lagrange_basis(torch.from_numpy(nodes).to(x), x).T)
 
 
 def envelope_error(turn: float, nodes: int) -> float:

@@ -20,6 +20,7 @@ from optics.accuracy import (
 )
 from optics.camera.pupil import defocus_curvature, pupil_phase
 from optics.camera.stop_nodes import line_rule, line_rule_node_count
+from optics.chebyshev import chebyshev_nodes
 from optics.psf.engine import CachedPupilWave, PSFEngine, double_precision_error
 from optics.psf.reference_probe import ERROR_MARGIN, draw_samples
 from optics.psf.request import PSFRequest
@@ -252,7 +253,7 @@ class RadialCells:
     """
 
     def __init__(self, width: float, count: int, degree: int) -> None:
-        nodes = _chebyshev_nodes(degree)
+        nodes = chebyshev_nodes(degree + 1)
         self._step = width / 2
         self._count, self._degree = count, degree
         self.radii: NDArray[np.float64] = (
@@ -309,11 +310,6 @@ def _cell_width_and_count(q: PSFRequest) -> tuple[float, int]:
     assert q.lens.stop.annulus_radii is not None
     width = 2 * _SETTINGS.half_turn / (_radians_per_metre(q) * q.lens.stop.annulus_radii[1])
     return width, math.ceil(q.farthest_sample_radius / width * (1 + 1e-12)) + 1
-
-
-def _chebyshev_nodes(degree: int) -> NDArray[np.float64]:
-    angle = np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)
-    return np.asarray(-np.cos(angle))
 
 
 def _polynomial_degree(tol: float) -> int:
