@@ -23,3 +23,7 @@ __all__ = ["Camera", "Circle", "FieldAberrations", "Ghost", "Lens", "Panel", "Se
 _MODULES = dict.fromkeys(__all__, "camera") | {"Circle": "stop", "Stop": "stop"}
 
 __getattr__ = late_names(__name__, _MODULES)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -203,10 +203,17 @@ _LEAST_CHANGE = 0.025
 class CodedTimes:
     """Whether the times of 8-bit pictures fit together.
 
-    times: seconds. factors: for each frame, light over that of its time if only this one is wrong.
-    deviations: standard deviations of their logarithms; infinite for frames that share too little
-        with
-    others. suspects: indices of frames one of which has another time; one if it is known which.
+    Attributes
+    ----------
+    times : (frames,)
+        Seconds.
+    factors : (frames,)
+        Light over that of the frame's time, if only this one is wrong.
+    deviations : (frames,)
+        Standard deviations of the factors' logarithms; infinite for frames that share too little
+        with others.
+    suspects : tuple of int
+        Indices of frames one of which has another time; one if it is known which.
     """
 
     times: Array

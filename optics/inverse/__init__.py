@@ -92,3 +92,7 @@ _MODULES = {
 }
 
 __getattr__ = late_names(__name__, _MODULES)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
