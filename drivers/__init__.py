@@ -1,4 +1,4 @@
-"""Interfaces of laboratory devices, and drivers of real ones.
+"""What each kind of laboratory device can do, and the code that drives real ones.
 
 This package imports neither optics nor simulator nor labapp; importing it loads nothing.
 """

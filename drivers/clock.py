@@ -1,4 +1,4 @@
-"""The bench's clock for real devices."""
+"""Real time for devices, in seconds."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class RealClock:
-    """Clock of a bench with real devices: seconds since the clock was created.
+    """Seconds since this object was made, for a bench with real devices.
 
     start: start of another process's clock, in seconds of time.monotonic(). That time is the same
     in all processes, so both clocks then show the same time.

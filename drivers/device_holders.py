@@ -13,7 +13,7 @@ _COMMAND_WORDS = 3
 """Words of a command that are told of a process. Chosen."""
 
 _LEFT_BEHIND = re.compile(r"drivers\.hosted\.\w+:\w+")
-"""A word of the command of processes that `drivers.hosted` has started: what they do."""
+"""A word in the command of each process that `drivers.hosted` has started: what it does."""
 
 _PROCESSES = Path("/proc")
 
@@ -39,7 +39,7 @@ def name_holders(path: str) -> str:
 
 
 def name_process(process: int) -> str:
-    """Return the name of a process that has a device: command, number, and user if another."""
+    """Name a process by its command and number, and its user if that's another."""
     try:
         user = Path(_PROCESSES, str(process)).stat().st_uid
     except OSError:
@@ -49,7 +49,7 @@ def name_process(process: int) -> str:
 
 
 def name_user(user: int) -> str:
-    """Return the name of a user who has a device, by the user's number."""
+    """Return the name of a user by number."""
     try:
         return pwd.getpwuid(user).pw_name
     except KeyError:
@@ -72,7 +72,7 @@ def udp_socket_holder(port: int) -> str:
 
 
 def _processes() -> Iterator[int]:
-    """Yield the numbers of this computer's processes, some of which may have a device."""
+    """Yield the numbers of this computer's processes."""
     yield from (int(name) for name in os.listdir(_PROCESSES) if name.isdigit())
 
 
@@ -129,7 +129,7 @@ def _lines(path: str | Path) -> list[str]:
 
 
 def _command(process: int) -> str:
-    """Return the command of the process that holds a device of the bench, in words.
+    """Return a process's command, in words.
 
     The window's engine and other processes of labapp are children of the one that was called.
     """
@@ -158,6 +158,6 @@ def _words(process: int) -> list[str]:
 
 
 def _parent(process: int) -> int:
-    """Return the parent of a process that holds a device of the bench; 0 if it can't be told."""
+    """Return the number of a process's parent; 0 if it can't be told."""
     told = _lines(_PROCESSES / str(process) / "stat")
     return int(told[0].rpartition(")")[2].split()[1]) if told else 0

@@ -1,10 +1,10 @@
-"""The exception that all devices raise."""
+"""The one exception that every device raises."""
 
 from __future__ import annotations
 
 
 class DeviceError(Exception):
-    """Raised for a failure of a device, with a message that a person at the bench can act on.
+    """Raised if a device fails, with a message that a person at the bench can act on.
 
     device: the device's model. command: the command that failed. reply: the device's reply.
     remedy: what to try. role: the device's role on the bench (slm, filter, camera, targets), empty

@@ -1,4 +1,4 @@
-"""Interfaces of laboratory devices: small protocols, and the data that they exchange.
+"""What every kind of laboratory device can do, as small protocols, and the data that they exchange.
 
 All quantities are in SI units. A device is a context manager; leaving it closes it. Every call ends
 within the device's documented time or raises a DeviceError. A call that sets a value returns the
@@ -25,7 +25,7 @@ Region: TypeAlias = "tuple[int, int, int, int]"
 
 @dataclass(frozen=True)
 class Identity:
-    """Identity of a device: model, serial number, and whether it is simulated."""
+    """Model and serial number, and whether the device is simulated."""
 
     model: str
     serial: str
@@ -34,7 +34,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class Setting(Generic[T]):
-    """A device's setting: requested value, actual value, and clock's time at which it stands."""
+    """A requested value, the value that was really set, and the clock's time at which it stands."""
 
     request: T
     actual: T
@@ -60,22 +60,22 @@ class Frame:
 
 
 def checksum(image: NDArray[np.uint16]) -> int:
-    """Return a picture's CRC-32, row by row, as a camera device may give it in Frame.checksum."""
+    """Return an image's CRC-32, row by row, as Frame.checksum holds it."""
     return zlib.crc32(np.ascontiguousarray(image).data)
 
 
 class Clock(Protocol):
-    """Clock of the bench, in seconds; in a simulation it may run faster than real time."""
+    """Time in seconds; in a simulation it may run faster than real time."""
 
     def now(self) -> float: ...
 
     def wait_until(self, time: float, cancelled: Callable[[], bool]) -> None:
-        """Let a device or another caller wait until `time`, or soon after `cancelled()` is true."""
+        """Wait until `time`, or until soon after `cancelled()` is true."""
         ...
 
 
 class Device(Protocol):
-    """Interface of every device.
+    """What every device can do.
 
     Five members are optional. A device whose calls may hang has a method kill(), which may be
     called from any thread: it ends the hanging call and the device; __exit__() is called after it.
@@ -97,16 +97,16 @@ class Device(Protocol):
 
     @property
     def reply_time(self) -> float:
-        """Documented seconds within which a device answers a call, in addition to an exposure."""
+        """Documented seconds within which a call is answered, in addition to an exposure."""
         ...
 
     @property
     def settling(self) -> float:
-        """Longest time in seconds until a new setting of a device stands."""
+        """Longest time in seconds until a new setting stands."""
         ...
 
     def make_safe(self) -> None:
-        """Put a device into a state in which it may be left alone; may be called twice."""
+        """Go into a state that may be left alone; may be called twice."""
         ...
 
     def __enter__(self) -> Self: ...
@@ -120,37 +120,37 @@ class Device(Protocol):
 
 
 class SLM(Device, Protocol):
-    """Interface of an SLM that shows uint8 grey levels unaltered; its safe state is grey 0."""
+    """Spatial light modulator that shows uint8 grey levels unaltered; its safe state is grey 0."""
 
     @property
     def shape(self) -> tuple[int, int]: ...
 
     @property
     def displayed_pattern(self) -> str:
-        """Identifier of the pattern that an SLM device shows now."""
+        """Identifier of the pattern that is shown now."""
         ...
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]: ...
 
     @property
     def frame_time(self) -> float:
-        """Seconds for which an SLM device shows each frame of a video."""
+        """Seconds for which each frame of a video is shown."""
         ...
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Show a video's frames (n, rows, columns) on an SLM device in an endless loop."""
+        """Show a video's frames (n, rows, columns) in an endless loop."""
         ...
 
 
 class SpectralFilter(Device, Protocol):
-    """Interface of a tunable filter, in metres; its safe state is its first wavelength."""
+    """Tunable filter, in metres; its safe state is its first wavelength."""
 
     @property
     def wavelength_range(self) -> tuple[float, float]: ...
 
     @property
     def bandwidth(self) -> float:
-        """Full width at half maximum of a filter device's band, in metres."""
+        """Full width at half maximum of the passed band, in metres."""
         ...
 
     @property
@@ -161,7 +161,7 @@ class SpectralFilter(Device, Protocol):
 
 @dataclass(frozen=True)
 class Slot:
-    """Slot of a filter wheel: name, centre and full width at half maximum in metres."""
+    """A filter in a wheel: name, centre and full width at half maximum in metres."""
 
     name: str
     wavelength: float
@@ -170,7 +170,7 @@ class Slot:
 
 @runtime_checkable
 class FilterWheel(SpectralFilter, Protocol):
-    """Interface of a filter wheel, whose slots count from 1; a wavelength selects a slot."""
+    """Wheel of filters whose slots count from 1; a wavelength selects a slot."""
 
     @property
     def slots(self) -> tuple[Slot, ...]: ...
@@ -182,7 +182,7 @@ class FilterWheel(SpectralFilter, Protocol):
 
 
 class Camera(Device, Protocol):
-    """Interface of a camera that takes one picture per call; its safe state is stopped.
+    """Camera that takes one picture per call; its safe state is stopped.
 
     Other members are optional. For a camera that may obey a new exposure some frames late, a method
     measure_latency(exposures) takes two exposures in seconds, finds by their light how many frames
@@ -201,7 +201,7 @@ class Camera(Device, Protocol):
 
     @property
     def full_scale(self) -> int:
-        """Digital number at which a pixel of a camera device counts as clipped."""
+        """Digital number at which a pixel counts as clipped."""
         ...
 
     @property
@@ -209,7 +209,7 @@ class Camera(Device, Protocol):
 
     @property
     def frame_time(self) -> float:
-        """Seconds from the end of a camera device's exposure to the picture in memory."""
+        """Seconds from the end of an exposure to the picture in memory."""
         ...
 
     def set_exposure(self, exposure: float) -> Setting[float]: ...
@@ -219,7 +219,7 @@ class Camera(Device, Protocol):
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Spectrum that a spectroradiometer measured.
+    """Spectral radiance that a spectroradiometer measured.
 
     wavelengths: metres, (n,), ascending. radiance: W/(sr m² m) at each wavelength, (n,), which is
     10⁹ times the number per nanometre. integration_time: seconds for which light was collected.
@@ -237,7 +237,7 @@ class Spectrum:
 
 
 class Spectroradiometer(Device, Protocol):
-    """Interface of a spectroradiometer, which measures the spectral radiance of a spot.
+    """Instrument that measures the spectral radiance of a spot.
 
     Its safe state is not to measure. measure() takes longer for dimmer light, in addition to the
     reply time; meanwhile it updates `alive_at`.
@@ -245,18 +245,18 @@ class Spectroradiometer(Device, Protocol):
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """Wavelengths at which a spectroradiometer device measures, in metres, (n,)."""
+        """Wavelengths at which it measures, in metres, (n,)."""
         ...
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum: ...
 
 
 class TargetChanger(Device, Protocol):
-    """Interface of a changer that puts a named target before the camera; any state is safe."""
+    """Changer that puts a named target before the camera; any state is safe."""
 
     @property
     def by_hand(self) -> bool:
-        """Whether a person, who must be asked and waited for, places this device's targets."""
+        """Whether a person, who must be asked and waited for, places the targets."""
         ...
 
     @property
@@ -270,7 +270,7 @@ class TargetChanger(Device, Protocol):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Surroundings in which a device is opened: the bench's clock and the simulated world.
+    """What a device is opened in: the bench's clock and the simulated world.
 
     world: shared state of simulated devices, None on a real bench. A device's entry point is a
     callable `factory(surroundings, **options)` in the group "labapp.devices"; the options are the

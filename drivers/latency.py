@@ -1,4 +1,4 @@
-"""Find how many frames a camera still delivers with the old exposure after a change."""
+"""How many frames a camera still delivers with the old exposure after a change."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ since, and its light level."""
 
 
 def measure_old_frames(take_levels: TakeLevels, exposures: Sequence[float], steps: int) -> int:
-    """Count a camera's frames that have the old exposure after a change, at most.
+    """Set two exposures in turn, each `steps` times; return the most frames with the old one.
 
-    The two exposures are set in turn, each `steps` times. ValueError if the light doesn't tell.
+    ValueError if the light doesn't tell.
     """
     before, latency = take_levels(exposures[0])[-1][1], 0
     for step in range(2 * steps):
@@ -44,7 +44,7 @@ def measure_old_frames(take_levels: TakeLevels, exposures: Sequence[float], step
 
 
 def count_old_frames(before: float, levels: Sequence[tuple[int, float]]) -> int:
-    """Count a camera's frames that still have the old exposure after a change.
+    """Count the frames that still have the old exposure after a change.
 
     before: light level of pictures with the old exposure. levels: for each picture after
     the change, in order: how many frames came since the change, and its light level.
@@ -69,7 +69,7 @@ def count_old_frames(before: float, levels: Sequence[tuple[int, float]]) -> int:
 
 @dataclass
 class ExposureLatency:
-    """Know how many frames after a change of exposure a camera still exposes as before.
+    """Keep how many frames after a change of exposure are still exposed as before.
 
     told: this number, as an option tells it or a measurement found it. None: MOST_FRAMES are
     discarded until the light of the discarded frames shows when the exposure was obeyed, and from
@@ -85,19 +85,19 @@ class ExposureLatency:
 
     @property
     def frames(self) -> int:
-        """Return the frames to discard after a change of the camera's exposure."""
+        """Frames to discard after a change of exposure."""
         return MOST_FRAMES if self.told is None else self.told
 
     def begin(self, old: float, new: float) -> None:
-        """Note that a camera's exposure changes, both in seconds."""
+        """Note that the exposure changes, both in seconds."""
         self._before, self._exposures, self._seen = self._last, (old, new), []
 
     def forget_change(self) -> None:
-        """Note that a camera's frames since the last change aren't all there to be counted."""
+        """Note that the frames since the last change aren't all there to be counted."""
         self._exposures = None
 
     def add(self, image: NDArray[np.generic]) -> None:
-        """Look at the light of a camera's frame: at each one, in order."""
+        """Look at a frame's light; to be called for each frame, in order."""
         if self.told is not None:
             return
         self._last = _light(image)
@@ -128,7 +128,7 @@ class ExposureLatency:
 
 
 def light_level(image: NDArray[np.generic]) -> float:
-    """Return the mean of the brightest pixels of a camera's picture; a small star has them, too."""
+    """Return the mean of the brightest pixels; a small star has them, too."""
     flat: NDArray[Any] = image.reshape(-1)
     part = flat[:: max(1, flat.size // _SAMPLES)]
     count = min(part.size, max(_BRIGHTEST, part.size // 1000))
@@ -136,6 +136,6 @@ def light_level(image: NDArray[np.generic]) -> float:
 
 
 def _light(image: NDArray[np.generic]) -> tuple[float, float]:
-    """Return level and contrast of a camera's picture."""
+    """Return level and contrast (standard deviation) of a picture."""
     flat: NDArray[Any] = image.reshape(-1)
     return light_level(image), float(flat[:: max(1, flat.size // _SAMPLES)].std())

@@ -1,4 +1,4 @@
-"""A target changer for targets that a person places by hand."""
+"""Targets that a person places by hand."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivers.interfaces import Identity, Setting, Surroundings
 
 
 class ManualTargets:
-    """Target changer for targets that a person places; the runner of a plan asks the person.
+    """Target changer without a motor: the runner of a plan asks a person to place each target.
 
     `current_target` is the one that a person has confirmed, and empty before the first.
 
@@ -48,7 +48,7 @@ class ManualTargets:
         return Setting(name, name, self._clock.now() + self.settling)
 
     def make_safe(self) -> None:
-        """Do nothing in this driver, because a target that was placed by hand is always safe."""
+        """Do nothing, because a target that was placed by hand is always safe."""
 
     def __enter__(self) -> Self:
         return self

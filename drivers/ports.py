@@ -1,4 +1,4 @@
-"""Lists of the devices that are connected to this computer, with names for a bench file."""
+"""What is connected to this computer, with the names that a bench file takes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Port:
-    """A connected port, device, camera or screen, with the address for its driver."""
+    """A connected device, camera or screen, or a serial port, with the address to open it by."""
 
     kind: str
     address: str
@@ -15,16 +15,16 @@ class Port:
 
 
 def serial_ports() -> list[Port]:
-    """List the serial ports that pyserial finds on this computer, for drivers to use."""
+    """List the serial ports that pyserial finds."""
     from serial.tools import list_ports
 
     return [Port("serial", p.device, p.description or "") for p in list_ports.comports()]
 
 
 def usb_devices() -> list[Port]:
-    """List this computer's USB devices as vendor:product, for drivers to use.
+    """List the USB devices as vendor:product.
 
-    The devices are found with the libusb of the package libusb-package.
+    They are found with the libusb of the package libusb-package.
     """
     import libusb_package
     import usb.core
@@ -37,7 +37,7 @@ def usb_devices() -> list[Port]:
 
 
 def cameras() -> list[Port]:
-    """List the GigE Vision and USB3 Vision cameras that answer a driver; takes a second.
+    """List the GigE Vision and USB3 Vision cameras that answer; takes a second.
 
     Raises DeviceError if Aravis isn't installed.
     """
@@ -50,7 +50,7 @@ def cameras() -> list[Port]:
 
 
 def screens() -> list[Port]:
-    """List the screens of this session's X server, for drivers to use; empty without a server.
+    """List the screens of this session's X server; empty without a server.
 
     Raises DeviceError if the X server can't be asked.
     """

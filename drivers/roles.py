@@ -15,16 +15,9 @@ _TASKS = {
 
 
 def misfit(device: Any, role: str) -> str:
-    """Say why a device, or the class of a driver, can't have a role on a bench; "" if it may.
+    """Say why a device, or its class, can't have a role such as "camera"; empty if it may.
 
     Whatever has none of the roles' methods may get them when it's entered.
-
-    Parameters
-    ----------
-    device : object or type
-        The device that was made, or the class that makes it.
-    role : str
-        Name of the role, such as "camera".
     """
     able = [other for other, method in _TASKS.items() if callable(getattr(device, method, None))]
     if role not in _TASKS or role in able or not able:

@@ -1,4 +1,4 @@
-"""Serial port of a device: reads end in time or raise a DeviceError that says what came."""
+"""Serial ports on which a read ends in time or raises a DeviceError that says what came."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Clock
 
 _MAX_REPLY_BYTES = 65536
-"""Number of bytes in one reply above which a device counts as sending without end."""
+"""Bytes in one reply above which a device counts as sending without end."""
 
 _CABLE = "Check the cable, the power and that the port is the device's"
 
@@ -47,11 +47,11 @@ _ERRNO_EXPLANATIONS = {
         "Start the program that serves it, or correct host and number in the option port",
     ),
 }
-"""Meaning and remedy of a serial port's errors, by errno."""
+"""Meaning and remedy of a port's errors, by errno."""
 
 
 def port_errors() -> tuple[type[BaseException], ...]:
-    """Return the exception classes that a driver's serial port may raise on this system."""
+    """Return the exception classes that a port may raise on this system."""
     import serial
 
     errors: tuple[type[BaseException], ...] = (serial.SerialException, OSError, ValueError)
@@ -72,7 +72,7 @@ _LOCAL_PORT = re.compile(r"/[^\0]*|COM\d+", re.IGNORECASE)
 
 
 def require_port(port: object) -> None:
-    """Raise ValueError unless the text of a device's option `port` is a port that may be opened.
+    """Raise ValueError unless the text of the option `port` may be opened.
 
     Other URLs of pyserial do more than that: spy:// writes a file that its text names.
     """
@@ -85,7 +85,7 @@ def require_port(port: object) -> None:
 
 
 class SerialLine:
-    """Serial port of one device, with timeouts by the bench's clock.
+    """One device's port, with timeouts by the bench's clock.
 
     model: the device's name in errors. url: a port ("/dev/ttyUSB0", "COM3"), or what serves one in
     the network ("socket://host:port", "rfc2217://host:port"); see require_port(). baudrate: bits
@@ -115,16 +115,16 @@ class SerialLine:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether the serial line was cancelled, so that its driver can't use it any more."""
+        """Whether cancel() was called, after which the line can't be used any more."""
         return self._cancelled.is_set()
 
     @property
     def time_left(self) -> float:
-        """Seconds until the serial line's time limit set by within(); infinite outside of it."""
+        """Seconds until the limit set by within(); infinite outside of it."""
         return self._until - self.clock.now()
 
     def open(self, command: str = "open") -> None:
-        """Open the driver's serial port for exclusive use, unless it is open already."""
+        """Open the port for exclusive use, unless it is open already."""
         if self._port is not None:
             return
         self._require_not_cancelled(command)
@@ -149,7 +149,7 @@ class SerialLine:
         self._take_alone(command)
 
     def _take_alone(self, command: str) -> None:
-        """Keep other programs from the driver's serial port; DeviceError if one has it open.
+        """Keep other programs from the port; DeviceError if one has it open.
 
         pyserial has locked the port by flock(2), which not all programs heed.
         """
@@ -165,7 +165,7 @@ class SerialLine:
                 _forbid_others(handle)
 
     def unplugged_reason(self) -> str | None:
-        """Return why a driver's serial device counts as unplugged; empty while its port exists.
+        """Return why the device counts as unplugged; empty while its port exists.
 
         It looks only for the port's file and sends nothing; it returns None for a port that isn't
         a file. Any thread may call it.
@@ -175,7 +175,7 @@ class SerialLine:
         return "" if os.path.exists(self.url) else f"port {self.url} isn't there any more"
 
     def close(self) -> None:
-        """Close the driver's serial port; this never raises."""
+        """Close the port; this never raises."""
         port, self._port = self._port, None
         self.in_sync = False
         self._buffer.clear()
@@ -184,12 +184,12 @@ class SerialLine:
                 port.close()
 
     def reopen(self, command: str = "open again") -> None:
-        """Close the driver's serial port, and open it again."""
+        """Close the port, and open it again."""
         self.close()
         self.open(command)
 
     def cancel(self) -> None:
-        """End the present read of the driver's serial line and all later ones; from any thread."""
+        """End the present read and all later ones; from any thread."""
         self._cancelled.set()
         port = self._port
         if port is not None and hasattr(port, "cancel_read"):
@@ -198,10 +198,7 @@ class SerialLine:
 
     @contextlib.contextmanager
     def within(self, seconds: float) -> Iterator[None]:
-        """Limit the total time of all reads of the driver's serial line in this context.
-
-        The limit holds whatever the timeouts of the single reads are.
-        """
+        """Limit the total time of all reads in this context, whatever their own timeouts are."""
         before = self._until
         self._until = min(before, self.clock.now() + seconds)
         try:
@@ -210,7 +207,7 @@ class SerialLine:
             self._until = before
 
     def write(self, data: bytes, command: str) -> None:
-        """Send bytes over the driver's serial line; a closed port is opened first."""
+        """Send bytes; a closed port is opened first."""
         self.open(command)
         try:
             self._port.write(data)
@@ -218,11 +215,11 @@ class SerialLine:
             raise self._close_with_error(command, error) from error
 
     def read(self, count: int, command: str, seconds: float) -> bytes:
-        """Read exactly `count` bytes from the driver's serial line within `seconds`."""
+        """Read exactly `count` bytes within `seconds`."""
         return self._read_bytes(lambda held: count if len(held) >= count else 0, command, seconds)
 
     def read_until(self, end: bytes, command: str, seconds: float) -> bytes:
-        """Read from the driver's serial line up to and including `end`, within `seconds`."""
+        """Read up to and including `end`, within `seconds`."""
 
         def length(held: bytearray) -> int:
             found = held.find(end)
@@ -231,7 +228,7 @@ class SerialLine:
         return self._read_bytes(length, command, seconds)
 
     def has_received(self, end: bytes, command: str, seconds: float) -> bool:
-        """Return whether an `end` has arrived on the driver's serial line within `seconds`.
+        """Return whether an `end` has arrived within `seconds`.
 
         Raises DeviceError when the time of within() is over.
         """
@@ -247,7 +244,7 @@ class SerialLine:
         return True
 
     def drain(self, quiet: float, timeout: float, command: str = "come to rest") -> bytes:
-        """Discard bytes of the driver's serial line until none comes for `quiet` s; return them."""
+        """Discard bytes until none comes for `quiet` seconds; return them."""
         self.open(command)
         gone, self._buffer = bytes(self._buffer), bytearray()
         late = min(self.clock.now() + timeout, self._until)
@@ -262,14 +259,14 @@ class SerialLine:
         return gone
 
     def error(self, command: str, reply: str, remedy: str = _CABLE) -> DeviceError:
-        """Return a DeviceError for the serial line's device, and mark the line as not in sync."""
+        """Make a DeviceError, and mark the line as not in sync."""
         self.in_sync = False
         return DeviceError(self.model, command, reply, remedy)
 
     def _read_bytes(
         self, length: Callable[[bytearray], int], command: str, seconds: float
     ) -> bytes:
-        """Read bytes from the driver's serial line until they form a reply.
+        """Read bytes until they form a reply.
 
         length: function from the bytes so far to the length of the reply in them, 0 if it isn't
         complete.
@@ -294,7 +291,7 @@ class SerialLine:
         return taken
 
     def _read_available(self, command: str, seconds: float) -> bytes:
-        """Return the serial port's next bytes, or none if none come within `seconds`."""
+        """Return the next bytes, or none if none come within `seconds`."""
         self._require_not_cancelled(command)
         try:
             self._port.timeout = seconds
@@ -306,12 +303,12 @@ class SerialLine:
         return piece
 
     def _require_not_cancelled(self, command: str) -> None:
-        """Raise DeviceError if the driver's serial line was cancelled."""
+        """Raise DeviceError if cancel() was called."""
         if self._cancelled.is_set():
             raise self.error(command, "the device was given up", "Open the device again")
 
     def _close_with_error(self, command: str, error: BaseException) -> DeviceError:
-        """Close a serial port that has failed, and return the DeviceError for its driver."""
+        """Close a port that has failed, and return the DeviceError for it."""
         self.close()
         reply, remedy = _explain_port_error(error)
         if (reply, remedy) == _PORT_BUSY and (who := name_holders(self.url)):
@@ -320,7 +317,7 @@ class SerialLine:
 
 
 def _forbid_others(handle: int) -> None:
-    """Have the system refuse a driver's serial port to other programs until it was closed.
+    """Have the system refuse the port to other programs until it was closed.
 
     Root is let in nevertheless, and whoever has it open already stays.
     """
@@ -331,7 +328,7 @@ def _forbid_others(handle: int) -> None:
 
 
 def _explain_port_error(error: BaseException) -> tuple[str, str]:
-    """Return the reply and remedy of a driver's DeviceError for a serial port's exception."""
+    """Return what a port's exception means, and its remedy."""
     number = _errno_of(error)
     if number in _ERRNO_EXPLANATIONS:
         return _ERRNO_EXPLANATIONS[number]
@@ -346,7 +343,7 @@ def _explain_port_error(error: BaseException) -> tuple[str, str]:
 
 
 def _errno_of(error: BaseException | None) -> int:
-    """Return the errno of a serial port's exception, or of one that it came from."""
+    """Return the errno of an exception, or of one that it came from; 0 without one."""
     while error is not None:
         for number in (getattr(error, "errno", None), *error.args[:1]):
             if isinstance(number, int):
@@ -356,6 +353,6 @@ def _errno_of(error: BaseException | None) -> int:
 
 
 def _preview(data: bytes | bytearray) -> str:
-    """Format a serial device's bytes for a driver's error message, cut to about a line."""
+    """Format bytes for an error message, cut to about a line."""
     shown = bytes(data[:60])
     return f"{shown!r}" + (f" and {len(data) - 60} bytes more" if len(data) > 60 else "")

@@ -1,4 +1,4 @@
-"""Driver of Starlight Xpress filter wheels on USB.
+"""Driver of Starlight Xpress filter wheels.
 
 Source: "Handbook for the SX Universal Filter Wheel" (2009) and that of the Midi Filter Wheel
 (2019), Communication Protocols: output and input reports of two bytes. Further behaviour of real
@@ -24,17 +24,12 @@ _QUERY_POSITION, _START_COUNTING = (0, 0), (0, 1)
 
 @dataclass(frozen=True)
 class StarlightPolling:
-    """Tune how a Starlight Xpress wheel is polled.
+    """Tune how often the wheel is asked, and how many replies are believed.
 
-    Attributes
-    ----------
-    interval : float
-        Seconds between queries while the wheel turns (chosen).
-    quiet : float
-        Seconds in which the host surely fetches a report that is ready: it asks every 10 ms.
-    matching_replies : int
-        Number of equal replies in a row that are believed (chosen). One isn't enough, because two
-        bytes carry no checksum.
+    interval: seconds between queries while the wheel turns (chosen).
+    quiet: seconds in which the host surely fetches a report that is ready: it asks every 10 ms.
+    matching_replies: equal replies in a row that are believed (chosen). One isn't enough, because
+    two bytes carry no checksum.
     """
 
     interval: float = 0.05
@@ -46,7 +41,7 @@ _POLLING = StarlightPolling()
 
 
 class StarlightWheel(UsbWheel):
-    """Drive a Starlight Xpress filter wheel: 1278:0920.
+    """Turn a Starlight Xpress filter wheel, 1278:0920 on USB.
 
     slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: longest time from a slot
     to the next; the wheel takes the shorter way. serial: serial number of the wheel, if several
@@ -80,14 +75,11 @@ class StarlightWheel(UsbWheel):
 
     @property
     def reply_time(self) -> float:
-        """Seconds for the Starlight Xpress wheel's longest turn and for counting its slots.
-
-        The wheel counts its slots on power-up.
-        """
+        """Seconds for the longest turn, and for counting the slots, as on power-up."""
         return self._turning_time + 2 * len(self._slots) * self._step
 
     def health(self) -> dict[str, str]:
-        """Return what the real Starlight Xpress wheel reports about itself, by name."""
+        """Return what the wheel reports about itself, by name."""
         self._start_deadline()
         position, total = self._read_confirmed_state("read its state")
         return {
@@ -110,7 +102,7 @@ class StarlightWheel(UsbWheel):
         self._wait_at_slot(command, number)
 
     def _read_confirmed_state(self, command: str) -> tuple[int, int]:
-        """Return the Starlight Xpress wheel's position and slot count once its replies agree."""
+        """Return position and slot count once the replies agree."""
         seen = [self._ask(command, _QUERY_POSITION)]
         while len(seen) < _POLLING.matching_replies:
             now = self._ask(command, _QUERY_POSITION)
@@ -120,9 +112,9 @@ class StarlightWheel(UsbWheel):
         return seen[-1]
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait until the real Starlight Xpress wheel stands at the target slot; return the slot.
+        """Wait until the target slot is reported several times in a row; return the slot.
 
-        The wheel must report the slot several times in a row. target: 0 for any slot.
+        target: 0 for any slot.
         """
         seen: list[int] = []
         began, counting = self._deadline - self._time_granted, False
@@ -146,7 +138,7 @@ class StarlightWheel(UsbWheel):
             self._pause(_POLLING.quiet if position else _POLLING.interval)
 
     def _require_slot_count(self, command: str, position: int, total: int) -> None:
-        """Raise DeviceError unless the Starlight Xpress wheel has the bench file's slot count.
+        """Raise DeviceError unless the wheel has as many slots as `slots_nm` names.
 
         While the wheel counts its slots, it reports 0 for both numbers.
         """
@@ -169,10 +161,7 @@ class StarlightWheel(UsbWheel):
         )
 
     def _ask(self, command: str, report: tuple[int, int]) -> tuple[int, int]:
-        """Send a report to the real Starlight Xpress wheel; return the state that it answers.
-
-        The state is the position (0: turning) and the number of slots.
-        """
+        """Send a report; return the position (0: turning) and the number of slots."""
         link = self._link
         self._discard_late_replies(command)
         left = self._deadline - self._clock.now()
@@ -190,7 +179,7 @@ class StarlightWheel(UsbWheel):
         return answer[0], answer[1]
 
     def _discard_late_replies(self, command: str) -> None:
-        """Discard the Starlight Xpress wheel's late replies to the driver's earlier queries.
+        """Discard late replies to earlier queries.
 
         Otherwise a late reply could be mistaken for the answer to the next query.
         """

@@ -1,4 +1,4 @@
-"""Supervision of devices: each runs in its own thread, and a call that hangs ends in time."""
+"""Run each device in a thread of its own, so that a call that hangs ends in time."""
 
 from __future__ import annotations
 
@@ -20,20 +20,13 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class SupervisionTiming:
-    """Tune how long a supervised device is waited for, in seconds.
+    """Tune how long a device is waited for, in seconds.
 
-    Attributes
-    ----------
-    open_timeout : float
-        Time in which a device must be open (chosen; some devices initialise for half a minute).
-    timeout_margin : float
-        Time beyond a device's documented time after which a call counts as hanging (chosen).
-    cancel_grace : float
-        Time in which a call must end after it was cancelled (chosen).
-    kill_timeout : float
-        Time in which the call of a killed device must end (chosen).
-    poll_interval : float
-        Time between checks whether a wait was cancelled (chosen).
+    open_timeout: until it must be open (chosen; some devices initialise for half a minute).
+    timeout_margin: beyond a device's documented time until a call counts as hanging (chosen).
+    cancel_grace: until a call must end after it was cancelled (chosen).
+    kill_timeout: until the call of a killed device must end (chosen).
+    poll_interval: between checks whether a wait was cancelled (chosen).
     """
 
     open_timeout: float = 60.0
@@ -47,7 +40,7 @@ SETTINGS = SupervisionTiming()
 
 
 def _has_ended(done: Future[Any], seconds: float) -> bool:
-    """Return whether a supervised device's call has ended, or ends within some seconds.
+    """Return whether a call has ended, or ends within some seconds.
 
     For one call, this takes half of what concurrent.futures.wait() does.
     """
@@ -65,7 +58,7 @@ def _never() -> bool:
 
 
 class SupervisedDevice:
-    """Proxy of a device, with its interface, that ends every call in time.
+    """Stand in for a device, with its interface, and end every call in time.
 
     role: the device's role on the bench. make: function that makes the device, which is entered at
     once. simulated: whether the driver is known to talk to a simulated device.
@@ -117,7 +110,7 @@ class SupervisedDevice:
         return forward_call
 
     def _read(self, name: str) -> Any:
-        """Read an attribute of the supervised device; what its object holds needs no thread."""
+        """Read an attribute; what the device object itself holds needs no thread."""
         with self._turn:
             held = getattr(self._device, "__dict__", {})
             if name in held and not hasattr(type(self._device), name):
@@ -132,16 +125,16 @@ class SupervisedDevice:
 
     @property
     def failure_reason(self) -> str:
-        """Why the supervised device can't be used; empty while it can."""
+        """Why the device can't be used; empty while it can."""
         return self._failure_reason
 
     @property
     def can_report_unplugging(self) -> bool:
-        """Whether the supervised device has a method unplugged_reason()."""
+        """Whether the device has a method unplugged_reason()."""
         return callable(getattr(type(self._device), "unplugged_reason", None))
 
     def unplugged_reason(self) -> str | None:
-        """Return why a supervised device counts as unplugged, with its model; else empty.
+        """Return why the device counts as unplugged, with its model; empty while it is there.
 
         Any thread may call it, and it returns at once, even during another call. The result is
         None if it is unknown whether the device is there.
@@ -157,12 +150,12 @@ class SupervisedDevice:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What the supervised device's driver changed for all frames; empty if it can't tell."""
+        """What the driver changed for all frames; empty if it can't tell."""
         has_notices = hasattr(type(self._device), "notices")
         return tuple(self._device.notices) if has_notices else ()
 
     def begin_make_safe(self) -> Callable[[], None]:
-        """Begin to make the supervised device safe; the returned function waits for the end.
+        """Begin to make the device safe; the returned function waits for the end.
 
         That function raises DeviceError if the device can't be made safe. A device that was given
         up, or whose process was killed, is opened again first, because it may be in any state.
@@ -190,7 +183,7 @@ class SupervisedDevice:
 
     @property
     def _is_dead(self) -> bool:
-        """Whether the supervised device runs in a process that has ended."""
+        """Whether the device runs in a process that has ended."""
         device = self._device
         return hasattr(type(device), "is_dead") and bool(device.is_dead)
 
@@ -198,7 +191,7 @@ class SupervisedDevice:
         self.begin_make_safe()()
 
     def revive(self) -> None:
-        """Open a new device in place of the supervised one; DeviceError if that fails."""
+        """Open a new device in place of this one; DeviceError if that fails."""
         with self._turn, self._only_device_errors("open"):
             self._close_if_alive()
             self._open()
@@ -229,7 +222,7 @@ class SupervisedDevice:
                 raise
 
     def _make_and_enter(self, worker: Worker, made: list[Any]) -> Any:
-        """Make and enter the device that is supervised.
+        """Make and enter the device.
 
         made: list to which the device is added early, so that it can be killed.
         """
@@ -246,7 +239,7 @@ class SupervisedDevice:
         return entered
 
     def _close_if_alive(self) -> None:
-        """Close the supervised device unless it was given up."""
+        """Close the device unless it was given up."""
         with self._turn:
             if self._failure_reason:
                 return
@@ -257,7 +250,7 @@ class SupervisedDevice:
                 self._worker.end()
 
     def _close(self) -> None:
-        """Close the supervised device; a failure is only logged."""
+        """Close the device; a failure is only logged."""
         device = self._device
         try:
             self._ask("close", lambda: device.__exit__(None, None, None), SETTINGS.open_timeout)
@@ -275,7 +268,7 @@ class SupervisedDevice:
         exposure_time: float = 0.0,
         cancelled: Callable[[], bool] = _never,
     ) -> Any:
-        """Call the supervised device, with a timeout based on its documented reply time."""
+        """Call the device, with a timeout based on its documented reply time."""
         with self._turn:
             self._require_alive(command)
             device = self._device
@@ -300,7 +293,7 @@ class SupervisedDevice:
         seconds: float,
         cancelled: Callable[[], bool] = _never,
     ) -> Any:
-        """Wait for a supervised device's result; give the device up after a timeout."""
+        """Wait for a call's result; give the device up after a timeout."""
         late = time.monotonic() + seconds
         heard = False
         interval = SETTINGS.poll_interval
@@ -323,7 +316,7 @@ class SupervisedDevice:
 
     @property
     def _progress_deadline(self) -> float:
-        """Time until which to wait for a supervised device that reports progress by `alive_at`.
+        """Time until which to wait for a device that reports progress by `alive_at`.
 
         Only the instance's dictionary is read, because the device's thread is busy and may hang.
         """
@@ -331,14 +324,14 @@ class SupervisedDevice:
         return told + self._reply_time + SETTINGS.timeout_margin
 
     def _give_up(self, command: str, done: Future[Any], why: str) -> None:
-        """Kill a hanging supervised device or give up its thread; the DeviceError says which."""
+        """Kill a hanging device or give up its thread; the DeviceError says which."""
         end = "it was killed" if self._kill(done) else "it was given up"
         self._failure_reason = f"hung at {command}, and {end}"
         self._worker.give_up()
         raise self._error(command, f"{why}; {end}", "Look at the device and its cable")
 
     def _kill(self, done: Future[Any]) -> bool:
-        """Kill a supervised device that has kill(); return whether the hanging call has ended."""
+        """Kill a device that has kill(); return whether the hanging call has ended."""
         device: Any = self._devices[-1] if self._devices else None
         if not callable(getattr(type(device), "kill", None)):
             return False
@@ -371,7 +364,7 @@ class SupervisedDevice:
 
 
 class SupervisedCamera(SupervisedDevice):
-    """Proxy of a camera that ends every call in time; a capture may take the exposure time longer.
+    """Stand in for a camera and end every call in time; a capture may take its exposure longer.
 
     pace: seconds of real time in a second of the bench's clock; less than 1 counts as 1.
     """
@@ -397,10 +390,7 @@ class SupervisedCamera(SupervisedDevice):
         return setting
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Take a frame with a supervised camera; DeviceError if it doesn't come in time.
-
-        See Camera.capture().
-        """
+        """Take a frame; DeviceError if it doesn't come in time. See Camera.capture()."""
         unwanted = threading.Event()
 
         def stop() -> bool:

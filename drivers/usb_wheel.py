@@ -1,4 +1,4 @@
-"""Base of the drivers of filter wheels on USB: the link and the descriptors."""
+"""What filter wheels on USB have in common: the link and the descriptors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.wheel import Wheel
 
 
 class UsbWheel(Wheel):
-    """Base of drivers for filter wheels on USB, which open and close a `UsbLink`; see Wheel."""
+    """Base of filter wheels that open and close a `UsbLink`; see Wheel."""
 
     usb_ids: ClassVar[tuple[int, int]]
     """Vendor and product ID."""
@@ -35,18 +35,18 @@ class UsbWheel(Wheel):
         return Identity(self.model, self._link.identity.serial, simulated=False)
 
     def kill(self) -> None:
-        """End the present call of a USB wheel's driver and all later ones; from any thread."""
+        """End the present call and all later ones; from any thread."""
         self._link.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why a USB wheel of any make counts as unplugged; may be empty, see Device."""
+        """Return why it counts as unplugged; see Device."""
         return self._link.unplugged_reason()
 
     def _read_slot(self, command: str) -> int:
         return self._wait_at_slot(command, 0)
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait until a USB wheel of any make repeatedly reports the target slot; return the slot.
+        """Wait until the target slot is reported repeatedly; return the slot.
 
         target: 0 for any slot.
         """
@@ -56,7 +56,7 @@ class UsbWheel(Wheel):
         self._link.close()
 
     def _pause(self, seconds: float) -> None:
-        """Let a USB wheel's driver wait for `seconds` between its queries.
+        """Wait for `seconds` between queries.
 
         The wait ends early at `_deadline`, and when the link is cancelled.
         """
@@ -64,7 +64,7 @@ class UsbWheel(Wheel):
         self._clock.wait_until(until, lambda: self._link.is_cancelled)
 
     def _descriptors(self) -> dict[str, str]:
-        """Return the identity in a wheel's USB descriptors, as texts by name, for any make."""
+        """Return what the USB descriptors say of the wheel's identity, as texts by name."""
         told = self._link.identity
         return {
             "product": told.product,

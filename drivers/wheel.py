@@ -1,4 +1,4 @@
-"""Base of the drivers of filter wheels: slots, choice by wavelength, and routes between slots."""
+"""What all filter wheels have in common: slots, choice by wavelength, and routes between slots."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from drivers.option_checks import is_number, require_within
 
 
 def parse_slots(slots_nm: Sequence[Sequence[float]], names: Sequence[str] = ()) -> tuple[Slot, ...]:
-    """Make the slots of any filter wheel, real or simulated, from its bench file options.
+    """Make the slots from the options of a bench file; ValueError for a wrong option.
 
     slots_nm: centre and full width at half maximum of each slot, in nanometres. names: of each
-    slot; by default the centres. Raises ValueError for a wrong option.
+    slot; by default the centres.
     """
     if isinstance(slots_nm, str) or not isinstance(slots_nm, Sequence) or not slots_nm:
         raise ValueError(f"slots_nm is {slots_nm!r}; give [centre, width] of every slot")
@@ -58,7 +58,7 @@ def plan_route(
     max_leg: int = 0,
     forward_only: bool = False,
 ) -> list[int]:
-    """Return the slots at which a wheel of any make stops on its route, the last of them `end`.
+    """Return the slots at which to stop on the way, the last of them `end`.
 
     The route is empty if the wheel is at `end` already. A wheel takes the shorter way to each stop;
     between opposite slots its direction is unknown. If a slot of `avoid` lies on the shorter way,
@@ -91,13 +91,13 @@ def plan_route(
 
 
 def _path_between(start: int, end: int, count: int, step: int) -> list[int]:
-    """Return the slots after `start` up to `end` that a wheel of any make passes, one way."""
+    """Return the slots after `start` up to `end` that are passed one way; step: 1 or -1."""
     steps = (end - start) * step % count
     return [(start - 1 + step * i) % count + 1 for i in range(1, steps + 1)]
 
 
 def steps_between(start: int, end: int, count: int) -> int:
-    """Return the number of steps on a wheel's shorter way between two slots, for any make."""
+    """Return the number of steps between two slots on the shorter way."""
     return min((end - start) % count, (start - end) % count)
 
 
@@ -110,11 +110,11 @@ class SlottedFilter(ABC):
     @property
     @abstractmethod
     def slot(self) -> int:
-        """Slot at which a filter wheel of any make stands."""
+        """Slot that stands in the light."""
 
     @abstractmethod
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn a filter wheel of any make to a slot."""
+        """Turn to a slot."""
 
     @property
     def slots(self) -> tuple[Slot, ...]:
@@ -134,7 +134,7 @@ class SlottedFilter(ABC):
         return self._slots[self.slot - 1].wavelength
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Turn a wheel of any make to the slot whose centre is within 1 pm of the wavelength."""
+        """Turn to the slot whose centre is within 1 pm of the wavelength."""
         for number, slot in enumerate(self._slots, start=1):
             if abs(slot.wavelength - wavelength) < 1e-12:
                 setting = self.set_slot(number)
@@ -146,7 +146,7 @@ class SlottedFilter(ABC):
         )
 
     def make_safe(self) -> None:
-        """Park a filter wheel of any make at its first slot."""
+        """Park at the first slot."""
         self.set_slot(1)
 
     def _refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
@@ -158,7 +158,7 @@ class SlottedFilter(ABC):
 
 
 class Wheel(SlottedFilter):
-    """Base of the drivers of filter wheels, which add the communication with the wheel.
+    """Base of motorised filter wheels; sub-classes add the communication.
 
     slots_nm, names: see parse_slots(). avoid: numbers of slots that must not cross the light on
     the way to another one, such as an empty one. step_ms: longest time from a slot to the next.
@@ -197,7 +197,7 @@ class Wheel(SlottedFilter):
 
     @property
     def reply_time(self) -> float:
-        """Seconds for the longest turn of a wheel of any make, with all its driver's queries."""
+        """Seconds for the longest turn, with all queries."""
         return self._turning_time
 
     @property
@@ -208,12 +208,12 @@ class Wheel(SlottedFilter):
 
     @property
     def slot(self) -> int:
-        """Slot that a filter wheel of any make now reports to its driver."""
+        """Slot that is reported now."""
         self._start_deadline()
         return self._read_slot("read the slot")
 
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn a real wheel of any make to a slot, and wait until it stands there."""
+        """Turn to a slot, and wait until it stands there."""
         command = f"turn to slot {number}"
         self._require_slot(number, command)
         self._start_deadline()
@@ -222,12 +222,12 @@ class Wheel(SlottedFilter):
         return Setting(number, number, self._clock.now() + self.settling)
 
     def _start_deadline(self, seconds: float | None = None) -> None:
-        """Set a wheel driver's `_deadline` to now plus `seconds`, by default the turning time."""
+        """Set `_deadline` to now plus `seconds`, by default the turning time."""
         self._time_granted = self._turning_time if seconds is None else seconds
         self._deadline = self._clock.now() + self._time_granted
 
     def _route(self, command: str, number: int) -> list[int]:
-        """Plan the route of a wheel of any make from its present slot to another one."""
+        """Plan the route from the present slot to another one."""
         start, count = self._read_slot(command), len(self._slots)
         try:
             return plan_route(
@@ -244,18 +244,18 @@ class Wheel(SlottedFilter):
             ) from None
 
     def _read_slot(self, command: str) -> int:
-        """Wait until a wheel of any make stands, and return its slot; DeviceError if it doesn't."""
+        """Wait until the wheel stands, and return its slot; DeviceError if it doesn't."""
         raise NotImplementedError
 
     def _turn_to(self, command: str, number: int) -> None:
-        """Turn a wheel of any make the shorter way to a slot; DeviceError unless it arrives."""
+        """Turn the shorter way to a slot; DeviceError unless it arrives."""
         raise NotImplementedError
 
     def _open(self) -> None:
-        """Open a wheel driver's connection to its wheel, or raise DeviceError."""
+        """Open the connection, or raise DeviceError."""
 
     def _close(self) -> None:
-        """Close a wheel driver's connection to its wheel."""
+        """Close the connection."""
 
     def __enter__(self) -> Self:
         try:
@@ -277,7 +277,7 @@ class Wheel(SlottedFilter):
 
 
 def _slot_label(slot: Slot) -> str:
-    """Format a slot's centre wavelength and name, for the errors of wheels of any make."""
+    """Format a slot's centre wavelength, and its name if that's another."""
     centre = f"{slot.wavelength * 1e9:g} nm"
     return centre if slot.name == centre else f"{centre} ({slot.name})"
 

@@ -1,4 +1,4 @@
-"""A worker thread that runs functions one after the other and may be abandoned."""
+"""A thread that runs functions one after the other and may be abandoned."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Worker:
 
     @property
     def has_ended(self) -> bool:
-        """Whether a device's worker thread accepts no more calls."""
+        """Whether no more calls are accepted."""
         return self._ended
 
     def submit(self, work: Callable[[], Any]) -> Future[Any]:
-        """Queue a call for a device's worker thread; return a cancelled future if it has ended."""
+        """Queue a call; return its future, which is cancelled if the thread has ended."""
         done: Future[Any] = Future()
         with self._lock:
             if self._ended:
@@ -41,14 +41,14 @@ class Worker:
         return done
 
     def end(self) -> None:
-        """End a device's worker thread after the calls that were submitted."""
+        """End the thread after the calls that were submitted."""
         with self._lock:
             if not self._ended:
                 self._ended = True
                 self._jobs.put(None)
 
     def give_up(self) -> None:
-        """End a device's worker thread after its present call, and cancel the other calls."""
+        """End the thread after its present call, and cancel the other calls."""
         with self._lock:
             self._ended = True
             try:

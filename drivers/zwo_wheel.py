@@ -1,4 +1,4 @@
-"""Driver of ZWO filter wheels (EFW) on USB, without ZWO's library.
+"""ZWO filter wheels (EFW) on USB, without ZWO's library.
 
 Source: the protocol that Adam Fritzler observed on the wire of a 7-slot wheel (zwoefw-set, 2023):
 HID feature reports of 16 bytes. ZWO hasn't published a protocol.
@@ -25,7 +25,7 @@ _QUERY_STATE, _QUERY_IDENTITY, _TURN_TO_SLOT = b"\x02\x01", b"\x02\x04", b"\x01\
 
 
 class ZwoStatus(IntEnum):
-    """Status byte of a ZWO wheel's state report, as far as the driver uses it."""
+    """Status byte of the state report, as far as it's used here."""
 
     IDLE = 1
     FAILED = 6
@@ -39,13 +39,13 @@ class _ZwoState(NamedTuple):
 
     @property
     def slot(self) -> int:
-        """Slot at which the real ZWO wheel stands; 0 while it turns."""
+        """Slot at which the wheel stands; 0 while it turns."""
         stands = self.status == ZwoStatus.IDLE and len(set(self.positions)) == 1
         return self.positions[0] if stands else 0
 
 
 class ZwoWheel(UsbWheel):
-    """Drive a ZWO EFW filter wheel: 03c3:1f01.
+    """Turn a ZWO EFW filter wheel, 03c3:1f01 on USB.
 
     slots_nm, names, avoid, settling_ms: see drivers.wheel.Wheel. step_ms: longest time from a slot
     to the next. serial: serial number of the wheel, if several are plugged in. both_ways: by
@@ -79,7 +79,7 @@ class ZwoWheel(UsbWheel):
         self._name, self._firmware = "", ""
 
     def health(self) -> dict[str, str]:
-        """Return what the real ZWO wheel reports about itself, by name."""
+        """Return what the wheel reports about itself, by name."""
         self._start_deadline()
         command = "read its state"
         state, again = self._read_state(command), self._read_state(command)
@@ -106,7 +106,7 @@ class ZwoWheel(UsbWheel):
         self._wait_at_slot(command, number)
 
     def _wait_at_slot(self, command: str, target: int) -> int:
-        """Wait until the real ZWO wheel reports the target slot twice in a row; return the slot.
+        """Wait until the target slot is reported twice in a row; return the slot.
 
         target: 0 for any slot.
         """
@@ -125,7 +125,7 @@ class ZwoWheel(UsbWheel):
             self._pause(0.1)
 
     def _read_identity(self, command: str) -> None:
-        """Read the real ZWO wheel's name and firmware; two readings must agree."""
+        """Read name and firmware; two readings must agree."""
         told = {self._ask(command, _QUERY_IDENTITY) for _ in range(2)}
         if len(told) > 1:
             raise self._invalid_reply_error(command, told.pop())
@@ -134,7 +134,7 @@ class ZwoWheel(UsbWheel):
         self._name = data[8:].split(b"\0")[0].decode("ascii", errors="replace")
 
     def _read_state(self, command: str) -> _ZwoState:
-        """Ask the real ZWO wheel for its slots and status; DeviceError if it reports a failure."""
+        """Ask for slots and status; DeviceError if the wheel reports a failure."""
         data = self._ask(command, _QUERY_STATE)
         state = _ZwoState(data[4], data[5], (data[6], data[7], data[8]), data[9])
         if state.status == ZwoStatus.FAILED or state.error:
@@ -154,7 +154,7 @@ class ZwoWheel(UsbWheel):
         return state
 
     def _ask(self, command: str, question: bytes) -> bytes:
-        """Send a query to the real ZWO wheel; return its reply, which must name the query."""
+        """Send a query; return its reply, which must name the query."""
         self._send(command, question)
         left = self._deadline - self._clock.now()
         # If another length than 17 bytes is requested, the wheel's reply makes no sense.

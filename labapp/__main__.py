@@ -13,7 +13,7 @@ _TOO_LITTLE = (
 
 
 def main() -> None:
-    """Run labapp's command line; Ctrl-C ends it without a traceback from here on."""
+    """Run the command line; Ctrl-C ends it without a traceback from here on."""
     _signal.signal(_signal.SIGINT, _quit_before_imports)
     try:
         from labapp.common.command_end import begin_command, quit_on_interrupt

@@ -1,4 +1,4 @@
-"""Take frames of an Aravis camera, and accept only those that have the settings that were set."""
+"""Take frames, and accept only those that have the settings that were set."""
 
 from __future__ import annotations
 
@@ -27,25 +27,18 @@ REPLY_TIMEOUT = 3.0
 
 @dataclass(frozen=True)
 class AcquisitionLimits:
-    """Limit how long a camera's frames are waited for, and how many are rejected.
+    """Limit how long frames are waited for, and how many are rejected.
 
-    Attributes
-    ----------
-    poll_interval : float
-        Seconds between checks of whether a wait was cancelled. Chosen.
-    max_bad_frames : int
-        Bad frames after which a capture fails; fewer if time runs out before. Chosen.
-    max_outdated_frames : int
-        Frames of an older exposure after which a capture fails, for a camera that reports the
-        exposure of each frame: one more than are discarded of another camera.
-    exposure_tolerance_us : float
-        Microseconds by which the reported exposure may differ from the one that was set. Chosen.
-    exposure_tolerance : float
-        The same as a share of the exposure; the larger of the two counts. Chosen.
-    least_latency : int
-        Frames after a change of exposure that are discarded at least if the camera doesn't report
-        the exposure of each frame, unless an option tells their number. Chosen: a camera may take
-        longer once than it took before.
+    poll_interval: seconds between checks of whether a wait was cancelled. Chosen.
+    max_bad_frames: bad frames after which a capture fails; fewer if time runs out before. Chosen.
+    max_outdated_frames: frames of an older exposure after which a capture fails, for a camera that
+    reports the exposure of each frame: one more than are discarded of another camera.
+    exposure_tolerance_us: microseconds by which the reported exposure may differ from the one that
+    was set. Chosen.
+    exposure_tolerance: the same as a share of the exposure; the larger of the two counts. Chosen.
+    least_latency: frames after a change of exposure that are discarded at least if the camera
+    doesn't report the exposure of each frame, unless an option tells their number. Chosen: a camera
+    may take longer once than it took before.
     """
 
     poll_interval: float = 0.05
@@ -66,7 +59,7 @@ _REMEDY = "Take it again; if it goes on, look at the network, the packet size an
 
 
 class AcquiredFrame(NamedTuple):
-    """Hold a frame's pixels, its number, and the time.monotonic() when its exposure began."""
+    """A frame's pixels, its number, and the time.monotonic() when its exposure began."""
 
     image: NDArray[np.uint16]
     number: int
@@ -74,12 +67,12 @@ class AcquiredFrame(NamedTuple):
 
 
 class _OutdatedFrame(BadFrame):
-    """Report a frame whose own metadata gives another exposure than the one that was set."""
+    """A frame whose own metadata gives another exposure than the one that was set."""
 
 
 @dataclass
 class FrameAcquisition:
-    """Take frames from an open camera and reject those that don't have its settings.
+    """Take frames and reject those that don't have the settings that were made.
 
     A frame is accepted only if it is complete, has the region and format that were set, has the
     next number, and began after the call. If the camera reports the exposure of each frame, that
@@ -121,18 +114,18 @@ class FrameAcquisition:
 
     @property
     def readout_time(self) -> float:
-        """Estimate the seconds from the end of an Aravis exposure to the picture, at 1 Gbit/s."""
+        """Estimate the seconds from the end of an exposure to the picture, at 1 Gbit/s."""
         return 0.02 + self.pixel_format.byte_count(self.shape) / 100e6
 
     @property
     def frame_time(self) -> float:
-        """Return `readout_time` plus the seconds of the Aravis frames that are discarded first."""
+        """`readout_time` plus the seconds of the frames that are discarded first."""
         return self.readout_time + self._frames_to_discard * (self.exposure + self.readout_time)
 
     def change_exposure(self, exposure: float) -> float:
-        """Set the Aravis camera's exposure in seconds; return the one that it reports.
+        """Set the exposure in seconds; return the one that is reported.
 
-        Where it had this exposure already, frames that are under way have it, too.
+        Where the camera had this exposure already, frames that are under way have it, too.
         """
         before = float(self.link.ask("exposure", timeout=REPLY_TIMEOUT)) * 1e-6
         self.exposure = set_exposure(self.link, to_microseconds(exposure))
@@ -142,7 +135,7 @@ class FrameAcquisition:
         return self.exposure
 
     def mark_settings_changed(self) -> None:
-        """Note that the Aravis camera's exposure or gain changed; older frames are discarded."""
+        """Note that exposure or gain changed, so that older frames are discarded."""
         self._changed_at = time.monotonic()
         # A free-running camera already exposes the next frame while it reads one out.
         ahead = self.options.trigger != "software"
@@ -166,11 +159,11 @@ class FrameAcquisition:
         self.link.ask("stop", timeout=REPLY_TIMEOUT)
 
     def take(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
-        """Take an Aravis frame whose exposure begins after this call; DeviceError if none comes."""
+        """Take a frame whose exposure begins after this call; DeviceError if none comes."""
         return self._take(cancelled, time.monotonic())
 
     def take_next(self, cancelled: Callable[[], bool]) -> AcquiredFrame:
-        """Take a free-running Aravis camera's next frame that began after its settings changed."""
+        """Take the next frame that began after the settings changed, from a free-running camera."""
         return self._take(cancelled, self._changed_at)
 
     def _take(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
@@ -219,12 +212,12 @@ class FrameAcquisition:
 
     @property
     def _frame_timeout(self) -> float:
-        """Return the seconds that an Aravis frame may be overdue before it counts as missing."""
+        """Seconds that a frame may be overdue before it counts as missing."""
         more = self.options.trigger_wait_s if self.options.trigger == "hardware" else 0.0
         return more + self.options.frame_timeout_ms * 1e-3
 
     def _next_good_frame(self, cancelled: Callable[[], bool], since: float) -> AcquiredFrame:
-        """Return the Aravis camera's next good frame whose exposure began after `since`."""
+        """Return the next good frame whose exposure began after `since`."""
         triggered = self.options.trigger == "software"
         if triggered:
             self._return_buffer()
@@ -268,7 +261,7 @@ class FrameAcquisition:
         )
 
     def _pop(self, cancelled: Callable[[], bool], late: float) -> dict[str, Any] | None:
-        """Return Aravis' note on the next frame, or None if no frame comes by the time `late`."""
+        """Return the library's note on the next frame, or None if none comes by the time `late`."""
         while time.monotonic() < late:
             if cancelled():
                 self.stop()
@@ -288,7 +281,7 @@ class FrameAcquisition:
             self._buffer_to_return = -1
 
     def _image(self, note: dict[str, Any]) -> NDArray[np.uint16]:
-        """Unpack an Aravis frame's picture; BadFrame if the frame doesn't match the settings."""
+        """Unpack the picture; BadFrame if the frame doesn't match the settings."""
         if note["status"] != "success":
             raise BadFrame("incomplete", f"number {note['number']}: {note['status']}")
         self._require_region(note)
@@ -326,7 +319,7 @@ class FrameAcquisition:
             raise BadFrame("moved", words, _REOPEN)
 
     def _require_state(self) -> None:
-        """Raise BadFrame if the Aravis camera's features aren't as they were on opening."""
+        """Raise BadFrame if features aren't as they were on opening."""
         changes = self.link.ask("changes", timeout=REPLY_TIMEOUT) or []
         if changes:
             words = ", ".join(f"{name} from {then} to {now}" for name, then, now in changes)
@@ -342,7 +335,7 @@ class FrameAcquisition:
         )
 
     def _require_exposure(self) -> None:
-        """Raise BadFrame, and restore the Aravis exposure, if another program changed it."""
+        """Raise BadFrame, and restore the exposure, if another program changed it."""
         us = float(self.link.ask("exposure", timeout=REPLY_TIMEOUT))
         if self._matches_exposure(us):
             return
@@ -352,7 +345,7 @@ class FrameAcquisition:
 
 
 def to_microseconds(seconds: float) -> float:
-    """Convert an exposure to microseconds, Aravis' unit, rounded to 1 ns.
+    """Convert an exposure from seconds to microseconds, rounded to 1 ns.
 
     Some cameras truncate, so a rounding error below a whole number would cost a microsecond.
     """
@@ -360,5 +353,5 @@ def to_microseconds(seconds: float) -> float:
 
 
 def set_exposure(link: AravisProcess, us: float) -> float:
-    """Set the Aravis camera's exposure in microseconds; return what it reports, in seconds."""
+    """Set the exposure in microseconds; return what the camera reports, in seconds."""
     return float(link.ask("set_exposure", us, timeout=REPLY_TIMEOUT)) * 1e-6

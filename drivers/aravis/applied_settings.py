@@ -1,4 +1,4 @@
-"""Apply the options of an Aravis camera to the open camera, and read each setting back."""
+"""Apply the options to an open camera, and read each setting back."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ class AppliedSettings:
 
     @property
     def gain_range(self) -> tuple[float, float] | None:
-        """Return the Aravis camera's range of gain in decibels; None if it has no gain."""
+        """Range of gain in decibels; None if the camera has no gain."""
         gain = self.facts["gain_db"]
         return None if gain is None else (gain[0], gain[1])
 
     def _neutralise(self) -> str:
-        """Turn off what changes the Aravis camera's pixels; return what was on, in words."""
+        """Turn off what changes pixels; return what was on, in words."""
         kept = list(self._options.keep_features)
         if missing := self._ask("missing_features", kept):
             reply = f"the camera has no feature {', '.join(missing)}"
@@ -123,7 +123,7 @@ class AppliedSettings:
         return region
 
     def set_gain(self, gain_db: float) -> float:
-        """Set the Aravis camera's gain in decibels; return the gain that it reports."""
+        """Set the gain in decibels; return the gain that is reported."""
         bounds = self.gain_range
         if bounds is None:
             if gain_db:

@@ -1,4 +1,4 @@
-"""Check the order of a camera stream's frames, and estimate when each left the camera."""
+"""Check the order of a stream's frames, and estimate when each left the camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LONGEST_DELAY = 2.0
 
 
 class BadFrame(Exception):
-    """Report a camera frame that is rejected.
+    """A frame that is rejected.
 
     kind: the name under which it is counted. remedy: what to do if other frames will be alike, so
     that none is worth another try.
@@ -40,7 +40,7 @@ class FrameArrivals:
         self._last_stamp = 0
 
     def require_right_clock(self, note: dict[str, Any], triggered_at: float | None) -> None:
-        """Raise BadFrame if an Aravis camera's clock stands still, goes back or goes wrong.
+        """Raise BadFrame if the camera's clock stands still, goes back or goes wrong.
 
         A frame is stamped between its trigger and its arrival, which may be noticed late. A camera
         whose stamps are all zero has no clock. triggered_at: time.monotonic(); None if the camera
@@ -67,7 +67,10 @@ class FrameArrivals:
         raise BadFrame("wrong clock", f"the camera's clock {words}", remedy)
 
     def is_fresh(self, note: dict[str, Any], since: float) -> bool:
-        """Return whether an Aravis frame is the triggered one, not an older or repeated one."""
+        """Return whether a frame is the triggered one, not an older or repeated one.
+
+        BadFrame if its number is out of order.
+        """
         number, last = note["number"], self._last
         if note["arrived"] < since - 1e-3:
             return False
@@ -79,7 +82,7 @@ class FrameArrivals:
         return True
 
     def frames_lost_before(self, note: dict[str, Any]) -> int:
-        """Count, by the frame numbers, the Aravis frames that were lost just before this one."""
+        """Count, by the numbers, the frames that were lost just before this one."""
         number, last = note["number"], self._last
         self._last = number
         if last is None or follows(number, last):
@@ -88,7 +91,7 @@ class FrameArrivals:
         return max(1, number + around - last - 1)
 
     def departure_time(self, note: dict[str, Any]) -> float:
-        """Estimate the time.monotonic() at which a frame left the Aravis camera.
+        """Estimate the time.monotonic() at which a frame left the camera.
 
         A busy computer notices a frame late, so the camera's own time stamp is used, too. The
         camera's clock has an arbitrary zero. The smallest difference seen so far between arrival
@@ -107,7 +110,7 @@ class FrameArrivals:
 
 
 def follows(number: int, last: int) -> bool:
-    """Return whether a GigE or USB3 Vision camera's frame number directly follows `last`.
+    """Return whether a frame number directly follows `last`.
 
     GigE Vision counts to 65535 and continues from 1, or counts in 64 bits; USB3 Vision begins
     at 0.

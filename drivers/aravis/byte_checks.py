@@ -1,4 +1,4 @@
-"""Find frames whose bytes can't be what the camera's pixel format says.
+"""Find frames whose bytes can't be what the pixel format says.
 
 What is told apart: bytes in another order, words justified left, layouts of packed formats taken
 for each other, and lines with padding that the camera doesn't tell.
@@ -19,23 +19,15 @@ from drivers.aravis.pixel_formats import PixelFormat, unpack
 class ByteLimits:
     """Set from when on a frame's bytes count as impossible.
 
-    Attributes
-    ----------
-    evidence_bits : int
-        Bits that must be zero by chance in a sound frame; 24 bits are one in 1e7. Chosen.
-    several : int
-        Pixels that must differ from most others, so that it isn't for hot pixels. Chosen.
-    sample : int
-        Pixels in the middle rows of a frame that are read in other ways. Chosen, for 2 ms a frame.
-    rougher_bits : float
-        Bits by which neighbours across or down may differ more than in another reading of the
-        bytes, and by a quarter of which the others. Chosen: sound pictures are smoother, or as
-        rough if they are white noise.
-    compared : int
-        Pixels that differ from their neighbours, from which on that is judged. Chosen.
-    padding : int
-        Most pixels, or bytes, of padding after a line that are looked for. Chosen; lines are padded
-        to multiples of 4 to 64 bytes.
+    evidence_bits: bits that must be zero by chance in a sound frame; 24 are one in 1e7. Chosen.
+    several: pixels that must differ from most others, so that it isn't for hot pixels. Chosen.
+    sample: pixels in the middle rows that are read in other ways. Chosen, for 2 ms a frame.
+    rougher_bits: bits by which neighbours across or down may differ more than in another reading of
+    the bytes, and by a quarter of which the others. Chosen: sound pictures are smoother, or as
+    rough if they are white noise.
+    compared: pixels that differ from their neighbours, from which on that is judged. Chosen.
+    padding: most pixels, or bytes, of padding after a line that are looked for. Chosen; lines are
+    padded to multiples of 4 to 64 bytes.
     """
 
     evidence_bits: int = 24
@@ -54,7 +46,7 @@ _FORMAT = "Choose another pixel format, and ask the camera's maker"
 
 
 def require_possible_numbers(image: NDArray[np.uint16], form: PixelFormat) -> None:
-    """Raise BadFrame if an Aravis frame's pixels can't be numbers of its pixel format."""
+    """Raise BadFrame if the pixels can't be numbers of their format."""
     _require_range(image, form)
     _require_low_bits(image, form)
 
@@ -62,7 +54,7 @@ def require_possible_numbers(image: NDArray[np.uint16], form: PixelFormat) -> No
 def require_possible_layout(
     data: NDArray[np.uint8], image: NDArray[np.uint16], form: PixelFormat
 ) -> None:
-    """Raise BadFrame if an Aravis frame's bytes can't stand as its pixel format says.
+    """Raise BadFrame if the bytes can't stand as the pixel format says.
 
     image: the pixels as they were unpacked.
     """
@@ -72,17 +64,14 @@ def require_possible_layout(
 
 
 def proven_step(image: NDArray[np.uint16]) -> int:
-    """Return the power of two of which all of an Aravis frame's numbers are multiples.
-
-    It is 1 if they may be so by chance.
-    """
+    """Return the power of two of which all numbers are multiples; 1 if that may be by chance."""
     bits = _zero_bits(image)
     numbers = np.count_nonzero(np.bincount(image.reshape(-1))[1:])
     return 1 << bits if numbers * bits >= _LIMITS.evidence_bits else 1
 
 
 def _zero_bits(image: NDArray[np.uint16]) -> int:
-    """Return how many of the lowest bits are zero in all of an Aravis frame's pixels."""
+    """Return how many of the lowest bits are zero in all pixels."""
     used = int(np.bitwise_or.reduce(image, axis=None))
     return (used & -used or 1).bit_length() - 1
 
@@ -144,7 +133,7 @@ def _both(first: tuple[str, str], second: tuple[str, str]) -> tuple[str, str]:
 
 
 def _choice(causes: list[tuple[str, str]]) -> str:
-    """Return which options of an Aravis camera say how its frames come."""
+    """Say which options would read the frames right."""
     return f"Give {', or '.join(option for _, option in causes)} in the camera's options"
 
 
@@ -162,7 +151,7 @@ def _require_zero_bits(data: NDArray[np.uint8], form: PixelFormat) -> None:
 
 
 def _require_smoothness(data: NDArray[np.uint8], shape: tuple[int, ...], form: PixelFormat) -> None:
-    """Raise BadFrame if another reading of an Aravis frame's bytes makes a smoother picture."""
+    """Raise BadFrame if another reading of the bytes makes a smoother picture."""
     line = form.byte_count((1, shape[1]))
     if min(shape) < 8 or shape[1] % form.group:
         return
@@ -181,7 +170,7 @@ def _require_smoothness(data: NDArray[np.uint8], shape: tuple[int, ...], form: P
 def _other_readings(
     part: NDArray[np.uint8], told: NDArray[np.uint16], form: PixelFormat
 ) -> list[tuple[str, str, NDArray[np.uint16]]]:
-    """Return other readings of an Aravis frame's bytes: name, remedy, pixels."""
+    """Return other readings of the bytes: name, remedy, pixels."""
     if form.layout == "words":
         name, option = _other_order(form)
         remedy = f"Give {option} in the camera's options"
@@ -222,7 +211,7 @@ def _is_rougher(told: NDArray[np.uint16], other: NDArray[np.uint16], apart: int)
 
 
 def _differences(image: NDArray[np.uint16], axis: int, apart: int) -> NDArray[np.int32]:
-    """Return how much an Aravis frame's pixels differ from others of their colour."""
+    """Return how much pixels differ from their neighbours of the same colour."""
     m = image.astype(np.int32)
     return np.abs(m[apart:] - m[:-apart] if axis == 0 else m[:, apart:] - m[:, :-apart])
 
@@ -230,7 +219,7 @@ def _differences(image: NDArray[np.uint16], axis: int, apart: int) -> NDArray[np
 def _require_straight_columns(
     data: NDArray[np.uint8], image: NDArray[np.uint16], form: PixelFormat
 ) -> None:
-    """Raise BadFrame if an Aravis frame's lines run on into padding of equal numbers."""
+    """Raise BadFrame if lines run on into padding of equal numbers."""
     rows, columns = image.shape
     if rows < 16 or columns < 16 or columns % form.group:
         return

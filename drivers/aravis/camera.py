@@ -1,4 +1,4 @@
-"""Drive a GigE Vision or USB3 Vision camera through Aravis."""
+"""The camera that a bench opens: it is found, set, read out and opened again if it was lost."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ class AravisCamera:
 
     @property
     def bayer(self) -> str:
-        """Return the Aravis camera's first two mosaic colours, such as RG; empty without one."""
+        """First two mosaic colours, such as RG; empty without a mosaic."""
         return self._acquisition.pixel_format.bayer
 
     @property
@@ -176,12 +176,12 @@ class AravisCamera:
 
     @property
     def gain_range(self) -> tuple[float, float] | None:
-        """Return the Aravis camera's range of gain in decibels; None if it has no gain."""
+        """Range of gain in decibels; None if the camera has no gain."""
         return self._settings.gain_range
 
     @property
     def exposure(self) -> float:
-        """Return the exposure time in seconds that the Aravis camera reports."""
+        """Exposure time in seconds that the camera reports."""
         return self._acquisition.exposure
 
     @property
@@ -190,7 +190,7 @@ class AravisCamera:
 
     @property
     def counts(self) -> Counter[str]:
-        """Count the Aravis frames since this object was made: taken, stale, missing, ..."""
+        """Frames since this object was made, by what became of them: taken, stale, missing, ..."""
         return Counter(self._counts)
 
     def set_exposure(self, exposure: float) -> Setting[float]:
@@ -210,11 +210,11 @@ class AravisCamera:
 
     @property
     def gain_db(self) -> float:
-        """Return the gain in decibels that the Aravis camera reports."""
+        """Gain in decibels that the camera reports."""
         return self._settings.gain
 
     def set_gain(self, gain_db: float | None) -> Setting[float]:
-        """Set the Aravis camera's gain in decibels; that of the option `gain_db` if None."""
+        """Set the gain in decibels; that of the option `gain_db` if None."""
         asked = self._options.gain_db if gain_db is None else gain_db
         with self._translate_errors("set gain"):
             taking = self._ensure_open()
@@ -226,7 +226,7 @@ class AravisCamera:
             return Setting(asked, actual, self._clock.now())
 
     def set_region(self, region: Region | None, binning: int | None) -> Setting[Region]:
-        """Read a region of the Aravis camera's frames, and average pixels that a camera can bin.
+        """Read only a region of the frames, and average the pixels that the camera can bin.
 
         region: x, y, width, height in pixels of the frames that the options `roi` and `binning`
         give, which are averaged `binning` times as much each way. None stands for the options.
@@ -250,12 +250,12 @@ class AravisCamera:
             return Setting((x, y, width, height), (x, y, width, height), self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Take an Aravis frame whose exposure begins after this call."""
+        """Take a frame whose exposure begins after this call."""
         with self._translate_errors("capture"):
             return self._build_frame(self._ensure_open().take(cancelled))
 
     def measure_latency(self, exposures: Sequence[float], steps: int = 1, frames: int = 18) -> int:
-        """Measure the Aravis camera's `latency_frames` by alternating between two exposures.
+        """Measure `latency_frames` by alternating between two exposures.
 
         The light must be steady. The result is used from now on.
 
@@ -286,7 +286,7 @@ class AravisCamera:
         return measure_old_frames(take_levels, exposures, steps)
 
     def next_frame(self, cancelled: Callable[[], bool]) -> Frame:
-        """Return a free-running Aravis camera's next frame; lost frames are counted.
+        """Return a free-running camera's next frame; lost frames are counted.
 
         The exposure may have begun before the call, but not before the last change of settings.
         """
@@ -310,7 +310,7 @@ class AravisCamera:
             return told | {name.replace("_", " "): str(n) for name, n in counted.items()}
 
     def make_safe(self) -> None:
-        """Stop the Aravis camera's acquisition, and give it back the options' gain and region.
+        """Stop taking frames, and give back the options' gain and region.
 
         If Aravis' process was killed, or the camera was lost, it is opened again for that.
         """
@@ -328,13 +328,13 @@ class AravisCamera:
                 self._set_up_again(self._options)
 
     def kill(self) -> None:
-        """Kill Aravis' child process, from any thread; the next call starts another one."""
+        """Kill the child process, from any thread; the next call starts another one."""
         link = self._link
         if link is not None:
             link.kill()
 
     def unplugged_reason(self) -> str | None:
-        """Return why the Aravis camera counts as unplugged, empty while connected; see Device."""
+        """Return why the camera counts as unplugged, empty while connected; see Device."""
         link = self._link
         return None if link is None else link.unplugged_reason()
 
@@ -361,7 +361,7 @@ class AravisCamera:
         return self._open_acquisition
 
     def _ensure_open(self) -> FrameAcquisition:
-        """Return the open Aravis camera's acquisition; open the camera again if it was lost."""
+        """Return the open camera's acquisition; open the camera again if it was lost."""
         if self._link is not None:
             return self._acquisition
         # A camera forgets a controller that has died after 1.5 s.
@@ -376,7 +376,7 @@ class AravisCamera:
         return self._open_acquisition
 
     def _set_up_again(self, options: AravisOptions) -> None:
-        """Give the open Aravis camera other options; if it refuses one, it is opened anew later.
+        """Give the open camera other options; if it refuses one, it is opened anew later.
 
         It then gets the options of the bench file again.
         """
@@ -424,7 +424,7 @@ class AravisCamera:
         return Frame(taken.image, self._acquisition.exposure, gain, began, number)
 
     def _unwrap_number(self, number: int) -> int:
-        """Return an Aravis frame number that always increases, although the camera's may restart.
+        """Return a frame number that always increases, although the camera's may restart.
 
         GigE Vision 1 counts only to 65535, and a new stream may begin again. Frames with the
         same number as the one before are rejected earlier.
@@ -435,7 +435,7 @@ class AravisCamera:
         return self._number
 
     def _note_progress(self, seconds: float) -> None:
-        """Note that the Aravis camera makes progress and will be busy for some seconds."""
+        """Note that work goes on and will take some more seconds."""
         self.alive_at = time.monotonic() + seconds
 
     def _disconnect(self) -> None:
@@ -445,7 +445,7 @@ class AravisCamera:
 
     @contextlib.contextmanager
     def _translate_errors(self, command: str) -> Iterator[None]:
-        """Turn errors into DeviceError; a lost Aravis camera is opened again at the next call."""
+        """Turn errors into DeviceError; a lost camera is opened again at the next call."""
         try:
             yield
         except CameraLost:

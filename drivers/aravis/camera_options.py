@@ -1,4 +1,4 @@
-"""Check the options of an Aravis camera before the camera is opened."""
+"""Check the options before the camera is opened."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Trigger = Literal["software", "hardware", "free"]
 
 @dataclass(frozen=True)
 class AravisOptions:
-    """Hold the options of AravisCamera, which explains them; ValueError for an invalid one."""
+    """The options of AravisCamera, which explains them; ValueError for an invalid one."""
 
     address: str
     pixel_format: str

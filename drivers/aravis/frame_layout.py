@@ -1,4 +1,4 @@
-"""Find where the lines of a camera's frame stand in its bytes, as its leader and size tell."""
+"""Find where the lines of a frame stand in its bytes, as its leader and size tell."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ALIGNMENT = 4096
 
 
 def line_distance(note: dict[str, Any], form: PixelFormat, shape: tuple[int, int]) -> int:
-    """Return the bytes from an Aravis frame's line to the next; 0 if they follow without a gap.
+    """Return the bytes from a line to the next; 0 if they follow without a gap.
 
     BadFrame if the frame's size doesn't fit its shape (rows, columns).
     """
@@ -42,7 +42,7 @@ def line_distance(note: dict[str, Any], form: PixelFormat, shape: tuple[int, int
 
 
 def width_advice(form: PixelFormat, columns: int) -> str:
-    """Return what to change if an Aravis camera's lines end within a byte; empty if they don't."""
+    """Return what to change if lines end within a byte; empty if they don't."""
     if columns % form.group == 0:
         return ""
     wider = -(-columns // form.group) * form.group

@@ -1,4 +1,4 @@
-"""Call the Aravis library in its child process, with timeouts, and kill it if it hangs."""
+"""Call the library in its child process, with timeouts, and kill it if it hangs."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ _INSTALL = f"Install it with: sudo apt-get install --no-install-recommends {PACK
 
 
 class CameraLost(DeviceError):
-    """Report that the camera or Aravis' process is lost; the next call must open it again."""
+    """Raised if the camera or the process is lost; the next call must open it again."""
 
 
 class RequestRefused(DeviceError):
-    """Report that the Aravis library refused a request; the camera is still connected."""
+    """Raised if the library refuses a request; the camera is still connected."""
 
 
 class AravisProcess:
-    """Run the Aravis library in a child process, and call the methods of the classes in `library`.
+    """Run the library in a child process, and call the methods of the classes in `library`.
 
     model: the camera's name in errors. DeviceError if Aravis isn't installed.
     """
@@ -65,7 +65,7 @@ class AravisProcess:
         self._open = True
 
     def unplugged_reason(self) -> str | None:
-        """Return why the Aravis camera counts as lost, empty while it doesn't; from any thread.
+        """Return why the camera counts as lost, empty while it doesn't; from any thread.
 
         None while a request is running, which then reports the loss itself, or when the process
         has ended.
@@ -81,7 +81,7 @@ class AravisProcess:
             self._turn.release()
 
     def ask(self, name: str, *given: Any, timeout: float) -> Any:
-        """Call a method of the Aravis library in the child process, and return its answer.
+        """Call a method in the child process, and return its answer.
 
         RequestRefused if the library refuses. If no answer comes, the process is killed, and
         CameraLost is raised.
@@ -114,17 +114,17 @@ class AravisProcess:
         return CameraLost(self.model, name.replace("_", " "), reply, remedy)
 
     def shared_bytes(self, place: int, size: int, length: int) -> NDArray[np.uint8]:
-        """Return bytes of the memory shared with Aravis' process, `length` bytes long; no copy."""
+        """Return bytes of the shared memory, which is `length` bytes long; no copy."""
         if self._mapped is None or len(self._mapped) != length:
             self._mapped = mmap.mmap(self._process.line.memory, length)
         return np.frombuffer(self._mapped, np.uint8, size, place)
 
     def kill(self) -> None:
-        """Kill Aravis' process at once; from any thread, and any number of times."""
+        """Kill the process at once; from any thread, and any number of times."""
         self._process.kill()
 
     def close(self) -> None:
-        """Let Aravis' process close the camera and end; kill it if it doesn't."""
+        """Let the process close the camera and end; kill it if it doesn't."""
         with self._turn:
             if not self._open:
                 return
@@ -134,7 +134,7 @@ class AravisProcess:
 
 
 def python_with_gi() -> list[str]:
-    """Return the command of a Python interpreter that can load Aravis, if there is one."""
+    """Return the command of a Python interpreter that can load gi, if there is one."""
     if importlib.util.find_spec("gi") is not None:
         return [sys.executable, "-P"]
     # -I hides this Python's packages, which may be built for another version.
@@ -142,7 +142,7 @@ def python_with_gi() -> list[str]:
 
 
 def find_cameras() -> list[dict[str, str]]:
-    """List the GigE Vision and USB3 Vision cameras that answer Aravis; takes a second.
+    """List the GigE Vision and USB3 Vision cameras that answer; takes a second.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def find_cameras() -> list[dict[str, str]]:
 
 
 def open_camera(model: str, address: str, timeout: float) -> AravisProcess:
-    """Start an Aravis process and open a camera in it.
+    """Start a child process and open a camera in it.
 
     The camera may still be reserved for a process that has died, so opening is tried for
     `timeout` seconds. If it fails, DeviceError lists the cameras that are connected.
@@ -185,7 +185,7 @@ def open_camera(model: str, address: str, timeout: float) -> AravisProcess:
 
 
 def _cannot_open_error(link: AravisProcess, address: str, error: DeviceError) -> DeviceError:
-    """Return the DeviceError for a camera that Aravis can't open, naming those that it finds."""
+    """Return the DeviceError for a camera that can't be opened, naming those that are found."""
     asked = f"open {address}" if address else "open"
     if HELD_BY_OTHER in error.reply:
         who = _name_controller(error.reply)
@@ -200,7 +200,7 @@ def _cannot_open_error(link: AravisProcess, address: str, error: DeviceError) ->
 
 
 def _name_controller(reply: str) -> str:
-    """Return which program of this computer controls an Aravis camera; empty if none is known.
+    """Return which program of this computer controls a camera; empty if none is known.
 
     reply: why the camera can't be opened, which may end in the program's IP address and UDP port.
     """

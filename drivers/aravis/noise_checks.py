@@ -1,4 +1,4 @@
-"""Find frames of a camera that have no noise, or the noise of an earlier frame.
+"""Find frames that have no noise, or the noise of an earlier frame.
 
 Every light has shot noise: with a full well of W electrons and a full scale of F, a number v has a
 standard deviation of at least √(v F / W) (EMVA 1288, release 4.0, eq. 17).
@@ -24,41 +24,25 @@ from drivers.aravis.pixel_formats import PixelFormat
 class NoiseLimits:
     """Set from when on a frame has too little noise.
 
-    Attributes
-    ----------
-    side : int
-        Rows and columns in the middle of a frame whose noise is looked at. Chosen, for 3 ms a
-        frame.
-    compared_side : int
-        The same for the comparison with earlier frames. Chosen, for 1 ms a frame.
-    full_well : float
-        Electrons of the largest pixels that are expected. Chosen; those of industrial cameras have
-        up to 1e5.
-    black : float
-        Share of the full scale up to which a number may be a black level. Chosen.
-    bright : float
-        Share of the full scale from which on a number may be clipped. Chosen.
-    quiet : float
-        Standard deviation from which on noise changes a number in one of 14 cases at least. Chosen.
-    awaited : float
-        Pixels that noise must change, from which on none is missed by chance. Chosen.
-    missing : float
-        Share of these pixels up to which noise counts as missing. Chosen.
-    loud : float
-        Standard deviation from which on noise of ±1 can't be rounding. Chosen.
-    edge : float
-        Share of the full scale by which noise hardly bends a line through three pixels. Chosen.
-    smooth : float
-        Share of pixels on a line up to rounding, from which on louder noise is missing. Chosen.
-    even : float
-        Share of pixels on a straight ramp from which on a picture is one. Chosen: a ramp may begin
-        again after some 25 pixels, and rounding makes the ramps of dim light uneven.
-    lit_pixels : int
-        Pixels with light that must be there to judge their noise. Chosen.
-    noisy_pixels : int
-        Pixels whose noise is seen in a frame, from which on it can't come twice. Chosen.
-    remembered : int
-        Number of frames among which a frame must not come again. Chosen; cameras have some buffers.
+    side: rows and columns in the middle of a frame whose noise is looked at. Chosen, for 3 ms a
+    frame.
+    compared_side: the same for the comparison with earlier frames. Chosen, for 1 ms a frame.
+    full_well: electrons of the largest pixels that are expected. Chosen; those of industrial
+    cameras have up to 1e5.
+    black: share of the full scale up to which a number may be a black level. Chosen.
+    bright: share of the full scale from which on a number may be clipped. Chosen.
+    quiet: standard deviation from which on noise changes a number in one of 14 cases at least.
+    Chosen.
+    awaited: pixels that noise must change, from which on none is missed by chance. Chosen.
+    missing: share of these pixels up to which noise counts as missing. Chosen.
+    loud: standard deviation from which on noise of ±1 can't be rounding. Chosen.
+    edge: share of the full scale by which noise hardly bends a line through three pixels. Chosen.
+    smooth: share of pixels on a line up to rounding, from which on louder noise is missing. Chosen.
+    even: share of pixels on a straight ramp from which on a picture is one. Chosen: a ramp may
+    begin again after some 25 pixels, and rounding makes the ramps of dim light uneven.
+    lit_pixels: pixels with light that must be there to judge their noise. Chosen.
+    noisy_pixels: pixels whose noise is seen in a frame, from which on it can't come twice. Chosen.
+    remembered: frames among which a frame must not come again. Chosen; cameras have some buffers.
     """
 
     side: int = 256
@@ -84,7 +68,7 @@ _REMEDY = "Turn the camera's test patterns off"
 
 
 class NoiseChecks:
-    """Check the noise of one open Aravis camera's frames.
+    """Check the noise of one open camera's frames.
 
     binned: pixels that the camera combines in one, each with a full well of its own.
     """
@@ -94,14 +78,14 @@ class NoiseChecks:
         self._taken: deque[bytes] = deque(maxlen=_LIMITS.remembered)
 
     def require_noise(self, image: NDArray[np.uint16]) -> None:
-        """Raise BadFrame if an Aravis frame has less noise than light has."""
+        """Raise BadFrame if a frame has less noise than light has."""
         middle = _middle(image, _LIMITS.side)
         words = _ramp(middle) or self._lack_of_noise(middle)
         if words:
             raise BadFrame("impossible", words, _REMEDY)
 
     def require_new(self, image: NDArray[np.uint16]) -> None:
-        """Raise BadFrame if an Aravis frame that is to be taken was taken before, noise and all."""
+        """Raise BadFrame if a frame that is to be taken was taken before, noise and all."""
         middle = _middle(image, _LIMITS.compared_side)
         digest = hashlib.blake2b(np.ascontiguousarray(middle).tobytes(), digest_size=16).digest()
         again = digest in self._taken
@@ -115,12 +99,12 @@ class NoiseChecks:
         return bool(np.count_nonzero(lit) >= _LIMITS.lit_pixels or seen >= _LIMITS.noisy_pixels)
 
     def _lit(self, middle: NDArray[np.uint16], full: int, noise: float) -> NDArray[np.bool_]:
-        """Return where an Aravis frame's numbers have at least this standard deviation."""
+        """Return where numbers have at least this standard deviation."""
         least = noise**2 * _LIMITS.full_well * self._binned / full
         return (middle > least + _LIMITS.black * full) & _below_clipping(middle, full)
 
     def _lack_of_noise(self, middle: NDArray[np.uint16]) -> str:
-        """Return that the brighter pixels of an Aravis frame have no noise; or nothing."""
+        """Say that the brighter pixels have no noise; empty if they have."""
         # A converter of fewer bits has larger steps, in which noise is smaller.
         step = min(proven_step(middle), max((self._full + 1) // 256, 1))
         coarse, full = middle // step, self._full // step
@@ -142,7 +126,7 @@ class NoiseChecks:
 
 
 def _below_clipping(middle: NDArray[np.uint16], full: int) -> NDArray[np.bool_]:
-    """Return where an Aravis frame isn't clipped, at the full scale or at a level that isn't told.
+    """Return where a frame isn't clipped, at the full scale or at a level that isn't told.
 
     Such a level is the brightest number of a colour.
     """
@@ -167,7 +151,7 @@ def _changing_share(full: int, binned: int) -> NDArray[np.float32]:
 
 
 def _ramp(middle: NDArray[np.uint16]) -> str:
-    """Return that an Aravis frame rises evenly from pixel to pixel; or nothing."""
+    """Say that numbers rise evenly from pixel to pixel; empty if they don't."""
     m = middle.astype(np.int32)
     for bend, rise in zip(_bends(middle), (m[2:-2] - m[:-4], m[:, 2:-2] - m[:, :-4]), strict=True):
         even = np.count_nonzero((bend == 0) & (rise != 0))
@@ -177,13 +161,13 @@ def _ramp(middle: NDArray[np.uint16]) -> str:
 
 
 def _middle(image: NDArray[np.uint16], side: int) -> NDArray[np.uint16]:
-    """Return the middle of an Aravis frame; its first row and column keep a mosaic's colour."""
+    """Return the middle of a frame; its first row and column keep a mosaic's colour."""
     rows, columns = (max(0, size - side) // 4 * 2 for size in image.shape)
     return image[rows : rows + side, columns : columns + side]
 
 
 def _bends(middle: NDArray[np.uint16]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the second differences of an Aravis frame down and across, without their signs.
+    """Return the second differences down and across, without their signs.
 
     They are between pixels of one colour, and zero along a straight ramp.
     """

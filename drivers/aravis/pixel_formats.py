@@ -19,7 +19,7 @@ Justification = Literal["right", "left"]
 
 @dataclass(frozen=True)
 class PixelFormat:
-    """Describe how a camera sends its pixels.
+    """How pixels are sent.
 
     code: the format's number on the wire. bits: significant bits of a pixel. layout: "bytes" and
     "words" have one pixel in 8 or 16 bits, least significant byte first; "p" is a stream of bits
@@ -39,12 +39,12 @@ class PixelFormat:
 
     @property
     def shift(self) -> int:
-        """Return by how many bits the Aravis camera's words are above the pixels' numbers."""
+        """Bits by which words are above the pixels' numbers."""
         return 16 - self.bits if self.justification == "left" else 0
 
     @property
     def group(self) -> int:
-        """Return how many of an Aravis picture's pixels end on a whole byte."""
+        """Number of pixels that end on a whole byte."""
         return {"bytes": 1, "words": 1, "p": 4 if self.bits == 10 else 2, "packed": 2}[self.layout]
 
     @property
@@ -52,7 +52,7 @@ class PixelFormat:
         return 2**self.bits - 1
 
     def byte_count(self, shape: tuple[int, int]) -> int:
-        """Return the number of bytes in an Aravis picture of this shape (rows, columns)."""
+        """Return the number of bytes in a picture of this shape (rows, columns)."""
         return -(-shape[0] * shape[1] * _pixel_bits(self) // 8)
 
 
@@ -99,7 +99,7 @@ FORMATS = _formats()
 def unpack(
     data: NDArray[np.uint8], pixel_format: PixelFormat, shape: tuple[int, int]
 ) -> NDArray[np.uint16]:
-    """Unpack an Aravis frame's bytes into a picture (rows, columns), which is a copy.
+    """Unpack a frame's bytes into a picture (rows, columns), which is a copy.
 
     ValueError if there are fewer bytes than the picture needs.
     """
@@ -117,7 +117,7 @@ def unpack(
 def unpack_lines(
     data: NDArray[np.uint8], pixel_format: PixelFormat, shape: tuple[int, int], stride: int
 ) -> NDArray[np.uint16]:
-    """Unpack an Aravis frame whose lines begin `stride` bytes apart; the bytes between are left.
+    """Unpack a frame whose lines begin `stride` bytes apart; the bytes between are left.
 
     ValueError if there are fewer bytes than the picture needs.
     """
@@ -141,7 +141,7 @@ def _unpack_words(data: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.
 
 
 def _byte_groups(data: NDArray[np.uint8], length: int, pixels: int, count: int) -> Any:
-    """Return an Aravis frame's bytes in groups of `length`, and an empty array for the pixels.
+    """Return the bytes in groups of `length`, and an empty array for the pixels.
 
     Each group holds `pixels` pixels. The last group is filled up with zeros.
     """

@@ -1,4 +1,4 @@
-"""Send commands to a CS-2000 spectroradiometer, read its answers, and explain its error codes.
+"""Send commands, read the answers, and explain error codes.
 
 Source: Konica Minolta, "Spectroradiometer CS-2000/CS-2000A Communication Specifications",
 rev. 7.00, 2020. The instrument echoes nothing, so important answers are asked for repeatedly,
@@ -28,24 +28,15 @@ _TRANSIENT_CODES = ("00", "02", "17", "20")
 
 @dataclass(frozen=True)
 class CommandTiming:
-    """Tune the timeouts of the conversation with a CS-2000; times are in seconds.
+    """Tune the timeouts of the conversation, in seconds.
 
-    Attributes
-    ----------
-    reply_timeout : float
-        Time for an answer. The manufacturer requires at least this much.
-    short_timeout : float
-        Time for an answer from an instrument that may not be listening. Chosen.
-    busy_timeout : float
-        Time for which the instrument may take no command; its pre-measurement lasts up to 10 s.
-    reply_latency : float
-        Approximate time until the instrument begins an answer.
-    quiet : float
-        Time without a byte after which an answer counts as complete. Chosen.
-    quiet_periods : tuple of float
-        The same when the state of the line is unknown: one period per attempt. Chosen.
-    max_rounds : int
-        Attempts to synchronise with an instrument that answers. Chosen.
+    reply_timeout: for an answer. The manufacturer requires at least this much.
+    short_timeout: for an answer from an instrument that may not be listening. Chosen.
+    busy_timeout: for which it may take no command; its pre-measurement lasts up to 10 s.
+    reply_latency: approximate time until it begins an answer.
+    quiet: time without a byte after which an answer counts as complete. Chosen.
+    quiet_periods: the same when the state of the line is unknown: one period per attempt. Chosen.
+    max_rounds: attempts to synchronise with an instrument that answers. Chosen.
     """
 
     reply_timeout: float = 10.0
@@ -97,17 +88,17 @@ _ERRORS = {
 
 
 class CodeError(DeviceError):
-    """Report an error code from the CS-2000. code: its two digits."""
+    """Raised for an error code from the instrument. code: its two digits."""
 
     code = ""
 
 
 class MeasurementCancelled(DeviceError):
-    """Report that a measurement of the CS-2000 was cancelled by its caller."""
+    """Raised if the caller cancelled a measurement."""
 
 
 class CS2000Client:
-    """Exchange commands and answers with a CS-2000, and keep each answer with its command.
+    """Exchange commands and answers, and keep each answer with its command.
 
     baudrate: of the serial line. check: verifies the instrument's identity and settings.
     """
@@ -121,7 +112,7 @@ class CS2000Client:
     def ask(
         self, text: str, command: str, seconds: float | None = None, is_long: bool = False
     ) -> str:
-        """Send a command to the CS-2000; return its answer without the code and the comma.
+        """Send a command; return its answer without the code and the comma.
 
         is_long: whether the longest answer is expected, so that its transmission is waited for.
         """
@@ -134,13 +125,13 @@ class CS2000Client:
         return self.read_reply(text, command, seconds)
 
     def send(self, text: str, command: str) -> None:
-        """Send a command to the CS-2000 without reading the answer."""
+        """Send a command without reading the answer."""
         if self.line.drain(_TIMING.quiet, _TIMING.short_timeout, command):
             raise self.line.error(command, f"before {text} came what nobody asked for", _CABLE)
         self.line.write(text.encode() + _END, command)
 
     def read_reply(self, text: str, command: str, seconds: float | None = None) -> str:
-        """Read the CS-2000's next answer; CodeError if it is an error. text: the command."""
+        """Read the next answer; CodeError if it is an error. text: the command."""
         patience = self.reply_timeout if seconds is None else seconds
         came = self.line.read_until(_END, command, patience)
         found = _REPLY.fullmatch(came[:-1].decode("latin-1"))
@@ -151,7 +142,7 @@ class CS2000Client:
         return found[3][1:]
 
     def confirmed_reply(self, text: str, pattern: str, command: str) -> re.Match[str]:
-        """Return an answer that the real CS-2000 gave three times in a row.
+        """Return an answer that came three times in a row.
 
         Repetition rules out noise and late answers.
         """
@@ -169,7 +160,7 @@ class CS2000Client:
         return found
 
     def set(self, name: str, value: str, query: str, command: str) -> None:
-        """Change a setting of the CS-2000 only if it differs, and read it back with `query`.
+        """Change a setting only if it differs, and read it back with `query`.
 
         The instrument's memory wears out with each write.
         """
@@ -184,7 +175,7 @@ class CS2000Client:
         return [int(part) for part in told.split(",")] == [int(p) for p in wanted.split(",")]
 
     def call_with_retry(self, command: str, work: Callable[[], T]) -> T:
-        """Return the result of `work`; retry once after a late or lost message of the CS-2000."""
+        """Return the result of `work`; retry once after a late or lost message."""
         late = self.line.clock.now() + _TIMING.reply_timeout
         self.get_ready(command)
         try:
@@ -200,7 +191,7 @@ class CS2000Client:
         return work()
 
     def get_ready(self, command: str, rests: tuple[float, ...] = _TIMING.quiet_periods) -> None:
-        """Synchronise with the CS-2000 and check it, unless the line is in sync already.
+        """Synchronise with the instrument and check it, unless the line is in sync already.
 
         rests: seconds of quiet to wait for, one value per attempt.
         """
@@ -223,7 +214,7 @@ class CS2000Client:
                     raise
 
     def _resynchronise(self, command: str, quiet: float) -> None:
-        """Discard the CS-2000's late answers, stop its measurement, and set its remote mode.
+        """Discard late answers, stop a running measurement, and set the remote mode.
 
         The instrument also discards a command that it has received only in part.
         """
@@ -237,7 +228,7 @@ class CS2000Client:
             self.ask("RMTS,1", command, _TIMING.short_timeout)
 
     def _obeys(self, text: str, command: str, harmless: tuple[str, ...]) -> bool:
-        """Return whether the CS-2000 accepts a command; CodeError except for harmless codes."""
+        """Return whether a command is accepted; CodeError except for harmless codes."""
         try:
             self.ask(text, command, _TIMING.short_timeout)
         except CodeError as error:

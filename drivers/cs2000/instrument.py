@@ -1,4 +1,4 @@
-"""Drive Konica Minolta's spectroradiometers CS-2000 and CS-2000A over USB or RS-232C.
+"""The instrument that a bench opens, over USB or RS-232C.
 
 The manufacturer allows the use of its communication specifications for software that works with
 these instruments; commercial software needs its permission. See the README.
@@ -117,11 +117,11 @@ class CS2000:
 
     @property
     def wavelengths(self) -> NDArray[np.float64]:
-        """Return a CS-2000 spectrum's wavelengths in metres: 380 to 780 nm in steps of 1 nm."""
+        """Wavelengths of a spectrum in metres: 380 to 780 nm in steps of 1 nm, (401,)."""
         return np.arange(380, 781) / 1e9
 
     def measure(self, cancelled: Callable[[], bool]) -> Spectrum:
-        """Measure one spectrum with the CS-2000; this takes 3 to 250 s, depending on brightness.
+        """Measure one spectrum; this takes 3 to 250 s, depending on brightness.
 
         If an error occurs, the reply time and 16 s may be added.
 
@@ -143,7 +143,7 @@ class CS2000:
         return Spectrum(self.wavelengths, values * 1e9, integration, dimmed, angle, started)
 
     def tristimulus(self) -> tuple[float, float, float]:
-        """Read the CS-2000's own X, Y and Z of the last measurement, Y in cd/m²."""
+        """Read the instrument's own X, Y and Z of the last measurement, Y in cd/m²."""
         command = "read X, Y, Z"
 
         def read() -> list[float]:
@@ -155,7 +155,7 @@ class CS2000:
         return x, y, z
 
     def health(self) -> dict[str, str]:
-        """Read the real CS-2000's serial number, measuring angle and calibration date."""
+        """Read serial number, measuring angle and calibration date."""
         command = "health"
 
         def read() -> dict[str, str]:
@@ -173,16 +173,16 @@ class CS2000:
             return self._link.call_with_retry(command, read)
 
     def unplugged_reason(self) -> str | None:
-        """Return why the CS-2000 counts as unplugged, empty while it is connected."""
+        """Return why the instrument counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     def make_safe(self) -> None:
-        """Stop a running measurement of the CS-2000."""
+        """Stop a running measurement."""
         with self._line.within(self.reply_time):
             self._link.get_ready("make safe")
 
     def kill(self) -> None:
-        """Cancel the CS-2000 driver's running call and all later ones; from any thread."""
+        """Cancel the running call and all later ones; from any thread."""
         self._line.cancel()
 
     def __enter__(self) -> Self:
@@ -208,7 +208,7 @@ class CS2000:
             self._line.close()
 
     def _check(self, command: str) -> None:
-        """Verify that the same CS-2000 answers, and apply the requested settings."""
+        """Verify that the same instrument answers, and apply the requested settings."""
         found = self._link.confirmed_reply(
             "IDDR", "([A-Z]{2}-[0-9]{4}[A-Z ]{2}),([0-9]),([0-9]{7})", command
         )
@@ -229,7 +229,7 @@ class CS2000:
         self._set_speed(command)
 
     def _set_speed(self, command: str) -> None:
-        """Set the CS-2000's measuring mode, integration time and internal filter."""
+        """Set the measuring mode, integration time and internal filter."""
         try:
             self._link.set(
                 "SPMS",
@@ -251,7 +251,7 @@ class CS2000:
         self.alive_at = time.monotonic()
 
     def _read_conditions(self) -> tuple[float, bool, float]:
-        """Read a CS-2000 measurement's integration time in s, internal filter and angle.
+        """Read the last measurement's integration time in s, internal filter and angle.
 
         The second value is whether the internal filter was used. The angle is in radians.
         """

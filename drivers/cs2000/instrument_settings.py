@@ -1,4 +1,4 @@
-"""Check the options of a CS-2000 spectroradiometer, and translate them for its commands."""
+"""Check the options of a bench file, and translate them for the instrument's commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _EXTERNAL_ND_CODES = {"none": 0, "1/10": 1, "1/100": 2}
 
 @dataclass(frozen=True)
 class InstrumentSettings:
-    """Hold a CS-2000's settings in the form that its commands take.
+    """Settings in the form that the commands take.
 
     speed: argument of SPMS, without the internal filter nd. sync: argument of SCMS. external_nd:
     argument of NDFS. lens: argument of LNSS.
@@ -40,7 +40,7 @@ def settings_from_options(
     close_up_lens: bool,
     rtscts: bool,
 ) -> InstrumentSettings:
-    """Translate the CS-2000's options for its commands; ValueError names an invalid option."""
+    """Translate options for the commands; ValueError names an invalid one."""
     baudrates = (600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
     if not isinstance(port, str) or not port:
         raise ValueError(f"port is {port!r}; look it up by: labapp devices")
@@ -74,7 +74,7 @@ def _require_one_of(name: str, value: object, known: dict[str, int]) -> None:
 
 
 def _spms_value(mode: str, integration_ms: float | None, integration_s: int | None) -> str:
-    """Return the argument of the CS-2000's SPMS; ValueError if a time doesn't fit the mode.
+    """Return the argument of SPMS; ValueError if a time doesn't fit the mode.
 
     The part for the internal filter is left out.
     """
@@ -98,7 +98,7 @@ def _spms_value(mode: str, integration_ms: float | None, integration_s: int | No
 
 
 def _scms_value(sync_hz: float, external: bool) -> str:
-    """Return the argument of the CS-2000's SCMS, which synchronises it with flickering light."""
+    """Return the argument of SCMS, which synchronises with flickering light."""
     if not is_number(sync_hz) or (sync_hz and (external or not 20 <= sync_hz <= 200)):
         raise ValueError(
             f"sync_hz is {sync_hz} and external_sync {external}; "

@@ -1,4 +1,4 @@
-"""Run one measurement of a CS-2000 spectroradiometer from start to end."""
+"""Run one measurement from start to end."""
 
 from __future__ import annotations
 
@@ -14,21 +14,14 @@ COMMAND = "measure"
 
 @dataclass(frozen=True)
 class MeasurementTiming:
-    """Tune how a measurement of the CS-2000 is waited for; times are in seconds.
+    """Tune how a measurement is waited for, in seconds.
 
-    Attributes
-    ----------
-    pre_measurement : float
-        Time for the pre-measurement, which takes 1 to 10 s.
-    overtime : float
-        Time by which a measurement may last longer than the instrument announced. Chosen.
-    query_interval : float
-        Time between queries of whether it still measures; a twentieth of the measurement's
-        duration is added. Chosen.
-    poll_interval : float
-        Time between checks of whether the measurement was cancelled. Chosen.
-    busy_interval : float
-        Time between queries to an instrument that is still measuring at the end. Chosen.
+    pre_measurement: for the pre-measurement, which takes 1 to 10 s.
+    overtime: by which a measurement may last longer than the instrument announced. Chosen.
+    query_interval: between queries of whether it still measures; a twentieth of the measurement's
+    duration is added. Chosen.
+    poll_interval: between checks of whether the measurement was cancelled. Chosen.
+    busy_interval: between queries to an instrument that is still measuring at the end. Chosen.
     """
 
     pre_measurement: float = 12.0
@@ -42,7 +35,7 @@ TIMING = MeasurementTiming()
 
 
 class CS2000Measurement:
-    """Start a measurement on a CS-2000 that is ready, and wait for its end.
+    """Start a measurement on an instrument that is ready, and wait for its end.
 
     cancelled: returns whether the caller has cancelled. note_progress: called after each step.
     """
@@ -54,7 +47,7 @@ class CS2000Measurement:
         self._cancelled, self._got_on = cancelled, note_progress
 
     def start(self) -> int:
-        """Start a measurement; return the duration in seconds that the CS-2000 announces."""
+        """Start; return the duration in seconds that the instrument announces."""
         self._link.send("MEAS,1", COMMAND)
         late = self._clock.now() + TIMING.pre_measurement
         while not self._line.has_received(b"\r", COMMAND, TIMING.poll_interval):
@@ -82,7 +75,7 @@ class CS2000Measurement:
         return False
 
     def await_end(self, seconds: int) -> None:
-        """Wait until the CS-2000's measurement has ended; CodeError if it failed.
+        """Wait until the measurement has ended; CodeError if it failed.
 
         seconds: the duration that start() returned.
         """
@@ -111,7 +104,7 @@ class CS2000Measurement:
             self._clock.wait_until(self._clock.now() + TIMING.busy_interval, self._cancelled)
 
     def _has_finished(self) -> bool:
-        """Return whether the CS-2000 reports its end; CodeError if it reports a failure."""
+        """Return whether the end is reported; CodeError if a failure is."""
         if not self._line.has_received(b"\r", COMMAND, TIMING.poll_interval):
             return False
         return self._ask_tolerantly(lambda: self._link.read_reply("MEAS,1", COMMAND) == "", False)
@@ -120,7 +113,7 @@ class CS2000Measurement:
         return self._ask_tolerantly(self._is_measuring, True)
 
     def _ask_tolerantly(self, ask: Callable[[], bool], default: bool) -> bool:
-        """Return the CS-2000's answer; `default` if it is late or garbled.
+        """Return the answer; `default` if it is late or garbled.
 
         The question can be repeated later.
         """
@@ -134,7 +127,7 @@ class CS2000Measurement:
             return default
 
     def _check_cancelled(self) -> None:
-        """Note progress of the CS-2000's measurement; DeviceError if it was cancelled."""
+        """Note progress; DeviceError if the caller has cancelled."""
         self._got_on()
         if self._cancelled():
             self._line.in_sync = False

@@ -1,4 +1,4 @@
-"""Read a measured spectrum from a CS-2000 twice, and check it."""
+"""Read a measured spectrum until two readings agree, and check it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FAILED_VALUE = "D1BA43B6"
 
 
 def read_spectrum(link: CS2000Client, command: str) -> NDArray[np.float64]:
-    """Read the CS-2000's 401 radiances in W/(sr m² nm) until two readings agree."""
+    """Read 401 radiances in W/(sr m² nm) until two readings agree."""
     before = _read_all_blocks(link, command)
     for _ in range(2):
         texts = _read_all_blocks(link, command)
@@ -46,7 +46,7 @@ def _read_all_blocks(link: CS2000Client, command: str) -> list[str]:
 
 
 def parse_hex_floats(link: CS2000Client, texts: list[str], command: str) -> list[float]:
-    """Decode the CS-2000's hexadecimal digits as floats; DeviceError if one isn't a number."""
+    """Decode hexadecimal digits as floats; DeviceError if one isn't a number."""
     if _FAILED_VALUE in texts:
         raise link.line.error(
             command, "it couldn't compute a value", "Measure again; check the light"

@@ -1,4 +1,4 @@
-"""Start of a child process: signals, watchdog and message socket, before its function is called.
+"""How a child process begins: signals, watchdog and message socket, before its function is called.
 
 The child may run on another Python than its parent, such as the system's. What this module and the
 package import must exist there.
@@ -35,9 +35,7 @@ are on it only until the function is loaded."""
 
 
 def run_child(end: str, memory: str, grace: str, target: str, path: list[str]) -> None:
-    """Run this child process, such as a hosted device's: call target(line, *arguments).
-
-    A watchdog guards the process until the target returns.
+    """Call target(line, *arguments) in this child process, guarded by a watchdog until it returns.
 
     The first message on the line contains the arguments. An exception of the target is sent as a
     result, even if no request is pending. end, memory: descriptors of the socket and of the shared

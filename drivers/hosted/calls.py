@@ -1,4 +1,4 @@
-"""Messages between a process and its child: requests, their results, and notifications."""
+"""Requests between a process and its child, their results, and notifications."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from drivers.hosted.failures import RemoteFailure
 
 
 class CallRequest(NamedTuple):
-    """Request to the other process to call a function, which is answered by a CallResult."""
+    """Asks the other process to call a function, and is answered by a CallResult."""
 
     name: str
     arguments: Sequence[Any] = ()
 
 
 class Notification(NamedTuple):
-    """Message to the other process that gets no answer."""
+    """A message that gets no answer."""
 
     name: str
     arguments: Sequence[Any] = ()
 
 
 class CallResult(NamedTuple):
-    """Result of a request or of the whole child process: a value, or an exception."""
+    """What came of a request or of the whole child process: a value, or an exception."""
 
     value: Any = None
     failure: RemoteFailure | None = None
 
     def result(self) -> Any:
-        """Return the value from the other process, such as a hosted device's, or raise its error.
+        """Return the value from the other process, or raise its error.
 
         An exception of a class that this process doesn't know becomes a RuntimeError.
         """
@@ -39,10 +39,7 @@ class CallResult(NamedTuple):
 
 
 def capture_result(act: Callable[..., Any], *given: Any) -> CallResult:
-    """Call a function for another process, such as a hosted device's; return the CallResult.
-
-    The CallResult contains the function's value or exception.
-    """
+    """Call a function; return its value or exception as a CallResult."""
     try:
         return CallResult(act(*given))
     except BaseException as error:

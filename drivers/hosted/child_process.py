@@ -1,4 +1,4 @@
-"""Child processes: starting, calling, awaiting and ending them."""
+"""Start, call, await and end child processes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ProcessEnded(Exception):
 
 
 class ChildProcess:
-    """Start a Python child process that calls target(line, *given) and then ends.
+    """Start a Python process that calls target(line, *given) and then ends.
 
     target: "module:function". An exception of the target comes as a `CallResult`, even if no
     request is pending. python: command of another Python, which has its own packages; it finds
@@ -83,17 +83,17 @@ class ChildProcess:
             theirs.close()
         self.pid = self._popen.pid
         self.exit_descriptor = os.pidfd_open(self.pid)
-        """Descriptor that becomes readable when the child process has ended."""
+        """Descriptor that becomes readable when the child has ended."""
         self._open = True
         self.send(given)
 
     def send(self, message: object) -> None:
-        """Send a message to the child process; if it has ended, only `receive` reports that."""
+        """Send a message; if the child has ended, only `receive` reports that."""
         with contextlib.suppress(OSError):
             self.line.send(message)
 
     def receive(self, timeout: float = math.inf, on_poll: Callable[[], None] | None = None) -> Any:
-        """Return the next message of the child process, or raise ProcessEnded.
+        """Return the child's next message, or raise ProcessEnded.
 
         A child that sends none within `timeout` seconds is killed. on_poll: called every 20 ms
         meanwhile; its exceptions pass through.
@@ -110,11 +110,11 @@ class ChildProcess:
         self._popen.send_signal(number)
 
     def exit_code(self, timeout: float = 0.0) -> int | None:
-        """Wait for the child process's exit status and return it, or None after the timeout."""
+        """Wait for the exit status and return it, or None after `timeout` seconds."""
         return reap(self._popen, timeout)
 
     def _describe_exit(self) -> str:
-        """Describe how the child process ended; one that only closed its line is killed."""
+        """Describe how the child ended; one that only closed its line is killed."""
         code = self.exit_code(_KILL_TIMEOUT)
         if code is None:
             self.kill()
@@ -125,12 +125,12 @@ class ChildProcess:
         return f"its process ended ({how})"
 
     def kill(self) -> None:
-        """Kill the child process at once; any thread may call it, also repeatedly."""
+        """Kill the child at once; any thread may call it, also repeatedly."""
         self._popen.kill()
         self.exit_code(_KILL_TIMEOUT)
 
     def close(self) -> None:
-        """Close the line, so that the child process ends by itself; kill it if it doesn't."""
+        """Close the line, so that the child ends by itself; kill it if it doesn't."""
         if not self._open:
             return
         self._open = False
@@ -141,14 +141,14 @@ class ChildProcess:
 
 
 def reap(process: subprocess.Popen[Any], timeout: float) -> int | None:
-    """Wait for a child process; return its exit status, or None after `timeout` seconds."""
+    """Return the exit status, or None if the process hasn't ended after `timeout` seconds."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         return process.wait(timeout)
     return None
 
 
 def terminate_or_kill(process: subprocess.Popen[Any], timeout: float) -> None:
-    """Terminate a child process that runs a foreign program; kill it after `timeout` seconds."""
+    """Terminate a process that runs a foreign program; kill it after `timeout` seconds."""
     process.terminate()
     if reap(process, timeout) is None:
         process.kill()

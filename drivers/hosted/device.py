@@ -1,4 +1,4 @@
-"""Proxy of a device that runs in a child process."""
+"""Stand-in for a device that runs in a child process."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _REMEDY = "Look at the device and at what its process wrote, and open it again"
 
 
 class HostedDevice:
-    """Proxy of a device in a child process, which can be killed whatever its library does.
+    """Stand in for a device in a child process, which can be killed whatever its library does.
 
     The constructor starts the process and makes the device; exceptions of the factory and of its
     import pass through. `__enter__` enters the device; its exceptions pass through, too. Both raise
@@ -119,7 +119,7 @@ class HostedDevice:
                 self._release()
 
     def kill(self) -> None:
-        """Kill the hosted device's child process at once; from any thread, also repeatedly.
+        """Kill the child process at once; from any thread, also repeatedly.
 
         A pending call of another thread raises DeviceError there. The device isn't made safe.
         `__exit__` must still be called.
@@ -129,7 +129,7 @@ class HostedDevice:
 
     @property
     def is_dead(self) -> bool:
-        """Whether the hosted device's child process has ended, and no longer answers."""
+        """Whether the child process has ended, and no longer answers."""
         return self._lost or self._process.exit_code() is not None
 
     def __getattr__(self, name: str) -> Any:
@@ -157,12 +157,12 @@ class HostedDevice:
         return sorted({*super().__dir__(), *self._names})
 
     def _ask(self, command: str, *given: Any, within: float | None = None) -> Any:
-        """Send a request to the hosted device's child process and return the result."""
+        """Send a request to the child process and return the result."""
         seconds = self._reply_timeout if within is None else within
         return self._exchange(command, pack(CallRequest(command, given)), within=seconds)
 
     def _call(self, name: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """Call a hosted device's method; if an argument can't be sent, raise and send nothing."""
+        """Call a method of the device; if an argument can't be sent, raise and send nothing."""
         watched: list[Callable[[], Any]] = []
         given = [replace_callable(value, watched) for value in arguments]
         named = {key: replace_callable(value, watched) for key, value in options.items()}
@@ -178,7 +178,7 @@ class HostedDevice:
         watched: Sequence[Callable[[], Any]] = (),
         within: float = math.inf,
     ) -> Any:
-        """Send the hosted device's child process one request, and return the result.
+        """Send the child process one request, and return the result.
 
         words: the command's name in errors.
         """
@@ -212,7 +212,7 @@ class HostedDevice:
     def _receive(
         self, words: str, within: float, watched: Sequence[Callable[[], Any]] = ()
     ) -> Parcel:
-        """Receive the hosted device's reply; meanwhile poll the callables that it watches."""
+        """Receive a reply; meanwhile poll the callables that the device watches."""
         deaf = dict(enumerate(watched))
 
         def look() -> None:
@@ -230,7 +230,7 @@ class HostedDevice:
         return pack(note) if isinstance(note, CallResult) else self._channel.read(note)
 
     def _result(self, words: str, parcel: Parcel) -> Any:
-        """Return the value of the hosted device's reply, or raise the exception in it."""
+        """Return the value in a reply, or raise the exception in it."""
         try:
             answer: CallResult = parcel.unpack()
         except Exception as error:
@@ -247,7 +247,7 @@ class HostedDevice:
 
     @contextlib.contextmanager
     def _close_on_failure(self) -> Iterator[None]:
-        """End the hosted device's process if opening fails.
+        """End the child process if opening fails.
 
         Python doesn't call `__exit__()` if the constructor or `__enter__()` raises an exception.
         """
@@ -264,13 +264,13 @@ class HostedDevice:
 
 
 def _close(channel: SharedMemoryChannel, process: ChildProcess) -> None:
-    """End a hosted device's process, which first makes the device safe unless it was closed."""
+    """End a child process, which first makes its device safe unless that was closed."""
     channel.close()
     process.close()
 
 
 def _clock_start(surroundings: Surroundings, model: str) -> float:
-    """Return the bench clock's start for a hosted device; ValueError if the bench is virtual."""
+    """Return when the bench's clock started; ValueError if the bench is virtual."""
     if surroundings.world is None and isinstance(surroundings.clock, RealClock):
         return surroundings.clock.start
     raise ValueError(

@@ -1,4 +1,4 @@
-"""Transfer of exceptions from a child process to its parent."""
+"""Carry exceptions from a child process to its parent."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RemoteFailure(NamedTuple):
         return RemoteFailure(pickled, repr(error), "".join(traceback.format_exception(error)))
 
     def to_exception(self) -> Exception | None:
-        """Return the other process's exception; None if this process can't unpickle it.
+        """Return the exception; None if this process can't unpickle it.
 
         It is unpickled only if its module is already loaded in this process.
         """

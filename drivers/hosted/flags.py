@@ -1,4 +1,4 @@
-"""Flags that replace callables in the arguments of a hosted device's call."""
+"""Flags that stand for callables among the arguments of a call to another process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivers.hosted.shared_memory_channel import SharedMemoryChannel
 
 
 class RemoteFlag:
-    """Replace a callable of the other process; the flag is also true if that process has ended.
+    """Stand in for a callable of the other process; also true if that process has ended.
 
     The flag is valid during one call. After the call it is true, so that code that still polls it
     ends.
@@ -34,7 +34,7 @@ class RemoteFlag:
 
 
 def replace_callable(value: Any, callables: list[Callable[[], Any]]) -> Any:
-    """Replace a callable by a flag for a hosted device's process; return other values unchanged.
+    """Replace a callable by a flag, and add it to `callables`; return other values unchanged.
 
     Classes such as np.uint16 count as values, although they can be called.
     """

@@ -1,4 +1,4 @@
-"""Guard of devices: a process that makes them safe if the process that uses them is killed."""
+"""A process that makes devices safe if the process that uses them is killed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _GRACE = 120.0
 
 
 class GuardedDevice(NamedTuple):
-    """A device that a guard knows how to open.
+    """A device, and how a guard opens it.
 
     name: in messages. factory, options: as of `HostedDevice`.
     """

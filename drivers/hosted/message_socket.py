@@ -1,4 +1,4 @@
-"""Message sockets between a process and its child processes."""
+"""Sockets for messages between a process and its child processes."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _PART_BYTES = 1 << 20
 
 
 class LineClosed(EOFError):
-    """Raised when the other end of a message socket is closed, or its process has ended."""
+    """Raised when the other end is closed, or its process has ended."""
 
 
 class MessageTimeout(TimeoutError):
-    """Raised when no message has come on a message socket in time."""
+    """Raised when no message has come in time."""
 
 
 class UnreadableMessage(Exception):
@@ -34,7 +34,7 @@ class UnreadableMessage(Exception):
 
 
 class MessageSocket:
-    """One end of a socket for messages between processes: a length, then the pickled object.
+    """One end of a socket between processes; a message is a length and then a pickled object.
 
     A message is never None. Both ends are processes of this application. Any thread may send, but
     only one at a time may receive. If the other end is closed, receiving raises LineClosed and
@@ -60,7 +60,7 @@ class MessageSocket:
             os.close(memory)
 
     def disconnect(self) -> None:
-        """Shut down the socket to the other process, such as a hosted device's child process.
+        """Shut down the socket.
 
         A thread that waits in `receive` gets LineClosed. Any thread may call this method.
         """
@@ -71,7 +71,7 @@ class MessageSocket:
     __del__ = close
 
     def send(self, message: object) -> None:
-        """Send a message to the other process, such as a hosted device's, and wait until it reads.
+        """Send a message, and wait until the other process reads it.
 
         An exception is raised if the message can't be pickled.
         """
@@ -84,12 +84,11 @@ class MessageSocket:
             self._socket.sendall(data)
 
     def receive_nowait(self) -> Any:
-        """Return the next message from the other process, such as a hosted device's, or None.
+        """Return the next message, or None if it hasn't arrived completely or is large.
 
-        The result is None if the message hasn't arrived completely, or is large: it is read in
-        parts, one a call, so that who polls the socket can do something else in between.
-
-        Bytes of later messages stay in the socket, so that it can still be polled for them.
+        A large one is read in parts, one a call, so that who polls the socket can do something else
+        in between. Bytes of later messages stay in the socket, so that it can still be polled for
+        them.
         """
         try:
             most = self._read + _PART_BYTES
@@ -121,7 +120,7 @@ class MessageSocket:
         on_poll: Callable[[], None] | None = None,
         exit_descriptor: int | None = None,
     ) -> Any:
-        """Wait for the next message from the other process, such as a hosted device's; return it.
+        """Wait for the next message, and return it.
 
         MessageTimeout is raised after the timeout, and LineClosed if the other end is closed.
 
@@ -154,7 +153,7 @@ class MessageSocket:
 
 
 def hang_up_poll(end: int) -> select.poll:
-    """Return a poll object that reports only that a parent or child process closed its socket."""
+    """Return a poll object that reports only that the other process closed its socket."""
     closed = select.poll()
     closed.register(end, select.POLLRDHUP)
     return closed

@@ -1,4 +1,4 @@
-"""Pickled objects for the transfer between a process and its child."""
+"""Pickle objects for the transfer between a process and its child."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Parcel(NamedTuple):
 
 
 def pack(thing: Any) -> Parcel:
-    """Pickle a hosted device's request or reply, with its large arrays apart."""
+    """Pickle an object, with its large arrays apart."""
     buffers: list[pickle.PickleBuffer] = []
     body = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
     return Parcel(body, [buffer.raw() for buffer in buffers])

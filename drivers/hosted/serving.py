@@ -1,4 +1,4 @@
-"""Child process's side of a hosted device: it makes the device and answers the proxy's calls."""
+"""The child process's side: make the device and answer the calls that come for it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from drivers.hosted.shared_memory_channel import ParcelHeader, SharedMemoryChann
 
 
 def serve(line: MessageSocket) -> None:
-    """Serve requests to a hosted device until the line is closed; then make the device safe."""
+    """Serve requests until the line is closed; then make the device safe."""
     _Host(SharedMemoryChannel(line)).run()
 
 
 class _Host:
-    """Hold a device in its child process; a request has the name of the method that serves it."""
+    """Hold a device; a request has the name of the method that serves it."""
 
     def __init__(self, channel: SharedMemoryChannel) -> None:
         self._channel = channel
@@ -34,7 +34,7 @@ class _Host:
         self._device_closed = False
 
     def run(self) -> None:
-        """Answer the requests to the hosted device, one by one, until the device is closed."""
+        """Answer the requests, one by one, until the device is closed."""
         with self._duties, contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
             while not self._device_closed:
                 self._attend()
@@ -44,7 +44,7 @@ class _Host:
                 )
 
     def _attend(self) -> None:
-        """Let the hosted device do its own work between calls, until the next call arrives."""
+        """Let the device do its own work between calls, until the next call arrives."""
         attend = getattr(type(self._device), "_attend_until_readable", None)
         if attend is not None:
             attend(self._device, self._channel.line.fileno())
@@ -58,7 +58,7 @@ class _Host:
             return self._channel.write(pack(CallResult(failure=failure)))
 
     def _obey(self, unpacked: Any) -> Any:
-        """Carry out one request to the hosted device, with the method that the request names."""
+        """Carry out one request, with the method that it names."""
         request: CallRequest = unpacked()
         return getattr(self, f"_{request.name}")(*request.arguments)
 
@@ -92,7 +92,7 @@ class _Host:
 
 
 def _public_names(device: Any) -> dict[str, bool]:
-    """Return a hosted device's public names, and whether each is a method; read no property."""
+    """Return a device's public names, and whether each is a method; read no property."""
     names = {}
     for name in dir(device):
         if not name.startswith("_"):

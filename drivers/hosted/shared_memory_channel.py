@@ -1,4 +1,4 @@
-"""Transfer of parcels between a process and its child through shared memory."""
+"""Pass parcels between a process and its child through shared memory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FLAG_COUNT = 64
 
 
 class ParcelHeader(NamedTuple):
-    """Announce a parcel in shared memory: the memory's length, and the parts' sizes in bytes."""
+    """Announces a parcel in shared memory: the memory's length, and the parts' sizes in bytes."""
 
     length: int
     sizes: list[int]
@@ -37,7 +37,7 @@ class SharedMemoryChannel:
             self._memory.close()
 
     def write(self, parcel: Parcel) -> ParcelHeader:
-        """Write a parcel to the shared memory between a hosted device's process and its parent."""
+        """Write a parcel to the memory."""
         parts = (parcel.body, *parcel.buffers)
         sizes = [memoryview(part).nbytes for part in parts]
         self._ensure_size(FLAG_COUNT + sum(sizes))
@@ -48,7 +48,7 @@ class SharedMemoryChannel:
         return ParcelHeader(len(self._memory), sizes)
 
     def read(self, note: ParcelHeader) -> Parcel:
-        """Copy a parcel out of a hosted device's shared memory; its header gives the sizes."""
+        """Copy a parcel out of the memory; its header gives the sizes."""
         # NumPy is imported late, because the system's Python, which also loads this package, may
         # not have it.
         import numpy as np
@@ -62,7 +62,7 @@ class SharedMemoryChannel:
         return Parcel(parts[0], parts[1:])
 
     def _ensure_size(self, length: int) -> None:
-        """Enlarge a hosted device's shared memory if needed; it never shrinks.
+        """Enlarge the memory if needed; it never shrinks.
 
         Fresh memory for each picture would take longer than copying the picture.
         """
@@ -82,5 +82,5 @@ class SharedMemoryChannel:
         return self._memory[index] != 0
 
     def is_peer_closed(self) -> bool:
-        """Return whether the other process has closed its end of the hosted device's channel."""
+        """Return whether the other process has closed its end."""
         return bool(hang_up_poll(self.line.fileno()).poll(0))

@@ -1,4 +1,4 @@
-"""Watchdog that kills a child process that doesn't end after its parent."""
+"""Kill a child process that doesn't end after its parent."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from drivers.hosted.message_socket import hang_up_poll
 
 
 def start_watchdog(end: int, grace: float) -> None:
-    """Start a watchdog process, which kills this child process if it doesn't end after its parent.
+    """Fork a process that kills this child process if it doesn't end after its parent.
 
     A thread couldn't do this, because a library that hangs may hold the interpreter's lock. The
     watchdog is forked, so this function must be called before threads are started. It is forked
     twice, so that it isn't a child of this process: a library that waits for its own children must
-    not find it.
+    not find it. end: descriptor of the socket to the parent. grace: seconds after its closing.
     """
     guarded = os.pidfd_open(os.getpid())
     between = os.fork()

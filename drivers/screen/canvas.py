@@ -1,4 +1,4 @@
-"""Cover the SLM's screen with a Qt window; only the window's process imports this module."""
+"""The Qt window that covers the SLM; only its own process imports this module."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from drivers.x11 import libxcb
 
 
 def qt_application(display: str) -> QGuiApplication:
-    """Return this process's Qt application, which draws pixel for pixel on the SLM's X display."""
+    """Return this process's Qt application, which draws pixel for pixel on the X display."""
     running = QGuiApplication.instance()
     if isinstance(running, QGuiApplication):
         return running
@@ -34,7 +34,7 @@ def qt_application(display: str) -> QGuiApplication:
 
 
 class Canvas(QWindow):
-    """Show pictures in a borderless window over a region (x, y, width, height) of the X screen.
+    """Show pictures in a borderless window over a region (x, y, width, height), in pixels.
 
     The window hides the cursor, bypasses the window manager, stays above other windows, and
     doesn't take the keyboard focus.
@@ -61,7 +61,7 @@ class Canvas(QWindow):
         self._connection = int(application.nativeInterface().connection())
 
     def appear(self, grey: NDArray[uint8]) -> None:
-        """Show this window, with a picture, on its screen, such as the SLM's."""
+        """Show the window with a picture."""
         self._image = grey_image(grey)
         self.setVisible(True)
         # Seconds within which the X server must have mapped the window.
@@ -72,7 +72,7 @@ class Canvas(QWindow):
         self.draw(self._image)
 
     def draw(self, image: QImage) -> None:
-        """Draw a picture in the SLM's window; on return, the X server has received it."""
+        """Draw a picture; on return, the X server has received it."""
         self._image = image
         self._flush()
         libxcb.round_trip(self._connection)
@@ -92,13 +92,13 @@ class Canvas(QWindow):
         self._store.flush(whole)
 
     def exposeEvent(self, event: object) -> None:
-        """Redraw the SLM's picture after another window covered this one; Qt calls this."""
+        """Redraw the picture after another window covered this one; Qt calls this."""
         if self.isExposed():
             self._flush()
 
 
 def grey_image(grey: NDArray[uint8]) -> QImage:
-    """Wrap the SLM screen's grey levels as a QImage that shares the array's memory.
+    """Wrap grey levels as a QImage that shares the array's memory.
 
     The array must outlive the image.
     """

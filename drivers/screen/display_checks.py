@@ -1,4 +1,4 @@
-"""Check that a screen shows the SLM's grey levels unchanged, and explain it if it doesn't."""
+"""Check that grey levels are shown unchanged, and explain it if they aren't."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 def gamma_ramp_error(ramp: NDArray[np.uint16]) -> str:
-    """Describe how a gamma ramp changes the SLM screen's grey levels; empty if it doesn't.
+    """Describe how a gamma ramp changes grey levels; empty if it doesn't.
 
     ramp: (3, n), 0 to 65535. An X server may keep only 8 bits of it, truncated or rounded.
     """
@@ -24,7 +24,7 @@ def gamma_ramp_error(ramp: NDArray[np.uint16]) -> str:
 
 
 def readback_error(readback: NDArray[np.uint8], grey: NDArray[np.uint8]) -> str:
-    """Describe how the SLM's screen differs from a pattern; empty if every pixel agrees.
+    """Describe how what is shown differs from a pattern; empty if every pixel agrees.
 
     readback: (rows, columns, 3 or 4), of which the first three are colours. grey: the pattern,
     (rows, columns).
@@ -52,7 +52,7 @@ def _mismatch_cause(
 
 
 def _is_mapped(seen: NDArray[np.uint8], grey: NDArray[np.uint8]) -> bool:
-    """Return whether the SLM's screen maps every grey level to one colour.
+    """Return whether every grey level appears as one colour.
 
     False if the picture has only one level.
     """

@@ -1,4 +1,4 @@
-"""Drive an SLM that is connected as a second display, such as HOLOEYE's PLUTO."""
+"""The SLM that a bench opens: one that is connected as a second display, as HOLOEYE's PLUTO is."""
 
 from __future__ import annotations
 
@@ -28,17 +28,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class WindowTimeouts:
-    """Limit how long the SLM's window is waited for; times are in seconds.
+    """Limit how long the window is waited for, in seconds.
 
-    Attributes
-    ----------
-    open : float
-        Time within which the window must be open. Chosen.
-    reopen : float
-        Time within which the window's process must be replaced after it has died. It is shorter,
-        because the files are in the disk cache by then. Chosen.
-    call : float
-        Time within which the window must answer; a call may hand over a long video. Chosen.
+    open: within which the window must be open. Chosen.
+    reopen: within which the window's process must be replaced after it has died. It is shorter,
+    because the files are in the disk cache by then. Chosen.
+    call: within which the window must answer; a call may hand over a long video. Chosen.
     """
 
     open: float = 30.0
@@ -151,7 +146,7 @@ class ScreenSLM:
 
     @property
     def displayed_pattern(self) -> str:
-        """Return the identifier of the pattern on the SLM's screen.
+        """Identifier of the pattern that is shown now.
 
         The result is "neutral" if the screen was unplugged after the last pattern was shown. A
         still is read back again; DeviceError if something covers it.
@@ -159,14 +154,14 @@ class ScreenSLM:
         return self._ask("shown", lambda window: window.displayed_pattern())
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> Setting[str]:
-        """Show grey levels, uint8 (rows, columns), on the SLM's screen, and read them back."""
+        """Show grey levels, uint8 (rows, columns), and read them back."""
         command = f"show {identifier}"
         picture = self._require_grey_levels(command, np.asarray(grey), 2)
         seen = self._ask(command, lambda window: window.show(identifier, picture))
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> Setting[str]:
-        """Loop a video, uint8 (n, rows, columns), on the SLM's screen, one frame per refresh."""
+        """Loop a video, uint8 (n, rows, columns), one frame per refresh."""
         command = f"play {identifier}"
         frames = self._require_grey_levels(command, np.asarray(video), 3)
         # Report a missing screen before the whole video is handed over.
@@ -175,7 +170,7 @@ class ScreenSLM:
         return Setting(identifier, identifier, self._bench_time(seen) + self.settling)
 
     def presentations(self) -> Presentations:
-        """Return which video frames the SLM's screen has shown, and when; DeviceError if none."""
+        """Return which video frames were shown, and when; DeviceError without a video."""
         told = self._ask("presentations", lambda window: window.presentations())
         if told is None:
             raise DeviceError(self._model, "presentations", "no video plays", "Play one first")
@@ -186,11 +181,11 @@ class ScreenSLM:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Return what was set at the SLM's connector since it was opened; see Device."""
+        """What was set at the connector since it was opened; see Device."""
         return self._notices
 
     def make_safe(self) -> None:
-        """Show grey level 0 on the SLM's whole screen, by another window if this one is killed."""
+        """Show grey level 0 everywhere, by another window if this one is killed."""
         try:
             self._ask("make safe", lambda window: window.make_safe())
         except DeviceError:
@@ -199,14 +194,14 @@ class ScreenSLM:
             self._ask("make safe", lambda window: window.make_safe())
 
     def unplugged_reason(self) -> str | None:
-        """Return why the SLM's screen counts as unplugged, empty while it is lit; see Device.
+        """Return why the SLM counts as unplugged, empty while it is lit; see Device.
 
         A separate connection to the X server is used, so that a video isn't disturbed.
         """
         return self._lookout.unplugged_reason() if self._entered and not self._killed else None
 
     def kill(self) -> None:
-        """Kill the process of the window on the SLM's screen at once, from any thread."""
+        """Kill the window's process at once, from any thread."""
         self._killed = True
         if self._window is not None:
             self._window.kill()
@@ -235,7 +230,7 @@ class ScreenSLM:
         return window
 
     def _ask(self, command: str, call: Callable[[Any], T]) -> T:
-        """Send a call to the process that draws on the SLM's screen; reopen it if it has died."""
+        """Send a call to the window's process; replace the process if it has died."""
         if not self._entered or self._killed:
             raise DeviceError(self._model, command, "it is closed", "Open it again")
         window = self._window
@@ -253,7 +248,7 @@ class ScreenSLM:
             raise
 
     def _log_notes(self, window: Any) -> None:
-        """Log what was set at the SLM's screen, or happened to it, since the last call."""
+        """Log what was set, or happened to the signal, since the last call."""
         if notes := window.notes():
             self._notices = window.settings()
         for note in notes:

@@ -1,4 +1,4 @@
-"""List the X screens, and show a label with its name on each, to find the SLM's screen."""
+"""List the screens, and show a label with its name on each, to find the SLM's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MODEL = "screens"
 
 
 def list_screens(display: str | None = None) -> list[Output]:
-    """List the lit screens, one of which may be the SLM's, in the X server's order.
+    """List the lit screens in the X server's order.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def identify_screens(display: str | None = None, seconds: float = 5.0) -> list[O
 
 
 def format_listing(outputs: list[Output]) -> str:
-    """Format one numbered line for each screen that could be the SLM's.
+    """Format one numbered line for each output.
 
     A line gives the screen's number, output, size, position, refresh rate and monitor.
     """
@@ -94,7 +94,7 @@ def format_listing(outputs: list[Output]) -> str:
 
 
 def show_names(display: str | None, seconds: float) -> None:
-    """Show the labels on all screens, to find the SLM's; this process's environment is changed.
+    """Show the labels everywhere; this process's environment is changed.
 
     Qt needs other environment variables to draw pixel for pixel.
     """

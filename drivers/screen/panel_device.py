@@ -1,4 +1,4 @@
-"""Serve the calls of `ScreenSLM` in the process of the SLM's window.
+"""Serve the calls of `ScreenSLM` in the window's process.
 
 Times are seconds of time.monotonic(). Between two calls, Qt's event loop plays the video and
 receives events of screens that are plugged in or out.
@@ -40,7 +40,7 @@ RandR has no event for gamma, nor has XF86VidMode. Chosen: one look takes about 
 
 
 class PanelDevice:
-    """Show patterns on the SLM's screen, as a device that `HostedDevice` runs in a child process.
+    """Show patterns, as a device that `HostedDevice` runs in a child process.
 
     The options are those of `ScreenSLM`, which has checked them.
     """
@@ -86,7 +86,7 @@ class PanelDevice:
         return 1 / (self._open_stage.output.refresh or self._wanted.refresh_hz)
 
     def displayed_pattern(self) -> str:
-        """Return the identifier of the pattern on the SLM's screen.
+        """Return the identifier of the pattern that is shown.
 
         A still pattern is read back. Raises DeviceError if the screen is gone or shows something
         else, or if its signal was changed since the pattern was shown.
@@ -101,18 +101,18 @@ class PanelDevice:
         return self._shown
 
     def settings(self) -> tuple[str, ...]:
-        """Return what was set at the SLM's connector since it was opened."""
+        """Return what was set at the connector since it was opened."""
         return tuple(self._open_stage.signal.settings.values())
 
     def notes(self) -> list[str]:
-        """Return what was set at the SLM's screen or happened to it, each once."""
+        """Return what was set or has happened, each once."""
         if self._stage is None:
             return []
         told, self._stage.signal.notes = self._stage.signal.notes, []
         return told
 
     def prepare_to_show(self, command: str) -> None:
-        """Stop the video on the SLM's screen, and set right what is sent, before a new pattern."""
+        """Stop the video, and set right what is sent, before a new pattern."""
         self._require_screen(command)
         self._raise_pending_error()
         self._stop()
@@ -120,7 +120,7 @@ class PanelDevice:
             self._open_stage.prepare_signal(command)
 
     def show(self, identifier: str, grey: NDArray[np.uint8]) -> float:
-        """Show a pattern on the SLM's screen and read it back.
+        """Show a pattern and read it back.
 
         Returns the time by which the pattern is on the screen at the latest.
         """
@@ -129,7 +129,7 @@ class PanelDevice:
         return self._display_frames(command, identifier, [grey])
 
     def play(self, identifier: str, video: NDArray[np.uint8]) -> float:
-        """Start a video on the SLM's screen and read back its first frame.
+        """Start a video and read back its first frame.
 
         Returns the time by which that frame is on the screen at the latest.
         """
@@ -146,7 +146,7 @@ class PanelDevice:
         return seen + self.frame_time
 
     def presentations(self) -> Presentations | None:
-        """Return which video frames the SLM's screen has shown, and when; None without one."""
+        """Return which video frames were shown, and when; None without a video."""
         self._require_screen("presentations")
         self._raise_pending_error()
         return None if self._video is None else self._video.player.presentations()
@@ -178,7 +178,7 @@ class PanelDevice:
         }
 
     def _attend_until_readable(self, end: int) -> None:
-        """Run the SLM window's Qt event loop until the parent process calls or has ended."""
+        """Run Qt's event loop until the parent process calls or has ended."""
         if self._stage is None:
             return
         from PySide6.QtCore import QEventLoop, QSocketNotifier, QTimer
@@ -214,7 +214,7 @@ class PanelDevice:
             self._require_screen("follow the screen")
 
     def _look_at_signal(self) -> None:
-        """Look whether a still is sent to the SLM as before; a video looks between its frames."""
+        """Look whether a still is sent as before; a video looks between its frames."""
         if self._video is None and self._stage is not None:
             with contextlib.suppress(DeviceError, XError):
                 self._stage.look_at_signal()
@@ -225,7 +225,7 @@ class PanelDevice:
                 self._stage.signal.look_at_ramp()
 
     def _require_screen(self, command: str) -> None:
-        """Raise DeviceError while the SLM's screen is gone; once it is back, show grey level 0."""
+        """Raise DeviceError while the screen is gone; once it is back, show grey level 0."""
         with self._translate_x_errors(command):
             try:
                 stayed = self._open_stage.ensure_covered()
@@ -236,7 +236,7 @@ class PanelDevice:
                 self._reset_after_loss()
 
     def _reset_after_loss(self) -> None:
-        """Forget the pattern or video that was on the SLM's screen before the screen was lost."""
+        """Forget the pattern or video that was shown before the loss."""
         if self._shown != _NEUTRAL or self._video is not None:
             self._stop()
             self._shown = _NEUTRAL
@@ -262,7 +262,7 @@ class PanelDevice:
             return seen
 
     def _draw(self, index: int) -> None:
-        """Draw a video frame on the SLM's screen; every half second, check the frame before.
+        """Draw a video frame; every half second, check the frame before.
 
         The check reads back one band of that frame.
         """
@@ -287,7 +287,7 @@ class PanelDevice:
             self._shown = ""
 
     def _counts(self) -> tuple[int, int]:
-        """Count the video frames that the SLM's screen presented and missed, over all videos."""
+        """Count the video frames that were presented and missed, over all videos."""
         if self._video is None:
             return self._played, self._missed
         told = self._video.player.presentations()

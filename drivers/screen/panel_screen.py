@@ -1,4 +1,4 @@
-"""Cover the SLM's screen with a window, read it back, and follow its plugging in and out."""
+"""Cover the SLM with a window, read it back, and follow its plugging in and out."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RESYNC = 2.0
 
 
 class PanelScreen:
-    """Show pictures on the SLM's screen and read them back.
+    """Show pictures on the SLM and read them back.
 
     model: the device's name in errors. display: as in DISPLAY; that of the environment if None.
     """
@@ -65,11 +65,11 @@ class PanelScreen:
 
     @property
     def window(self) -> int:
-        """Return the X server's number of the window on the SLM's screen; 0 without a window."""
+        """The X server's number of the window; 0 without a window."""
         return int(self._canvas.winId()) if self._canvas else 0
 
     def ensure_covered(self) -> bool:
-        """Return whether the window still covers the SLM's screen; otherwise cover it, neutral.
+        """Return whether the window still covers the SLM; otherwise cover it, neutral.
 
         DeviceError if the screen is missing or another monitor is connected.
         """
@@ -94,17 +94,17 @@ class PanelScreen:
         return False
 
     def prepare_signal(self, command: str) -> None:
-        """Set right what is sent to the SLM, which may be dark until `dark_until` afterwards."""
+        """Set right what is sent, which may be dark until `dark_until` afterwards."""
         if self.signal.prepare(command):
             self.dark_until = time.monotonic() + _RESYNC
 
     def check_signal(self, command: str) -> None:
-        """Raise DeviceError if what is sent to the SLM changed since its pattern was shown."""
+        """Raise DeviceError if what is sent changed since the pattern was shown."""
         self._read_changes()
         self.signal.require_unchanged(command)
 
     def look_at_signal(self) -> None:
-        """Note a change of what is sent to the SLM, which may be over before the next check."""
+        """Note a change of what is sent, which may be over before the next check."""
         self._read_changes()
         self.signal.look()
 
@@ -113,7 +113,7 @@ class PanelScreen:
             self._canvas.draw(image)
 
     def verify(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """Raise DeviceError unless the SLM's screen shows this pattern pixel for pixel."""
+        """Raise DeviceError unless this pattern is shown pixel for pixel."""
         # What was set for this pattern is reported before the answer to this request.
         self.changes.atom("EDID")
         self._read_changes()
@@ -137,7 +137,7 @@ class PanelScreen:
         self._verified = grey, seen.view(np.uint32).copy()
 
     def check(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """Raise DeviceError if the SLM's screen shows another pattern; put the window on top."""
+        """Raise DeviceError if another pattern is shown, and put the window on top."""
         seen, (verified, right) = self._read_pixels(), self._verified
         # The comparison with what was read before takes a tenth of the time.
         if grey is verified and np.array_equal(seen.view(np.uint32), right):
@@ -147,7 +147,7 @@ class PanelScreen:
             raise self._display_error(command, wrong)
 
     def check_band(self, command: str, grey: NDArray[np.uint8]) -> None:
-        """Check only one band of the video frame on the SLM's screen, to save time.
+        """Check only one band of a video frame, to save time.
 
         Each call checks the next band.
         """
@@ -162,7 +162,7 @@ class PanelScreen:
             raise self._display_error(command, wrong)
 
     def uncover(self) -> None:
-        """Remove the SLM's window, because its place may now belong to another screen."""
+        """Remove the window, because its place may now belong to another screen."""
         if self._reader is not None:
             self._reader.close()
             self._reader = None
@@ -202,7 +202,7 @@ class PanelScreen:
         return self._reader.pixels(top, rows)
 
     def _read_changes(self) -> None:
-        """Note what the X server reported of the SLM's screen since the last call."""
+        """Note what the X server reported of this output since the last call."""
         seen = read_changes(self.changes, self.output)
         self._lost |= seen.lost
         self.signal.note_changes(seen.properties)
@@ -213,5 +213,5 @@ class PanelScreen:
 
 
 def panel_name(output: Output) -> str:
-    """Return the name of the SLM's screen: its monitor's model, or its connector."""
+    """Return the name of an SLM: its monitor's model, or its connector."""
     return output.monitor.model or f"screen {output.name}"

@@ -1,4 +1,4 @@
-"""Choose the video frame for each refresh of the SLM's screen, and record when it was shown."""
+"""Choose the video frame for each refresh, and record when it was shown."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MAX_HISTORY = 1 << 16
 
 @dataclass(frozen=True)
 class Presentations:
-    """Record which frames of a video an SLM has shown since the video began, and when.
+    """Which frames of a video were shown since it began, and when.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Presentations:
 
 
 class VideoPlayer:
-    """Draw the next video frame at each refresh of the screen, and record the presentations.
+    """Draw the next frame at each refresh, and record the presentations.
 
     draw: draws the frame with an index, and returns when the X server has received it. now:
     returns the time in the clock of the refreshes.
@@ -54,7 +54,7 @@ class VideoPlayer:
         self._smoothed_time = 0.0
 
     def on_refresh(self, number: int, time: float) -> int:
-        """Draw the next video frame after the SLM screen's refresh `number`.
+        """Draw the next frame after the refresh `number`.
 
         Returns the number of the refresh that will show the frame.
         """
@@ -82,7 +82,7 @@ class VideoPlayer:
         self._presented += 1
 
     def presentations(self) -> Presentations:
-        """Return the video frames that the SLM's screen showed; an overdue one counts as missed."""
+        """Return the frames that were shown; an overdue one counts as missed."""
         overdue = 0
         if self._shown:
             late = (self._now() - self._shown[-1][1]) / self._period

@@ -1,4 +1,4 @@
-"""Receive the times of the screen's refreshes from the X server's Present extension.
+"""Receive the times of refreshes from the X server's Present extension.
 
 A graphics card's driver counts the real refreshes of a screen. For a virtual screen, the server
 generates them by its own clock.
@@ -15,7 +15,7 @@ from drivers.x11.libxcb import GENERIC_EVENT
 
 
 class _PresentRequest(IntEnum):
-    """Name the requests of the Present extension by their minor opcodes."""
+    """Minor opcodes of the Present extension's requests."""
 
     QUERY_VERSION = 0
     NOTIFY_MSC = 2
@@ -23,19 +23,19 @@ class _PresentRequest(IntEnum):
 
 
 class _PresentEvent(IntEnum):
-    """Name the events of the Present extension by their types."""
+    """Types of the Present extension's events."""
 
     COMPLETE_NOTIFY = 1
 
 
 class _CompleteKind(IntEnum):
-    """Name what a CompleteNotify event of the Present extension reports."""
+    """What a CompleteNotify event of the Present extension reports."""
 
     NOTIFY_MSC = 1
 
 
 class Refresh(NamedTuple):
-    """Describe a refresh of the screen: the X server's count, and time.monotonic() in seconds."""
+    """A refresh: the X server's count, and time.monotonic() in seconds."""
 
     number: int
     time: float
@@ -65,7 +65,7 @@ class RefreshEvents:
         self._serial = 0
 
     def request_refresh(self, number: int) -> None:
-        """Request an event for refresh `number` of the SLM's screen.
+        """Request an event for refresh `number`.
 
         If that refresh has passed, the event is for the latest one. Earlier requests are ignored
         from now on.
@@ -84,7 +84,7 @@ class RefreshEvents:
         )
 
     def poll_refresh(self) -> Refresh | None:
-        """Return the requested refresh of the SLM's screen, if its event has arrived."""
+        """Return the requested refresh, if its event has arrived."""
         found = None
         for event in self.x.events():
             if len(event) < 44 or event[0] & 0x7F != GENERIC_EVENT or event[1] != self._major:

@@ -1,4 +1,4 @@
-"""Choose the SLM's screen: the one that was named, and never the operator's."""
+"""Choose the SLM's output: the one that was named, and never the operator's."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.x11.outputs import Output
 
 @dataclass(frozen=True)
 class ScreenRequest:
-    """Describe the screen that is wanted for the SLM.
+    """What is wanted for the SLM.
 
     screen: an output's name, or a monitor's model or serial number; any screen of that size if
     empty. width, height: pixels. allowed: names of properties that aren't checked.
@@ -30,7 +30,7 @@ NATIVE_SIZE = "native size"
 
 
 def choose_screen(request: ScreenRequest, outputs: Sequence[Output]) -> Output:
-    """Choose the screen that fits the SLM's options; otherwise DeviceError lists all screens."""
+    """Choose the output that fits the request; otherwise DeviceError lists all of them."""
     found = [output for output in outputs if _matches_request(request, output)]
     if request.screen:
         what = f"no screen is called {request.screen!r}"

@@ -14,7 +14,7 @@ from drivers.x11.outputs import Output
 
 
 def show_labels(display: str, there: Sequence[Output], clock: Clock, seconds: float) -> None:
-    """Show a label in the middle of each screen for some seconds, to find the SLM's screen."""
+    """Show a label in the middle of each output for some seconds."""
     qt_application(display)
     plates = []
     for number, output in enumerate(there, 1):

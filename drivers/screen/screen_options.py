@@ -1,4 +1,4 @@
-"""Check the options of the SLM's driver before its screen is looked for."""
+"""Check the SLM's options before its screen is looked for."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from drivers.screen.screen_choice import ScreenRequest
 def check_options(
     request: ScreenRequest, *, display: str | None, settling_ms: float, allow_ramp: bool
 ) -> ScreenRequest:
-    """Return the request for the SLM's screen as its types say; ValueError names a wrong option."""
+    """Return the request with its fields in the right types; ValueError names a wrong option."""
     if not isinstance(request.screen, str):
         raise ValueError(f"screen is {request.screen!r}; give a name in quotes")
     for name, size in (("width", request.width), ("height", request.height)):

@@ -1,4 +1,4 @@
-"""Check whether the SLM's screen is connected, without the window and without disturbing it."""
+"""Look whether the SLM is connected, without the window and without disturbing it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.x11.outputs import list_outputs, watch_changes
 
 
 class ScreenWatcher:
-    """Look for the SLM's screen through a separate X connection, opened at the first call.
+    """Look for the SLM through a separate X connection, opened at the first call.
 
     The X server reports when screens are plugged in or out, and only then are they listed again.
 
@@ -26,7 +26,7 @@ class ScreenWatcher:
         self._reason = ""
 
     def unplugged_reason(self) -> str:
-        """Return why the SLM's screen is missing, empty if it isn't; takes 4 s at most."""
+        """Return why the SLM is missing, empty if it isn't; takes 4 s at most."""
         with self._turn:
             try:
                 self._update()

@@ -1,4 +1,4 @@
-"""Check that the desktop session is X11, and turn off Qt's scaling, for the SLM's window."""
+"""Check that the desktop session is X11, and turn off Qt's scaling."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _TO_X11 = (
 
 
 class ServerGone(DeviceError):
-    """Report that the X server has ended, and with it all windows."""
+    """Raised if the X server has ended, and with it all windows."""
 
 
 def connect_display(model: str, display: str | None) -> XConnection:
-    """Connect the SLM's screen driver to the X server; DeviceError without one, or for Xwayland.
+    """Connect to the X server; DeviceError without one, or for Xwayland.
 
     Wayland's compositor controls screens and scaling, so that Xwayland can't show exact pixels.
 
@@ -52,7 +52,7 @@ def connect_display(model: str, display: str | None) -> XConnection:
 
 
 def disable_scaling(environment: MutableMapping[str, str], display: str) -> None:
-    """Change this process's environment so that Qt draws pixel for pixel on the SLM's screen."""
+    """Change this process's environment so that Qt draws pixel for pixel."""
     for name in _SCALING:
         environment.pop(name, None)
     environment.update(

@@ -1,4 +1,4 @@
-"""Check and set what a graphics card does to the SLM's picture between its memory and the panel.
+"""Check and set what a graphics card does to a picture between its memory and the panel.
 
 The memory can be read back, but not what is sent: gamma ramp and the connector's properties decide
 about that. They are read when a pattern is shown, and compared with that after each exposure.
@@ -51,7 +51,7 @@ class SignalPath:
         self.notes: list[str] = []
 
     def prepare(self, command: str) -> bool:
-        """Set the properties of the SLM's connector that alter grey levels; DeviceError if refused.
+        """Set the connector's properties that alter grey levels; DeviceError if refused.
 
         Returns whether any was set, after which a panel may be dark for a moment.
         """
@@ -72,7 +72,7 @@ class SignalPath:
         return was_off or bool(altering)
 
     def begin(self, command: str) -> None:
-        """Note how the SLM's picture is sent from now on; DeviceError if its levels are altered."""
+        """Note how the picture is sent from now on; DeviceError if its levels are altered."""
         self._fault = ""
         self._ramp = self._require_plain_ramp(command)
         self._standing = self._properties.read()
@@ -80,19 +80,19 @@ class SignalPath:
             raise self._property_error(command, given, rule)
 
     def note_changes(self, atoms: Iterable[int]) -> None:
-        """Note properties of the SLM's connector that the X server reported as set by somebody."""
+        """Note properties that the X server reported as set by somebody."""
         for name in map(self._properties.name, atoms):
             if rule_of(name) is not None and not self._fault:
                 self._fault = f"{name} was set by another program"
 
     def look_at_ramp(self) -> None:
-        """Note whether the gamma ramp of the SLM's screen is as it was, which is soon read."""
+        """Note whether the gamma ramp is as it was, which is soon read."""
         ramp = read_gamma_ramp(self._x, self._output.crtc)
         if not np.array_equal(ramp, self._ramp):
             self._fault = self._fault or _describe_ramp(ramp)
 
     def look(self) -> None:
-        """Note whether the SLM's picture is still sent as it was when it was shown."""
+        """Note whether the picture is still sent as it was when it was shown."""
         ramp, now = read_gamma_ramp(self._x, self._output.crtc), self._properties.read()
         found = [] if np.array_equal(ramp, self._ramp) else [_describe_ramp(ramp)]
         if is_switched_off(self._x):
@@ -103,7 +103,7 @@ class SignalPath:
         self._fault = "; ".join(filter(None, found)) or self._fault
 
     def require_unchanged(self, command: str) -> None:
-        """Raise DeviceError if anything has changed since the SLM's picture was shown."""
+        """Raise DeviceError if anything has changed since the picture was shown."""
         self.look()
         if self._fault:
             reply = f"{self._fault}, while the pattern was shown on {self._output.name}"
@@ -114,7 +114,7 @@ class SignalPath:
             raise DeviceError(self._model, command, reply, remedy)
 
     def follow(self, output: Output) -> None:
-        """Go on with the SLM's screen after it moved, perhaps to another connector."""
+        """Go on after the SLM moved, perhaps to another connector."""
         if output.number != self._output.number:
             self.restore()
             self._properties = OutputProperties(self._x, output.number)
@@ -122,7 +122,7 @@ class SignalPath:
         self._output = output
 
     def restore(self) -> None:
-        """Give the SLM's connector its old properties back, unless others have set them since."""
+        """Give the connector its old properties back, unless others have set them since."""
         now = self._properties.read()
         for name in self.settings.keys() & self._at_first.keys() & now.keys():
             seen, first, rule = now[name], self._at_first[name], rule_of(name)
@@ -130,7 +130,7 @@ class SignalPath:
                 self._properties.change(seen, first.value)
 
     def describe(self) -> str:
-        """Describe the known properties of the SLM's connector."""
+        """Describe the known properties of the connector."""
         known = [p for p in self._standing.values() if rule_of(p.name) is not None]
         words = [f"{p.name} {_words(p.value)}" for p in known] or ["no known properties"]
         if self._x.has("NV-CONTROL"):
@@ -140,7 +140,7 @@ class SignalPath:
     def _altering(
         self, found: dict[str, OutputProperty]
     ) -> list[tuple[OutputProperty, SignalRule]]:
-        """Return the properties that alter the SLM's grey levels and aren't allowed to."""
+        """Return the properties that alter grey levels and aren't allowed to."""
         pairs = ((given, rule_of(given.name)) for given in found.values())
         return [
             (given, rule)
@@ -151,7 +151,7 @@ class SignalPath:
         ]
 
     def _require_plain_ramp(self, command: str) -> NDArray[np.uint16]:
-        """Read the SLM screen's gamma ramp; DeviceError if it alters levels and may not."""
+        """Read the gamma ramp; DeviceError if it alters levels and may not."""
         found = read_gamma_ramp(self._x, self._output.crtc)
         # A virtual screen is sent to no monitor, so the X server leaves its ramp empty.
         is_virtual = not self._output.refresh and not found.any()
@@ -183,7 +183,7 @@ def _describe_ramp(ramp: NDArray[np.uint16]) -> str:
 
 
 def _describe_change(before: OutputProperty | None, after: OutputProperty | None) -> str:
-    """Describe how a property of the SLM's connector changed; empty if it didn't."""
+    """Describe how a property changed; empty if it didn't."""
     one = after or before
     if one is None or (before and after and before.value == after.value):
         return ""
@@ -197,13 +197,13 @@ def _describe_change(before: OutputProperty | None, after: OutputProperty | None
 
 
 def _step(before: Value, after: Value) -> str:
-    """Describe the step of a property of the SLM's connector from one value to another."""
+    """Describe the step from one value to another; empty if both read the same."""
     was, now = _words(before), _words(after)
     return "" if was == now else f" from {was} to {now}"
 
 
 def _words(value: Value) -> str:
-    """Return a property's value in words; a matrix or table for the SLM isn't written out."""
+    """Return a property's value in words; a matrix or table isn't written out."""
     if isinstance(value, str):
         return value
     return " ".join(map(str, value)) if len(value) <= 4 else f"{len(value)} numbers"

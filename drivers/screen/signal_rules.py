@@ -1,4 +1,4 @@
-"""What the known properties of connectors do to the SLM's grey levels, and which values do nothing.
+"""What the known properties of connectors do to grey levels, and which values do nothing.
 
 The names and values are those that the kernel's drivers expose to X11, which keeps the names:
 Linux, drivers/gpu/drm/drm_connector.c (scaling mode, max bpc, Colorspace, content type, TV's
@@ -21,13 +21,13 @@ from drivers.screen.display_checks import gamma_ramp_error
 from drivers.x11.output_properties import OutputProperty, Value
 
 PlainValue = Callable[[OutputProperty], Value | None]
-"""Return the value at which a property leaves grey levels unaltered: its own value if it does so
+"""Returns the value at which a property leaves grey levels unaltered: its own value if it does so
 already, and None if none is known or allowed."""
 
 
 @dataclass(frozen=True)
 class SignalRule:
-    """Say what a kind of property does to the SLM's picture, and at which value it does nothing.
+    """What a kind of property does to a picture, and at which value it does nothing.
 
     names: regular expression that finds the property's name, in lower case.
     """
@@ -195,18 +195,18 @@ _RULES = (
 
 
 def rule_of(name: str) -> SignalRule | None:
-    """Return what is known of a property of the SLM's connector; None if nothing is."""
+    """Return what is known of a property by its name; None if nothing is."""
     lowered = name.casefold().replace("_", " ")
     return next((rule for rule in _RULES if re.search(rule.names, lowered)), None)
 
 
 def is_plain(given: OutputProperty, rule: SignalRule) -> bool:
-    """Return whether a property's value leaves the SLM's grey levels unaltered."""
+    """Return whether a property's value leaves grey levels unaltered."""
     return given.value == () or rule.plain_value(given) == given.value
 
 
 def _simplify(value: Value) -> str:
-    """Return a value of a connector's property without case, spaces and signs between words."""
+    """Return a value without case, spaces and signs between words."""
     if isinstance(value, str):
         return re.sub(r"[^a-z0-9]", "", value.casefold())
     return " ".join(map(str, value)) if any(value) else "0"

@@ -1,4 +1,4 @@
-"""Play a video on the SLM's screen, one frame per refresh, paced by the X server or the clock."""
+"""Play a video, one frame per refresh, paced by the X server or the clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.x11 import XError
 
 
 class VideoPlayback(QObject):
-    """Play a video on the screen until it is stopped, while Qt's event loop runs."""
+    """Play a video until it is stopped, while Qt's event loop runs."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class VideoPlayback(QObject):
         return "the clock" if self._refreshes is None else "the screen's refreshes"
 
     def process_refreshes(self, *_: object) -> None:
-        """Draw the video frames that are due after the SLM screen's reported refreshes."""
+        """Draw the frames that are due after the reported refreshes."""
         try:
             while (
                 self._refreshes is not None and (told := self._refreshes.poll_refresh()) is not None
@@ -78,7 +78,7 @@ class VideoPlayback(QObject):
         self._timer.start(max(0, round(due * 1e3)))
 
     def _on_timeout(self) -> None:
-        """Compute the SLM screen's latest refresh from the clock, and continue the count."""
+        """Compute the latest refresh from the clock, and continue the count."""
         now = time.monotonic()
         passed = math.floor((now - self._last.time) / self._period)
         # A timer may fire half a millisecond early.

@@ -1,4 +1,4 @@
-"""Exchange commands and answers with a Thorlabs filter wheel, which behaves like a terminal.
+"""Exchange commands and answers with a device that behaves like a terminal.
 
 The wheel echoes each command, answers a query with a value, and then sends a prompt. After a
 move, the prompt comes when the move is done. Source: Thorlabs' manual of the FW102C/FW212C,
@@ -36,11 +36,11 @@ _ERRORS = {
 
 
 class UnknownCommand(DeviceError):
-    """Report that the filter wheel doesn't know a command."""
+    """Raised for a command that the device doesn't know."""
 
 
 class ThorlabsClient:
-    """Exchange commands and answers with a filter wheel, and keep each answer with its command.
+    """Exchange commands and answers, and keep each answer with its command.
 
     turning_time: longest time of a move in seconds. check: verifies the wheel's identity and
     settings.
@@ -51,7 +51,7 @@ class ThorlabsClient:
         self._needs_lead_line = False
 
     def call_with_retry(self, command: str, work: Callable[[], T]) -> T:
-        """Return the result of `work`; retry once after finding the Thorlabs wheel's prompt."""
+        """Return the result of `work`; retry once after finding the prompt."""
         self.get_ready(command)
         try:
             return work()
@@ -62,7 +62,7 @@ class ThorlabsClient:
         return work()
 
     def get_ready(self, command: str) -> None:
-        """Bring the Thorlabs wheel to its prompt, and check its identity and settings.
+        """Bring the device to its prompt, and check its identity and settings.
 
         This does nothing if the wheel is at its prompt already. A wheel that is still turning sends
         its prompt only when it has stopped.
@@ -89,7 +89,7 @@ class ThorlabsClient:
                 return
 
     def read_firmware(self, command: str) -> str:
-        """Return the Thorlabs wheel's firmware version.
+        """Return the firmware version.
 
         This also finds out whether each command needs a line before it.
         """
@@ -110,14 +110,14 @@ class ThorlabsClient:
         return found[1]
 
     def query_integer(self, question: str, command: str, most: int, least: int = 1) -> int:
-        """Return the Thorlabs wheel's answer as a whole number from `least` to `most`."""
+        """Return the answer as a whole number from `least` to `most`."""
         answer = self.confirmed_reply(question, command)
         if not re.fullmatch("[0-9]{1,2}", answer) or not least <= int(answer) <= most:
             raise self._line.error(command, f"{question} gives {answer!r}, not {least} to {most}")
         return int(answer)
 
     def confirmed_reply(self, question: str, command: str) -> str:
-        """Return an answer that the real Thorlabs wheel gave three times in a row.
+        """Return an answer that came three times in a row.
 
         Repetition rules out noise and late answers.
         """
@@ -130,7 +130,7 @@ class ThorlabsClient:
         raise self._line.error(command, f"{question} gives {answer!r} and others in turn")
 
     def ask(self, text: str, command: str, seconds: float = REPLY_TIMEOUT) -> str:
-        """Send a command to the Thorlabs wheel; return what comes between echo and prompt."""
+        """Send a command; return what comes between echo and prompt."""
         if self._needs_lead_line:
             self._exchange(b">", command, REPLY_TIMEOUT)
         answer = self._exchange(text.encode(), command, seconds)

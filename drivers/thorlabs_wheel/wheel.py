@@ -1,4 +1,4 @@
-"""Drive Thorlabs' filter wheels FW102C (6 slots) and FW212C (12 slots) over a serial port.
+"""Turn an FW102C (6 slots) or FW212C (12 slots) over a serial port.
 
 Source: Thorlabs' manual of the FW102C/FW212C, chapter 5.2.3.
 """
@@ -101,7 +101,7 @@ class ThorlabsWheel(Wheel):
 
     @property
     def identity(self) -> Identity:
-        """Return the Thorlabs wheel's model; it can't report a serial number."""
+        """Model, without a serial number, which can't be read."""
         return Identity(self.model, "", simulated=False)
 
     @property
@@ -110,12 +110,12 @@ class ThorlabsWheel(Wheel):
             return super().slot
 
     def set_slot(self, number: int) -> Setting[int]:
-        """Turn the real Thorlabs wheel to a slot and wait until it has arrived."""
+        """Turn to a slot and wait until it has arrived."""
         with self._line.within(self.reply_time):
             return super().set_slot(number)
 
     def health(self) -> dict[str, str]:
-        """Read the real Thorlabs wheel's firmware version, slot and settings."""
+        """Read firmware version, slot and settings."""
 
         def read() -> dict[str, str]:
             return {
@@ -128,16 +128,16 @@ class ThorlabsWheel(Wheel):
         return {"firmware": self._firmware, "slot": told.pop("pos"), **told}
 
     def save(self) -> None:
-        """Store the Thorlabs wheel's settings, so that they apply after it is switched on again."""
+        """Store the settings, so that they apply after the next switching on."""
         with self._line.within(self.reply_time):
             self._link.call_with_retry("save", lambda: self._link.ask("save", "save"))
 
     def kill(self) -> None:
-        """Cancel the Thorlabs wheel driver's running call and all later ones; from any thread."""
+        """Cancel the running call and all later ones; from any thread."""
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why the Thorlabs wheel counts as unplugged, empty while it is connected."""
+        """Return why it counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
@@ -159,7 +159,7 @@ class ThorlabsWheel(Wheel):
 
     @property
     def _setting_names(self) -> tuple[str, ...]:
-        """Return the names of the settings that the Thorlabs wheel's firmware knows."""
+        """Names of the settings that the firmware knows."""
         return ("trig",) if self._firmware == "1.0" else ("speed", "sensors", "trig", "pcount")
 
     def _read_slot(self, command: str) -> int:
@@ -198,7 +198,7 @@ class ThorlabsWheel(Wheel):
             )
 
     def _check(self, command: str) -> None:
-        """Verify that the same Thorlabs wheel answers, and apply the requested settings."""
+        """Verify that the same device answers, and apply the requested settings."""
         firmware = self._link.read_firmware(command)
         if self._firmware not in ("", firmware):
             raise self._line.error(

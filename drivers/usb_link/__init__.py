@@ -1,4 +1,4 @@
-"""Link to a USB device: finding, claiming, transfers with timeouts, and reopening after unplugging.
+"""Find and claim a USB device, transfer with timeouts, and reopen it after unplugging.
 
 It uses pyusb with the libusb of the package libusb-package. Sources: pyusb's tutorial and libusb's
 documentation of its synchronous transfers.

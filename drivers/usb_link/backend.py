@@ -1,4 +1,4 @@
-"""Choice of the pyusb backend of a USB driver: the libusb of libusb-package, or an installed one.
+"""Choose the pyusb backend of a device: the libusb of libusb-package, or an installed one.
 
 Every USB driver has the option `backend`. An empty text means libusb. "NAME" or "NAME@ADDRESS" is
 an entry point of an installed package, in the group "labapp.usb_backends": a function that returns
@@ -26,7 +26,7 @@ Backend = str | Callable[[], Any]
 
 
 def require_backend_name(backend: object) -> None:
-    """Raise ValueError unless the USB link's option `backend` names an installed one, or none."""
+    """Raise ValueError unless the option `backend` is empty, a function or an installed name."""
     if callable(backend) or backend == "":
         return
     named = isinstance(backend, str) and _NAME.fullmatch(backend) is not None
@@ -48,7 +48,7 @@ class BackendMissing(Exception):
 
 
 def load_backend(backend: Backend) -> Any:
-    """Return the pyusb backend of that name for a USB link, or raise BackendMissing."""
+    """Return the pyusb backend of that name, or raise BackendMissing."""
     if not backend:
         return _libusb()
     try:
@@ -67,7 +67,7 @@ def load_backend(backend: Backend) -> Any:
 
 @cache
 def _installed_backends() -> EntryPoints:
-    """Return the entry points of backends for USB links, for which all packages are looked at."""
+    """Return the entry points of backends, for which all packages are looked at."""
     return entry_points(group=GROUP)
 
 

@@ -1,4 +1,4 @@
-"""Identity of a USB device in its string descriptors."""
+"""What a device says of itself in its string descriptors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 
 class UsbIdentity(NamedTuple):
-    """Identity of a USB device: its strings, empty if it has none, and its release number."""
+    """A device's strings, empty if it has none, and its release number."""
 
     maker: str
     product: str
@@ -20,7 +20,7 @@ STRING_TIMEOUT = 0.5
 
 
 def read_string(device: Any, index: int, twice: bool = True) -> str:
-    """Read a USB device's string descriptor over the link; empty if the device has none.
+    """Read a string descriptor; empty if the device has none.
 
     twice: whether it is read a second time for comparison. Raises ValueError for a reply that is no
     string and for two replies that differ.
@@ -52,6 +52,6 @@ def _string_bytes(device: Any, index: int) -> bytes:
 
 
 def describe_identity(identity: UsbIdentity) -> str:
-    """Describe the identity of a USB link's device for an error message."""
+    """Name a device by its product, serial number and release."""
     number = f"serial number {identity.serial}" if identity.serial else "no serial number"
     return f"{identity.product or 'a device without a name'} ({number}, release {identity.release})"

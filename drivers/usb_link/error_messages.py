@@ -1,4 +1,4 @@
-"""Error messages and remedies for libusb's errors."""
+"""What libusb's errors mean, and what to do about them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _EXPLANATIONS: dict[int | None, tuple[str, str]] = {
 def explain_usb_error(
     error: Exception, seconds: float, vendor: int, product: int
 ) -> tuple[str, str]:
-    """Return the reply and remedy of a USB link's DeviceError for an exception of pyusb.
+    """Return what an exception of pyusb means, and its remedy.
 
     seconds: timeout of the transfer.
     """
@@ -41,7 +41,7 @@ def explain_usb_error(
 
 
 def udev_rule(vendor: int, product: int) -> str:
-    """Return the instruction for a udev rule that lets users open a USB link to a device."""
+    """Return the instruction for a udev rule that lets users open a device."""
     return (
         "Write into /etc/udev/rules.d/70-labapp.rules the line "
         f'SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}", '

@@ -1,4 +1,4 @@
-"""Link to one USB device, which reports every failure as a DeviceError."""
+"""One USB device, whose every failure is reported as a DeviceError."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from drivers.usb_link.error_messages import CABLE, explain_usb_error
 
 
 class UsbLink:
-    """Link to one USB device, found by vendor and product and, among several, by serial number.
+    """Exchange data with one device, found by vendor and product and perhaps by serial number.
 
     Every failure is a DeviceError, which is raised at most `timeout` seconds after the beginning of
     a transfer. Opening the device, if needed, takes at most 3 seconds more. A device that was
@@ -81,7 +81,7 @@ class UsbLink:
 
     @property
     def identity(self) -> UsbIdentity:
-        """Identity that the USB link's device reported when it was first opened."""
+        """What the device reported of itself when it was first opened."""
         return self._first_identity or UsbIdentity("", "", "", "")
 
     @property
@@ -90,18 +90,18 @@ class UsbLink:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether the USB link was cancelled, after which it can't be used any more."""
+        """Whether cancel() was called, after which no transfer is possible any more."""
         return self._cancelled.is_set()
 
     def cancel(self) -> None:
-        """Let no further transfer begin on the USB link; any thread may call this.
+        """Let no further transfer begin; any thread may call this.
 
         The thread that uses the link then closes the device.
         """
         self._cancelled.set()
 
     def open(self, command: str = "open") -> None:
-        """Find and claim the USB link's device, unless it is open already."""
+        """Find and claim the device, unless it is open already."""
         self._require_not_cancelled(command)
         if self._device is not None:
             return
@@ -119,7 +119,7 @@ class UsbLink:
             raise
 
     def unplugged_reason(self) -> str | None:
-        """Return why the USB link's device counts as unplugged, empty while it is there.
+        """Return why the device counts as unplugged, empty while it is there.
 
         It looks only at the system's list of USB devices and sends nothing. It returns None before
         the device was found. Any thread may call it.
@@ -133,7 +133,7 @@ class UsbLink:
         return "" if there >= self._matching_count else "it was unplugged"
 
     def close(self) -> None:
-        """Close the USB link and release the device to the system; this never raises."""
+        """Release the device to the system; this never raises."""
         device, self._device = self._device, None
         if device is None:
             return
@@ -157,7 +157,7 @@ class UsbLink:
         data: bytes,
         seconds: float | None = None,
     ) -> None:
-        """Send a USB control transfer to the device; DeviceError unless it takes all bytes."""
+        """Send a control transfer; DeviceError unless the device takes all bytes."""
         given = (request_type, request, value, self._interface, data)
         taken = self._transfer(command, lambda one, ms: one.ctrl_transfer(*given, ms), seconds)
         self._require_all(command, int(taken), data)
@@ -171,14 +171,14 @@ class UsbLink:
         length: int,
         seconds: float | None = None,
     ) -> bytes:
-        """Fetch up to `length` bytes over the USB link by a control transfer."""
+        """Fetch up to `length` bytes by a control transfer."""
         given = (request_type, request, value, self._interface, length)
         return bytes(
             self._transfer(command, lambda one, ms: one.ctrl_transfer(*given, ms), seconds)
         )
 
     def read(self, command: str, endpoint: int, length: int, seconds: float | None = None) -> bytes:
-        """Read up to `length` bytes from a bulk or interrupt endpoint of the USB link's device.
+        """Read up to `length` bytes from a bulk or interrupt endpoint.
 
         If the endpoint has halted, the halt is cleared and DeviceError is raised.
         """
@@ -189,7 +189,7 @@ class UsbLink:
         )
 
     def write(self, command: str, endpoint: int, data: bytes, seconds: float | None = None) -> None:
-        """Write all bytes to a bulk or interrupt endpoint of the USB link's device."""
+        """Write all bytes to a bulk or interrupt endpoint."""
         taken = self._transfer(
             command, lambda one, ms: one.write(endpoint, data, ms), seconds, endpoint
         )
@@ -203,7 +203,7 @@ class UsbLink:
     def drain(
         self, command: str, endpoint: int, length: int, quiet: float, is_overdue: Callable[[], bool]
     ) -> int:
-        """Discard the USB link's reports until none comes for `quiet` seconds; count them.
+        """Discard reports until none comes for `quiet` seconds; count them.
 
         Raises DeviceError if reports still come when `is_overdue()` is true, or if the device is
         gone.
@@ -230,7 +230,7 @@ class UsbLink:
         seconds: float | None,
         endpoint: int = 0,
     ) -> Any:
-        """Carry out a transfer on the open USB link, within `seconds` and the link's timeout.
+        """Carry out a transfer within `seconds` and the link's timeout.
 
         transfer: function of pyusb's device and a timeout in milliseconds.
         """
@@ -243,13 +243,13 @@ class UsbLink:
         return answer
 
     def _require_not_cancelled(self, command: str) -> None:
-        """Raise DeviceError if the USB link was cancelled, and close it to free the device."""
+        """Raise DeviceError if cancel() was called, and close to free the device."""
         if self._cancelled.is_set():
             self.close()
             raise self._error(command, "the device was given up", "Open the device again")
 
     def _find(self, command: str) -> Any:
-        """Find the USB link's device by vendor, product and serial number, or raise DeviceError."""
+        """Find the device by vendor, product and serial number, or raise DeviceError."""
         import usb.core
 
         found = usb.core.find(
@@ -273,14 +273,14 @@ class UsbLink:
         return devices[0]
 
     def _count_matching(self) -> int:
-        """Count the USB devices that match the link's vendor and product, without opening any."""
+        """Count the devices that match vendor and product, without opening any."""
         return sum(
             (told.idVendor, told.idProduct) == (self._vendor, self._product)
             for told in map(self._backend.get_device_descriptor, self._backend.enumerate_devices())
         )
 
     def _with_serial(self, devices: list[Any]) -> list[Any]:
-        """Return the USB devices with the serial number that the link requires.
+        """Return the devices with the required serial number.
 
         An error when reading a serial number is raised only if no device matches.
         """
@@ -301,7 +301,7 @@ class UsbLink:
         return fitting
 
     def _claim(self) -> None:
-        """Claim the interface of the USB link's device; detach the system's driver if needed."""
+        """Claim the interface; detach the system's driver if needed."""
         import usb.core
         import usb.util
 
@@ -351,7 +351,7 @@ class UsbLink:
         endpoint: int = 0,
         let_through: type[Exception] | tuple[()] = (),
     ) -> Iterator[None]:
-        """Turn pyusb's exceptions on the USB link into DeviceError, except any of `let_through`."""
+        """Turn pyusb's exceptions into DeviceError, except any of `let_through`."""
         try:
             yield
         except DeviceError:
@@ -376,7 +376,7 @@ class UsbLink:
             raise self._error(command, *words) from error
 
     def _name_holders(self) -> str:
-        """Return who else has the USB link's device open, in words; empty if nobody is known to."""
+        """Return who else has the device open, in words; empty if nobody is known to."""
         if self._backend_name or self._device is None:
             return ""
         return name_holders(f"/dev/bus/usb/{self._device.bus:03d}/{self._device.address:03d}")

@@ -1,4 +1,4 @@
-"""Drive a UVC camera, and return only frames that have the exposure that was set.
+"""Take frames, and return only those that have the exposure that was set.
 
 Sources: the USB Video Class 1.5; the kernel's documentation of V4L2's camera controls (absolute
 exposure in units of 100 us, exposure_auto 1 for manual); OpenCV's documentation of VideoCapture.
@@ -36,14 +36,10 @@ from drivers.uvc.stream import QUEUE_LENGTH, Stream, StreamFrame, StreamStopped
 
 @dataclass(frozen=True)
 class UVCTiming:
-    """Times that a UVC camera may take beyond a frame.
+    """Times that a camera may take beyond a frame, in seconds.
 
-    Attributes
-    ----------
-    stall_margin : float
-        Seconds after a frame should have come, from which the stream counts as stopped. Chosen.
-    set_margin : float
-        Seconds that setting an exposure may take. Chosen.
+    stall_margin: after a frame should have come, from which the stream counts as stopped. Chosen.
+    set_margin: for setting an exposure. Chosen.
     """
 
     stall_margin: float = 0.8
@@ -151,7 +147,7 @@ class UVCCamera:
 
     @property
     def frame_time(self) -> float:
-        """Return the seconds for the UVC frames that are discarded and the one that is kept."""
+        """Seconds for the frames that are discarded and the one that is kept."""
         return (self.discard_frames + QUEUE_LENGTH + 4) * self._period
 
     @property
@@ -161,7 +157,7 @@ class UVCCamera:
         return max(given, self._in_force.exposure)
 
     def health(self) -> dict[str, str]:
-        """Return the UVC camera's description, and the frame time and counts of its stream."""
+        """Return the camera's description, and the frame time and counts of its stream."""
         stream = self._connection.ensure_stream("read its state")
         return {
             **self._connection.description,
@@ -172,7 +168,7 @@ class UVCCamera:
         }
 
     def set_exposure(self, exposure: float) -> Setting[float]:
-        """Set the UVC camera's exposure in s, and read back the value that is in force."""
+        """Set the exposure in seconds, and read back the value that is in force."""
         command = f"set the exposure to {exposure * 1e3:g} ms"
         low, high = self._range
         if not low <= exposure <= high:
@@ -186,7 +182,7 @@ class UVCCamera:
         return Setting(exposure, self._in_force.exposure, self._clock.now())
 
     def capture(self, cancelled: Callable[[], bool]) -> Frame:
-        """Return the first UVC frame with the current exposure that began after this call.
+        """Return the first frame with the current exposure that began after this call.
 
         DeviceError if the stream stops for a second, or if the call is cancelled.
         """
@@ -201,7 +197,7 @@ class UVCCamera:
         return Frame(image, self._in_force.exposure, self._gain, begun, shot.number)
 
     def measure_latency(self, exposures: Sequence[float], steps: int = 3, frames: int = 16) -> int:
-        """Measure the UVC camera's `discard_frames` by alternating between two exposures.
+        """Measure `discard_frames` by alternating between two exposures.
 
         The light must be steady. The result is used from now on.
 
@@ -224,11 +220,11 @@ class UVCCamera:
         return latency
 
     def make_safe(self) -> None:
-        """Stop the UVC camera's stream; the next command starts it again."""
+        """Stop the stream; the next command starts it again."""
         self._connection.stop()
 
     def unplugged_reason(self) -> str | None:
-        """Return why the UVC camera counts as unplugged, empty while it is connected."""
+        """Return why the camera counts as unplugged, empty while it is connected."""
         return self._connection.unplugged_reason()
 
     def __enter__(self) -> Self:
@@ -239,7 +235,7 @@ class UVCCamera:
         self._connection.stop()
 
     def _light_levels(self, command: str, count: int) -> list[tuple[int, float]]:
-        """Return the light levels of the UVC camera's next frames, to measure its latency.
+        """Return the light levels of the next frames, to measure the latency.
 
         Each comes with the number of frames since the exposure was set.
         """
@@ -255,7 +251,7 @@ class UVCCamera:
         return levels
 
     def _next_valid_frame(self, stream: Stream, cancelled: Callable[[], bool]) -> StreamFrame:
-        """Return the first UVC frame with the exposure in force that began after the call."""
+        """Return the first frame with the exposure in force that began after the call."""
         called, number, now = time.monotonic(), stream.frame_count, self._in_force
         late = called + now.exposure + self.frame_time + CALL_TIMEOUT
         while time.monotonic() < late:
@@ -268,7 +264,7 @@ class UVCCamera:
         raise self._connection.end_with_error("capture", "no frame of the new exposure came")
 
     def _require_frame_interval(self, stream: Stream, shot: StreamFrame) -> None:
-        """Raise DeviceError if UVC frames come faster than the exposure allows."""
+        """Raise DeviceError if frames come faster than the exposure allows."""
         gap = self._in_force.too_short_interval(stream, shot)
         if gap:
             raise self._connection.refuse(
@@ -280,7 +276,7 @@ class UVCCamera:
             )
 
     def _next_shot(self, stream: Stream, after: int, cancelled: Callable[[], bool]) -> StreamFrame:
-        """Return the UVC stream's next frame; DeviceError if none comes for 1 s, or on cancel."""
+        """Return the next frame; on cancel, or if none comes in time, DeviceError."""
         began = time.monotonic()
         while True:
             if cancelled():
@@ -303,7 +299,7 @@ class UVCCamera:
         self._in_force = self._in_force.with_exposure(units, actual * self._mode.unit)
 
     def _require_settings(self, command: str, stream: Stream) -> None:
-        """Raise DeviceError if the UVC camera has changed what it does to its pictures."""
+        """Raise DeviceError if the camera has changed what it does to its pictures."""
         seconds = self._period + _TIMING.set_margin
         now = self._connection.ask(command, stream, read_settings, seconds)
         then = self._first_settings = self._first_settings or now
@@ -319,7 +315,7 @@ class UVCCamera:
             raise error
 
     def _restore_exposure(self, command: str, stream: Stream) -> None:
-        """Set the UVC camera's last exposure again on a new stream.
+        """Set the last exposure again on a new stream.
 
         On the first stream, the camera's own exposure is set, moved into the range.
         """
@@ -332,7 +328,7 @@ class UVCCamera:
 
 
 def _range(exposure_range_ms: Sequence[float]) -> tuple[float, float]:
-    """Convert a UVC camera's exposure range to seconds; ValueError if it isn't a range."""
+    """Convert the range of exposures to seconds; ValueError if it isn't a range."""
     try:
         low, high = (float(limit) for limit in exposure_range_ms)
     except (TypeError, ValueError):

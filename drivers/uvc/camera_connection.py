@@ -1,4 +1,4 @@
-"""Hold the connection to a UVC camera, and restart its stream when it has ended."""
+"""Keep a camera's stream, and restart it when it has ended."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CABLE = "Check its cable, and that no other program uses it"
 
 
 class CameraConnection:
-    """Hold the connection to one UVC camera.
+    """Hold the connection to one camera.
 
     model: the name in errors until the camera's own is known. on_new_stream: called with every
     new stream, on which the camera has its default settings. description: what the camera
@@ -53,7 +53,7 @@ class CameraConnection:
         return self.description.get("name", "") or self._model
 
     def ensure_stream(self, command: str) -> Stream:
-        """Return the UVC camera's stream; if it has ended, restart it and check the identity."""
+        """Return the stream; if it has ended, restart it and check the identity."""
         stream = self.stream
         if stream is not None and not stream.end_reason:
             return stream
@@ -77,7 +77,7 @@ class CameraConnection:
     def ask(
         self, command: str, stream: Stream, work: Callable[[Any], T], seconds: float = CALL_TIMEOUT
     ) -> T:
-        """Run `work` on the VideoCapture of the UVC camera's stream, between two frames."""
+        """Run `work` on the stream's VideoCapture, between two frames."""
         try:
             return stream.run_between_frames(work, seconds)
         except StreamStopped as stopped:
@@ -86,14 +86,14 @@ class CameraConnection:
             raise self.end_with_error(command, f"{type(error).__name__}: {error}") from error
 
     def end_with_error(self, command: str, why: str) -> DeviceError:
-        """End the UVC camera's stream and return its error; the next command restarts it."""
+        """End the stream and return its error; the next command restarts it."""
         self.stop(0.0)
         if self.unplugged_reason():
             return self.refuse(command, "it was unplugged", "Plug it in again")
         return self.refuse(command, why, _CABLE)
 
     def unplugged_reason(self) -> str | None:
-        """Return why the UVC camera counts as unplugged, empty while connected, None if unknown."""
+        """Return why the camera counts as unplugged, empty while connected, None if unknown."""
         if not self._had_device_file:
             return None
         path = device_path(self._mode.device)
@@ -105,5 +105,5 @@ class CameraConnection:
             self._abandoned_stream = stream
 
     def refuse(self, command: str, reply: str, remedy: str) -> DeviceError:
-        """Return a DeviceError of the UVC camera for a command that failed."""
+        """Return the DeviceError for a command that failed."""
         return DeviceError(self.model, command, reply, remedy)

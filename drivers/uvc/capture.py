@@ -1,4 +1,4 @@
-"""Open and configure an OpenCV VideoCapture of a UVC camera; all calls must be in one thread."""
+"""Open and configure an OpenCV VideoCapture; all calls must be in one thread."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ _EXPOSURE_MANUAL = 1.0
 
 @dataclass(frozen=True)
 class CaptureMode:
-    """Describe the mode in which a UVC camera runs. unit: its unit of exposure in seconds."""
+    """The mode in which a camera runs; ValueError for an impossible one.
+
+    unit: the camera's unit of exposure in seconds.
+    """
 
     device: str | int
     width: int
@@ -58,12 +61,12 @@ class CaptureMode:
 
 
 def device_path(device: str | int) -> Path:
-    """Return the path of a UVC camera's Video4Linux device file."""
+    """Return the path of a Video4Linux device file."""
     return Path(f"/dev/video{device}" if isinstance(device, int) else device)
 
 
 def resolve_source(source: CaptureFactory | None) -> CaptureFactory:
-    """Return the function that opens a UVC camera: OpenCV's by default.
+    """Return the function that opens a camera: OpenCV's by default.
 
     ValueError if it isn't a function: no text of a bench file names code.
     """
@@ -88,7 +91,7 @@ def _open_v4l2(device: str | int) -> Any:
 
 
 def open_capture(mode: CaptureMode, source: CaptureFactory) -> Any:
-    """Open a VideoCapture in the UVC camera's mode; StreamStopped if the camera refuses it."""
+    """Open a VideoCapture in the mode; StreamStopped if the camera refuses it."""
     capture = source(mode.device)
     try:
         if not capture.isOpened():
@@ -124,7 +127,7 @@ def _set_format(capture: Any, mode: CaptureMode) -> None:
 
 
 def _disable_automatics(capture: Any, mode: CaptureMode) -> None:
-    """Turn off the UVC camera's automatic exposure, white balance and focus; set its gain."""
+    """Turn off automatic exposure, white balance and focus; set the gain."""
     import cv2
 
     capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _EXPOSURE_MANUAL)
@@ -153,7 +156,7 @@ def _require_manual(capture: Any) -> None:
 
 
 def read_exposure_units(capture: Any) -> float:
-    """Read the UVC camera's exposure in the camera's own units."""
+    """Read the exposure in the camera's own units."""
     import cv2
 
     units = float(capture.get(cv2.CAP_PROP_EXPOSURE))
@@ -163,7 +166,7 @@ def read_exposure_units(capture: Any) -> float:
 
 
 def set_exposure_units(capture: Any, units: int) -> float:
-    """Set the UVC camera's exposure in its own units; return what it then reads."""
+    """Set the exposure in the camera's own units; return what it then reads."""
     import cv2
 
     if not capture.set(cv2.CAP_PROP_EXPOSURE, float(units)):
@@ -173,7 +176,7 @@ def set_exposure_units(capture: Any, units: int) -> float:
 
 
 def read_settings(capture: Any) -> dict[str, float]:
-    """Read what changes the UVC camera's pictures, besides its exposure; -1 or 0 if it lacks it."""
+    """Read what changes pictures, besides the exposure; -1 or 0 for what the camera lacks."""
     import cv2
 
     numbers = {
@@ -193,7 +196,7 @@ def read_settings(capture: Any) -> dict[str, float]:
 
 
 def describe_camera(capture: Any, device: str | int) -> dict[str, str]:
-    """Describe the UVC camera: device file, backend, name and serial number, if known."""
+    """Return the device file, backend, name and serial number, as far as they are known."""
     path = device_path(device).resolve()
     told = {"device": str(path), "backend": str(capture.getBackendName())}
     if not re.fullmatch(r"video\d+", path.name):

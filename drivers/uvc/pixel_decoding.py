@@ -1,4 +1,4 @@
-"""Decode a UVC camera's frames into one uint16 number per pixel."""
+"""Decode frames into one uint16 number per pixel."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _BYTES = {"YUYV": 2, "Y10 ": 2, "Y12 ": 2, "Y16 ": 2}
 
 
 def is_decoded(pixel_format: str) -> bool:
-    """Return whether OpenCV decodes this UVC pixel format; otherwise the raw bytes are used."""
+    """Return whether OpenCV decodes this pixel format; otherwise the raw bytes are used."""
     return pixel_format == "MJPG"
 
 
 def decode_pixels(image: Any, pixel_format: str, shape: tuple[int, int]) -> NDArray[np.uint16]:
-    """Decode a UVC frame to digital numbers (rows, columns); ValueError on a wrong size."""
+    """Decode a frame to digital numbers (rows, columns); ValueError on a wrong size."""
     if is_decoded(pixel_format):
         return _luminance(image, shape)
     data = np.ascontiguousarray(image).view(np.uint8).reshape(-1)

@@ -1,4 +1,4 @@
-"""Read a UVC camera's stream through OpenCV in a separate thread.
+"""Read a camera's stream through OpenCV in a separate thread.
 
 A VideoCapture may be used by one thread only, and its calls may hang for ten seconds. All of them
 are therefore made in this thread, and callers wait only as long as their own timeout. The thread
@@ -26,7 +26,7 @@ QUEUE_LENGTH = 4
 
 @dataclass(frozen=True)
 class StreamFrame:
-    """Hold a frame of the stream, with its time.monotonic().
+    """A frame, with its time.monotonic().
 
     stamped: whether the time is the camera driver's own stamp, and not that of its arrival.
     """
@@ -38,7 +38,7 @@ class StreamFrame:
 
 
 class StreamStopped(Exception):
-    """Report why the camera's stream has ended."""
+    """Raised if a stream has ended or can't begin; the message says why."""
 
 
 class Stream:
@@ -71,12 +71,12 @@ class Stream:
         self._thread.start()
 
     def count_frames_since(self, time_: float, number: int) -> int:
-        """Count the UVC stream's frames with times after `time_`, up to frame `number`."""
+        """Count the frames with times after `time_`, up to frame `number`."""
         with self._changed:
             return sum(1 for count, at in self._times if at > time_ and count <= number)
 
     def interval_before(self, number: int) -> float:
-        """Return the seconds from the UVC stream's previous frame to frame `number`.
+        """Return the seconds from the previous frame to frame `number`.
 
         Infinite if one of their times is unknown.
         """
@@ -85,7 +85,7 @@ class Stream:
         return times.get(number, math.inf) - times.get(number - 1, -math.inf)
 
     def run_between_frames(self, work: Callable[[Any], T], seconds: float) -> T:
-        """Run `work` on the VideoCapture between two UVC frames; return its result.
+        """Run `work` on the VideoCapture between two frames; return its result.
 
         StreamStopped if the stream has ended or doesn't run it in time.
         """
@@ -103,7 +103,7 @@ class Stream:
         raise StreamStopped(self.end_reason)
 
     def next_shot(self, after: int, seconds: float) -> StreamFrame | None:
-        """Wait for the UVC stream's first frame numbered above `after`; None if none comes.
+        """Wait for the first frame numbered above `after`; None if none comes.
 
         StreamStopped if the stream has ended.
         """
@@ -123,7 +123,7 @@ class Stream:
         return self._shot is not None and self._shot.number > after
 
     def stop(self, seconds: float) -> bool:
-        """End the UVC stream and close the camera; return whether that was done in time."""
+        """End the stream and close the camera; return whether that was done in time."""
         self._stopping = True
         self._thread.join(seconds)
         return not self._thread.is_alive()
@@ -159,7 +159,7 @@ class Stream:
                 done.set_exception(error)
 
     def _grab_frame(self, capture: Any) -> None:
-        """Read one frame from the UVC camera; decode it only if a caller waits for it."""
+        """Read one frame; decode it only if a caller waits for it."""
         if not capture.grab():
             raise StreamStopped("the stream broke off")
         now = time.monotonic()
@@ -182,7 +182,7 @@ class Stream:
             self._changed.notify_all()
 
     def _update_period(self, at: float) -> None:
-        """Update the UVC frames' measured period, and count missing frames."""
+        """Update the measured period, and count missing frames."""
         gap, self._last = at - self._last, at
         if self.frame_count < 2:
             return

@@ -1,4 +1,4 @@
-"""Exchange commands with a VariSpec, which echoes every character; ask for errors after each."""
+"""Exchange commands with a filter that echoes every character; ask for errors after each."""
 
 from __future__ import annotations
 
@@ -24,22 +24,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class EchoTiming:
-    """Tune the timeouts of the conversation with a VariSpec; times are in seconds.
+    """Tune the timeouts of the conversation, in seconds.
 
-    Attributes
-    ----------
-    reply_timeout : float
-        Time for one answer. Electronics with RS-232 take 0.3 s for a new wavelength.
-    immediate_timeout : float
-        Time for the answer to a character that the filter answers at once. Chosen.
-    abort_time : float
-        Longest time from an escape character until the filter is idle.
-    quiet : float
-        Time without a byte after which the line counts as empty. Chosen.
-    attempts : int
-        Attempts at a command, the first included. Chosen.
-    min_retry_time : float
-        Time that must be left for another attempt. Chosen.
+    reply_timeout: for one answer. Electronics with RS-232 take 0.3 s for a new wavelength.
+    immediate_timeout: for the answer to a character that the filter answers at once. Chosen.
+    abort_time: longest time from an escape character until the filter is idle.
+    quiet: time without a byte after which the line counts as empty. Chosen.
+    attempts: attempts at a command, the first included. Chosen.
+    min_retry_time: time that must be left for another attempt. Chosen.
     """
 
     reply_timeout: float = 0.8
@@ -56,11 +48,11 @@ _NOISE = "Keep the cable away from motors and supplies; check port and baud rate
 
 
 class FilterRefusal(DeviceError):
-    """Report that the tunable filter itself refused a command, so that a retry is useless."""
+    """Raised if the filter itself refuses a command, so that a retry is useless."""
 
 
 class VariSpecClient:
-    """Exchange commands with a VariSpec and check every answer. terminator: "\\r" or "\\n"."""
+    """Exchange commands with the filter and check every answer. terminator: "\\r" or "\\n"."""
 
     def __init__(self, line: SerialLine, terminator: str) -> None:
         self.line = line
@@ -69,7 +61,7 @@ class VariSpecClient:
         """Number of missing or wrong answers since the filter was opened."""
 
     def call_with_retry(self, resynchronise: Callable[[], object], work: Callable[[], T]) -> T:
-        """Return the result of `work`; retry if the line to the VariSpec failed and time is left.
+        """Return the result of `work`; retry if the line failed and time is left.
 
         resynchronise: called before an attempt if commands and answers are out of step.
         """
@@ -93,13 +85,13 @@ class VariSpecClient:
             raise
 
     def send(self, text: str, command: str) -> None:
-        """Send a command to the real VariSpec filter and check its echo."""
+        """Send a command and check its echo."""
         sent = text.encode("ascii") + self._end
         self.line.write(sent, command)
         self._expect_echo(sent, command, _TIMING.reply_timeout)
 
     def ask(self, text: str, pattern: re.Pattern[str], command: str) -> re.Match[str]:
-        """Send a query to the VariSpec; return the answer, which must match `pattern`."""
+        """Send a query; return the answer, which must match `pattern`."""
         self.send(text, command)
         return self.read_reply(pattern, command)
 
@@ -114,12 +106,12 @@ class VariSpecClient:
         return int(self.ask(f"{letter} ?", integer_reply_pattern(letter), command)[1])
 
     def send_and_check(self, text: str, command: str) -> None:
-        """Send a command that the VariSpec doesn't answer, and ask whether it caused an error."""
+        """Send a command that isn't answered, and ask whether it caused an error."""
         self.send(text, command)
         self.require_no_error(command)
 
     def require_no_error(self, command: str) -> None:
-        """Raise FilterRefusal if the VariSpec reports an error, and clear that error."""
+        """Raise FilterRefusal if an error is pending, and clear that error."""
         code = self.query_integer("R", command)
         if not code:
             return
@@ -133,7 +125,7 @@ class VariSpecClient:
         self.send("R 1", command)
 
     def sleep(self, serial: str) -> None:
-        """Send the VariSpec filter to sleep, and check that it no longer answers."""
+        """Send the filter to sleep, and check that it no longer answers."""
         self.send(f"S {int(serial)}", "sleep")
         clock = self.line.clock
         clock.wait_until(clock.now() + _TIMING.abort_time, lambda: self.line.is_cancelled)
@@ -143,7 +135,7 @@ class VariSpecClient:
             raise self.line.error("sleep", "it still answers")
 
     def is_busy(self, command: str) -> bool:
-        """Return whether the VariSpec is busy; it counts as idle only if it says so twice."""
+        """Return whether the filter is busy; it counts as idle only if it says so twice."""
         return any(self._query_immediate(BUSY, b"<>", command) == b"<" for _ in range(2))
 
     def read_status(self, command: str) -> Status:
@@ -161,7 +153,7 @@ class VariSpecClient:
         command: str,
         matches: Callable[[T, T], bool] = lambda one, other: one == other,
     ) -> T:
-        """Return an answer that the VariSpec gave three times in a row, which rules out noise."""
+        """Return an answer that came three times in a row, which rules out noise."""
         told = [ask()]
         for _ in range(6):
             told.append(ask())
@@ -171,7 +163,7 @@ class VariSpecClient:
         raise self.line.error(command, f"its answers differ: {shown}", _NOISE)
 
     def abort(self, command: str) -> None:
-        """Abort the VariSpec's running command, and discard answers that are in transit."""
+        """Abort the running command, and discard answers that are in transit."""
         self.line.write(ESCAPE, command)
         clock = self.line.clock
         clock.wait_until(clock.now() + _TIMING.abort_time, lambda: False)
@@ -186,7 +178,7 @@ class VariSpecClient:
         return answer
 
     def _expect_echo(self, sent: bytes, command: str, seconds: float) -> None:
-        """Read the VariSpec's echo of what was sent; DeviceError if it differs."""
+        """Read the echo of what was sent; DeviceError if it differs."""
         echo = self.line.read(len(sent), command, seconds)
         if echo != sent:
             raise self.line.error(command, f"{sent!r} is echoed as {echo!r}", _NOISE)

@@ -1,4 +1,4 @@
-"""Drive a VariSpec liquid-crystal tunable filter."""
+"""The filter that a bench opens: a liquid-crystal tunable one."""
 
 from __future__ import annotations
 
@@ -123,14 +123,11 @@ class VariSpec:
         self._line.close()
 
     def kill(self) -> None:
-        """Cancel the VariSpec driver's running call, from any thread.
-
-        The driver can't be used afterwards.
-        """
+        """Cancel the running call, from any thread; the object can't be used afterwards."""
         self._line.cancel()
 
     def unplugged_reason(self) -> str | None:
-        """Return why the VariSpec filter counts as unplugged, empty while it is connected."""
+        """Return why the filter counts as unplugged, empty while it is connected."""
         return self._line.unplugged_reason()
 
     @property
@@ -151,24 +148,24 @@ class VariSpec:
 
     @property
     def wavelength(self) -> float:
-        """Read the wavelength in metres to which the VariSpec filter is tuned."""
+        """Wavelength in metres to which the filter says that it is tuned."""
         return _metres(self._run("read the wavelength", self._tuning.read))
 
     @property
     def temperature(self) -> float:
-        """Read the temperature of the VariSpec's liquid crystals in degrees Celsius."""
+        """Temperature of the liquid crystals in degrees Celsius, read now."""
         return self._run("read the temperature", self._read_temperature)
 
     @property
     def palette(self) -> tuple[float, ...]:
-        """Read the VariSpec's palette: the wavelengths in metres that it has calculated."""
+        """Wavelengths in metres that the filter has calculated in advance, read now."""
         # Over RS-232, reading a full palette takes longer than any other call.
         self.alive_at = time.monotonic()
         told = self._run("read the palette", self._palette.read, self.reply_time + 5.0)
         return tuple(map(_metres, told))
 
     def set_wavelength(self, wavelength: float) -> Setting[float]:
-        """Tune the VariSpec filter to a wavelength in metres, which it rounds to 0.01 nm."""
+        """Tune to a wavelength in metres, which is rounded to 0.01 nm."""
         nm = round(wavelength * 1e9, 2)
         command = f"tune to {nm:.2f} nm"
         self._require_in_range(nm, command)
@@ -183,7 +180,7 @@ class VariSpec:
         return self._setting(wavelength)
 
     def define_palette(self, wavelengths: Sequence[float]) -> tuple[float, ...]:
-        """Have the VariSpec calculate wavelengths (in metres) in advance; return its palette.
+        """Have wavelengths (in metres) calculated in advance; return the palette.
 
         set_wavelength() then uses them. This takes up to half a second per wavelength.
         """
@@ -204,14 +201,14 @@ class VariSpec:
         self._run("clear the palette", self._palette.clear)
 
     def choose(self, element: int) -> Setting[float]:
-        """Tune the VariSpec filter to an element of its palette, counted from 0."""
+        """Tune to an element of the palette, counted from 0."""
         command = f"tune to element {element} of the palette"
 
         nm = self._run(command, lambda: self._tuning.choose(element, command))
         return self._setting(_metres(nm))
 
     def refresh(self, *, completely: bool = True) -> None:
-        """Initialise the VariSpec again (30 s), or only correct it for the temperature (quick).
+        """Initialise the filter again (30 s), or only correct it for the temperature (quick).
 
         Don't call this between frames that are to be compared. It takes 30 s more if the filter
         was just plugged in again.
@@ -222,14 +219,14 @@ class VariSpec:
         self.set_wavelength(_metres(self._tuning.nm or self._known_version.shortest))
 
     def exercise(self, cycles: int = 3) -> None:
-        """Exercise the VariSpec's liquid crystals, 12 s per cycle; the manual says 3 are enough."""
+        """Exercise the liquid crystals, 12 s per cycle; the manual says 3 are enough."""
         if cycles not in range(1, 256):
             raise ValueError(f"cycles is {cycles!r}; it must be from 1 to 255")
         self._synchronise("exercise")
         self._startup.exercise(cycles)
 
     def sleep(self) -> None:
-        """Send the VariSpec filter to sleep; it answers nothing until it is awakened."""
+        """Send the filter to sleep; it answers nothing until it is awakened."""
         self._run("sleep", lambda: self._client.sleep(self._known_version.serial))
 
     def awaken(self) -> None:
@@ -237,7 +234,7 @@ class VariSpec:
         self._run("awaken", lambda: None)
 
     def health(self) -> dict[str, str]:
-        """Read the VariSpec's state, and say what should be done about it."""
+        """Read the filter's state, and say what should be done about it."""
         with self._line.within(self._call_timeout):
             status = self._run(
                 "read the status", lambda: self._client.read_status("read the status")
@@ -275,7 +272,7 @@ class VariSpec:
             )
 
     def _run(self, command: str, work: Callable[[], T], seconds: float = _call_timeout) -> T:
-        """Run `work` with the VariSpec synchronised; retry up to twice if the line is noisy."""
+        """Run `work` when synchronised; retry up to twice if the line is noisy."""
         told = self._known_version
 
         def rest() -> None:
@@ -286,7 +283,7 @@ class VariSpec:
             return self._client.call_with_retry(rest, work)
 
     def _synchronise(self, command: str) -> None:
-        """Synchronise with the idle VariSpec before a long operation."""
+        """Synchronise with the idle filter before a long operation."""
         _ = self._known_version
         self._startup.wait_if_plugged_in_again(command)
         self._run(command, lambda: None)
@@ -311,8 +308,5 @@ class VariSpec:
 
 
 def _metres(nm: float) -> float:
-    """Convert a VariSpec's wavelength from nm to m, so that equal ones compare equal.
-
-    The result is rounded to 0.01 nm.
-    """
+    """Convert a wavelength from nm to m, rounded to 0.01 nm so that equal ones compare equal."""
     return round(nm * 100) / 1e11

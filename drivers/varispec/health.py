@@ -1,4 +1,4 @@
-"""Describe a VariSpec's state, and say what should be done about it."""
+"""Describe a filter's state, and say what should be done about it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivers.varispec.settling import COLDEST, WARMEST
 
 @dataclass(frozen=True)
 class VariSpecHealth:
-    """Hold what is known of a VariSpec's state.
+    """What is known of a filter's state.
 
     temperature, initialised_temperature: degrees Celsius, now and at the initialisation. age:
     seconds since the initialisation. initialisation: how it was initialised. specified, settling:

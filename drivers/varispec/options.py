@@ -1,4 +1,4 @@
-"""Check the options of a VariSpec filter before it is opened."""
+"""Check the options before the filter is opened."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RECALIBRATE = ("if needed", "correct", "always")
 
 @dataclass(frozen=True)
 class VariSpecOptions:
-    """Hold the options of VariSpec, which explains them; ValueError for an invalid one."""
+    """The options of VariSpec, which explains them; ValueError for an invalid one."""
 
     port: str
     baudrate: int
@@ -45,13 +45,13 @@ class VariSpecOptions:
 
 
 def as_tuple(name: str, values: Any) -> tuple[Any, ...]:
-    """Convert a VariSpec option from a list to a tuple; ValueError if it isn't a list."""
+    """Convert an option from a list to a tuple; ValueError if it isn't a list."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Sequence):
         raise ValueError(f"{name} is {values!r}; give a list of numbers")
     return tuple(values)
 
 
 def _require_one_of(name: str, value: Any, choices: Sequence[Any]) -> None:
-    """Raise ValueError unless a VariSpec option has one of the allowed values."""
+    """Raise ValueError unless an option has one of the allowed values."""
     if not isinstance(value, type(choices[0])) or value not in choices:
         raise ValueError(f"{name} is {value!r}; choose one of {', '.join(map(repr, choices))}")

@@ -1,4 +1,4 @@
-"""Define and read a VariSpec's palette: wavelengths whose drive levels it precalculates."""
+"""Wavelengths whose drive levels a VariSpec calculates in advance."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Palette:
         self._defined.clear()
 
     def find(self, nm: float) -> int | None:
-        """Return a wavelength's element of the VariSpec's palette; None if not defined here."""
+        """Return a wavelength's element; None if it wasn't defined here."""
         return self._defined.get(nm)
 
     def clear(self) -> None:
@@ -29,7 +29,7 @@ class Palette:
         self._defined[nm] = element
 
     def read(self) -> tuple[float, ...]:
-        """Read the VariSpec's palette, repeatedly unless it equals what was defined here."""
+        """Read the wavelengths, repeatedly unless they equal what was defined here."""
         held = self._read_once()
         if held and held == tuple(self._defined):
             return held

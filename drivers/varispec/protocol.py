@@ -1,5 +1,4 @@
-"""Define a VariSpec's commands, answers and errors (user manual 1.37, "Controlling VariSpec
-Filters").
+"""Commands, answers and errors of a VariSpec (user manual 1.37, "Controlling VariSpec Filters").
 
 Wavelengths are in nanometres, as on the wire, with a resolution of 0.01 nm.
 """
@@ -48,13 +47,13 @@ ELEMENT_REPLY = re.compile(r"[dD] *(\d{1,4}(?:\.\d{1,3})?)")
 
 
 def integer_reply_pattern(letter: str) -> re.Pattern[str]:
-    """Return the pattern of a VariSpec's answer to a query for a whole number."""
+    """Return the pattern of an answer to a query for a whole number."""
     return re.compile(rf"[{letter.lower()}{letter.upper()}] *(\d{{1,5}})")
 
 
 @dataclass(frozen=True)
 class Version:
-    """Identify a VariSpec filter. shortest, longest: its wavelength range in nanometres."""
+    """A filter's identity. shortest, longest: its wavelength range in nanometres."""
 
     firmware: str
     shortest: float
@@ -64,7 +63,7 @@ class Version:
 
 @dataclass(frozen=True)
 class Status:
-    """Hold the bits of a VariSpec's status byte, its answer to "@"."""
+    """Bits of the status byte, the answer to "@"."""
 
     initialised: bool
     exercised: bool
@@ -85,14 +84,14 @@ class Status:
 
 
 def parse_status(byte: int) -> Status | None:
-    """Decode the VariSpec filter's status byte; None unless bits 7 and 4 are 0 and bit 6 is 1."""
+    """Decode the status byte; None unless bits 7 and 4 are 0 and bit 6 is 1."""
     if byte & 0b11010000 != 0b01000000:
         return None
     return Status(*(bool(byte >> place & 1) for place in (0, 1, 2, 3, 5)))
 
 
 def explain_error(code: int) -> tuple[str, str]:
-    """Explain a VariSpec's error code, and return what to do about it."""
+    """Return what an error code means, and what to do about it."""
     words = ERRORS.get(code, "an error that the manual doesn't know")
     remedy = REMEDIES.get(code, "Try again; if it comes again, switch the filter off and on")
     return f"error {code}: {words}", remedy

@@ -1,4 +1,4 @@
-"""Compute how a VariSpec's settling depends on the temperature of its liquid crystals."""
+"""How settling depends on the temperature of the liquid crystals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ACTIVATION = math.log(2.0) / (1 / (_NOMINAL + ZERO_CELSIUS) - 1 / (35.0 + ZERO_
 
 
 def settling_factor(temperature: float) -> float:
-    """Return the ratio of a VariSpec's settling to the specified one, at degrees Celsius.
+    """Return the ratio of the settling time to the specified one, at degrees Celsius.
 
     The response time is proportional to the viscosity of the liquid crystals, which halves from
     20 to 35 degrees (VariSpec user manual 1.37, "Response Time versus Temperature"). Between and

@@ -1,4 +1,4 @@
-"""Find a VariSpec filter, synchronise with it and initialise it."""
+"""Find a filter, synchronise with it and initialise it."""
 
 from __future__ import annotations
 
@@ -14,22 +14,14 @@ from drivers.varispec.protocol import TEMPERATURE_REPLY, VERSION_REPLY, Status, 
 
 @dataclass(frozen=True)
 class StartupTiming:
-    """Tune how long a VariSpec's initialisation and exercise are waited for; times in seconds.
+    """Tune how long initialisation and exercise are waited for, in seconds.
 
-    Attributes
-    ----------
-    open_timeout : float
-        Time within which opening succeeds or fails; the bench waits for a minute.
-    initialisation : float
-        Approximate time of an initialisation, from the manual.
-    exercise : float
-        Approximate time of one exercise cycle, from the manual.
-    time_factor : float
-        Factor by which those times may be exceeded. Chosen.
-    calculation : float
-        Time for which electronics with RS-232 may be busy with a wavelength.
-    poll_interval : float
-        Time between two queries of whether the filter is idle. Chosen.
+    open_timeout: within which opening succeeds or fails; the bench waits for a minute.
+    initialisation: approximate time of an initialisation, from the manual.
+    exercise: approximate time of one exercise cycle, from the manual.
+    time_factor: factor by which those times may be exceeded. Chosen.
+    calculation: for which electronics with RS-232 may be busy with a wavelength.
+    poll_interval: between two queries of whether the filter is idle. Chosen.
     """
 
     open_timeout: float = 57.0
@@ -41,7 +33,7 @@ class StartupTiming:
 
     @property
     def power_up(self) -> float:
-        """Return the seconds after plugging in within which a VariSpec may initialise itself."""
+        """Seconds after plugging in within which the filter may initialise itself."""
         return self.initialisation * self.time_factor
 
 
@@ -54,7 +46,7 @@ _ASLEEP = (
 
 
 class VariSpecStartup:
-    """Find, check and initialise a VariSpec filter.
+    """Find, check and initialise a filter.
 
     report: called with the name of the present step and the share that is done.
     """
@@ -71,7 +63,7 @@ class VariSpecStartup:
         self.initialisation = ""
 
     def begin(self) -> Version:
-        """Find the VariSpec and prepare it for tuning; DeviceError within a minute."""
+        """Find the filter and prepare it for tuning; DeviceError within a minute."""
         options = self._options
         with self._line.within(_TIMING.open_timeout):
             self._line.reopen("open")
@@ -96,7 +88,7 @@ class VariSpecStartup:
         return told
 
     def wait_if_plugged_in_again(self, command: str) -> None:
-        """Let a VariSpec that was just plugged in finish its own initialisation."""
+        """Let a filter that was just plugged in finish its own initialisation."""
         if not self._line.is_open:
             self._line.open(command)
         elif self._line.clock.now() - self._plugged_at > _TIMING.power_up:
@@ -105,7 +97,7 @@ class VariSpecStartup:
         self._plugged_at = -math.inf
 
     def resynchronise(self, command: str, known: Version | None) -> Status:
-        """Abort the VariSpec's command, discard late answers, and check that it is the same filter.
+        """Abort the command, discard late answers, and check that it is the same filter.
 
         Modes that a power failure resets are set again; the filter may then be uninitialised.
         """
@@ -129,7 +121,7 @@ class VariSpecStartup:
         return status
 
     def initialise(self, completely: bool) -> None:
-        """Initialise the VariSpec, or only correct it for the temperature."""
+        """Initialise the filter, or only correct it for the temperature."""
         talk, command = self._talk, "initialise" if completely else "correct for the temperature"
         talk.call_with_retry(self._find, lambda: talk.send(f"I {completely:d}", command))
         self._wait_until_idle("initialising", command, _TIMING.initialisation)
@@ -183,7 +175,7 @@ class VariSpecStartup:
         return self._talk.read_status(command)
 
     def _wait_for_power_up(self) -> None:
-        """Wait while a VariSpec that was just switched on initialises itself.
+        """Wait while a filter that was just switched on initialises itself.
 
         Aborting the initialisation would only cost time.
         """
@@ -196,7 +188,7 @@ class VariSpecStartup:
             self._wait_until_idle("waiting for its power-up", "open", _TIMING.initialisation)
 
     def _wait_out_power_up(self, command: str) -> None:
-        """Avoid aborting the initialisation of a VariSpec that was unplugged and lost its power."""
+        """Avoid aborting the initialisation of a filter that was unplugged and lost its power."""
         now = self._line.clock.now
         if not self._line.is_open:
             self._line.open(command)
@@ -228,7 +220,7 @@ class VariSpecStartup:
             )
 
     def _wait_until_idle(self, what: str, command: str, seconds: float) -> None:
-        """Query the VariSpec until it is idle; repeat queries whose answers are garbled."""
+        """Ask until the filter is idle; repeat queries whose answers are garbled."""
         clock = self._line.clock
         began = clock.now()
         late = began + min(seconds * _TIMING.time_factor + 5.0, self._line.time_left - 1.0)

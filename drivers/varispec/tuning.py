@@ -1,4 +1,4 @@
-"""Tune a VariSpec, and read the wavelength to which it is tuned, in nanometres."""
+"""Tune a filter, and read the wavelength to which it is tuned, in nanometres."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from drivers.varispec.protocol import WAVELENGTH_REPLY
 
 
 class Tuning:
-    """Tune a VariSpec filter and read its wavelength.
+    """Set and read the wavelength.
 
     nm: the wavelength in nanometres that the filter last confirmed; 0 before the first.
     """
@@ -17,7 +17,7 @@ class Tuning:
         self.nm = 0.0
 
     def tune(self, nm: float, element: int | None, command: str) -> None:
-        """Tune the VariSpec to a wavelength, through its palette if `element` isn't None."""
+        """Tune to a wavelength, through the palette if `element` isn't None."""
         self._talk.send_and_check(f"W {nm:.2f}" if element is None else f"P {element}", command)
         actual = self._ask(command)
         # The filter's resolution is 0.01 nm, so a smaller difference than 0.006 nm is rounding.
@@ -26,7 +26,7 @@ class Tuning:
         self.nm = nm
 
     def choose(self, element: int, command: str) -> float:
-        """Tune the VariSpec to an element of its palette; return its wavelength in nanometres."""
+        """Tune to an element of the palette; return its wavelength in nanometres."""
         self._talk.send_and_check(f"P {element:d}", command)
         if self._talk.query_integer("P", command) != element:
             raise self._talk.line.error(command, "it chose another element")
@@ -34,7 +34,7 @@ class Tuning:
         return self.nm
 
     def read(self) -> float:
-        """Read the VariSpec's wavelength in nm, repeatedly unless it is as last confirmed."""
+        """Read the wavelength in nm, repeatedly unless it is as last confirmed."""
         command = "read the wavelength"
         told = self._ask(command)
         if told == self.nm:

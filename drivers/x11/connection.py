@@ -1,4 +1,4 @@
-"""Connect to an X server, and exchange requests, replies and events as bytes."""
+"""Exchange requests, replies and events with an X server as bytes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Self
 from drivers.x11 import libxcb
 
 REPLY_TIMEOUT = 2.0
-"""Seconds after which an X server that doesn't answer counts as hung; chosen."""
+"""Seconds after which a server that doesn't answer counts as hung; chosen."""
 
 _CONNECTION_ERRORS = {
     5: "{!r} is no name of a display, which is such as ':0'",
@@ -35,16 +35,16 @@ _ERROR_NAMES = {
 
 
 class XError(Exception):
-    """Report an X server's error, or that there is no X server."""
+    """Raised for an error that an X server reports, or if there is no server."""
 
 
 class XServerGone(XError):
-    """Report that the X server or the connection to it has ended for good."""
+    """Raised if the server or the connection to it has ended for good."""
 
 
 @dataclass(frozen=True)
 class ServerSetup:
-    """Describe an X server and one of its screens, from the setup of the connection.
+    """What the server tells of itself and of one of its screens on connecting.
 
     masks: bits of red, green and blue in a pixel. bits_per_pixel: bits that a picture takes per
     pixel, by its depth.
@@ -59,7 +59,7 @@ class ServerSetup:
 
 
 class XConnection:
-    """Hold a connection to an X server, and send it requests.
+    """Connection to an X server, for requests and events.
 
     Parameters
     ----------
@@ -105,21 +105,21 @@ class XConnection:
             self._at = None
 
     def fileno(self) -> int:
-        """Return the file descriptor that becomes readable when the X server sends events."""
+        """Return the file descriptor that becomes readable when events arrive."""
         return int(libxcb.load_library().xcb_get_file_descriptor(self._require_open()))
 
     def new_id(self) -> int:
         return int(libxcb.load_library().xcb_generate_id(self._require_open()))
 
     def send_request(self, opcode: int, body: bytes) -> None:
-        """Send the X server a request without reply; its errors arrive among the events."""
+        """Send a request without reply; its errors arrive among the events."""
         with self._lock:
             if not libxcb.send(self._require_open(), opcode, body, has_reply=False):
                 raise self._gone_error()
             libxcb.load_library().xcb_flush(self._require_open())
 
     def query(self, opcode: int, body: bytes) -> bytes:
-        """Send a request to the X server and return the reply.
+        """Send a request and return the reply.
 
         body: the request from its opcode on; its length is filled in.
         """
@@ -149,14 +149,14 @@ class XConnection:
             readable.poll(left * 1e3)
 
     def events(self) -> Iterator[bytes]:
-        """Yield the X server's events that have arrived, without waiting; XError if it ended."""
+        """Yield the events that have arrived, without waiting; XError if the server has ended."""
         while (event := libxcb.next_event(self._require_open())) is not None:
             yield event
         if libxcb.load_library().xcb_connection_has_error(self._require_open()):
             raise self._gone_error()
 
     def extension(self, name: str) -> tuple[int, int]:
-        """Return an extension's major opcode and first event; XError if the X server lacks it."""
+        """Return an extension's major opcode and first event; XError if the server lacks it."""
         if name not in self._opcodes:
             word = name.encode()
             reply = self.query(98, struct.pack("<BxHHxx", 98, 0, len(word)) + word)
@@ -175,19 +175,19 @@ class XConnection:
     def query_extension(
         self, name: str, minor: int, layout: str = "", *values: int | bytes
     ) -> bytes:
-        """Send the X server an extension's request and return the reply."""
+        """Send an extension's request and return the reply."""
         major, _ = self.extension(name)
         return self.query(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
 
     def send_extension_request(
         self, name: str, minor: int, layout: str = "", *values: int | bytes
     ) -> None:
-        """Send the X server an extension's request that has no reply."""
+        """Send an extension's request that has no reply."""
         major, _ = self.extension(name)
         self.send_request(major, struct.pack("<BBH" + layout, major, minor, 0, *values))
 
     def atom(self, name: str) -> int:
-        """Return the X server's number of the atom of that name."""
+        """Return the server's number of the atom of that name."""
         word = name.encode()
         reply = self.query(16, struct.pack("<BBHHxx", 16, 0, 0, len(word)) + word)
         return int(struct.unpack_from("<I", reply, 8)[0])
@@ -202,12 +202,12 @@ class XConnection:
 
 
 def _connect(display: str, screen: ctypes.c_int) -> int:
-    """Return libxcb's connection to the X server, usable or failed; XError without an answer."""
+    """Return libxcb's connection, usable or failed; XError without an answer."""
     made: queue.SimpleQueue[int] = queue.SimpleQueue()
     unwanted = threading.Event()
 
     def forget() -> None:
-        """Close a connection to the X server that came too late; either thread may do this."""
+        """Close a connection that came too late; either thread may do this."""
         with contextlib.suppress(queue.Empty):
             libxcb.load_library().xcb_disconnect(made.get_nowait())
 
@@ -227,7 +227,7 @@ def _connect(display: str, screen: ctypes.c_int) -> int:
 
 
 def _read_setup(address: int, number: int) -> ServerSetup:
-    """Decode the X server's setup; see "Connection Setup" of the protocol."""
+    """Decode the setup; see "Connection Setup" of the protocol."""
     words = struct.unpack("<H", ctypes.string_at(address + 6, 2))[0]
     told = ctypes.string_at(address, 8 + 4 * words)
     vendor_length, formats, order = struct.unpack_from("<H3xBB", told, 24)
@@ -243,7 +243,7 @@ def _read_setup(address: int, number: int) -> ServerSetup:
 
 
 def _parse_screen(told: bytes, at: int) -> tuple[int, dict[int, tuple[int, int, int]]]:
-    """Return the offset of the next screen in the X server's setup, and this screen's masks.
+    """Return the offset of the next screen in the setup, and this screen's masks.
 
     The masks are the red, green and blue masks of each visual, by the visual's number.
     """

@@ -10,7 +10,7 @@ _HEADER = bytes.fromhex("00ffffffffffff00")
 
 
 class _Descriptor(IntEnum):
-    """Name EDID's text descriptors by their tags."""
+    """Tags of the text descriptors."""
 
     NAME = 0xFC
     SERIAL = 0xFF
@@ -18,7 +18,7 @@ class _Descriptor(IntEnum):
 
 @dataclass(frozen=True)
 class Monitor:
-    """Identify a monitor; fields that it doesn't report are empty.
+    """A monitor's maker, model and serial number; fields that it doesn't report are empty.
 
     maker: its three letters in the PNP registry.
     """
@@ -29,7 +29,7 @@ class Monitor:
 
 
 def read_edid(edid: bytes) -> Monitor:
-    """Decode a monitor's EDID, as the X server has it; the Monitor is empty for an invalid EDID.
+    """Decode an EDID; the Monitor is empty for an invalid one.
 
     An EDID is invalid if it is too short, or if its header or checksum is wrong.
     """
@@ -51,7 +51,7 @@ def read_edid(edid: bytes) -> Monitor:
 
 
 def native_size(edid: bytes) -> tuple[int, int]:
-    """Return the columns and rows that a monitor has itself, by its EDID; zeros if it doesn't tell.
+    """Return the columns and rows that a monitor has itself; zeros if it doesn't tell.
 
     The first timing descriptor gives them if bit 1 of the features says that it is preferred
     (version 1.3) and native (version 1.4).
@@ -67,5 +67,5 @@ def native_size(edid: bytes) -> tuple[int, int]:
 
 
 def _is_valid(edid: bytes) -> bool:
-    """Return whether a monitor's EDID is complete, by its length, header and checksum."""
+    """Return whether an EDID is complete, by its length, header and checksum."""
     return len(edid) >= 128 and edid[:8] == _HEADER and not sum(edid[:128]) % 256

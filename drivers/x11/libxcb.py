@@ -10,7 +10,7 @@ from typing import Any
 
 
 class ProtocolRequest(ctypes.Structure):
-    """Lay out libxcb's xcb_protocol_request_t; without `ext`, `opcode` is the major opcode."""
+    """The library's xcb_protocol_request_t; without `ext`, `opcode` is the major opcode."""
 
     _fields_ = (
         ("count", c_size_t),
@@ -21,7 +21,7 @@ class ProtocolRequest(ctypes.Structure):
 
 
 class IoVector(ctypes.Structure):
-    """Lay out C's struct iovec, in which libxcb takes the bytes of a request."""
+    """C's struct iovec, in which the bytes of a request are passed."""
 
     _fields_ = (("base", c_void_p), ("length", c_size_t))
 
@@ -32,7 +32,7 @@ GENERIC_EVENT = 35
 
 @functools.cache
 def load_library() -> Any:
-    """Load the X client library libxcb and declare its functions; OSError if not installed."""
+    """Load libxcb and declare its functions; OSError if it isn't installed."""
     xcb = ctypes.CDLL("libxcb.so.1")
     for name, result, given in (
         ("xcb_connect", c_void_p, (c_char_p, POINTER(c_int))),
@@ -60,7 +60,7 @@ def _free() -> Any:
 
 
 def copy_and_free(address: int, length: int) -> bytes:
-    """Copy memory that the X client library libxcb allocated, and free it."""
+    """Copy memory that the library allocated, and free it."""
     try:
         return ctypes.string_at(address, length)
     finally:
@@ -68,7 +68,7 @@ def copy_and_free(address: int, length: int) -> bytes:
 
 
 def send(connection: int, opcode: int, body: bytes, has_reply: bool) -> int:
-    """Send the X server a request; return its sequence number, or 0 on failure.
+    """Send a request; return its sequence number, or 0 on failure.
 
     The request's length is filled in.
     """
@@ -86,7 +86,7 @@ def send(connection: int, opcode: int, body: bytes, has_reply: bool) -> int:
 
 
 def reply_or_error(connection: int, sequence: int) -> tuple[bool, bytes, int]:
-    """Return whether a request to the X server is done, its reply, and its error code or 0."""
+    """Return whether a request is done, its reply, and its error code or 0."""
     reply, error = c_void_p(), c_void_p()
     done = load_library().xcb_poll_for_reply(connection, sequence, byref(reply), byref(error))
     if error.value:
@@ -98,7 +98,7 @@ def reply_or_error(connection: int, sequence: int) -> tuple[bool, bytes, int]:
 
 
 def round_trip(connection: int) -> None:
-    """Wait until the X server has processed everything that was sent on this connection."""
+    """Wait until the server has processed everything that was sent on this connection."""
     get_input_focus = 43
     sequence = send(connection, get_input_focus, struct.pack("<BxH", get_input_focus, 0), True)
     error = c_void_p()
@@ -109,7 +109,7 @@ def round_trip(connection: int) -> None:
 
 
 def next_event(connection: int) -> bytes | None:
-    """Return the X server's next event that has arrived, without waiting; None without one."""
+    """Return the next event that has arrived, without waiting; None without one."""
     event = load_library().xcb_poll_for_event(connection)
     if not event:
         return None

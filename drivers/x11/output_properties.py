@@ -1,4 +1,4 @@
-"""Read and change the properties of an X server's outputs, such as "Broadcast RGB", by RandR.
+"""Read and change the properties of outputs, such as "Broadcast RGB", by RandR.
 
 A graphics card's driver exposes as properties what it does to a picture on the way to the
 connector. The requests are those of the X.Org document "RandR", version 1.3.
@@ -23,7 +23,7 @@ _INTEGER_CODES = {8: "B", 16: "H", 32: "i"}
 
 
 class _PropertyRequest(IntEnum):
-    """Name RandR's requests for properties of outputs by their minor opcodes."""
+    """Minor opcodes of RandR's requests for properties of outputs."""
 
     LIST = 10
     QUERY = 11
@@ -32,7 +32,7 @@ class _PropertyRequest(IntEnum):
 
 
 class _AtomType(IntEnum):
-    """Name the types of properties that X11 defines itself."""
+    """Types of properties that X11 defines itself."""
 
     ATOM = 4
     INTEGER = 19
@@ -41,7 +41,7 @@ class _AtomType(IntEnum):
 
 @dataclass(frozen=True)
 class OutputProperty:
-    """A property of an output, its value, and the values that the X server takes.
+    """A property of an output, its value, and the values that the server takes.
 
     valid: the words or integers that are allowed; least and greatest integer if is_range; empty if
     any. is_immutable: whether the server refuses changes. type_atom, width: the server's type of
@@ -58,7 +58,7 @@ class OutputProperty:
     width: int = 32
 
     def allows(self, number: int) -> bool:
-        """Return whether the X server takes this integer as the property's value."""
+        """Return whether the server takes this integer as the value."""
         numbers = [one for one in self.valid if isinstance(one, int)]
         if self.is_range and len(numbers) == 2:
             return numbers[0] <= number <= numbers[1]
@@ -66,7 +66,7 @@ class OutputProperty:
 
 
 class OutputProperties:
-    """Read and change the properties of one output of an X server.
+    """Read and change the properties of one output.
 
     The names of atoms are asked only once, because they don't change; the allowed values seldom do.
     """
@@ -77,7 +77,7 @@ class OutputProperties:
         self._kinds: dict[int, tuple[tuple[int, ...], bool, bool]] = {}
 
     def read(self, *, anew: bool = False) -> dict[str, OutputProperty]:
-        """Read all properties of the output by their names; XError if the output has gone.
+        """Read all properties by their names; XError if the output has gone.
 
         anew: whether the allowed values are read again, too.
         """
@@ -90,7 +90,7 @@ class OutputProperties:
         return {one.name: one for one in found if one is not None}
 
     def change(self, given: OutputProperty, value: Value) -> bool:
-        """Give a property of the output another value; return whether the X server has taken it."""
+        """Give a property another value; return whether the server has taken it."""
         is_word = isinstance(value, str)
         numbers = (self._x.atom(value),) if isinstance(value, str) else value
         kind = given.type_atom or (_AtomType.ATOM if is_word else _AtomType.INTEGER)
@@ -109,7 +109,7 @@ class OutputProperties:
         return seen is not None and seen.value == value
 
     def name(self, atom: int) -> str:
-        """Return the name of an atom, such as a property's of the output."""
+        """Return the name of an atom."""
         if atom not in self._names:
             told = self._x.query(17, struct.pack("<BBHI", 17, 0, 0, atom))
             (length,) = struct.unpack_from("<H", told, 8)
@@ -117,7 +117,7 @@ class OutputProperties:
         return self._names[atom]
 
     def _read_one(self, atom: int) -> OutputProperty | None:
-        """Read a property of the output; None if it has just been deleted."""
+        """Read a property; None if it has just been deleted."""
         try:
             kind, width, data = read_property(self._x, self._output, atom)
             allowed, is_range, is_immutable = self._kind(atom)
@@ -146,7 +146,7 @@ class OutputProperties:
 
 
 def read_property(x: XConnection, output: int, name: int) -> tuple[int, int, bytes]:
-    """Read an output's property from the X server: its type, bits of an integer, and bytes."""
+    """Read a property of an output: its type, the bits of an integer, and the bytes."""
     any_type, delete, pending = 0, 0, 0
     layout, given = "IIIIIBB2x", (output, name, any_type, 0, _MAX_WORDS, delete, pending)
     told = x.query_extension("RANDR", _PropertyRequest.GET, layout, *given)
@@ -156,14 +156,14 @@ def read_property(x: XConnection, output: int, name: int) -> tuple[int, int, byt
 
 
 def parse_integers(data: bytes, width: int) -> tuple[int, ...]:
-    """Decode the integers of a property that the X server sent; width: bits of each, or 0."""
+    """Decode the integers of a property; width: bits of each, or 0."""
     if not width:
         return ()
     return struct.unpack(f"<{8 * len(data) // width}{_INTEGER_CODES[width]}", data)
 
 
 def changed_properties(x: XConnection, output: int, event: bytes) -> Iterator[int]:
-    """Yield the atom of the property of an output that an X server's event reports as changed."""
+    """Yield the atom of the output's property that an event reports as changed."""
     _, first = x.extension("RANDR")
     output_property = 2
     if event[0] & 0x7F == first + 1 and event[1] == output_property:

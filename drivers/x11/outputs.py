@@ -1,4 +1,4 @@
-"""List the screens of an X server with their monitors, positions, sizes and distortions.
+"""List the lit screens with their monitors, positions, sizes and distortions.
 
 The RandR extension 1.5 is used. The server's stored state is read without probing the monitors,
 which would take long.
@@ -19,7 +19,7 @@ from drivers.x11.output_properties import changed_properties, read_property
 
 
 class _RandrRequest(IntEnum):
-    """Name the requests of the RandR extension by their minor opcodes."""
+    """Minor opcodes of RandR's requests."""
 
     QUERY_VERSION = 0
     SELECT_INPUT = 4
@@ -33,7 +33,7 @@ class _RandrRequest(IntEnum):
 
 
 class _Connection(IntEnum):
-    """Name the states of an output's connection in RandR."""
+    """Whether a monitor is connected to an output, as RandR has it."""
 
     CONNECTED = 0
     DISCONNECTED = 1
@@ -41,7 +41,7 @@ class _Connection(IntEnum):
 
 @dataclass(frozen=True)
 class Output:
-    """Describe an X server's connector with a lit screen.
+    """A connector with a lit screen.
 
     x, y, width, height: pixels of the X screen. refresh: hertz, 0 if the server doesn't know it.
     distortion: how the graphics card changes the pixels (scaling, rotation); empty if it doesn't.
@@ -67,7 +67,7 @@ class Output:
         return self.x, self.y, self.width, self.height
 
     def overlaps(self, other: Output) -> bool:
-        """Return whether both outputs show some of the same pixels of the X server's screen."""
+        """Return whether both outputs show some of the same pixels."""
         return (
             self.x < other.x + other.width
             and other.x < self.x + self.width
@@ -84,7 +84,7 @@ class Output:
 
 @dataclass(frozen=True)
 class OutputChanges:
-    """What an X server reported of an output.
+    """What was reported of an output since the last look.
 
     lost: whether it was dark or unplugged, even if it is back. properties: atoms of the properties
     that were set.
@@ -95,7 +95,7 @@ class OutputChanges:
 
 
 def list_outputs(x: XConnection) -> list[Output]:
-    """List the lit screens in the X server's order; XError if the server lacks RandR."""
+    """List the lit screens in the server's order; XError if it lacks RandR."""
     x.query_extension("RANDR", _RandrRequest.QUERY_VERSION, "II", 1, 5)
     root = x.setup.root
     told = x.query_extension("RANDR", _RandrRequest.GET_SCREEN_RESOURCES_CURRENT, "I", root)
@@ -116,7 +116,7 @@ def list_outputs(x: XConnection) -> list[Output]:
 
 
 def watch_changes(x: XConnection) -> None:
-    """Have the X server send events when screens or their properties change, or are plugged."""
+    """Ask for events when screens or their properties change, or are plugged."""
     screen_crtc_output_and_property_changes = 1 | 2 | 4 | 8
     x.send_extension_request(
         "RANDR",
@@ -128,7 +128,7 @@ def watch_changes(x: XConnection) -> None:
 
 
 def read_changes(x: XConnection, output: Output) -> OutputChanges:
-    """Return what the X server reported of an output since the last call.
+    """Return what was reported of an output since the last call.
 
     x: a connection on which `watch_changes` was called, and which nothing else uses.
     """
@@ -149,17 +149,14 @@ def read_changes(x: XConnection, output: Output) -> OutputChanges:
 
 
 def read_gamma_ramp(x: XConnection, crtc: int) -> NDArray[np.uint16]:
-    """Read the graphics card's gamma ramp from the X server: (3, n) of 0 to 65535.
-
-    Without a ramp, n is 0.
-    """
+    """Read the graphics card's gamma ramp: (3, n) of 0 to 65535; n is 0 without one."""
     told = x.query_extension("RANDR", _RandrRequest.GET_CRTC_GAMMA, "I", crtc)
     (size,) = struct.unpack_from("<H", told, 8)
     return np.frombuffer(told, "<u2", 3 * size, 32).reshape(3, size).astype(np.uint16)
 
 
 def _parse_modes(told: bytes, at: int, count: int) -> dict[int, tuple[int, int, float]]:
-    """Decode the X server's RandR modes: width, height and refresh rate of each."""
+    """Decode RandR's modes: width, height and refresh rate (hertz) of each, by its number."""
     found = {}
     for _ in range(count):
         number, width, height, dots = struct.unpack_from("<IHHI", told, at)
@@ -182,7 +179,7 @@ def _read_output(
     primary: bool,
     edid: int,
 ) -> Output | None:
-    """Read an output's screen from the X server through RandR; None if it isn't lit."""
+    """Read an output's screen; None if it isn't lit."""
     told = x.query_extension("RANDR", _RandrRequest.GET_OUTPUT_INFO, "II", number, stamp)
     (crtc,) = struct.unpack_from("<I", told, 12)
     if not crtc or told[24] == _Connection.DISCONNECTED:
@@ -206,7 +203,7 @@ def _read_output(
 def _describe_distortion(
     x: XConnection, crtc: int, mode: tuple[int, int], size: tuple[int, int], rotation: int
 ) -> str:
-    """Describe how an output scales or turns the X server's pixels; empty if it doesn't."""
+    """Describe how the pixels are scaled or turned on the way out; empty if they aren't."""
     upright = 1
     if rotation != upright:
         return "it is turned or mirrored"
@@ -226,7 +223,7 @@ def _describe_distortion(
 
 
 def _read_edid(x: XConnection, output: int, name: int) -> bytes:
-    """Read the EDID of an output's monitor from the X server; empty if it has none."""
+    """Read the EDID of an output's monitor; empty if it has none."""
     try:
         return read_property(x, output, name)[2]
     except XError:

@@ -1,4 +1,4 @@
-"""Read the pixels that an X screen shows, from any process, without Qt or a window."""
+"""Read the pixels that a screen shows, from any process, without Qt or a window."""
 
 from __future__ import annotations
 
@@ -63,25 +63,25 @@ class ScreenReader:
         self.close()
 
     def close(self) -> None:
-        """Close the connection to the X server and the shared memory; may be called twice."""
+        """Close the connection and the shared memory; may be called twice."""
         self._x.close()
         if self._memory is not None:
             self._memory.close()
             self._memory = None
 
     def colours(self) -> NDArray[np.uint8]:
-        """Read the pixels of the X server's screen now: (rows, columns, 3), red, green and blue."""
+        """Read the pixels now: (rows, columns, 3), red, green and blue."""
         return np.ascontiguousarray(self.pixels()[..., 2::-1])
 
     def grey(self) -> NDArray[np.uint8]:
-        """Read the green values of the X server's screen now, (rows, columns).
+        """Read the green values now, (rows, columns).
 
         Where the screen shows grey, red and blue are equal to green.
         """
         return np.ascontiguousarray(self.pixels()[..., 1])
 
     def pixels(self, top: int = 0, rows: int | None = None) -> NDArray[np.uint8]:
-        """Read some rows of the X server's screen now: (rows, columns, 4).
+        """Read some rows now: (rows, columns, 4).
 
         The last axis is blue, green, red and padding. The array is valid until the next call.
         """
@@ -96,7 +96,7 @@ class ScreenReader:
         return pixels.reshape(height, width, 4)
 
     def has_changed(self) -> bool:
-        """Return whether anything was drawn on the X server's screen since the last call.
+        """Return whether anything was drawn since the last call.
 
         The first call returns True. No change is missed: what is drawn between this call and
         reading the pixels is reported by the next call. Always True if the server lacks the
@@ -112,7 +112,7 @@ class ScreenReader:
         return bool(told) or not before
 
     def _size(self) -> tuple[int, int]:
-        """Return the X server's present screen size as columns and rows; the size may change."""
+        """Return the present columns and rows of the whole screen; they may change."""
         root = struct.pack("<BBHI", 14, 0, 0, self._x.setup.root)
         columns, rows = struct.unpack_from("<HH", self._x.query(14, root), 16)
         return columns, rows
@@ -136,7 +136,7 @@ class ScreenReader:
             )
 
     def _attach_shared_memory(self) -> XSharedMemory | None:
-        """Share memory with an X server on this machine, so that reading is ten times as fast.
+        """Share memory with a server on this machine, so that reading is ten times as fast.
 
         The result is None if the server can't access the memory.
         """

@@ -1,4 +1,4 @@
-"""Share System V memory with an X server on this machine, by its MIT-SHM extension."""
+"""System V memory that an X server on this machine writes to, by its MIT-SHM extension."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.x11.connection import XConnection, XError
 
 
 class XSharedMemory:
-    """Share bytes with an X server; XError if it can't, as on another machine."""
+    """Bytes shared with an X server; XError if that can't be, as on another machine."""
 
     def __init__(self, x: XConnection, size: int) -> None:
         self._x, self.segment = x, x.new_id()
@@ -44,11 +44,11 @@ class XSharedMemory:
         self.bytes: NDArray[np.uint8] = np.ctypeslib.as_array(memory)
 
     def close(self) -> None:
-        """Detach the memory shared with the X server; `bytes` must not be used afterwards."""
+        """Detach the memory; `bytes` must not be used afterwards."""
         self._detach(self._at)
 
     def _is_visible_to_server(self) -> bool:
-        """Return whether the X server can access the memory, by having it write one pixel."""
+        """Return whether the server can access the memory, by having it write one pixel."""
         try:
             self.fetch(0, 0, 1, 1)
         except XError:
@@ -56,7 +56,7 @@ class XSharedMemory:
         return True
 
     def fetch(self, x: int, y: int, width: int, height: int) -> None:
-        """Have the X server write a rectangle of its root window to this shared memory."""
+        """Have the server write a rectangle of its root window to this memory."""
         whole, pixmap = 0xFFFFFFFF, 2
         layout, root = "IhhHHIB3xII", self._x.setup.root
         given = (root, x, y, width, height, whole, pixmap, self.segment, 0)

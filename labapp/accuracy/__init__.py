@@ -1,1 +1,1 @@
-"""Measure what accuracy costs in time, as work-precision diagrams of the machine at hand."""
+"""What accuracy costs in time, as work-precision diagrams of the machine at hand."""

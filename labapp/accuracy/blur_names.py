@@ -1,4 +1,4 @@
-"""Name the blurs that restorations are compared on.
+"""The blurs that restorations are compared on, by name.
 
 This module imports nothing heavy, so that the command line can check a name at once.
 """
@@ -31,7 +31,7 @@ BORDERS = ("unknown", "periodic")
 
 
 def require_blur(name: str, border: str) -> None:
-    """Raise UserError for a blur or border that `labapp accuracy deconvolve` doesn't know."""
+    """Raise UserError for a blur or border that isn't known."""
     if name not in BLUR_NAMES:
         raise UserError(f"--blur {name}: is unknown. Take one of {', '.join(BLUR_NAMES)}.")
     if border not in BORDERS:

@@ -1,4 +1,4 @@
-"""Compute the PSFs that restorations are compared on, and simulate photographs blurred by them."""
+"""The PSFs that restorations are compared on, and simulated photographs that they blur."""
 
 from __future__ import annotations
 
@@ -40,20 +40,12 @@ _FINER = 16
 class SimulatedPhotograph:
     """A simulated blurred photograph of a known scene.
 
-    Attributes
-    ----------
-    name : str
-        Blur, noise, size and border in words.
-    truth : Array
-        (rows, columns): what a camera without blur and noise would have seen; white is 1.
-    observation : Array
-        (rows, columns): the blurred and noisy photograph; white is 1.
-    psf : Array
-        (rows, columns): its sum is 1, its origin lies at n // 2.
-    noise : float
-        Standard deviation of a pixel; white is 1.
-    border : Border
-        What the scene does beyond the frame.
+    name: blur, noise, size and border in words.
+    truth: (rows, columns): what a camera without blur and noise would have seen; white is 1.
+    observation: (rows, columns): the blurred and noisy photograph; white is 1.
+    psf: (rows, columns): its sum is 1, its origin lies at n // 2.
+    noise: standard deviation of a pixel; white is 1.
+    border: what the scene does beyond the frame.
     """
 
     name: str
@@ -65,14 +57,11 @@ class SimulatedPhotograph:
 
     @property
     def problem(self) -> Observation:
-        """Return the observation that every method restores when its accuracy is measured.
-
-        The picture is in single precision, and its noise is unknown.
-        """
+        """What every method restores: the picture in single precision, of unknown noise."""
         return build_observation(self.observation.astype(np.float32), self.psf, None, self.border)
 
     def quality(self, image: torch.Tensor | Array) -> tuple[float, float]:
-        """Return a restoration's accuracy: its PSNR in dB and its SSIM against the truth.
+        """Return a restoration's PSNR in dB and its SSIM against the truth.
 
         Both cover the whole frame. The picture is clipped to 0 to 1 first; white is 1.
         """
@@ -83,9 +72,8 @@ class SimulatedPhotograph:
 def simulate_photograph(
     name: str, scene: Array, psf: Array, noise: float, seed: int, border: Border = "unknown"
 ) -> SimulatedPhotograph:
-    """Blur a known scene and add noise, so that the accuracy of restorations can be measured.
+    """Blur a known scene, (rows, columns), by convolution with a PSF, and add Gaussian noise.
 
-    `scene` is (rows, columns); the blur is a convolution with the PSF, and the noise is Gaussian.
     With an unknown border the photograph shows only the part of the scene whose light comes
     entirely from within the scene. A periodic scene is shown whole. Raises UserError for a scene
     that is no larger than the PSF.
@@ -114,7 +102,7 @@ def photograph_from_options(
     size: int,
     seed: int,
 ) -> SimulatedPhotograph:
-    """Simulate the blurred photograph that the options of `labapp accuracy deconvolve` describe.
+    """Simulate the photograph that the options of `labapp accuracy deconvolve` describe.
 
     Raises UserError for options that are unknown or can't be met.
     """
@@ -132,7 +120,7 @@ def photograph_from_options(
 
 
 def _white_level(levels: NDArray[np.float32]) -> float:
-    """Return the level of white in the truth picture of an accuracy measurement.
+    """Return the level of white in a picture.
 
     The level is the first of 1, 255 and 65535 that no level of the picture exceeds, or else the
     picture's brightest level.
@@ -151,14 +139,10 @@ def _middle(picture: Array, size: int) -> Array:
 
 
 def _fully_seen_slice(psf: int, seen: int) -> slice:
-    """Return the part of the scene's axis that an accuracy test's photograph shows.
+    """Return the part of the scene's axis that the photograph shows.
 
-    Parameters
-    ----------
-    psf : int
-        Samples of the PSF along the axis.
-    seen : int
-        Pixels of the photograph along the axis.
+    psf: samples of the PSF along the axis.
+    seen: pixels of the photograph along the axis.
     """
     first = psf - 1 - psf // 2
     return slice(first, first + seen)
@@ -173,24 +157,18 @@ def _convolve_periodically(scene: Array, psf: Array) -> Array:
 
 
 def disk(radius: float) -> Array:
-    """Return a defocus PSF to test restoration accuracy: an even disk of `radius` pixels.
-
-    Geometrical optics gives this shape.
-    """
+    """Return the defocus PSF of geometrical optics: an even disk of `radius` pixels."""
     at = _subpixel_positions(radius)
     return _pixel_coverage(np.hypot(at[:, None], at) <= radius)
 
 
 def box(side: int) -> Array:
-    """Return a PSF to test restoration accuracy: an even square of `side` by `side` pixels."""
+    """Return an even square of `side` by `side` pixels."""
     return np.full((side, side), side**-2.0)
 
 
 def gaussian(deviation: float) -> Array:
-    """Return a Gaussian PSF to test restoration accuracy.
-
-    `deviation` is the standard deviation in pixels.
-    """
+    """Return a Gaussian PSF. deviation: standard deviation in pixels."""
     reach = math.ceil(4 * deviation)
     at = np.arange(-reach, reach + 1) / deviation
     psf = np.exp(-(at[:, None] ** 2 + at**2) / 2)
@@ -198,10 +176,10 @@ def gaussian(deviation: float) -> Array:
 
 
 def circle(radius: float, centre: float) -> Array:
-    """Return a PSF to test restoration accuracy: a thin circle around a point.
+    """Return a thin circle around a point.
 
-    The circle has a radius of `radius` pixels and a line width of one pixel. The central pixel has
-    the share `centre` of the light, 0 to 1.
+    radius: of the circle, whose line is one pixel wide, in pixels.
+    centre: share of the light that the central pixel has, 0 to 1.
     """
     at = _subpixel_positions(radius + 3)
     far = np.hypot(at[:, None], at)
@@ -211,10 +189,7 @@ def circle(radius: float, centre: float) -> Array:
 
 
 def shake(length: float, seed: int) -> Array:
-    """Return a camera-shake PSF to test restoration accuracy: a random path.
-
-    The path is about `length` pixels long.
-    """
+    """Return a camera-shake PSF: a random path of about `length` pixels."""
     rng = np.random.default_rng(seed)
     turn = np.cumsum(rng.normal(0, 0.45, 24)) + rng.uniform(0, 2 * math.pi)
     steps = length / 24 * np.stack([np.sin(turn), np.cos(turn)], axis=1)
@@ -223,19 +198,16 @@ def shake(length: float, seed: int) -> Array:
 
 
 def line(length: float, angle: float) -> Array:
-    """Return a motion PSF to test restoration accuracy: a line of `length` pixels.
+    """Return the PSF of uniform motion along a line of `length` pixels.
 
-    The motion is uniform. `angle` is in radians, from the x axis towards the y axis.
+    angle: in radians, from the x axis towards the y axis.
     """
     end = 0.5 * length * np.array([math.sin(angle), math.cos(angle)])
     return _rasterise_strokes([np.stack([-end, end])], math.ceil(length))
 
 
 def shape(name: str, radius: float) -> Array:
-    """Return a PSF shape of the thesis, such as "ring", to test restoration accuracy.
-
-    `radius` is in pixels.
-    """
+    """Return a PSF shape of the thesis, such as "ring", with a radius in pixels."""
     side = 2 * math.ceil(radius + 6) + 1
     target = getattr(targets, name)
     return _normalise(np.asarray(target(Plane((side, side), (1.0, 1.0)), radius, 0.8)))
@@ -252,17 +224,16 @@ BLURS: dict[str, Callable[[], Array]] = {
 
 
 def _subpixel_positions(radius: float) -> Array:
-    """Return the positions in pixels at which an accuracy test's PSF is sampled along an axis.
+    """Return sample positions in pixels along an axis, several per pixel and centred at 0.
 
-    There are several positions per pixel, centred at 0. They span an odd number of pixels, which is
-    large enough for a disk of `radius` pixels.
+    They span an odd number of pixels, which is large enough for a disk of `radius` pixels.
     """
     side = 2 * math.ceil(radius) + 1
     return (np.arange(side * _FINER) + 0.5) / _FINER - side / 2
 
 
 def _pixel_coverage(inside: NDArray[np.bool_]) -> Array:
-    """Average the fine samples of an accuracy test's PSF over each pixel."""
+    """Average fine samples over each pixel."""
     side = inside.shape[0] // _FINER
     return _normalise(inside.reshape(side, _FINER, side, _FINER).mean((1, 3)))
 

@@ -1,4 +1,4 @@
-"""Time a fixed piece of work, which tells how fast the machine is at the moment."""
+"""A fixed piece of work, whose time tells how fast the machine is at the moment."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import scipy.fft
 
 
 class CalibrationKernel:
-    """Do a matrix product, an FFT and a gather, the operations that the methods consist of.
+    """A matrix product, an FFT and a gather, the operations that the methods consist of.
 
     A call takes about 10 ms. Times that were measured on different days or machines are compared
     as multiples of the time of this call.

@@ -54,30 +54,17 @@ def chain_case_from_options(
     sphere: bool,
     most_products: float = 2e12,
 ) -> ChainCase:
-    """Build the chain problem that the options of `labapp accuracy chain` describe.
+    """Build the problem that the options of `labapp accuracy chain` describe.
 
-    Parameters
-    ----------
-    case : LensCase
-        Lens, object and window; its camera is None where no camera file was given.
-    panel : str or None
-        "ROWSxCOLUMNSxMICROMETRES"; only where no camera file describes a panel.
-    separation_mm : float or None
-        Distance from the panel to the lens, in millimetres; None keeps the camera's.
-    pattern : str
-        Phase on the panel: one of `CHAIN_PATTERNS`.
-    field : tuple of float
-        Position (y, x) of the image on the sensor, in metres from the axis.
-    sphere : bool
-        Whether the wave of the object is a sphere, and not a parabola.
-    most_products : float, optional
-        Products that the exact integral may take. The default takes many minutes.
-
-    Raises
-    ------
-    UserError
-        For options that are unknown or contradict each other, and for a camera whose exact
-        integral would take too long.
+    case: lens, object and window; its camera is None where no camera file was given.
+    panel: "ROWSxCOLUMNSxMICROMETRES"; only where no camera file describes a panel.
+    separation_mm: distance from the panel to the lens, millimetres; None keeps the camera's.
+    pattern: phase on the panel, one of `CHAIN_PATTERNS`.
+    field: position (y, x) of the image on the sensor, from the axis, metres.
+    sphere: whether the wave of the object is a sphere, and not a parabola.
+    most_products: that the exact integral may take. The default takes many minutes.
+    Raises UserError for options that are unknown or contradict each other, and for a camera whose
+    exact integral would take too long.
     """
     camera = _camera(case, panel, separation_mm)
     phase = _phase(pattern, camera.panel.shape)
@@ -106,7 +93,7 @@ def chain_case_from_options(
 
 
 def _camera(case: LensCase, panel: str | None, separation_mm: float | None) -> Camera:
-    """Return the camera with a panel for which `labapp accuracy chain` measures methods."""
+    """Return the camera with a panel, of which a lens alone gets one 50 mm before it."""
     if case.camera is None:
         shape, pitch = read_panel(panel or "96x128x8")
         camera = Camera(Panel(shape, pitch, unmodulated=0.0), case.lens, separation=50e-3)
@@ -123,7 +110,7 @@ def _camera(case: LensCase, panel: str | None, separation_mm: float | None) -> C
 
 
 def _phase(pattern: str, shape: tuple[int, int]) -> Array:
-    """Return the test phase on the panel for `labapp accuracy chain`, (rows, columns), radians."""
+    """Return the phase on the panel, (rows, columns), radians."""
     require_pattern(pattern)
     if pattern == "random":
         return np.random.default_rng(0).uniform(0, 2 * np.pi, shape)
@@ -134,10 +121,10 @@ def _phase(pattern: str, shape: tuple[int, int]) -> Array:
 
 
 def _require_short(problem: ChainProblem, most_products: float) -> None:
-    """Raise UserError if the reference of `labapp accuracy chain` would take too long for a camera.
+    """Raise UserError if the exact integral would take too long.
 
-    The reference is an exact integral. Its cost doesn't depend on where in the window the light
-    arrives, so that it is known before anything is planned.
+    Its cost doesn't depend on where in the window the light arrives, so that it is known before
+    anything is planned.
     """
     terms = problem.build_reference(np.ones(problem.pixels.shape)).product_count
     if not terms <= most_products:
@@ -148,10 +135,10 @@ def _require_short(problem: ChainProblem, most_products: float) -> None:
 
 
 def build_reference(problem: ChainProblem) -> PSFReference:
-    """Return the slow reference that the accuracy rows of a chain problem are compared with.
+    """Return the exact light on some rows and columns of the window.
 
-    The reference holds the exact light on some rows and columns of the window. An approximate PSF
-    decides which of them are likely to be drawn. If no method gives one, all are equally likely.
+    An approximate PSF decides which of them are likely to be drawn. If no method gives one, all are
+    equally likely.
     """
     try:
         light = problem.light(problem.operator(problem.tol))
@@ -161,7 +148,7 @@ def build_reference(problem: ChainProblem) -> PSFReference:
 
 
 def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield the accuracy rows to be measured for a chain: every PSF method at every tolerance.
+    """Yield every PSF method at every tolerance.
 
     A method that refuses gives a row with the reason.
     """
@@ -177,10 +164,10 @@ def candidates(case: ChainCase, reference: PSFReference, budget: Budget) -> Iter
 
 @single_threaded
 def accuracy_chain(case: ChainCase, *, memory: int, as_json: bool, plot: Path | None) -> None:
-    """Measure the accuracy and time of every PSF method for a chain, and print the rows.
+    """Measure error and time of every PSF method for a chain, and print the rows.
 
-    `plot` is the file of the diagram, or None for no diagram. `memory` is the number of bytes that
-    each method may use.
+    memory: bytes that each method may use.
+    plot: file of the diagram; None for no diagram.
     """
     with terminal_progress() as progress:
         budget = Budget(memory, machine_speed(progress.part(0.0, 0.1)), seconds=LONGEST_CALL)

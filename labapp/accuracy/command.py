@@ -1,4 +1,4 @@
-"""`labapp accuracy psf`: measure a work-precision diagram and show it as table, JSON and plot."""
+"""`labapp accuracy psf`: a work-precision diagram of a lens's PSF as table, JSON and plot."""
 
 from __future__ import annotations
 
@@ -44,21 +44,12 @@ def accuracy_psf(
     plot: Path | None,
     compare: str | None,
 ) -> None:
-    """Measure the accuracy and time of every method for a lens's PSF, and print the rows.
+    """Measure error and time of every method for a lens's PSF, and print the rows.
 
-    Parameters
-    ----------
-    case : LensCase
-        Lens, object, wavelength and window.
-    peers : bool
-        Whether other libraries are measured as well, through their installed adapters.
-    as_json : bool
-        Whether the rows are printed as JSON instead of as a table.
-    plot : Path or None
-        File of the diagram; None for no diagram.
-    compare : str or None
-        File of an earlier output of `--json`, or "bundled". The process ends with exit code 1 if
-        a point has become worse than the stored one.
+    peers: whether other libraries are measured as well, through their installed adapters.
+    plot: file of the diagram; None for no diagram.
+    compare: file of an earlier output of `--json`, or "bundled". The process ends with exit code 1
+    if a point has become worse than the stored one.
     """
     stored = read_stored(compare) if compare else None
     adapters = installed_peers("psf") if peers else []
@@ -83,7 +74,7 @@ def accuracy_psf(
 def _find_regressions(
     measurements: MeasurementSet, stored: StoredRows, progress: Progress
 ) -> list[str]:
-    """Return a message for each accuracy row that is slower or less accurate than its stored row.
+    """Return a message for each row that is slower or less accurate than its stored row.
 
     Rows that look slower are timed twice more, because the machine may have been busy for a moment.
     """
@@ -100,7 +91,7 @@ def _find_regressions(
 
 
 def _report_regressions(worse: list[str], count: int, stored: StoredRows, where: Console) -> None:
-    """Print the accuracy rows that became worse, and exit with code 1 if there are any."""
+    """Print what became worse, and exit with code 1 if anything did."""
     for line in worse:
         where.print(f"worse than {stored.source}: {line}")
     if worse:
@@ -130,7 +121,7 @@ _REMARK = (
 
 
 def _marks(row: Row) -> str:
-    """Return the marks of an accuracy row in the table: on the front, and chosen for what."""
+    """Return a row's marks in the table: on the front, and chosen for what."""
     front = "front" if row.on_front else ""
     calls = " and ".join(str(count) for count in row.chosen_for)
     return ", ".join(filter(None, (front, f"chosen for {calls}" if calls else "")))
@@ -139,10 +130,10 @@ def _marks(row: Row) -> str:
 def show_measurements(
     what: str, name: str, measurements: MeasurementSet, as_json: bool, plot: Path | None
 ) -> None:
-    """Print the rows of a work-precision diagram as a table or as JSON, and draw the diagram.
+    """Print rows as a table or as JSON, and draw their work-precision diagram.
 
-    `what` and `name` say what was measured and for which case. `plot` is the file of the diagram,
-    or None for no diagram.
+    what, name: what was measured, and for which case.
+    plot: file of the diagram; None for no diagram.
     """
     rows, kernel = measurements.rows, measurements.calibration_s
     print_rows(f"{what}: {name}", _COLUMNS, _REMARK, rows, as_json=as_json, calibration_s=kernel)

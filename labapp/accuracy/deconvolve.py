@@ -47,16 +47,9 @@ class DeconvolutionRow(Row):
 
     The method estimates noise and weights by itself.
 
-    Attributes
-    ----------
-    error_achieved : float or None
-        Relative L2 error of the restored picture.
-    iterations : int
-        Number of iterations.
-    psnr_db, ssim : float or None
-        PSNR in dB and SSIM over the whole frame; white is 1.
-    inside_db : float or None
-        PSNR in dB of the pixels that are further from the border than the PSF is large.
+    error_achieved: relative L2 error of the restored picture.
+    psnr_db, ssim: PSNR in dB and SSIM over the whole frame; white is 1.
+    inside_db: PSNR in dB of the pixels that are further from the border than the PSF is large.
     """
 
     iterations: int = 0
@@ -92,10 +85,10 @@ def accuracy_deconvolve(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure the accuracy and time of every restoration method, and print the rows.
+    """Measure quality and time of every restoration method, and print the rows.
 
-    `plot` is the file of the diagram, or None for no diagram. `denoise` is the denoiser of
-    plug-and-play methods; without one, these methods are left out.
+    denoise: denoiser of plug-and-play methods, which are left out without one.
+    plot: file of the diagram; None for no diagram.
     """
     adapters = installed_peers("deconvolve") if peers else []
     with terminal_progress() as progress:
@@ -114,11 +107,12 @@ def measure_deconvolution(
     adapters: Sequence[Callable[..., Any]] = (),
     deadline: Deadline | None = None,
 ) -> list[DeconvolutionRow]:
-    """Measure the accuracy of every restoration method after more and more iterations.
+    """Measure every restoration method after more and more iterations.
 
     Rows that no other row beats in both time and error are marked. A method that fails gives a row,
-    too. `adapters` give the methods of other libraries, see `labapp.accuracy.peers`. What is left
-    at the deadline is named as cut.
+    too.
+    adapters: give the methods of other libraries, see `labapp.accuracy.peers`.
+    deadline: when measuring ends; what is left then is named as cut.
     """
     deadline = deadline or Deadline()
     settings = [
@@ -180,10 +174,7 @@ def _row(
 
 
 def psnr_away_from_border(case: SimulatedPhotograph, picture: Array) -> float | None:
-    """Return the PSNR in dB for an accuracy row, without a border as wide as the PSF.
-
-    None if no pixels are left.
-    """
+    """Return the PSNR in dB without a border as wide as the PSF; None if no pixels are left."""
     rows, columns = case.psf.shape
     part = slice(rows, -rows), slice(columns, -columns)
     if not case.truth[part].size:

@@ -1,4 +1,4 @@
-"""Draw work-precision diagrams: error against time, with the front and the automatic choice."""
+"""Draws work-precision diagrams: error against time, with the front and the automatic choice."""
 
 from __future__ import annotations
 
@@ -35,24 +35,16 @@ from labapp.accuracy.work_precision import Row
 
 @dataclass(frozen=True)
 class DiagramSettings:
-    """Set how accuracy diagrams are drawn. All values are chosen.
+    """Set how diagrams are drawn. All values are chosen.
 
-    Attributes
-    ----------
-    width : float
-        Width of a diagram in inches.
-    main_height, small_height : float
-        Heights of the row of diagrams of all methods, and of a row of small ones, in inches.
-    columns : int
-        Small diagrams in a row.
-    floor : float
-        Errors below it are drawn at it: they are rounding.
-    near : float
-        Decades within which neighbouring points of a method share one label.
-    apart : float
-        Least height between two labels, over the height of a small diagram.
-    title_letters : int
-        Letters of titles that fit beside each other.
+    width: of a diagram, inches.
+    main_height, small_height: of the row of diagrams of all methods, and of a row of small ones,
+    inches.
+    columns: small diagrams in a row.
+    floor: errors below it are drawn at it: they are rounding.
+    near: decades within which neighbouring points of a method share one label.
+    apart: least height between two labels, over the height of a small diagram.
+    title_letters: letters of titles that fit beside each other.
     """
 
     width: float = 12.0
@@ -77,7 +69,7 @@ _FRONT, _STAR, _GREY = "#444444", "#c1121f", "#c9c9c9"
 
 @dataclass(frozen=True)
 class _Look:
-    """The colours and markers of an accuracy diagram's methods, by name."""
+    """Colours and markers of the methods, by name."""
 
     colour: dict[str, str]
     marker: dict[str, str]
@@ -91,9 +83,9 @@ class _Look:
 
 
 def draw(name: str, rows: Sequence[Row], error_name: str = "error, relative L2") -> Figure:
-    """Draw an accuracy diagram with a heading, and the failures in a sentence each under it.
+    """Draw a diagram with a heading, and the failures in a sentence each under it.
 
-    `error_name` says what error was measured.
+    error_name: what error was measured.
     """
     failures = [
         line
@@ -112,9 +104,9 @@ def draw(name: str, rows: Sequence[Row], error_name: str = "error, relative L2")
 def draw_panels(
     rows: Sequence[Row], error_name: str, heading: float = 0.0, footing: float = 0.0
 ) -> Figure:
-    """Draw an accuracy diagram of all methods for each kind of time, and then each method alone.
+    """Draw all methods together for each kind of time, and then each method alone.
 
-    `heading` and `footing` are inches that are left free above and below.
+    heading, footing: inches that are left free above and below.
     """
     kinds = time_kinds(rows)
     names = [name for name, _ in curves(rows, kinds[-1])]
@@ -147,7 +139,7 @@ def draw_panels(
 def _draw_all(
     axes: Axes, rows: Sequence[Row], kind: TimeKind, look: _Look, error_name: str
 ) -> None:
-    """Draw the accuracy of all methods against one kind of time."""
+    """Draw the errors of all methods against one kind of time."""
     for name, own in curves(rows, kind):
         axes.plot(
             *_points(own, kind),
@@ -169,7 +161,7 @@ def _draw_all(
 
 
 def _points(rows: Sequence[Row], kind: TimeKind) -> tuple[list[float], list[float]]:
-    """Return the seconds and errors at which an accuracy diagram shows rows."""
+    """Return the seconds and errors at which rows are drawn."""
     seconds = [kind.seconds(row) or 0.0 for row in rows]
     return seconds, [max(row.error_achieved or 0.0, _SETTINGS.floor) for row in rows]
 
@@ -229,9 +221,9 @@ def _draw_star(axes: Axes, rows: Sequence[Row], kind: TimeKind) -> None:
 def _set_scales(
     axes: Axes, rows: Sequence[Row], kind: TimeKind, fine: Sequence[float] = (1, 2, 5)
 ) -> None:
-    """Give an accuracy diagram logarithmic scales with room for its marks, and plain numbers.
+    """Give a diagram logarithmic scales with room for its marks, and plain numbers.
 
-    `fine` are the parts of a decade at which a scale of one or two decades has numbers.
+    fine: parts of a decade at which a scale of one or two decades has numbers.
     """
     good = [row for _, own in curves(rows, kind) for row in own]
     axes.set_xscale("log")
@@ -261,7 +253,7 @@ def _tick_seconds(seconds: float) -> str:
 
 
 def _draw_one(axes: Axes, rows: Sequence[Row], kind: TimeKind, look: _Look, name: str) -> None:
-    """Draw one method of an accuracy diagram as a line along what was asked, others in grey."""
+    """Draw one method as a line along what was asked, others in grey."""
     found = dict(curves(rows, kind))
     for other, own in found.items():
         if other != name:
@@ -284,7 +276,7 @@ def _draw_one(axes: Axes, rows: Sequence[Row], kind: TimeKind, look: _Look, name
 def _label_settings(
     axes: Axes, rows: Sequence[Row], seconds: Sequence[float], errors: Sequence[float]
 ) -> None:
-    """Write what was asked beside the points of an accuracy curve, as far as there is room."""
+    """Write what was asked beside a curve's points, as far as there is room."""
     last_place: tuple[float, float] | None = None
     for group in _neighbours(seconds, errors):
         place = seconds[group[0]], errors[group[0]]
@@ -300,7 +292,7 @@ def _label_settings(
 
 
 def _neighbours(seconds: Sequence[float], errors: Sequence[float]) -> list[list[int]]:
-    """Group consecutive points of an accuracy curve that lie so close that they share a label."""
+    """Group consecutive points that lie so close that they share a label."""
     groups: list[list[int]] = []
     for k in range(len(seconds)):
         if groups:

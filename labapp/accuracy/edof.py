@@ -22,18 +22,9 @@ def accuracy_edof(
 ) -> None:
     """Measure designs for depth of field and PSFs with gradients, and print the rows.
 
-    Parameters
-    ----------
-    case : EdofCase
-        The camera, and what is designed for.
-    part : str
-        "design", "psf", or "all" for both.
-    most_steps : int
-        Largest number of steps of a design.
-    as_json : bool
-        Whether the rows are printed as JSON instead of as tables.
-    plot : Path or None
-        File of the diagram: of designs, or of PSFs if they alone are measured. None for none.
+    part: "design", "psf", or "all" for both.
+    most_steps: largest number of steps of a design.
+    plot: file of the diagram: of designs, or of PSFs if they alone are measured. None for none.
     """
     designs, gradients = list[edof_design.DesignRow](), list[edof_psf.GradientRow]()
     with terminal_progress() as progress:
@@ -60,7 +51,7 @@ def _print(
     designs: Sequence[edof_design.DesignRow],
     gradients: Sequence[edof_psf.GradientRow],
 ) -> None:
-    """Print the accuracy tables of depth of field that have rows."""
+    """Print the tables that have rows."""
     if designs:
         title = f"Design for depth of field: {design_name(case)}"
         print_rows(title, edof_design.COLUMNS, edof_design.REMARK, designs, as_json=False)
@@ -70,10 +61,10 @@ def _print(
 
 
 def design_name(case: EdofCase) -> str:
-    """Describe the case of an accuracy table of designs for depth of field."""
+    """Describe in words what is designed for."""
     return f"{case.camera_name}, 0 to 2 D, noise {case.noise:g}, pictures of {case.size}²"
 
 
 def psf_name(case: EdofCase) -> str:
-    """Describe the case of an accuracy table of PSFs with gradients."""
+    """Describe the PSFs with gradients in words."""
     return f"{case.camera_name}, {case.nearest_distance:g} m, {case.window}² samples"

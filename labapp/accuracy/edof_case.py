@@ -1,4 +1,4 @@
-"""Describe the camera for whose depth of field `labapp accuracy edof` measures designs and PSFs."""
+"""The camera for whose depth of field `labapp accuracy edof` measures designs and PSFs."""
 
 from __future__ import annotations
 
@@ -23,16 +23,9 @@ _WAVELENGTH, _NEAR, _PITCH = 520e-9, 2.0, 3.45e-6
 class EdofCase:
     """What designs and PSFs of an extended depth of field are measured for.
 
-    Attributes
-    ----------
-    camera : Camera
-        The camera.
-    noise : float
-        Standard deviation of a pixel's noise, where white is 1.
-    size : int
-        Pixels along a side of the periodic pictures of a design.
-    window : int
-        Sensor pixels along a side of the PSFs.
+    noise: standard deviation of a pixel's noise, where white is 1.
+    size: pixels along a side of the periodic pictures of a design.
+    window: sensor pixels along a side of the PSFs.
     """
 
     camera: Camera
@@ -42,7 +35,7 @@ class EdofCase:
 
     @property
     def wavelength(self) -> float:
-        """The wavelength of the designs and PSFs that are measured, in metres."""
+        """Wavelength of designs and PSFs in metres."""
         return _WAVELENGTH
 
     @property
@@ -52,12 +45,11 @@ class EdofCase:
 
     @property
     def pixels(self) -> Plane:
-        """The pixels of the PSFs, around the axis."""
+        """Pixels of the PSFs, around the axis."""
         return self.camera.sensor.window_plane((self.window, self.window))
 
     @property
     def camera_name(self) -> str:
-        """The camera in words."""
         panel, lens = self.camera.panel, self.camera.lens
         return (
             f"{panel.shape[0]}x{panel.shape[1]} pixels of {1e6 * panel.pitch:g} µm, "
@@ -76,7 +68,7 @@ class EdofCase:
 def panel_camera(panel: str) -> Camera:
     """Return the camera of the thesis' chapter 5 with another panel.
 
-    `panel` is "ROWSxCOLUMNSxMICROMETRES". Raises UserError for another text.
+    panel: "ROWSxCOLUMNSxMICROMETRES"; UserError for another text.
     """
     shape, pitch = read_panel(panel)
     return Camera(
@@ -91,28 +83,12 @@ def edof_case_from_options(
 ) -> EdofCase:
     """Return the case that the options of `labapp accuracy edof` describe.
 
-    Parameters
-    ----------
-    camera : Camera or None
-        The camera of a file; None for that of the thesis' chapter 5.
-    panel : str or None
-        "ROWSxCOLUMNSxMICROMETRES"; only where no file describes a panel.
-    noise : float
-        Standard deviation of a pixel's noise, where white is 1.
-    size : int
-        Pixels along a side of the pictures, even.
-    window : int
-        Sensor pixels along a side of the PSFs.
-
-    Returns
-    -------
-    EdofCase
-        The case.
-
-    Raises
-    ------
-    UserError
-        If options are wrong or contradict each other.
+    camera: from a file; None for that of the thesis' chapter 5.
+    panel: "ROWSxCOLUMNSxMICROMETRES"; only where no file describes a panel.
+    noise: standard deviation of a pixel's noise, where white is 1.
+    size: pixels along a side of the pictures, even.
+    window: sensor pixels along a side of the PSFs.
+    Raises UserError if options are wrong or contradict each other.
     """
     if camera is not None and panel is not None:
         raise UserError(f"--panel {panel}: the camera's file has a panel; leave one of them out.")

@@ -1,4 +1,4 @@
-"""Measure what the design of patterns for an extended depth of field reaches, against its time."""
+"""What the design of patterns for an extended depth of field reaches, against its time."""
 
 from __future__ import annotations
 
@@ -50,19 +50,13 @@ ERROR_NAME = "level below the bound, dB"
 class DesignRow(Row):
     """Measured quality and time of a designed pattern after a number of steps.
 
-    Attributes
-    ----------
-    error_achieved : float or None
-        Level of the bound that no pattern can pass, with the depth known, less `level_db`. A blind
-        filter for all depths doesn't come near zero.
-    iterations : int
-        Steps of the search.
-    level_db : float or None
-        Expected PSNR in dB of one filter for all depths, at depths that the search didn't use.
-    start_db : float or None
-        The same for the pattern that the search starts from.
-    bound_db : float or None
-        Level of the bound.
+    error_achieved: level of the bound that no pattern can pass, with the depth known, less
+    `level_db`. A blind filter for all depths doesn't come near zero.
+    iterations: steps of the search.
+    level_db: expected PSNR in dB of one filter for all depths, at depths that the search didn't
+    use.
+    start_db: the same for the pattern that the search starts from.
+    bound_db: level of the bound.
     """
 
     iterations: int = 0
@@ -93,26 +87,10 @@ def measure_designs(
 ) -> list[DesignRow]:
     """Measure the level and time of designs after more and more steps.
 
-    Parameters
-    ----------
-    case : EdofCase
-        What is designed for.
-    most_steps : int
-        Largest number of steps.
-    progress : Progress
-        Receives reports, and can cancel the work.
-    deadline : Deadline, optional
-        When measuring ends; what is left then is named as cut.
-
-    Returns
-    -------
-    list of DesignRow
-        The rows. Those that no other row beats in both time and error are marked.
-
-    Raises
-    ------
-    UserError
-        If no pattern can be designed for the camera.
+    Rows that no other row beats in both time and error are marked.
+    most_steps: largest number of steps.
+    deadline: when measuring ends; what is left then is named as cut.
+    Raises UserError if no pattern can be designed for the camera.
     """
     deadline = deadline or Deadline()
     try:
@@ -137,7 +115,7 @@ def measure_designs(
 def _planned_rows(
     case: EdofCase, most_steps: int
 ) -> Iterator[tuple[tuple[str, str, int], DesignRow]]:
-    """Yield each way to design and the accuracy row that it is to fill; long searches come last."""
+    """Yield each way to design and the row that it is to fill; long searches come last."""
     counts = [count for count in STEPS if count <= most_steps] or [most_steps]
     # Free patterns take so long that one number of steps must do.
     slow = max((one for one in counts if one <= most_steps / _SLOW_STEPS), default=counts[0])
@@ -161,7 +139,7 @@ def _warm_up(
     bound: float,
     deadline: Deadline,
 ) -> None:
-    """Design with a single step, so that what is loaded at first is in no accuracy row's time."""
+    """Design with a single step, so that what is loaded at first is in no row's time."""
     variant, row = planned
     if not deadline.is_over:
         with suppress(ValueError):
@@ -169,7 +147,7 @@ def _warm_up(
 
 
 def _bound_level(case: EdofCase) -> float:
-    """Return the level in dB that no pattern can pass, for an accuracy case of depth of field."""
+    """Return the level in dB that no pattern can pass with the depth known."""
     problem = case.problem("rings", "quarter")
     grid = FrequencyGrid(case.size, quarter=True)
     limit = problem.limit(case.wavelength)
@@ -179,7 +157,7 @@ def _bound_level(case: EdofCase) -> float:
 def _measure(
     case: EdofCase, variant: tuple[str, str, int], row: DesignRow, progress: Progress
 ) -> DesignRow:
-    """Design a pattern in one way, and measure its level and time for an accuracy row."""
+    """Design a pattern in one way, and measure its level and time."""
     parametrisation, start, depths = variant
     problem = case.problem(start, parametrisation)
     transfer = problem.transfer(case.wavelength)

@@ -1,4 +1,4 @@
-"""Measure the error and time of PSFs with gradients, which a design computes at each step."""
+"""Error and time of PSFs with gradients, which a design computes at each step."""
 
 from __future__ import annotations
 
@@ -63,16 +63,10 @@ ERROR_NAME = "error of the PSF, relative L2"
 class GradientRow(Row):
     """Measured error and time of a PSF with its gradient, by a method at a tolerance.
 
-    Attributes
-    ----------
-    error_achieved : float or None
-        Relative L2 error of the PSF.
-    gradient_error : float or None
-        Relative L2 error of the gradient of a weighted sum of the PSF.
-    cpu_s : float or None
-        Processor seconds of a PSF and its gradient together.
-    forward_s : float or None
-        Processor seconds of a PSF alone.
+    error_achieved: relative L2 error of the PSF.
+    gradient_error: relative L2 error of the gradient of a weighted sum of the PSF.
+    cpu_s: processor seconds of a PSF and its gradient together.
+    forward_s: processor seconds of a PSF alone.
     """
 
     gradient_error: float | None = None
@@ -103,28 +97,12 @@ REMARK = (
 def measure_gradients(
     case: EdofCase, budget: Budget, progress: Progress, deadline: Deadline | None = None
 ) -> list[GradientRow]:
-    """Measure the error and time of a PSF with its gradient, by each method at each tolerance.
+    """Measure error and time of a PSF with its gradient, by each method at each tolerance.
 
-    Parameters
-    ----------
-    case : EdofCase
-        Camera and window; the object is at the nearest distance.
-    budget : Budget
-        The memory allowed, and the machine's speed.
-    progress : Progress
-        Receives reports, and can cancel the work.
-    deadline : Deadline, optional
-        When measuring ends; what is left then is named as cut.
-
-    Returns
-    -------
-    list of GradientRow
-        The rows. Those that no other row beats in both time and error are marked.
-
-    Raises
-    ------
-    UserError
-        If the camera's lens isn't one that all these methods serve.
+    Rows that no other row beats in both time and error are marked.
+    case: camera and window; the object is at the nearest distance.
+    deadline: when measuring ends; what is left then is named as cut.
+    Raises UserError if the camera's lens isn't one that all these methods serve.
     """
     deadline = deadline or Deadline()
     progress.report(0.0, "the sum over the panel's pixels")
@@ -161,7 +139,7 @@ def _plan(
     tol: float,
     wavelength: float,
 ) -> Callable[[], PSFOperator]:
-    """Return what plans one method's PSF for an accuracy row."""
+    """Return what plans one method's PSF."""
     return partial(
         PSFOperator,
         exact.camera,
@@ -178,7 +156,7 @@ def _plan(
 
 
 def _mark_choice(row: GradientRow, plan: Callable[[], PSFOperator]) -> GradientRow:
-    """Mark an accuracy row whose method is chosen for patterns of all kinds at its tolerance."""
+    """Mark a row whose method is chosen for patterns of all kinds at its tolerance."""
     try:
         chosen = plan().account.method == row.engine
     except (ValueError, MemoryError):
@@ -187,7 +165,7 @@ def _mark_choice(row: GradientRow, plan: Callable[[], PSFOperator]) -> GradientR
 
 
 class _ExactPSF:
-    """The pattern of an accuracy case of depth of field, its exact PSF, and an exact gradient."""
+    """A pattern, its exact PSF, and an exact gradient."""
 
     def __init__(self, case: EdofCase) -> None:
         try:
@@ -205,7 +183,7 @@ class _ExactPSF:
         )
 
     def short_phase(self, symmetry: str) -> torch.Tensor:
-        """Return the pattern as a method of accuracy takes it that knows its symmetry."""
+        """Return the pattern as a method takes it that knows its symmetry."""
         if symmetry == "quarter":
             return crop_quarter(self.phase)
         if symmetry == "separable":
@@ -222,7 +200,7 @@ class _ExactPSF:
 
 
 def _draw_pattern(shape: tuple[int, int], chance: torch.Generator) -> torch.Tensor:
-    """Draw the random phase for an accuracy case, mirrored and a sum along y and x, radians."""
+    """Draw a random phase that is mirrored and a sum along y and x, radians."""
     rows, columns = quarter_shape(shape)
     y, x = (torch.rand(n, generator=chance, dtype=torch.float64) for n in (rows, columns))
     return mirror_quarter(2 * np.pi * (y[:, None] + x), shape)
@@ -231,7 +209,7 @@ def _draw_pattern(shape: tuple[int, int], chance: torch.Generator) -> torch.Tens
 def _measure(
     exact: _ExactPSF, symmetry: str, plan: Callable[[], PSFOperator], row: GradientRow
 ) -> GradientRow:
-    """Measure the error and time of one method's PSF and gradient, for an accuracy row."""
+    """Measure error and time of one method's PSF and gradient."""
     phase = exact.short_phase(symmetry)
     began, wall = time.process_time(), time.perf_counter()
     operator = plan()
@@ -262,7 +240,7 @@ def _measure(
 
 
 def _seconds(job: Callable[[], Any]) -> float:
-    """Return the median processor seconds of a job for an accuracy row."""
+    """Return a job's median processor seconds."""
     times = list[float]()
     while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):
         began = time.process_time()
@@ -272,5 +250,4 @@ def _seconds(job: Callable[[], Any]) -> float:
 
 
 def _relative_error(value: Any, truth: Array) -> float:
-    """Return the relative L2 error of an accuracy row's PSF or gradient."""
     return float(np.linalg.norm(value - truth) / np.linalg.norm(truth))

@@ -1,4 +1,4 @@
-"""Predict, by accounts alone, what each tolerance of a camera's PSF costs; nothing is measured."""
+"""What each tolerance of a camera's PSF costs by accounts alone; nothing is measured."""
 
 from __future__ import annotations
 
@@ -25,28 +25,14 @@ def forecast_psf(
     progress: Progress,
     tolerances: Sequence[float] = TOLERANCES,
 ) -> list[Row]:
-    """Predict the accuracy and the time of a camera's PSF by every method at every tolerance.
+    """Predict error and time of a camera's PSF by every method at every tolerance.
 
-    Parameters
-    ----------
-    camera : Camera
-        Camera whose object is in focus.
-    wavelength : float
-        Metres.
-    pixels : Plane
-        Sensor pixels of the PSF.
-    speed : MachineSpeed
-        Speed of the machine.
-    progress : Progress
-        Receives reports, and can cancel the work.
-    tolerances : sequence of float, optional
-        Relative L2 errors that are asked for.
-
-    Returns
-    -------
-    list of Row
-        Rows whose errors and times are those that accounts predict, with the front and the
-        automatic choice marked. A method that refuses gives a row with the reason.
+    The rows' errors and times are those that accounts predict, with the front and the automatic
+    choice marked. A method that refuses gives a row with the reason.
+    camera: its object is in focus.
+    wavelength: in metres.
+    pixels: of the sensor, for the PSF.
+    tolerances: relative L2 errors that are asked for.
     """
     distance = panel_to_focus_distance(camera)
     methods = CHAIN_METHODS if camera.separation else PANEL_METHODS
@@ -70,7 +56,7 @@ def forecast_psf(
 
 
 def _add(rows: list[Row], row: Row, account: Account) -> None:
-    """Add a predicted accuracy row; mark the row of the automatic choice if it is there."""
+    """Add a predicted row, or mark the row that the automatic choice is the same as."""
     same = [
         number
         for number, one in enumerate(rows)

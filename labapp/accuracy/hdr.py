@@ -61,9 +61,9 @@ _REMARK = (
 
 @single_threaded
 def accuracy_hdr(cases: Sequence[BracketCase], *, as_json: bool, plot: Path | None) -> None:
-    """Measure the accuracy and time of every merge of brackets, and print the rows.
+    """Measure error and time of every merge of brackets, and print the rows.
 
-    `plot` is the file of the diagram, or None for no diagram.
+    plot: file of the diagram; None for no diagram.
     """
     with terminal_progress() as progress:
         rows = measure_merges(cases, progress)
@@ -73,7 +73,7 @@ def accuracy_hdr(cases: Sequence[BracketCase], *, as_json: bool, plot: Path | No
 
 
 def cases_name(cases: Sequence[BracketCase]) -> str:
-    """Describe in words the brackets on which an accuracy is measured."""
+    """Describe brackets in words."""
     first, last = cases[0], cases[-1]
     count = f"{first.frames} to {last.frames}" if len(cases) > 1 else str(first.frames)
     return f"{count}{first.name.removeprefix(str(first.frames))}"
@@ -82,7 +82,7 @@ def cases_name(cases: Sequence[BracketCase]) -> str:
 def measure_merges(
     cases: Sequence[BracketCase], progress: Progress, deadline: Deadline | None = None
 ) -> list[MergeRow]:
-    """Measure the accuracy of every merge of each bracket.
+    """Measure every merge of each bracket.
 
     Rows that no other row beats in both time and error are marked. A merge that fails gives a row,
     too. What is left at the deadline is named as cut.
@@ -102,7 +102,7 @@ Merge = Callable[[], tuple[Array, Array | None]]
 
 
 def _merges(case: BracketCase) -> Iterator[tuple[MergeRow, Merge]]:
-    """Yield the merges of a bracket to measure, each with its row of the accuracy table."""
+    """Yield the merges of a bracket, each with the row that it is to fill."""
     row = MergeRow(
         "hdr", case.name, "", "float32", None, frames=case.frames, exposure_s=sum(case.times)
     )
@@ -125,14 +125,14 @@ def _merge(case: BracketCase, method: hdr.Method) -> tuple[Array, Array | None]:
 
 
 def _merge_by_opencv(case: BracketCase, name: str) -> tuple[Array, Array | None]:
-    """Return an accuracy case merged by OpenCV, with the scale that fits best."""
+    """Merge by OpenCV, with the scale that fits best."""
     light = merge_by_opencv(case.bracket, name)
     scale = np.median(light / case.rates[:, None])
     return light / (scale if scale > 0 else 1.0), None
 
 
 def _measure(case: BracketCase, row: MergeRow, merge: Merge) -> MergeRow:
-    """Measure the error and time of a merge of an accuracy case."""
+    """Measure a merge's error, time, efficiency and bias."""
     times, wall = list[float](), time.perf_counter()
     try:
         while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):

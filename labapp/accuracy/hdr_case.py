@@ -30,9 +30,14 @@ _BLACK = 64.0
 class BracketCase:
     """Even light of many levels, and exposures whose times grow by one ratio.
 
-    frames: number of exposures. ratio: of each time to the one before. shortest: seconds.
-    decades: of the light. darks: dark frames of each exposure. bits, gain, read_noise: of the
-    sensor. pixels: of each level. seed: of the noise.
+    frames: number of exposures.
+    ratio: of each time to the one before.
+    shortest: seconds.
+    decades: of the light.
+    darks: dark frames of each exposure.
+    bits, gain, read_noise: of the sensor.
+    pixels: of each level.
+    seed: of the noise.
     """
 
     frames: int
@@ -48,7 +53,7 @@ class BracketCase:
 
     @property
     def name(self) -> str:
-        """Describe in words the bracket on which an accuracy is measured."""
+        """The bracket in words."""
         return (
             f"{self.frames} exposures, {self.shortest * 1e3:g} ms × {self.ratio:g}ⁿ, "
             f"{self.decades:g} decades"
@@ -56,12 +61,11 @@ class BracketCase:
 
     @cached_property
     def times(self) -> Array:
-        """Exposure times of the accuracy case, seconds, the shortest first."""
+        """Exposure times, seconds, the shortest first."""
         return np.asarray(self.shortest * self.ratio ** np.arange(self.frames, dtype=np.float64))
 
     @cached_property
     def sensor(self) -> Sensor:
-        """The sensor of the accuracy case."""
         return Sensor(
             bits=self.bits, full_well=_FULL_WELL, gain=self.gain, read_noise=self.read_noise,
             dark_current=0.0, black_level=_BLACK,
@@ -69,13 +73,13 @@ class BracketCase:
 
     @cached_property
     def rates(self) -> Array:
-        """Light of each level of the accuracy case, electrons per second, the dimmest first."""
+        """Light of each level, electrons per second, the dimmest first."""
         top = (self.sensor.full_scale - _BLACK) * self.gain / self.shortest
         return np.asarray(_BRIGHTEST * top * np.logspace(-self.decades, 0, _LEVELS))
 
     @cached_property
     def bracket(self) -> hdr.Bracket:
-        """The bracket of the accuracy case, (levels, pixels), with Poisson's and normal noise."""
+        """The exposures, (levels, pixels), with Poisson's and normal noise."""
         rng, shape = np.random.default_rng(self.seed), (_LEVELS, self.pixels)
 
         def draw_frame(light: Array | float) -> NDArray[np.uint16]:

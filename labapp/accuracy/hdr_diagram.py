@@ -1,4 +1,4 @@
-"""Draw the error of merges of exposure brackets by the exposures and by the time they take."""
+"""Draws the error of merges of exposure brackets by the exposures and by the time they take."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ _MARKERS = "osD^vP"
 
 
 def draw_merges(name: str, rows: Sequence[MergeRow]) -> Figure:
-    """Draw the accuracy of merged brackets: by exposures, with what is possible, and by time.
+    """Draw merges' errors: by exposures, with what is possible, and by time.
 
-    `name` describes the brackets. Merges that fail are named in sentences under the diagram.
+    name: the brackets in words.
+    Merges that fail are named in sentences under the diagram.
     """
     failures = [
         line
@@ -48,7 +49,7 @@ def draw_merges(name: str, rows: Sequence[MergeRow]) -> Figure:
 
 
 def _methods(rows: Sequence[MergeRow]) -> dict[str, list[MergeRow]]:
-    """Return the accuracy rows of each merge, in the order of exposures."""
+    """Return the rows of each merge, in the order of exposures."""
     found: dict[str, list[MergeRow]] = {}
     for row in sorted(rows, key=lambda row: row.frames):
         found.setdefault(row.method, []).append(row)
@@ -56,7 +57,7 @@ def _methods(rows: Sequence[MergeRow]) -> dict[str, list[MergeRow]]:
 
 
 def _draw_by_exposures(axes: Axes, rows: Sequence[MergeRow]) -> None:
-    """Draw the error of merges by the number of exposures, labelled with their total time."""
+    """Draw errors by the number of exposures, labelled with their total time."""
     for (method, own), mark in zip(_methods(rows).items(), _MARKERS, strict=False):
         axes.plot([row.frames for row in own], _errors(own), f"{mark}-", label=method, alpha=0.85)
     bounds = {
@@ -77,7 +78,7 @@ def _draw_by_exposures(axes: Axes, rows: Sequence[MergeRow]) -> None:
 
 
 def _draw_by_time(axes: Axes, rows: Sequence[MergeRow]) -> None:
-    """Draw the error of merges by their processor time."""
+    """Draw errors by processor time."""
     for own, mark in zip(_methods(rows).values(), _MARKERS, strict=False):
         milliseconds = [1e3 * (row.cpu_s or 0.0) for row in own]
         axes.plot(milliseconds, _errors(own), f"{mark}-", alpha=0.85)

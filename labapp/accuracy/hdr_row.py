@@ -13,19 +13,13 @@ ERROR_NAME = "error of the light, relative"
 class MergeRow(Row):
     """Measured error and time of a merge.
 
-    Attributes
-    ----------
-    error_achieved, error_predicted : float or None
-        Root mean square of relative errors over all levels of light, and what the merge states.
-    frames : int
-        Number of exposures.
-    exposure_s : float
-        Sum of the exposure times, seconds.
-    efficiency, least_efficiency : float or None
-        Least variance of any unbiased estimate (Cramér and Rao) over the mean squared error: of
-        the sums over all levels, and at the level where it's least.
-    bias : float or None
-        Largest mean relative error of a level that isn't chance; 0 if all may be.
+    error_achieved: root mean square of relative errors over all levels of light.
+    error_predicted: the same as the merge states it.
+    frames: number of exposures.
+    exposure_s: sum of the exposure times, seconds.
+    efficiency, least_efficiency: least variance of any unbiased estimate (Cramér and Rao) over the
+    mean squared error: of the sums over all levels, and at the level where it's least.
+    bias: largest mean relative error of a level that isn't chance; 0 if all may be.
     """
 
     frames: int = 0

@@ -48,14 +48,9 @@ _ADAPTS, _STAYS, _PUBLISHED = (
 class MultispectralRow(Row):
     """Measured quality and time of restored spectral bands after a number of iterations.
 
-    Attributes
-    ----------
-    error_achieved : float or None
-        Relative L2 error of all bands.
-    iterations : int
-        Largest number of iterations.
-    psnr_db, least_db : float or None
-        Mean PSNR of the bands in dB, and that of the worst band; white is 1.
+    error_achieved: relative L2 error of all bands.
+    iterations: largest number of iterations.
+    psnr_db, least_db: mean PSNR of the bands in dB, and that of the worst band; white is 1.
     """
 
     iterations: int = 0
@@ -82,9 +77,9 @@ _REMARK = (
 
 @single_threaded
 def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | None) -> None:
-    """Measure the accuracy and time of restorations of spectral bands, and print the rows.
+    """Measure quality and time of restorations of spectral bands, and print the rows.
 
-    `plot` is the file of the diagram, or None for no diagram.
+    plot: file of the diagram; None for no diagram.
     """
     with terminal_progress() as progress:
         rows = measure_multispectral(case, progress)
@@ -97,7 +92,7 @@ def accuracy_multispectral(case: SpectralCase, *, as_json: bool, plot: Path | No
 def measure_multispectral(
     case: SpectralCase, progress: Progress, deadline: Deadline | None = None
 ) -> list[MultispectralRow]:
-    """Measure the accuracy of restored spectral bands after more and more iterations.
+    """Measure restored spectral bands after more and more iterations.
 
     Rows that no other row beats in both time and error are marked. What is left at the deadline is
     named as cut.
@@ -120,7 +115,7 @@ def measure_multispectral(
 
 
 def _settings(case: SpectralCase) -> list[tuple[str, int, Callable[[], Any]]]:
-    """Return the restorations of spectral bands that are measured: name, iterations, function.
+    """Return the restorations to measure: name, iterations, function.
 
     Short ones come first, so that a deadline cuts the long ones.
     """
@@ -141,7 +136,7 @@ def _settings(case: SpectralCase) -> list[tuple[str, int, Callable[[], Any]]]:
 def _measure(
     case: SpectralCase, row: MultispectralRow, solve: Callable[[], Any]
 ) -> MultispectralRow:
-    """Measure the error and time of a restoration of spectral bands."""
+    """Measure error and time of one restoration."""
     times, wall = list[float](), time.perf_counter()
     try:
         while not times or (times[0] < _TIMING.short_s and len(times) < _TIMING.repeats):

@@ -1,4 +1,4 @@
-"""Merge brackets by OpenCV, to measure its accuracy beside ours."""
+"""Merges brackets by OpenCV, to be measured beside our merges."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Malik, SIGGRAPH 1997, doi 10.1145/258734.258884; Robertson, Borman, Stevenson, I
 
 
 def merge_by_opencv(bracket: hdr.Bracket, name: str) -> NDArray[np.float64]:
-    """Return an exposure bracket's light by OpenCV, whose accuracy is measured, in its own unit.
+    """Return an exposure bracket's light by OpenCV, in its own unit.
 
     It takes pictures of three colours and eight bits, which are the upper ones of the frames.
     """

@@ -1,4 +1,4 @@
-"""Check options of `labapp accuracy`.
+"""Checks options of `labapp accuracy`.
 
 This module imports nothing heavy, so that a wrong option is refused at once.
 """
@@ -20,22 +20,22 @@ FIELD_KINDS = ("smooth", "cells")
 
 
 def require_pattern(name: str) -> None:
-    """Raise UserError for a pattern that `labapp accuracy chain` doesn't know."""
+    """Raise UserError for a pattern that isn't known."""
     if name not in CHAIN_PATTERNS:
         raise UserError(f"--pattern {name}: choose {', '.join(CHAIN_PATTERNS)}.")
 
 
 def require_edof_part(name: str) -> None:
-    """Raise UserError for a part that `labapp accuracy edof` doesn't measure."""
+    """Raise UserError for a part that isn't measured."""
     if name not in EDOF_PARTS:
         raise UserError(f"--part {name}: choose {', '.join(EDOF_PARTS)}.")
 
 
 def require_propagation(light: str, distance: float, wavelength: float) -> None:
-    """Raise UserError for impossible options of `labapp accuracy propagate`.
+    """Raise UserError for a kind of field, a distance or a wavelength that is impossible.
 
-    The kind of field must be known, the distance finite and not 0, and the wavelength positive.
-    Distance and wavelength are in metres.
+    The kind must be known, the distance finite and not 0, and the wavelength positive. Distance and
+    wavelength are in metres.
     """
     if light not in FIELD_KINDS:
         raise UserError(f"--light {light}: choose {' or '.join(FIELD_KINDS)}.")
@@ -46,9 +46,9 @@ def require_propagation(light: str, distance: float, wavelength: float) -> None:
 
 
 def require_pitch(option: str, micrometres: float) -> None:
-    """Raise UserError unless a sample pitch for `labapp accuracy` is positive and finite.
+    """Raise UserError unless a sample pitch is positive and finite.
 
-    `option` is the option's name in the message.
+    option: its name in the message.
     """
     if not 0 < micrometres < math.inf:
         raise UserError(f"--{option} {micrometres:g}: it must be positive, in micrometres.")

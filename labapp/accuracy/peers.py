@@ -1,4 +1,4 @@
-"""Load adapters to other libraries, which are then measured beside our own methods.
+"""Loads adapters to other libraries, which are then measured beside our own methods.
 
 A package that has adapters declares them as entry points in the group `labapp.peers`. The name of
 the entry point is that of the operation:
@@ -25,14 +25,10 @@ GROUP = "labapp.peers"
 
 
 def installed_peers(operation: str) -> list[Callable[..., Any]]:
-    """Load the installed adapters for other libraries whose accuracy is measured beside ours.
+    """Load the installed adapters for an operation, such as "psf".
 
-    Only the adapters for `operation`, such as "psf", are loaded.
-
-    Raises
-    ------
-    UserError
-        If there is no adapter, or one doesn't load. The message says what to install or mend.
+    Raises UserError if there is no adapter, or one doesn't load. The message says what to install
+    or mend.
     """
     entries = entry_points(group=GROUP, name=operation)
     if not entries:

@@ -51,15 +51,11 @@ TOLERANCES = tuple(10.0**-k for k in range(1, 9))
 class FreeSpaceComparisonSettings:
     """Limit what is computed to compare methods for free space.
 
-    Attributes
-    ----------
-    max_method_s : float
-        Predicted processor time of a method, in seconds, beyond which it isn't tried. Chosen.
-    max_samples, min_samples : int
-        Most and fewest samples of the target that are compared. Chosen.
-    max_products : float
-        Values of the propagation kernel that the exact field may take; beyond that fewer samples
-        are compared. Chosen.
+    max_method_s: predicted processor time of a method, in seconds, beyond which it isn't tried.
+    Chosen.
+    max_samples, min_samples: most and fewest samples of the target that are compared. Chosen.
+    max_products: values of the propagation kernel that the exact field may take; beyond that fewer
+    samples are compared. Chosen.
     """
 
     max_method_s: float = 2.0
@@ -75,8 +71,9 @@ _SETTINGS = FreeSpaceComparisonSettings()
 class FieldCase:
     """A field on a source plane, and the target plane on which it is to be computed.
 
-    `distance` and `wavelength` are in metres; a negative distance goes back. `paraxial` selects
-    the Fresnel model instead of the scalar one.
+    distance: in metres; a negative one goes back.
+    wavelength: in metres.
+    paraxial: selects the Fresnel model instead of the scalar one.
     """
 
     light: str
@@ -92,7 +89,7 @@ class FieldCase:
 
     @property
     def samples(self) -> torch.Tensor:
-        """Return the test field of an accuracy case as samples on the source plane."""
+        """The field's samples on the source plane."""
         return torch.from_numpy(self.field.samples)
 
     def operator(self, tol: float, **settings: Any) -> FreeSpace:
@@ -132,24 +129,14 @@ def field_case_from_options(
     *,
     paraxial: bool,
 ) -> FieldCase:
-    """Build the test field that the options of `labapp accuracy propagate` describe.
+    """Build the case that the options of `labapp accuracy propagate` describe.
 
-    Parameters
-    ----------
-    light : str
-        "smooth" for three Gaussians that the samples resolve, two of them tilted; "cells" for
-        squares of constant field with random phases, as an SLM shows them.
-    source, target : Plane
-        Planes from which and to which the field propagates.
-    distance, wavelength : float
-        Metres; a negative distance goes back.
-    paraxial : bool
-        Whether the Fresnel model is meant instead of the scalar one.
-
-    Raises
-    ------
-    UserError
-        For an unknown kind of field, or values that are impossible.
+    light: "smooth" for three Gaussians that the samples resolve, two of them tilted; "cells" for
+    squares of constant field with random phases, as an SLM shows them.
+    source, target: planes from which and to which the field propagates.
+    distance, wavelength: metres; a negative distance goes back.
+    paraxial: whether the Fresnel model is meant instead of the scalar one.
+    Raises UserError for an unknown kind of field, or values that are impossible.
     """
     require_propagation(light, distance, wavelength)
     field = smooth_light(source) if light == "smooth" else random_cells(source)
@@ -157,7 +144,7 @@ def field_case_from_options(
 
 
 def smooth_light(plane: Plane) -> SmoothLight:
-    """Return the smooth test field for accuracy rows: three Gaussian beams that fill a plane.
+    """Return three Gaussian beams that fill a plane.
 
     Two of them are tilted so that their spectra reach the edge of the plane's default band.
     """
@@ -178,9 +165,9 @@ def smooth_light(plane: Plane) -> SmoothLight:
 
 
 def random_cells(plane: Plane) -> CellLight:
-    """Return the discontinuous test field for accuracy rows: square cells with random phases.
+    """Return a discontinuous field: square cells with random phases, one for each sample.
 
-    The plane has one cell for each sample. The field is constant in each cell.
+    The field is constant in each cell.
     """
     phase = np.random.default_rng(0).uniform(0, 2 * np.pi, plane.shape)
     return CellLight(plane, np.exp(1j * phase))
@@ -210,10 +197,9 @@ class FieldReference:
         )
 
     def samples_of(self, answer: Any) -> Real:
-        """Return a method's field where `labapp accuracy propagate` compares it with the reference.
+        """Return a method's field where it is compared, weighted as by `weighted_samples`.
 
-        `answer` is the field on the whole target, a tensor or an array. The result is weighted like
-        that of `weighted_samples`.
+        answer: field on the whole target, a tensor or an array.
         """
         values = answer.reshape(-1)[self._where]
         return self.weighted_samples(
@@ -221,35 +207,25 @@ class FieldReference:
         )
 
     def weighted_samples(self, values: Complex) -> Real:
-        """Weight field values for the error that `labapp accuracy propagate` prints.
-
-        The values are (samples,). The result holds weighted real and imaginary parts, (2, samples).
-        """
+        """Weight field values, (samples,), and return real and imaginary parts, (2, samples)."""
         weighed = np.sqrt(self._weight) * values
         return np.stack([weighed.real, weighed.imag])
 
 
 def _places(case: FieldCase, where: NDArray[np.int64]) -> Places:
-    """Return the positions at which `labapp accuracy propagate` computes its slow reference.
-
-    `where` holds flat indices of samples of the target.
-    """
+    """Return the positions of samples of the target. where: their flat indices."""
     rows, columns = np.divmod(where, case.target.shape[1])
     y, x = (case.target.coordinates(axis).numpy() for axis in (0, 1))
     return Places(y[rows], x[columns], case.distance, case.wavelength)
 
 
 def _product_count(case: FieldCase, places: Places) -> float:
-    """Estimate how many products the slow reference of `labapp accuracy propagate` takes."""
+    """Estimate how many products the exact field takes."""
     return product_count(case.field, places, paraxial=case.paraxial)
 
 
 def _rough_field(case: FieldCase) -> Complex:
-    """Estimate the target's field, so that `labapp accuracy propagate` can choose where to compare.
-
-    The estimate shows roughly where the light arrives. If no method can compute it, the field is 1
-    everywhere.
-    """
+    """Estimate where on the target the light arrives; 1 everywhere if no method can."""
     try:
         return np.asarray(case.operator(1e-1)(case.samples).resolve_conj())
     except ValueError:
@@ -257,7 +233,7 @@ def _rough_field(case: FieldCase) -> Complex:
 
 
 def candidates(case: FieldCase, reference: FieldReference, budget: Budget) -> Iterator[Candidate]:
-    """Yield the accuracy rows to be measured for free space: every method at every tolerance.
+    """Yield every free-space method at every tolerance.
 
     A method that refuses gives a row with the reason.
     """
@@ -289,10 +265,10 @@ def _plan_within_time_limit(
 
 @single_threaded
 def accuracy_propagate(case: FieldCase, *, peers: bool, as_json: bool, plot: Path | None) -> None:
-    """Measure the accuracy and time of every free-space method, and print the rows.
+    """Measure error and time of every free-space method, and print the rows.
 
-    `plot` is the file of the diagram, or None for no diagram. `peers` says whether other libraries
-    are measured as well.
+    peers: whether other libraries are measured as well.
+    plot: file of the diagram; None for no diagram.
     """
     adapters = installed_peers("propagate") if peers else []
     with terminal_progress() as progress:

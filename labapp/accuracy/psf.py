@@ -1,4 +1,4 @@
-"""Plan every method for the PSF of a lens at every setting, for `labapp accuracy psf`."""
+"""The methods for the PSF of a lens at every setting, as `labapp accuracy psf` measures them."""
 
 from __future__ import annotations
 
@@ -37,17 +37,14 @@ _METHODS = {
 
 
 def exact_psf(case: LensCase, progress: Progress) -> Picture:
-    """Return the slow reference PSF of a lens that accuracy rows are compared with.
-
-    The PSF is exact at the centre of every pixel. It is computed by direct quadrature.
-    """
+    """Return a lens's exact PSF at the centre of every pixel, by direct quadrature."""
     if case.is_clear_thin_on_axis:
         return round_lens_psf(case.lens, case.distance, case.wavelength, case.pitch, case.size)
     return lens_psf(case.lens, case.distance, case.wavelength, case.pixels, progress)
 
 
 def candidates(case: LensCase, budget: Budget, *, grids: bool = True) -> Iterator[Candidate]:
-    """Yield the accuracy rows to be measured for the PSF of a lens, method by method.
+    """Yield the settings of the PSF of a lens, method by method.
 
     Methods that take a tolerance come once for each tolerance. Sampling the pupil on a square
     grid comes once for each grid size, precision and Fourier transform, if `grids` is true.
@@ -93,7 +90,7 @@ def _grid_geometry(case: LensCase, grid: int) -> FourierGeometry:
 def _on_grid(
     case: LensCase, geometry: FourierGeometry, dtype: torch.dtype, method: str
 ) -> PlannedCall:
-    """Plan an accuracy row for the usual method: Fourier transform the pupil on a square grid.
+    """Plan the usual method: Fourier transform the pupil on a square grid.
 
     Most programs use this method. Cells at the edge of the stop are weighted by their open area. No
     error is predicted, because this method can't tell how far its sum is from the integral.

@@ -1,4 +1,4 @@
-"""Read measured accuracy rows in words: the cheapest setting, the next decimal, the failures."""
+"""Reads measured rows in words: the cheapest setting, the next decimal, the failures."""
 
 from __future__ import annotations
 
@@ -14,22 +14,16 @@ from labapp.common.time_text import format_short_time
 
 @dataclass(frozen=True)
 class ReadingSettings:
-    """Set what accuracy diagrams and pages point out.
+    """Set what diagrams and pages point out.
 
-    Attributes
-    ----------
-    wanted : float
-        Error for which the cheapest setting is named. Chosen: the default tolerance of a PSF.
-    near_best : float
-        Where no setting reaches it, the cheapest one is named whose error is at most so many times
-        the least. Chosen.
-    same_time : float
-        Times whose ratio is at most this are called the same in words. Measured: the first answers
-        of one setting scatter by about a tenth.
-    tie : float
-        Of settings whose times have at most this ratio to the least one, the automatic choice
-        counts as the cheapest, or else the one of the largest tolerance. Measured: the first
-        answers of one setting scatter by about a tenth.
+    wanted: error for which the cheapest setting is named. Chosen: the default tolerance of a PSF.
+    near_best: where no setting reaches it, the cheapest one is named whose error is at most so many
+    times the least. Chosen.
+    same_time: times whose ratio is at most this are called the same in words. Measured: the first
+    answers of one setting scatter by about a tenth.
+    tie: of settings whose times have at most this ratio to the least one, the automatic choice
+    counts as the cheapest, or else the one of the largest tolerance. Measured: the first answers of
+    one setting scatter by about a tenth.
     """
 
     wanted: float = 1e-3
@@ -50,9 +44,9 @@ _COMMON_WORDS = ("pupil", "gray edge")
 
 @dataclass(frozen=True)
 class TimeKind:
-    """A time by which accuracy rows are compared: its name, its value, and its marks.
+    """A time by which rows are compared: its name, its value, and its marks.
 
-    `calls` is the number of calls for which the automatic choice is made.
+    calls: number of calls for which the automatic choice is made.
     """
 
     name: str
@@ -72,13 +66,13 @@ EACH_CALL = TimeKind("Each further call", lambda row: row.cpu_s, lambda row: row
 
 
 def time_kinds(rows: Sequence[Row]) -> list[TimeKind]:
-    """Return the times that accuracy rows have: of iterative methods only that of a call."""
+    """Return the times that rows have: of iterative methods only that of a call."""
     first = any(row.first_answer_s is not None for row in rows)
     return [FIRST_ANSWER, EACH_CALL] if first else [ONE_RUN]
 
 
 def curve_name(row: Row) -> str:
-    """Return the name of the curve in an accuracy diagram to which a row belongs.
+    """Return the name of the curve to which a row belongs.
 
     The name is the row's method. If the row's setting is the size of a grid, the name leaves out
     this size and common words, and adds the precision.
@@ -91,7 +85,7 @@ def curve_name(row: Row) -> str:
 
 
 def setting_name(row: Row) -> str:
-    """Return what was asked of an accuracy row's method: a tolerance, iterations, or a grid."""
+    """Return what was asked of a method: a tolerance, iterations, or a grid."""
     if row.tol is not None:
         return format_error(row.tol)
     if iterations := getattr(row, "iterations", 0):
@@ -101,7 +95,7 @@ def setting_name(row: Row) -> str:
 
 
 def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float | None = None) -> Row | None:
-    """Return the accuracy row of least time whose measured error is at most `wanted`, or None.
+    """Return the row of least time whose measured error is at most `wanted`, or None.
 
     Of rows that take the same time but for scatter, the automatic choice for this very tolerance
     is preferred, then other automatic choices, then the quickest.
@@ -127,7 +121,7 @@ def cheapest_row(rows: Sequence[Row], kind: TimeKind, wanted: float | None = Non
 
 
 def highlighted_row(rows: Sequence[Row], kind: TimeKind) -> Row | None:
-    """Return the accuracy row that a diagram's star marks.
+    """Return the row that a diagram's star marks.
 
     It is the cheapest row that reaches the wanted error. If there is none, it is the cheapest one
     that comes near the least error.
@@ -140,7 +134,7 @@ def highlighted_row(rows: Sequence[Row], kind: TimeKind) -> Row | None:
 
 
 def cheapest_sentence(rows: Sequence[Row], kind: TimeKind) -> str:
-    """Say which setting is the cheapest for the wanted error, for an accuracy diagram's title."""
+    """Say which setting is the cheapest for the wanted error, as a diagram's title."""
     row = highlighted_row(rows, kind)
     if row is None:
         return "Nothing was measured."
@@ -156,7 +150,7 @@ def cheapest_sentence(rows: Sequence[Row], kind: TimeKind) -> str:
 
 
 def describe_setting(row: Row, kind: TimeKind) -> str:
-    """Describe an accuracy row's setting and its time in a few words."""
+    """Describe a row's setting and its time in a few words."""
     seconds = kind.seconds(row)
     setting = setting_name(row)
     asked = f", tol {setting}" if row.tol is not None else f", {setting}" if setting else ""
@@ -176,13 +170,13 @@ def choice_sentence(rows: Sequence[Row]) -> str:
 
 
 def chosen_rows(rows: Sequence[Row], kind: TimeKind) -> list[Row]:
-    """Return the accuracy rows of the automatic choice, from the largest tolerance to the least."""
+    """Return the rows of the automatic choice, from the largest tolerance to the least."""
     found = [row for row in rows if kind.calls in row.chosen_for and not row.failure]
     return sorted(found, key=lambda row: -(row.tol or 0))
 
 
 def next_decimal_sentences(rows: Sequence[Row], kind: TimeKind) -> list[str]:
-    """Say in words what each further decimal costs, by the automatic choice of an accuracy table.
+    """Say what each further decimal costs, by the automatic choice.
 
     Decimals that cost next to nothing are joined. Without tolerances there are no decimals to ask
     for, and the list is empty.
@@ -202,14 +196,14 @@ _SAME = "about the same time"
 
 
 def _ratio_words(ratio: float) -> str:
-    """Return a ratio of two accuracy times in words, without claiming what scatters."""
+    """Return a ratio of two times in words, without claiming what scatters."""
     if 1 / SETTINGS.same_time <= ratio <= SETTINGS.same_time:
         return _SAME
     return f"{ratio:.2g} times the time"
 
 
 def failure_sentences(rows: Sequence[Row]) -> list[str]:
-    """Say in a sentence for each reason which methods of an accuracy diagram refuse, and why.
+    """Say in a sentence for each reason which methods refuse, and why.
 
     Reasons that differ only in numbers are one.
     """
@@ -231,7 +225,7 @@ def _failure_sentence(rows: list[Row]) -> str:
 
 
 def _settings_of(rows: list[Row]) -> str:
-    """Name the tolerances of accuracy rows that fail for one reason; empty if they have none."""
+    """Name the tolerances of rows that fail for one reason; "" if they have none."""
     tolerances = sorted({row.tol for row in rows if row.tol is not None}, reverse=True)
     if not tolerances:
         return ""
@@ -245,7 +239,7 @@ def _join_names(names: Sequence[str]) -> str:
 
 
 def curves(rows: Sequence[Row], kind: TimeKind) -> Iterator[tuple[str, list[Row]]]:
-    """Yield each curve of an accuracy diagram, its rows in the order of what was asked."""
+    """Yield each curve's name, and its rows in the order of what was asked."""
     good = [row for row in rows if row.error_achieved is not None and kind.seconds(row)]
     for name in dict.fromkeys(curve_name(row) for row in good):
         own = [row for row in good if curve_name(row) == name]
@@ -253,7 +247,7 @@ def curves(rows: Sequence[Row], kind: TimeKind) -> Iterator[tuple[str, list[Row]
 
 
 def format_error(value: float) -> str:
-    """Format an error or a tolerance for accuracy tables: 1e-3, 2.5e-4, 0.12."""
+    """Format an error or a tolerance: 1e-3, 2.5e-4, 0.12."""
     if value == 0 or value > 0.1:
         return f"{value:.3g}" if value >= 100 else f"{value:.2g}"
     digits, power = f"{value:.1e}".split("e")
@@ -261,12 +255,12 @@ def format_error(value: float) -> str:
 
 
 def format_seconds(seconds: float | None) -> str:
-    """Format a time for accuracy tables with two digits: 0.12 ms, 3.4 ms; empty for None."""
+    """Format a time with two digits: 0.12 ms, 3.4 ms; "" for None."""
     return "" if seconds is None else format_short_time(seconds)
 
 
 def format_bytes(count: int | None) -> str:
-    """Format a size in memory for accuracy tables, in megabytes."""
+    """Format a size in memory in megabytes; "" for None."""
     return (
         "" if count is None else f"{count / 1e6:.2g} MB" if count < 1e8 else f"{count / 1e6:.0f} MB"
     )

@@ -1,4 +1,4 @@
-"""Compare measured rows with stored ones: has a method become slower or less accurate?"""
+"""Compares measured rows with stored ones: has a method become slower or less accurate?"""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _Key = tuple[str, str, str, str, float | None]
 
 @dataclass(frozen=True)
 class StoredRows:
-    """Stored rows of an earlier measurement.
+    """Rows of an earlier measurement.
 
-    `calibration_s` is the processor time of its calibration kernel in seconds, `source` the file
-    that the rows were read from.
+    calibration_s: processor time of its calibration kernel in seconds.
+    source: the file that the rows were read from.
     """
 
     rows: dict[_Key, dict[str, Any]]
@@ -32,7 +32,7 @@ class StoredRows:
 
 
 def read_stored(name: str) -> StoredRows:
-    """Read stored accuracy rows from a file with the output of `--json`, or the "bundled" ones.
+    """Read rows from a file with the output of `--json`, or the "bundled" ones.
 
     Raises UserError for a file that can't be read or holds something else.
     """
@@ -46,7 +46,7 @@ def read_stored(name: str) -> StoredRows:
 
 
 def _key(row: dict[str, Any]) -> _Key:
-    """Return the key that identifies an accuracy row among the stored rows.
+    """Return what identifies a row among the stored ones.
 
     With a tolerance, the method itself chooses its precision.
     """
@@ -55,7 +55,7 @@ def _key(row: dict[str, Any]) -> _Key:
 
 
 def slower_rows(rows: Sequence[Row], calibration_s: float, stored: StoredRows) -> list[int]:
-    """Return the indices of accuracy rows that became slower than the stored ones.
+    """Return the indices of rows that became slower than the stored ones.
 
     Times are compared as multiples of the time of the calibration kernel.
     """
@@ -72,7 +72,7 @@ def _slowdown(row: Row, calibration_s: float, stored: StoredRows) -> float:
 
 
 def regression_messages(rows: Sequence[Row], calibration_s: float, stored: StoredRows) -> list[str]:
-    """Return a message for each accuracy row that became slower, less accurate, or fails now."""
+    """Return a message for each way in which a row became slower, less accurate, or fails now."""
     lines = []
     for row in rows:
         before = stored.rows.get(_key(vars(row)))
@@ -92,7 +92,7 @@ def regression_messages(rows: Sequence[Row], calibration_s: float, stored: Store
 
 
 def require_comparable_rows(rows: Sequence[Row], stored: StoredRows) -> int:
-    """Return how many accuracy rows have a stored one; raise UserError if there is none."""
+    """Return how many rows have a stored one; raise UserError if there is none."""
     count = sum(_key(vars(row)) in stored.rows for row in rows)
     if not count:
         raise UserError(f"{stored.source}: has no row of this case; give the case's own options.")

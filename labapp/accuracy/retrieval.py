@@ -47,9 +47,10 @@ _TIMING = RetimingSettings(short_s=0.5)
 class RetrievalRow(Row):
     """Measured quality and time of a phase retrieval method after a number of iterations.
 
-    `error_achieved` is the NRMSE between PSF and target. `tol` is None, because retrieval has no
-    exact answer. `efficiency` and `contrast` are those of `optics.metrics`. `frames` is the number
-    of frames of the video.
+    error_achieved: NRMSE between PSF and target.
+    tol: None, because retrieval has no exact answer.
+    frames: of the video.
+    efficiency, contrast: those of `optics.metrics`.
     """
 
     frames: int = 1
@@ -76,16 +77,15 @@ _REMARK = (
 
 
 def goal_from_options(spec: PSFPattern, bench: Path | None) -> tuple[RetrievalGoal, str]:
-    """Return the retrieval goal that the options of `labapp accuracy retrieval` describe.
+    """Return the goal that the options of `labapp accuracy retrieval` describe, and its name.
 
-    The second value is its name in words. Raises UserError for a bench file that is wrong, or a
-    target that can't be drawn.
+    Raises UserError for a bench file that is wrong, or a target that can't be drawn.
     """
     return goal_for_camera(spec, read_bench(BenchFiles.with_defaults(bench).bench).build_camera())
 
 
 def goal_for_camera(spec: PSFPattern, camera: Camera) -> tuple[RetrievalGoal, str]:
-    """Return the retrieval goal that an accuracy page measures for a camera, and its name."""
+    """Return the goal of a target behind a camera, and its name in words."""
     drawing = spec.target.video_drawings(1, Path())[0]
     shape, plane = target_on_design_grid(drawing, camera, spec.wavelength)
     name = f"{spec.target.summary}, {spec.wavelength_nm:g} nm"
@@ -102,10 +102,11 @@ def accuracy_retrieval(
     as_json: bool,
     plot: Path | None,
 ) -> None:
-    """Measure the accuracy and time of every phase retrieval method, and print the rows.
+    """Measure quality and time of every phase retrieval method, and print the rows.
 
-    `name` is the target in words. `budget` is the processor time in seconds that one setting may
-    take. `plot` is the file of the diagram, or None for no diagram.
+    name: the target in words.
+    budget: processor seconds that one setting may take.
+    plot: file of the diagram; None for no diagram.
     """
     with terminal_progress() as progress:
         speed = machine_speed(progress.part(0.0, 0.1))
@@ -123,12 +124,12 @@ def measure_retrieval(
     progress: Progress,
     deadline: Deadline | None = None,
 ) -> list[RetrievalRow]:
-    """Measure the accuracy of every phase retrieval method that can give so many frames.
+    """Measure every phase retrieval method that can give so many frames.
 
     Each method is measured after more and more iterations. Rows that no other row beats in both
     time and error are marked. A method that refuses the target gives a row with the reason.
-    `budget` is the processor time in seconds that one setting may take. What is left at the
-    deadline is named as cut.
+    budget: processor seconds that one setting may take.
+    deadline: when measuring ends; what is left then is named as cut.
     """
     deadline = deadline or Deadline()
     # This call computes stop, target and FFT plans, so that no method's time includes them.
@@ -146,10 +147,7 @@ def measure_retrieval(
 def _settings(
     goal: RetrievalGoal, frames: int, budget: float, speed: MachineSpeed
 ) -> Iterator[tuple[str, int]]:
-    """Yield each accuracy row's retrieval method and number of iterations, within the time budget.
-
-    Each method comes at least once.
-    """
+    """Yield methods and numbers of iterations within the time budget, each method at least once."""
     slow = goal.camera.panel.response_time > 0
     for name, method in METHODS.items():
         if not method.serves(frames) or (name == "responding" and not slow):
@@ -178,7 +176,7 @@ def _retrieve_once(
 def _empty_row(
     goal: RetrievalGoal, name: str, frames: int, method: str, iterations: int
 ) -> RetrievalRow:
-    """Return the accuracy row of a retrieval that isn't measured yet, the default one marked."""
+    """Return the row of a retrieval that isn't measured yet, the default one marked."""
     slow = frames > 1 and goal.camera.panel.response_time > 0
     usual = method == ("responding" if slow else quick_method(frames)) and iterations == 100
     row = RetrievalRow("retrieval", name, method, "float32", None)

@@ -1,4 +1,4 @@
-"""Print measured rows as a table or JSON, and write their diagram as a picture."""
+"""Prints measured rows as a table or JSON, and writes their diagram as a picture."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ A heading that ends in a blank belongs to a column of numbers.
 def print_rows(
     title: str, columns: Columns[R], remark: str, rows: Sequence[R], *, as_json: bool, **more: float
 ) -> None:
-    """Print measured accuracy rows as a table, with the reasons of failures, or as JSON.
+    """Print rows as a table, with the reasons of failures, or as JSON.
 
-    `more` are further numbers that only the JSON holds.
+    more: further numbers that only the JSON holds.
     """
     if as_json:
         print_data(rows, **more)
@@ -45,12 +45,12 @@ def print_rows(
 
 
 def format_number(value: float | None, form: str, scale: float = 1.0) -> str:
-    """Format `scale` times a number for a cell of an accuracy table; None gives empty text."""
+    """Format `scale` times a number; None gives empty text."""
     return "" if value is None else format(scale * value, form)
 
 
 def print_data(rows: Sequence[Any], **more: float) -> None:
-    """Print accuracy rows, which are dataclasses, as JSON with the machine and further numbers.
+    """Print rows, which are dataclasses, as JSON with the machine and further numbers.
 
     JSON has no infinity, so that a number that isn't finite becomes null.
     """
@@ -63,7 +63,7 @@ def _finite(value: Any) -> Any:
 
 
 def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
-    """Write an accuracy diagram to a file in the format of its ending; do nothing for None."""
+    """Write a diagram to a file in the format of its ending; do nothing for None."""
     if plot is None:
         return
     buffer = io.BytesIO()
@@ -75,10 +75,7 @@ def write_plot(plot: Path | None, draw: Callable[[], Figure]) -> None:
 
 
 def describe_machine() -> str:
-    """Describe the machine on which accuracy rows were timed, in one line for captions.
-
-    The line has the processor, the number of cores and the version of Python.
-    """
+    """Describe processor, number of cores and version of Python in one line."""
     model = platform.processor() or platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

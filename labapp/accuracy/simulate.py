@@ -30,23 +30,14 @@ TOLERANCES = (1e-1, 3e-2, 1e-2, 3e-3, 1e-3)
 class SimulationRow:
     """Measured cost and error of one simulated picture.
 
-    Attributes
-    ----------
-    tol : float or None
-        Tolerance of the effect plan; None for all effects at their finest.
-    told : float
-        Error bound of the effect plan.
-    mean, variance, sigma : float
-        Relative L2 errors of the mean picture, the variance and the standard deviation, against
-        all effects at their finest.
-    work : float
-        Counted operations.
-    cpu_s, deciding_s : float
-        Processor time in seconds of the whole, and of the effect plan alone.
-    left_out : int
-        Number of effects that are off or coarser than their finest.
-    caused : int
-        Number of effects that were decided about.
+    tol: tolerance of the effect plan; None for all effects at their finest.
+    told: error bound of the effect plan.
+    mean, variance, sigma: relative L2 errors of the mean picture, the variance and the standard
+    deviation, against all effects at their finest.
+    work: counted operations.
+    cpu_s, deciding_s: processor time in seconds of the whole, and of the effect plan alone.
+    left_out: number of effects that are off or coarser than their finest.
+    caused: number of effects that were decided about.
     """
 
     tol: float | None
@@ -86,7 +77,7 @@ _REMARK = (
 
 @single_threaded
 def accuracy_simulate(request: PictureRequest, *, as_json: bool) -> None:
-    """Measure the accuracy of simulated pictures at five tolerances, and print the rows.
+    """Measure simulated pictures at five tolerances, and print the rows.
 
     The reference is the same picture with all effects at their finest. Without a bench file the
     bundled bench with few pixels is used. The process ends with exit code 1 if an error exceeds its
@@ -111,7 +102,7 @@ def _situation(request: PictureRequest, progress: Progress) -> Situation:
 def measure_tolerances(
     s: Situation, progress: Progress, deadline: Deadline | None = None
 ) -> list[SimulationRow]:
-    """Return the accuracy row of a simulated picture at each tolerance, the largest first.
+    """Return a row of a simulated picture at each tolerance, the largest first.
 
     The last row is for all effects at their finest. Tolerances left at the deadline are left out.
     """
@@ -143,7 +134,7 @@ def _row(picture: RenderedPicture, reference: RenderedPicture, tol: float) -> Si
 
 
 def describe_situation(s: Situation) -> str:
-    """Describe the picture that `labapp accuracy simulate` measures, in one line."""
+    """Describe a picture in one line: target, wavelength, exposure, pixels."""
     rows, columns = s.camera.sensor.shape
     return (
         f"{s.target.name} at {s.wavelength * 1e9:g} nm, {s.exposure * 1e3:.3g} ms, "

@@ -1,4 +1,4 @@
-"""Simulate the coded snapshot on which restorations of spectral bands are compared."""
+"""The simulated coded snapshot on which restorations of spectral bands are compared."""
 
 from __future__ import annotations
 
@@ -41,16 +41,10 @@ _DOTS = 8
 class SpectralCase:
     """A simulated coded snapshot of a known spectral cube.
 
-    Attributes
-    ----------
-    name : str
-        Scene, PSFs, noise and size in words.
-    snapshot : ComputedSnapshot
-        The snapshot with the true cube.
-    spectra : torch.Tensor, (samples, bands)
-        Typical spectra.
-    notes : tuple of str
-        Remarks for the user on how the cube's file was read.
+    name: scene, PSFs, noise and size in words.
+    snapshot: the snapshot with the true cube.
+    spectra: typical spectra, (samples, bands).
+    notes: remarks for the user on how the cube's file was read.
     """
 
     name: str
@@ -64,23 +58,12 @@ def spectral_case_from_options(
 ) -> SpectralCase:
     """Simulate the snapshot that the options of `labapp accuracy multispectral` describe.
 
-    Parameters
-    ----------
-    cube : Path or None
-        File of a spectral cube in shares of white; None for a ColorChecker in six bands.
-    psf : str
-        Shape of the PSFs.
-    noise : float
-        Standard deviation of a pixel, relative to white; 0 or more.
-    size : int
-        Largest side in pixels; larger cubes are cut to their middle.
-    seed : int
-        Seed of the noise.
-
-    Raises
-    ------
-    UserError
-        If the shape is unknown, or the cube can't be restored.
+    cube: file of a spectral cube in shares of white; None for a ColorChecker in six bands.
+    psf: shape of the PSFs.
+    noise: standard deviation of a pixel, relative to white; 0 or more.
+    size: largest side in pixels; larger cubes are cut to their middle.
+    seed: of the noise.
+    Raises UserError if the shape is unknown, or the cube can't be restored.
     """
     require_psf_name(psf)
     wavelengths, notes = _BANDS, tuple[str, ...]()
@@ -130,13 +113,13 @@ _MAKERS: dict[str, Callable[[Plane, tuple[float, ...], float], torch.Tensor]] = 
 
 
 def _plane(radius: float) -> Plane:
-    """Return the pixels around the axis that hold spectral PSFs of a radius in pixels."""
+    """Return the pixels around the axis that hold PSFs of a radius in pixels."""
     side = 2 * round(radius + 5) + 1
     return Plane((side, side), (1.0, 1.0))
 
 
 def _middle(cube: SpectralCube, size: int) -> tuple[slice, slice, slice]:
-    """Return where the middle of a spectral cube lies, of at most `size` pixels along a side."""
+    """Return where a cube's middle lies, of at most `size` pixels along a side."""
     rows, columns = (
         slice((n - min(n, size)) // 2, (n + min(n, size)) // 2) for n in cube.shape[1:]
     )
@@ -144,7 +127,7 @@ def _middle(cube: SpectralCube, size: int) -> tuple[slice, slice, slice]:
 
 
 def _require_light(cube: Path, truth: NDArray[np.float64]) -> None:
-    """Raise UserError for a spectral cube that isn't finite, is dark, or has few pixels."""
+    """Raise UserError for a cube that isn't finite, is dark, or has few pixels."""
     missing = int(np.isnan(truth).any(0).sum())
     if missing:
         raise UserError(

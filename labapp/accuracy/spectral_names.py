@@ -9,6 +9,6 @@ PSF_NAMES = ("ring", "spiral", "dots", "linear dispersion")
 
 
 def require_psf_name(name: str) -> None:
-    """Raise UserError for a shape that `labapp accuracy multispectral` doesn't know."""
+    """Raise UserError for a shape that isn't known."""
     if name not in PSF_NAMES:
         raise UserError(f"--psf {name}: is unknown. Take one of {', '.join(PSF_NAMES)}.")

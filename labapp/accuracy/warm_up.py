@@ -1,4 +1,4 @@
-"""Use an operation's methods once, on a similar case, before their first answers are timed."""
+"""Uses methods once, on a similar case, before their first answers are timed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _LOOSE = 5e-3
 
 
 def similar_wavelength(wavelength: float) -> float:
-    """Return a wavelength near that of an accuracy row, for which nothing is cached yet.
+    """Return a nearby wavelength, for which nothing is cached yet.
 
     The methods do the same for both, but nothing that is kept for the one serves the other.
     """
@@ -19,7 +19,7 @@ def similar_wavelength(wavelength: float) -> float:
 
 
 def first_uses(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Return the candidates with which the methods of accuracy rows are used for the first time.
+    """Return the candidates with which methods are used for the first time.
 
     Libraries that are loaded and memory that is allocated then are in no row's time.
     """

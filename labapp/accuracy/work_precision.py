@@ -1,4 +1,4 @@
-"""Measure the points of a work-precision diagram, and mark those on its front."""
+"""Measures the points of a work-precision diagram, and marks those on its front."""
 
 from __future__ import annotations
 
@@ -31,16 +31,11 @@ Operator = TypeVar("Operator", PSFOperator, FreeSpace)
 class CallTimingSettings:
     """Tune how the time of a call is measured.
 
-    Attributes
-    ----------
-    repeats : int
-        Measurements of each call, of which the median counts. Chosen.
-    least_s : float
-        Least processor time of a measurement in seconds; short calls are repeated until they add
-        up to it. Chosen so that the steps of the clock don't matter.
-    first_answers_s : float
-        Processor time in seconds up to which first answers are repeated, as often as calls at
-        most: single ones of some milliseconds scatter by a factor of two. Chosen.
+    repeats: measurements of each call, of which the median counts. Chosen.
+    least_s: least processor time of a measurement in seconds; short calls are repeated until they
+    add up to it. Chosen so that the steps of the clock don't matter.
+    first_answers_s: processor time in seconds up to which first answers are repeated, as often as
+    calls at most: single ones of some milliseconds scatter by a factor of two. Chosen.
     """
 
     repeats: int = 5
@@ -52,13 +47,9 @@ class CallTimingSettings:
 class RetimingSettings:
     """Tune how often a slow method is timed.
 
-    Attributes
-    ----------
-    short_s : float
-        Processor time in seconds below which a method is timed `repeats` times; a slower one is
-        timed once. Chosen.
-    repeats : int
-        Measurements of a short method, of which the median counts. Chosen.
+    short_s: processor time in seconds below which a method is timed `repeats` times; a slower one
+    is timed once. Chosen.
+    repeats: measurements of a short method, of which the median counts. Chosen.
     """
 
     short_s: float
@@ -72,32 +63,20 @@ _TIMING = CallTimingSettings()
 class Row:
     """Measured error and time of a method at one setting.
 
-    Attributes
-    ----------
-    operation, case, method, precision : str
-        What was computed, for which case, how, and in which number format.
-    tol : float or None
-        Requested tolerance; None for methods that take none.
-    error_achieved, error_predicted : float or None
-        Relative L2 error.
-    cpu_s, wall_s : float or None
-        Processor and wall-clock time of one call in seconds, without planning.
-    peak_bytes : int or None
-        Size of the largest arrays, as the method accounts for them.
-    on_front : bool
-        Whether no other row is both more accurate and faster per call.
-    failure : str
-        Why the method gave no result; empty if it gave one.
-    engine : str
-        What the method's account calls it.
-    first_answer_s : float or None
-        Processor time of planning and the first call in seconds, measured once.
-    cpu_predicted_s, first_answer_predicted_s : float or None
-        Predictions of `cpu_s` and `first_answer_s`.
-    on_first_front : bool
-        Whether no other row is both more accurate and faster to its first answer.
-    chosen_for : tuple of int
-        Numbers of calls for which the automatic choice is this row; empty if there are none.
+    operation, case, method, precision: what was computed, for which case, how, and in which number
+    format.
+    tol: requested tolerance; None for methods that take none.
+    error_achieved, error_predicted: relative L2 error.
+    cpu_s, wall_s: processor and wall-clock seconds of one call, without planning.
+    peak_bytes: size of the largest arrays, as the method accounts for them.
+    on_front: whether no other row is both more accurate and faster per call.
+    failure: why the method gave no result; empty if it gave one.
+    engine: what the method's account calls it.
+    first_answer_s: processor seconds of planning and the first call; of short ones, the median of
+    several.
+    cpu_predicted_s, first_answer_predicted_s: predictions of `cpu_s` and `first_answer_s`.
+    on_first_front: whether no other row is both more accurate and faster to its first answer.
+    chosen_for: numbers of calls for which the automatic choice is this row; () if there are none.
     """
 
     operation: str
@@ -122,10 +101,12 @@ class Row:
 
 @dataclass(frozen=True)
 class PlannedCall:
-    """A method that is ready to be measured for an accuracy row.
+    """A method that is ready to be measured.
 
-    `call()` gives the answer, and `bytes` is the size of its largest arrays. `account()` tells
-    afterwards what the method says of its error and its time; None for a method that says nothing.
+    call: gives the answer.
+    bytes: size of its largest arrays.
+    account: tells afterwards what the method says of its error and its time; None for a method that
+    says nothing.
     """
 
     call: Callable[[], Any]
@@ -135,10 +116,11 @@ class PlannedCall:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A row to be measured; `plan()` makes the call ready, and raises ValueError if it can't.
+    """A row to be measured.
 
-    `calls` is 0 for a named method. For the automatic choice it is the number of calls that the
-    choice is made for: it is measured only if no row of a named method is the same.
+    plan: makes the call ready, and raises ValueError if it can't.
+    calls: 0 for a named method. For the automatic choice it is the number of calls that the choice
+    is made for: it is measured only if no row of a named method is the same.
     """
 
     row: Row
@@ -147,10 +129,7 @@ class Candidate:
 
 
 def raise_refusal(error: Exception) -> PlannedCall:
-    """Raise a method's earlier refusal, so that its message becomes the accuracy row's failure.
-
-    The refusal is the error that planning raised.
-    """
+    """Raise the error of an earlier planning, so that its message becomes the row's failure."""
     raise error
 
 
@@ -168,21 +147,13 @@ def candidates_by_tolerance(
     plan: Callable[..., Operator],
     build_call: Callable[[Operator], Callable[[], Any]],
 ) -> Iterator[Candidate]:
-    """Yield every method at every tolerance as a candidate row, and then the automatic choices.
+    """Yield every method at every tolerance, and then the automatic choices.
 
-    Parameters
-    ----------
-    case : Row
-        Row that names operation and case.
-    methods : iterable of str
-        Names of methods.
-    tolerances : sequence of float
-        Relative L2 errors to request.
-    plan : callable
-        Returns an operator for the arguments `tol`, `method` and `calls`, or raises ValueError.
-        Without a method, the choice is automatic.
-    build_call : callable
-        Returns, for an operator, the call that is timed.
+    case: row that names operation and case.
+    tolerances: relative L2 errors to request.
+    plan: returns an operator for the arguments `tol`, `method` and `calls`, or raises ValueError.
+    Without a method, the choice is automatic.
+    build_call: returns, for an operator, the call that is timed.
     """
     for method, tol in product(methods, tolerances):
         row = replace(case, method=method, tol=tol)
@@ -208,8 +179,8 @@ def _plan_call(
 class MeasurementSet:
     """Measured rows with the front marked.
 
-    `calls` holds the timed calls by the index of their row, `calibration_s` the processor time of
-    the calibration kernel in seconds.
+    calls: the timed calls by the index of their row.
+    calibration_s: processor time of the calibration kernel in seconds.
     """
 
     rows: list[Row]
@@ -219,16 +190,16 @@ class MeasurementSet:
 
 @dataclass
 class Deadline:
-    """The time by which the measuring of an operation's accuracy ends: whatever is left is cut.
+    """The time by which measuring ends: whatever is left is cut.
 
-    `until` is a value of `time.monotonic()`; there is no limit by default.
+    until: a value of `time.monotonic()`; there is no limit by default.
     """
 
     until: float = math.inf
 
     @staticmethod
     def after(seconds: float) -> Deadline:
-        """Return the deadline of an accuracy measurement that may take so many seconds from now."""
+        """Return the deadline of work that may take so many seconds from now."""
         return Deadline(time.monotonic() + seconds)
 
     @property
@@ -236,7 +207,7 @@ class Deadline:
         return time.monotonic() >= self.until
 
     def share(self, part: float) -> Deadline:
-        """Return the deadline after a share of the time that measuring the accuracy has left."""
+        """Return the deadline after a share of the time that is left."""
         if math.isinf(self.until):
             return self
         now = time.monotonic()
@@ -257,25 +228,16 @@ def measure(
     warm_up: Sequence[Candidate] = (),
     deadline: Deadline | None = None,
 ) -> MeasurementSet:
-    """Measure the error and time of each candidate of a work-precision diagram.
+    """Measure error and time of each candidate.
 
     A candidate that fails gives a row, too. Calls take turns, so that a busy moment of the machine
     affects all of them alike.
-
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-        Rows to measure. Automatic choices mark the row of the method that they chose, or are
-        measured themselves if no named method has the same row.
-    truth : np.ndarray
-        The exact answer.
-    progress : Progress
-        Receives reports, and can cancel the work.
-    warm_up : sequence of Candidate, optional
-        Similar cases, which are computed beforehand: what a library does at its first use in a
-        process is in no row's time.
-    deadline : Deadline, optional
-        When measuring ends; rows that are left then are named as cut.
+    candidates: automatic choices among them mark the row of the method that they chose, or are
+    measured themselves if no named method has the same row.
+    truth: the exact answer.
+    warm_up: similar cases, which are computed beforehand: what a library does at its first use in a
+    process is in no row's time.
+    deadline: when measuring ends; rows that are left then are named as cut.
     """
     deadline = deadline or Deadline()
     for candidate in warm_up:
@@ -291,7 +253,7 @@ def measure(
 def _answer_once(
     candidates: Sequence[Candidate], truth: np.ndarray, progress: Progress, deadline: Deadline
 ) -> tuple[list[Row], Calls]:
-    """Return rows with the error and the time of each accuracy candidate's first answer."""
+    """Return rows with error and time of each candidate's first answer, and the calls to time."""
     rows: list[Row] = []
     calls: Calls = {}
     for number, candidate in enumerate(candidates):
@@ -325,7 +287,7 @@ def _answer_once(
 
 
 def _first_answer_seconds(candidate: Candidate, first: float, deadline: Deadline) -> float:
-    """Return the median processor seconds of an accuracy candidate's first answers.
+    """Return the median processor seconds of a candidate's first answers.
 
     first: seconds of the one that was computed already. Each is planned anew.
     """
@@ -342,7 +304,7 @@ def _first_answer_seconds(candidate: Candidate, first: float, deadline: Deadline
 
 
 def _with_account(row: Row, planned: PlannedCall) -> Row:
-    """Return an accuracy row with what a planned method says of itself now."""
+    """Return a row with what a planned method says of itself now."""
     row = replace(row, peak_bytes=planned.bytes)
     if planned.account is None:
         return row
@@ -358,7 +320,7 @@ def _with_account(row: Row, planned: PlannedCall) -> Row:
 
 
 def _mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
-    """Mark the accuracy row that the automatic choice is the same as; tell whether there is one."""
+    """Mark the row that the automatic choice is the same as; tell whether there is one."""
     for number, row in enumerate(rows):
         if not row.failure and (row.engine, row.tol) == (choice.engine, choice.tol):
             rows[number] = replace(row, chosen_for=(*row.chosen_for, calls))
@@ -369,7 +331,7 @@ def _mark_chosen(rows: list[Row], choice: Row, calls: int) -> bool:
 def time_calls(
     calls: Mapping[int, Callable[[], Any]], progress: Progress, deadline: Deadline | None = None
 ) -> tuple[dict[int, tuple[float, float]], float]:
-    """Return median processor and wall-clock seconds of each work-precision call, by its index.
+    """Return median processor and wall-clock seconds of each call, by its index.
 
     The second value is the median processor time of the calibration kernel in seconds. Each call
     is timed at least once, and no more after the deadline.
@@ -391,9 +353,9 @@ def time_calls(
 
 
 def _time_call(call: Callable[[], Any]) -> tuple[float, float]:
-    """Return processor and wall-clock seconds of a call for a work-precision row.
+    """Return average processor and wall-clock seconds of a call.
 
-    The call is repeated until it has used enough processor time. Both values are averages.
+    The call is repeated until it has used enough processor time.
     """
     least_s = _TIMING.least_s
     count, cpu, wall = 0, time.process_time(), time.perf_counter()
@@ -409,7 +371,7 @@ R = TypeVar("R", bound=Row)
 
 
 def mark_front(rows: Sequence[R]) -> list[R]:
-    """Mark the accuracy rows that no other row beats in both time and error; return all rows.
+    """Mark the rows that no other row beats in both time and error; return all rows.
 
     There are two fronts, by the time of a call and by the time of the first answer.
     """
@@ -422,7 +384,7 @@ def mark_front(rows: Sequence[R]) -> list[R]:
 
 
 def _front(rows: Sequence[Row], times: Sequence[float | None]) -> list[bool]:
-    """Tell which accuracy rows no other row beats in both error and one kind of time."""
+    """Tell which rows no other row beats in both error and one kind of time."""
     points = [
         (_number(time), _number(row.error_achieved)) for row, time in zip(rows, times, strict=True)
     ]

@@ -1,1 +1,1 @@
-"""Open, lock, check and test the devices of a bench, and serve virtual benches to real drivers."""
+"""Opening, locking, checking and testing devices together, and serving virtual ones to drivers."""

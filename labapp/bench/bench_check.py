@@ -1,4 +1,4 @@
-"""`labapp bench check`: check a bench file, and whether the devices that it names are there."""
+"""`labapp bench check`: a bench file, and whether the devices that it names are there."""
 
 from __future__ import annotations
 
@@ -18,21 +18,10 @@ Row = tuple[str, bool, str]
 def check_bench(bench: Path, scene: Path | None, *, open_devices: bool, as_json: bool) -> bool:
     """Check a bench file and its devices, print the results, and return whether all is well.
 
-    Parameters
-    ----------
-    bench : Path
-        Bench file.
-    scene : Path or None
-        Scene for simulated devices; None for the bundled one.
-    open_devices : bool
-        Whether each device is opened, too.
-    as_json : bool
-        Whether the results are printed as JSON.
+    Raises UserError for a file that can't be read.
 
-    Raises
-    ------
-    UserError
-        For a bench file that can't be read.
+    scene: for simulated devices; None for the bundled one.
+    open_devices: whether each device is opened, too.
     """
     setup = BenchFiles.with_defaults(bench, scene).read()
     camera = setup.bench.build_camera()
@@ -64,7 +53,7 @@ def _check_device(setup: BenchSetup, role: str, open_devices: bool) -> Row:
 
 
 def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
-    """Say which device the bench has in a role, or that its driver accepts the options.
+    """Say which device is there, or that its driver accepts the options.
 
     Raises UserError or DeviceError for what is wrong.
     """
@@ -78,7 +67,7 @@ def _describe_device(setup: BenchSetup, role: str, open_devices: bool) -> str:
 
 
 def _require_match(setup: BenchSetup, role: str, opened: OpenDevice) -> None:
-    """Raise UserError if an SLM or a camera isn't as the bench file describes it."""
+    """Raise UserError if an SLM or a camera isn't as the file describes it."""
     camera = setup.bench.build_camera()
     if role == "slm":
         shape = opened.device.shape

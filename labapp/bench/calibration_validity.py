@@ -1,4 +1,4 @@
-"""Warn in words if a calibration of a bench, or of its camera, may no longer hold."""
+"""Warnings in words that a calibration, of all devices or of the camera, may no longer hold."""
 
 from __future__ import annotations
 
@@ -18,15 +18,10 @@ from labapp.files.reading import FileModel
 class CalibrationValiditySettings:
     """Limit how long and how far a calibration is trusted.
 
-    Attributes
-    ----------
-    max_age_days : int
-        Age in days beyond which a calibration gives a warning. Chosen.
-    max_extrapolation_nm : float
-        Distance in nm by which the phase response may be extrapolated beyond the wavelengths at
-        which it was measured. Chosen.
-    max_camera_age_days : int
-        Age in days beyond which a calibration of the camera gives a warning. Chosen.
+    max_age_days: age beyond which a calibration gives a warning. Chosen.
+    max_extrapolation_nm: distance by which the phase response may be extrapolated beyond the
+        wavelengths at which it was measured. Chosen.
+    max_camera_age_days: age beyond which a calibration of the camera gives a warning. Chosen.
     """
 
     max_age_days: int = 30
@@ -44,7 +39,7 @@ _DECISIVE_ROLES = ("slm", "camera")
 
 
 def calibration_summary(calibration: CalibrationFile) -> str:
-    """Summarise in one line which calibration is in force on the bench."""
+    """Summarise in one line which calibration is in force."""
     found = []
     if calibration.responses:
         listed = ", ".join(f"{w * 1e9:g}" for w in calibration.wavelengths)
@@ -64,18 +59,11 @@ def validity_warnings(
     identities: Mapping[str, Identity],
     now: datetime | None = None,
 ) -> list[str]:
-    """Return the reasons why the bench's calibration may no longer hold, each with a remedy.
+    """Return the reasons why a calibration in force may no longer hold, each with a remedy.
 
-    Parameters
-    ----------
-    calibration : CalibrationFile
-        Calibration in force.
-    bench : BenchFile
-        Description of the bench today.
-    identities : mapping
-        Identities of the open devices, by their names on the bench.
-    now : datetime or None
-        Time at which the age is judged; None for the present.
+    bench: as described today.
+    identities: of the open devices, by their names.
+    now: time at which the age is judged; None for the present.
     """
     trusted = _SETTINGS.max_age_days
     found = _age_warnings("the calibration", calibration.date, trusted, now, f". {_REMEDY}")
@@ -89,7 +77,7 @@ def validity_warnings(
 
 
 def camera_calibration_summary(calibration: CameraNoiseFile) -> str:
-    """Summarise in one line which calibration of the camera is in force on the bench."""
+    """Summarise in one line which calibration of the camera is in force."""
     gain, noise = calibration.gain_electrons_per_dn, calibration.read_noise_electrons
     return (
         f"camera calibration of {calibration.date:%Y-%m-%d %H:%M} in force ({gain.value:.4g} "
@@ -104,18 +92,9 @@ def camera_validity_warnings(
     identities: Mapping[str, Identity],
     now: datetime | None = None,
 ) -> list[str]:
-    """Return the reasons why the calibration of the bench's camera may no longer hold.
+    """Return the reasons why a camera's calibration in force may no longer hold.
 
-    Parameters
-    ----------
-    calibration : CameraNoiseFile
-        Calibration in force.
-    bench : BenchFile
-        Description of the bench today.
-    identities : mapping
-        Identities of the open devices, by their names on the bench.
-    now : datetime or None
-        Time at which the age is judged; None for the present.
+    Parameters are those of `validity_warnings`.
     """
     trusted = _SETTINGS.max_camera_age_days
     why = f": pixels become hot with time. {_CAMERA_REMEDY}"
@@ -131,7 +110,7 @@ def camera_validity_warnings(
 def _age_warnings(
     what: str, date: datetime, trusted: int, now: datetime | None, ending: str
 ) -> list[str]:
-    """Warn if a bench's calibration, `what`, is more days old than are trusted."""
+    """Warn if a calibration, `what`, is more days old than are trusted."""
     days = ((now or datetime.now(UTC)) - date).days
     if days <= trusted:
         return []
@@ -148,7 +127,7 @@ def _part_warnings(bench: BenchFile, part: str, then: Mapping[str, Any], remedy:
 
 
 def _keys_at_default(table: FileModel | None) -> set[str]:
-    """Return the keys of a bench file's table that have their default value.
+    """Return the keys of a table that have their default value.
 
     A calibration from before such a key existed means the default, so that it agrees.
     """
@@ -161,7 +140,7 @@ def _keys_at_default(table: FileModel | None) -> set[str]:
 
 
 def wavelength_warnings(calibration: CalibrationFile, wavelengths: Iterable[float]) -> list[str]:
-    """Return a warning if wavelengths in metres lie too far outside the bench's calibrated ones."""
+    """Warn if wavelengths in metres lie too far outside the calibrated ones."""
     known = calibration.wavelengths
     if not known:
         return []
@@ -185,7 +164,7 @@ def _device_warnings(
     identities: Mapping[str, Identity],
     remedy: str,
 ) -> list[str]:
-    """Warn if a bench's device is another than that of a calibration, `what`."""
+    """Warn if a device is another than that of a calibration, `what`."""
     now = identities.get(role)
     if then is None or now is None:
         return []
@@ -215,6 +194,6 @@ def _settings_warnings(
 
 
 def _short(value: Any) -> str:
-    """Shorten a value of the bench file to a text of 30 characters at most."""
+    """Shorten a value to a text of 30 characters at most."""
     text = str(value)
     return text if len(text) <= 30 else f"{text[:27]}..."

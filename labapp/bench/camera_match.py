@@ -1,4 +1,4 @@
-"""Compare a bench file's sensor with the camera that is there: size, bits, clip level, colours."""
+"""Comparison of a described sensor with the camera there: size, bits, clip level, colours."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Chosen: a measured full well isn't known better."""
 
 
 def require_described_camera(camera: Any, sensor: Sensor, source: str) -> None:
-    """Raise UserError unless a camera's frames are as the bench file's [sensor] describes them.
+    """Raise UserError unless a camera's frames are as the table [sensor] describes them.
 
     `source` names the bench file. The error says what the file should say.
     """
@@ -25,7 +25,7 @@ def require_described_camera(camera: Any, sensor: Sensor, source: str) -> None:
 def require_described_size(
     role: str, there: tuple[int, int], described: tuple[int, int], part: str, source: str
 ) -> None:
-    """Raise UserError if a device's pixel counts differ from those of the bench file's table."""
+    """Raise UserError if a device's pixel counts, (rows, columns), differ from those described."""
     if tuple(there) != tuple(described):
         raise UserError(
             f"{source}: [{part}] has {described[1]} x {described[0]} pixels, and the {role} has "
@@ -34,7 +34,7 @@ def require_described_size(
 
 
 def _require_described_numbers(camera: Any, sensor: Sensor, source: str) -> None:
-    """Raise UserError if a camera's largest number isn't the one that the bench file says."""
+    """Raise UserError if a camera's largest number isn't the one described."""
     most, described = int(camera.full_scale), 2**sensor.bits - 1
     if (1 - _CLIP_TOLERANCE) * sensor.full_scale <= most <= described:
         return
@@ -57,7 +57,7 @@ def _require_described_numbers(camera: Any, sensor: Sensor, source: str) -> None
 
 
 def _require_described_colours(camera: Any, sensor: Sensor, source: str) -> None:
-    """Raise UserError if a camera sends a mosaic that the bench file doesn't describe."""
+    """Raise UserError if a camera sends a mosaic that isn't described."""
     try:
         seen = str(camera.bayer)
     except AttributeError:
@@ -71,7 +71,7 @@ def _require_described_colours(camera: Any, sensor: Sensor, source: str) -> None
 
 
 def _pixel_format(camera: Any) -> str:
-    """Return the camera's pixel format, empty where its driver doesn't tell; for the bench."""
+    """Return the camera's pixel format, empty where its driver doesn't tell."""
     try:
         return str(camera.pixel_format)
     except AttributeError:

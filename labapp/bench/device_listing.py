@@ -1,4 +1,4 @@
-"""`labapp devices`: list devices of a bench, installed drivers and ports."""
+"""`labapp devices`: the devices of a bench, installed drivers and ports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> None:
-    """Print the bench's devices with their ranges, the installed drivers, and the ports."""
+    """Print the devices with their ranges, the installed drivers, and the ports."""
     # Cameras on the network have a second to answer, in which the bench is loaded and opened.
     with ThreadPoolExecutor(1) as aside:
         search = aside.submit(_ports)
@@ -57,7 +57,7 @@ def list_devices(bench: Path | None, scene: Path | None, *, as_json: bool) -> No
 
 
 def describe_device(setup: BenchSetup, role: str) -> dict[str, str]:
-    """Describe a device of the bench: name, model, real or simulated, and its limits.
+    """Describe a device: name, model, real or simulated, and its limits.
 
     The device is opened alone, so that a missing one doesn't prevent the others from being listed.
     For a missing device the limits say why it can't be opened.
@@ -105,7 +105,7 @@ _LIMITS: dict[str, Callable[[Any], str]] = {
 
 
 def _load_error(entry: Any) -> str:
-    """Return why a driver for bench devices doesn't load, or an empty text if it does.
+    """Return why a driver doesn't load, or an empty text if it does.
 
     Every exception is caught, so that a broken driver doesn't prevent the others from being listed.
     """
@@ -117,7 +117,7 @@ def _load_error(entry: Any) -> str:
 
 
 def _ports() -> tuple[list[Port], list[str]]:
-    """Return the ports where bench devices may be, and messages on ports that can't be listed."""
+    """Return the ports where devices may be, and messages on ports that can't be listed."""
     ports: list[Port] = []
     trouble = []
     for find in (serial_ports, usb_devices, cameras, screens):

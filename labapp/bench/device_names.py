@@ -1,4 +1,4 @@
-"""The names by which a bench's device is the same one, however its bench file addresses it."""
+"""Names by which a device is the same one, however a bench file addresses it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LINK_FOLDERS = ("/dev/serial/by-id", "/dev/v4l/by-id")
 
 
 def device_names(table: DeviceTable) -> tuple[str, ...]:
-    """Return the names of the bench's device on this computer.
+    """Return the names of a device on this computer.
 
     Two benches use the same device if they have a name in common. A device file has its own name
     whatever link or driver leads to it, and its name and serial number, which it keeps when it is
@@ -42,7 +42,7 @@ def device_names(table: DeviceTable) -> tuple[str, ...]:
 
 
 def _device_file(table: DeviceTable) -> str | None:
-    """Return the path of the file in /dev by which a bench's device is opened, if there is one."""
+    """Return the path of the file in /dev by which a device is opened, if there is one."""
     option, default = _DEFAULT_FILES.get(table.driver, ("", ""))
     given = [table.options[name] for name in ("port", "device") if name in table.options]
     if not given and option:
@@ -56,7 +56,7 @@ def _device_file(table: DeviceTable) -> str | None:
 
 
 def _lasting_names(path: str) -> Iterator[str]:
-    """Yield the links that name the device of a bench by its maker and serial number."""
+    """Yield the links that name a device by its maker and serial number."""
     for folder in map(Path, _LINK_FOLDERS):
         if folder.is_dir():
             for link in sorted(folder.iterdir()):
@@ -65,7 +65,7 @@ def _lasting_names(path: str) -> Iterator[str]:
 
 
 def _screen_name(options: dict[str, Any]) -> str:
-    """Return the name of the screen that the bench's SLM is: its X server and output."""
+    """Return the name of the screen that an SLM is: its X server and output."""
     display = str(options.get("display") or os.environ.get("DISPLAY", ""))
     server, _, number = display.rpartition(":")
     place = f"{server.removeprefix('unix')}:{number.partition('.')[0]}"
@@ -73,7 +73,7 @@ def _screen_name(options: dict[str, Any]) -> str:
 
 
 def _output_name(display: str, options: dict[str, Any]) -> str:
-    """Return the output of an X server that the options of the bench's SLM choose.
+    """Return the output of an X server that an SLM's options choose.
 
     If the X server can't tell, the SLM won't open; then it's the option itself.
     """

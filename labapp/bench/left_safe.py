@@ -1,4 +1,4 @@
-"""Which devices of a bench another process must make safe if this one is killed."""
+"""Which devices another process must make safe if this one is killed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OF_THIS_PROCESS = ("sim://", "simulated-here@")
 def guarded_devices(
     tables: Mapping[str, DeviceTable], installed: Mapping[str, EntryPoint]
 ) -> list[GuardedDevice]:
-    """Return the bench's devices that would stay as they are if this process were killed.
+    """Return the devices that would stay as they are if this process were killed.
 
     Others are left safe by a process of their own, or by the system. installed: drivers by name.
     """
@@ -31,12 +31,12 @@ def guarded_devices(
 
 
 def _ends_with_this_process(value: object) -> bool:
-    """Return whether an option of a bench's device is something of this process: wire, function."""
+    """Return whether a device's option is something of this process: wire, function."""
     return callable(value) or (isinstance(value, str) and value.startswith(_OF_THIS_PROCESS))
 
 
 def _is_left_safe(entry: EntryPoint) -> bool:
-    """Return whether a bench's driver leaves its device safe when its process is killed.
+    """Return whether a driver leaves its device safe when its process is killed.
 
     One that doesn't load counts as such: it won't be opened.
     """

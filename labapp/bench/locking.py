@@ -1,4 +1,4 @@
-"""Lock devices, so that only one application of the user at a time uses a device.
+"""Locks, so that only one application of the user at a time uses a device.
 
 Other users' applications aren't kept out by this, but by the lock of the device itself: that of the
 serial port, the claim of the USB interface, or the control of the camera, which drivers take.
@@ -26,20 +26,13 @@ _PREFIX = "labapp-device"
 
 @contextmanager
 def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
-    """Lock the bench's real devices for this process, among the user's, while the block runs.
+    """Lock real devices for this process, among the user's, while the block runs.
 
     Simulated devices need no lock, because each application creates its own. The operating system
-    releases the locks of a process that dies.
+    releases the locks of a process that dies. Raises UserError if another application of the user's
+    uses a device; the message names it.
 
-    Parameters
-    ----------
-    tables : mapping
-        Device tables of the bench file, by their names on the bench.
-
-    Raises
-    ------
-    UserError
-        If another application of the user's uses a device; the message names it.
+    tables: device tables of the bench file, by the devices' names.
     """
     with ExitStack() as stack:
         for role, table in tables.items():
@@ -51,7 +44,7 @@ def lock_devices(tables: Mapping[str, DeviceTable]) -> Iterator[None]:
 
 @contextmanager
 def lock_serial_number(role: str, table: DeviceTable, identity: Identity) -> Iterator[None]:
-    """Lock an open device of the bench by its serial number, while the block runs.
+    """Lock an open device by its serial number, while the block runs.
 
     Another application may have it open by another address. Raises UserError if one has.
     """
@@ -69,7 +62,7 @@ def lock_serial_number(role: str, table: DeviceTable, identity: Identity) -> Ite
 
 @contextmanager
 def _lock(name: str, device: str) -> Iterator[None]:
-    """Lock a device of the bench by a name of it while the block runs."""
+    """Lock a device by one of its names while the block runs."""
     full = f"{_PREFIX}-{hashlib.sha256(name.encode()).hexdigest()[:32]}"
     lock = take_named_lock(full)
     if lock is None:

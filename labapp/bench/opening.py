@@ -1,4 +1,4 @@
-"""Open the devices of a bench file together, and make them safe together."""
+"""The devices of a bench file, opened together and made safe together."""
 
 from __future__ import annotations
 
@@ -118,32 +118,32 @@ class Bench:
 
     @property
     def devices(self) -> dict[str, Device]:
-        """Return the bench's open devices by name."""
+        """Return the open devices by name."""
         return {name: getattr(self, name) for name in ("slm", "filter", "camera", "targets")}
 
     @property
     def wheel(self) -> FilterWheel | None:
-        """Return the bench's filter if it is a filter wheel, else None."""
+        """Return the filter if it is a filter wheel, else None."""
         return cast(FilterWheel, self.filter) if hasattr(self.filter, "set_slot") else None
 
     @property
     def simulated_devices(self) -> list[str]:
-        """Return the names of the bench's simulated devices."""
+        """Return the names of the simulated devices."""
         return [name for name, device in self.devices.items() if device.identity.simulated]
 
     @property
     def camera_world(self) -> World | None:
-        """Return the virtual world before the bench's camera; None before a real camera."""
+        """Return the virtual world before the camera; None before a real camera."""
         return self.world if self.camera.identity.simulated else None
 
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
-        """Return the reasons why the bench's calibration may not hold at wavelengths in metres."""
+        """Return the reasons why the calibration may not hold at wavelengths in metres."""
         calibration = self.file.active_calibration
         beyond = wavelength_warnings(calibration, wavelengths) if calibration else []
         return (*self.calibration_warnings, *beyond)
 
     def make_safe(self) -> list[DeviceError]:
-        """Make all of the bench's devices safe at once, and return the errors of those that fail.
+        """Make all devices safe at once, and return the errors of those that fail.
 
         Safe means that the SLM shows the neutral pattern, the filter is parked and the camera is
         stopped.
@@ -151,7 +151,7 @@ class Bench:
         return _make_safe(self.supervised_devices.values())
 
     def failed_devices(self) -> list[str]:
-        """Return a message with the reason for each of the bench's devices that was given up."""
+        """Return a message with the reason for each device that was given up."""
         return [
             f"the {role} {one.failure_reason}"
             for role, one in self.supervised_devices.items()
@@ -160,7 +160,7 @@ class Bench:
 
     @contextmanager
     def cancellable_by(self, cancelled: Callable[[], bool]) -> Iterator[None]:
-        """Within the block, end calls to the bench's devices once `cancelled` returns true."""
+        """Within the block, end calls to the devices once `cancelled` returns true."""
         for device in self.supervised_devices.values():
             device.cancelled = cancelled
         try:
@@ -170,7 +170,7 @@ class Bench:
                 device.cancelled = lambda: False
 
     def device_error(self, role: str, command: str, reply: str) -> DeviceError:
-        """Build the DeviceError of one of the bench's devices from a command and its reply."""
+        """Build a device's DeviceError from a command and its reply."""
         device = self.devices[role]
         error = DeviceError(device.identity.model, command, reply, "If it stays, restart it")
         error.role = role
@@ -209,7 +209,7 @@ class BenchFiles:
         faults: Path | None = None,
         memory: int | None = None,
     ) -> BenchFiles:
-        """Return the files of a bench, with the bundled ones where None is given.
+        """Return the files to open, the bundled ones where None is given.
 
         `scene` may be the name of a bundled scene.
         """
@@ -218,7 +218,7 @@ class BenchFiles:
         return BenchFiles(bench, scene, image, faults, memory)
 
     def read(self) -> BenchSetup:
-        """Read a bench's files: bench, scene and faults; UserError names the wrong file and key."""
+        """Read bench, scene and faults; UserError names the wrong file and key."""
         bench = read_bench(self.bench)
         faults = read_faults(self.faults) if self.faults else ()
         if not bench.is_virtual:
@@ -231,7 +231,7 @@ class BenchFiles:
 
 @dataclass(frozen=True)
 class BenchSetup:
-    """Contents of the files of a bench, from the files themselves or from the record of a run.
+    """Contents of the files, from the files themselves or from the record of a run.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ class BenchSetup:
 
 @cache
 def installed_drivers() -> dict[str, EntryPoint]:
-    """Return the entry points of the installed drivers for bench devices, by name."""
+    """Return the entry points of the installed drivers by name."""
     return {entry.name: entry for entry in entry_points(group=DRIVER_GROUP)}
 
 
@@ -267,7 +267,7 @@ def installed_drivers() -> dict[str, EntryPoint]:
 def open_bench(
     files_or_setup: BenchFiles | BenchSetup, *, speed: float = math.inf
 ) -> Iterator[Bench]:
-    """Open the bench's devices; make them safe and close them however the block ends.
+    """Open all devices; make them safe and close them however the block ends.
 
     A device that doesn't open is never replaced by a simulated one.
 
@@ -315,7 +315,7 @@ def open_bench(
 
 @dataclass(frozen=True)
 class OpenDevice:
-    """A device of a bench that was opened alone, and its clock.
+    """A device that was opened alone, and its clock.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ class OpenDevice:
 
 @contextmanager
 def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[OpenDevice]:
-    """Open one device of the bench alone, whether or not the others are there.
+    """Open one device alone, whether or not the others are there.
 
     The device is made safe and closed however the block ends.
 
@@ -362,7 +362,7 @@ def open_device(files_or_setup: BenchFiles | BenchSetup, role: str) -> Iterator[
 def open_devices(
     files_or_setup: BenchFiles | BenchSetup, roles: Sequence[str], *, speed: float = math.inf
 ) -> Iterator[tuple[Clock, dict[str, Any]]]:
-    """Open some devices of the bench together, whether or not the others are there.
+    """Open some devices together, whether or not the others are there.
 
     Simulated ones share one world. The devices are made safe and closed however the block ends.
 
@@ -403,7 +403,7 @@ def open_devices(
 
 
 def _make_safe(devices: Iterable[SupervisedDevice]) -> list[DeviceError]:
-    """Make devices of a bench safe at once, and return the errors of those that fail."""
+    """Make devices safe at once, and return the errors of those that fail."""
     failures = []
     with delay_interrupts():
         begun = [device.begin_make_safe() for device in devices]
@@ -420,7 +420,7 @@ def _make_safe(devices: Iterable[SupervisedDevice]) -> list[DeviceError]:
 def _surroundings(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
 ) -> Surroundings:
-    """Return the clock for the bench's devices, and the world behind the simulated ones."""
+    """Return the clock for all devices, and the world behind the simulated ones."""
     # If any device is real, the simulated ones run in real time, too.
     virtual = all(table.is_simulated for table in tables.values())
     clock: Clock = VirtualClock(speed) if virtual else RealClock()
@@ -431,7 +431,7 @@ def _surroundings(
 
 
 def _forget(world: World) -> None:
-    """Free the pictures of a closed bench's virtual world, even if something refers to it."""
+    """Free the pictures of a closed virtual world, even if something refers to it."""
     world.forget()
     give_back_freed_memory()
 
@@ -440,7 +440,7 @@ def _forget(world: World) -> None:
 def _open_devices(
     setup: BenchSetup, tables: Mapping[str, DeviceTable], speed: float
 ) -> Iterator[tuple[Surroundings, dict[str, SupervisedDevice]]]:
-    """Lock and open the bench's devices under supervision, by name, while the block runs."""
+    """Lock and open devices under supervision, by name, while the block runs."""
     surroundings = _surroundings(setup, tables, speed)
     with raise_on_interrupt(), ExitStack() as stack:
         if surroundings.world is not None:
@@ -461,7 +461,7 @@ def _open_devices(
 
 
 def _log_calibration(bench: Bench) -> tuple[str, ...]:
-    """Log which calibrations are in force on the bench; return warnings if they may not hold."""
+    """Log which calibrations are in force; return warnings if they may not hold."""
     identities = {name: device.identity for name, device in bench.devices.items()}
     found = []
     if (calibration := bench.file.active_calibration) is not None:
@@ -476,7 +476,7 @@ def _log_calibration(bench: Bench) -> tuple[str, ...]:
 
 
 def read_scene(files: BenchFiles) -> SceneFile:
-    """Read the bench's scene file, and put the user's own picture into its photographs if given."""
+    """Read the scene file, and put the user's own picture into its photographs if given."""
     scene = read_file(files.scene, SceneFile)
     if files.image is None:
         return scene.with_files_in(files.scene.resolve().parent)
@@ -485,7 +485,7 @@ def read_scene(files: BenchFiles) -> SceneFile:
 
 
 def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> World:
-    """Build the virtual world of the bench's scene; UserError names the scene file if that fails.
+    """Build the virtual world of a scene; UserError names the scene file if that fails.
 
     `camera` is the camera as the bench file describes it. Where the scene states the true
     properties of the devices, only the world has them.
@@ -521,7 +521,7 @@ def build_world(camera: CameraDescription, setup: BenchSetup, clock: Clock) -> W
 def device_maker(
     name: str, table: DeviceTable, surroundings: Surroundings, source: str
 ) -> Callable[[], Any]:
-    """Return a function that opens a device of the bench file with its driver.
+    """Return a function that opens a described device with its driver.
 
     Raises UserError at once for an unknown driver, one that doesn't load, or wrong options.
     """
@@ -564,7 +564,7 @@ def device_maker(
 
 
 def _require_fit(device: Any, role: str, where: str, table: DeviceTable) -> Any:
-    """Return a device of the bench, or its class; UserError if its driver is for another role."""
+    """Return a device, or its class; raise UserError if its driver is for another role."""
     if doubt := misfit(device, role):
         raise UserError(f"{where}.driver' is {table.driver!r}, which {doubt}. Name another driver.")
     return device
@@ -588,7 +588,7 @@ def _hosted_device_maker(
 
 
 def _with_user_errors(where: str, table: DeviceTable, make: Callable[[], Any]) -> Callable[[], Any]:
-    """Wrap a bench device's maker, so that its errors about options name the bench file's key."""
+    """Wrap a device's maker, so that its errors about options name the bench file's key."""
 
     def make_device() -> Any:
         try:

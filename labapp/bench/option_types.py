@@ -1,4 +1,4 @@
-"""Checks that a device's options in a bench file have the types that its driver declares."""
+"""Checks that a device's options have the types that its driver declares."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ _TEXT = re.compile(r"\b(?:str|Literal|Any)\b")
 
 
 def require_option_types(signature: inspect.Signature, options: Mapping[str, Any]) -> None:
-    """Refuse texts, true and false where a driver of the bench takes numbers alone.
+    """Refuse texts, true and false where a driver takes numbers alone.
 
     Numbers that nobody can mean by the option's unit are refused, too.
-
     Raises ValueError that names option, value and what to write.
     """
     for name, value in options.items():
@@ -37,7 +36,7 @@ def require_option_types(signature: inspect.Signature, options: Mapping[str, Any
 
 
 def _require_range(name: str, value: float) -> None:
-    """Refuse an option's number that isn't finite, or beyond the range of the option's unit."""
+    """Refuse a number that isn't finite, or beyond the range of the option's unit."""
     try:
         if not math.isfinite(value):
             raise ValueError("give a finite number")
@@ -47,7 +46,7 @@ def _require_range(name: str, value: float) -> None:
 
 
 def _declared(signature: inspect.Signature, name: str) -> str:
-    """Return the type that a driver declares for an option of a bench file, as text."""
+    """Return the type that a driver declares for an option, as text."""
     found = signature.parameters.get(name)
     if found is None or found.annotation is inspect.Parameter.empty:
         return ""
@@ -56,7 +55,7 @@ def _declared(signature: inspect.Signature, name: str) -> str:
 
 
 def _leaves(value: Any) -> Iterator[Any]:
-    """Yield an option's value, or those of its list and of the lists in it."""
+    """Yield a value, or those of its list and of the lists in it."""
     if isinstance(value, list | tuple):
         for one in value:
             yield from _leaves(one)

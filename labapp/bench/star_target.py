@@ -1,4 +1,4 @@
-"""Find the targets with the artificial star and without light, for calibration and refinement."""
+"""Targets with the artificial star and without light, for calibration and refinement."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from labapp.files.scene_file import StarTable
 
 
 def require_star_target(bench: Bench, star: str, dark: str) -> StarTable | None:
-    """Return the artificial star's table in the bench's scene, or None if the scene has none.
+    """Return the artificial star's table in the scene, or None if the scene has none.
 
     Raises UserError if the bench lacks the target `star` or the target `dark`. An empty `dark`
     means that no dark frames are taken.

@@ -1,4 +1,4 @@
-"""Run a complete calibration on one bench: trial exposures, plan, run, fits and files."""
+"""All steps on one bench: trial exposures, plan, run, fits and files."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ _MOST_TRIALS = 4
 """Most rounds of trial exposures at a wavelength; chosen."""
 
 _TRIAL_SHARE, _RUN_SHARE = 0.1, 0.8
-"""Shares of a calibration's progress that are reached after the trials and after the run."""
+"""Shares of the progress that are reached after the trials and after the run."""
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """Hold a calibration's fits and the content of its file."""
+    """The fits, and the content of their file."""
 
     fits: CalibrationFits
     file: CalibrationFile
@@ -60,7 +60,7 @@ def calibrate(
     progress: Progress | None = None,
     ask: AskOperator | None = None,
 ) -> CalibrationResult:
-    """Run a calibration on a bench: find the exposure, take all frames, fit, and write the files.
+    """Find the exposure on a bench, take all frames, fit them, and write the files.
 
     The folder gets plan.toml, patterns/, run.h5, calibration.json and calibration.png. Raises a
     UserError that says what is wrong at the bench, and Cancelled if the progress was cancelled.
@@ -91,7 +91,7 @@ def write_calibration_plan(
     exposures: tuple[CalibrationExposures, ...],
     folder: Path,
 ) -> PlanFile:
-    """Design a calibration run, and write its plan and patterns to a folder."""
+    """Design plan and patterns, and write them to a folder."""
     made = plan_design.design_calibration(camera, request, exposures)
     shown = plan_design.render_patterns(camera, made)
     plan = plan_design.build_plan(made, shown, PATTERN_FOLDER)
@@ -102,7 +102,7 @@ def write_calibration_plan(
 def prepare_plan_only(
     bench: Bench, request: CalibrationRequest, folder: Path, *, force: bool = False
 ) -> PlanFile:
-    """Write a calibration's plan and patterns for a later run; UserError without an exposure."""
+    """Write plan and patterns for a later run; UserError without an exposure."""
     require_free_names(folder, (PLAN_FILE,), force=force)
     if request.exposure_ms is None:
         raise UserError(
@@ -117,7 +117,7 @@ def prepare_plan_only(
 
 
 def fit_and_write(record: Path, progress: Progress | None = None) -> CalibrationResult:
-    """Fit a calibration's record, and write calibration.json and calibration.png beside it."""
+    """Fit a record, and write calibration.json and calibration.png beside it."""
     from labapp.calibration.overview_figure import draw_overview
     from labapp.common.figure_png import figure_to_png
 
@@ -132,7 +132,7 @@ def fit_and_write(record: Path, progress: Progress | None = None) -> Calibration
 
 
 def complete_request(request: CalibrationRequest, bench: Bench) -> CalibrationRequest:
-    """Complete a calibration request with the star's size and distance from the bench's scene.
+    """Add the star's size and distance as the bench's scene has them.
 
     Raises UserError if the bench lacks the star or the dark target, or if the wavefront is
     requested and the star's size or distance isn't known.
@@ -168,7 +168,7 @@ def _find_exposures(
     progress: Progress,
     ask: AskOperator | None,
 ) -> CalibrationExposures:
-    """Find a calibration run's exposures by trial, unless the request gives one."""
+    """Find the exposures at one wavelength by trial, unless the request gives one."""
     if request.exposure_ms is not None:
         return _requested_exposures(camera, request, nm)
     trials: list[TrialFrame] = []

@@ -1,4 +1,4 @@
-"""Read the frames of a calibration's record in the form that the fits need."""
+"""Frames of a record in the form that the fits need."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CalibrationFrames:
-    """Read a calibration's frames from its record, by the design that the plan carries.
+    """Reads a record's frames, by the design that its plan carries.
 
     camera: the description of the camera when the record was made.
     """
@@ -38,7 +38,7 @@ class CalibrationFrames:
 
     @staticmethod
     def of(record: Record) -> CalibrationFrames:
-        """Open a calibration run's record; UserError if it is of another kind or incomplete."""
+        """Read a record's design; raise UserError if it is of another kind or incomplete."""
         text = record.plan.metadata.get(names.DESIGN_KEY)
         if not isinstance(text, str):
             raise UserError(
@@ -56,7 +56,7 @@ class CalibrationFrames:
         return CalibrationFrames(record, design, camera)
 
     def raw_frames(self, pattern: str, wavelength_nm: float) -> NDArray[np.uint16]:
-        """Return a calibration's frames of a pattern at a wavelength, (frames, rows, columns)."""
+        """Return the star's frames with a pattern at a wavelength, (frames, rows, columns)."""
         indices = self._select_frames(
             wavelength_nm, target=self.design.request.star, pattern=pattern
         )
@@ -68,7 +68,7 @@ class CalibrationFrames:
         return np.stack([self.record.image(index) for index in indices])
 
     def sweep_frames(self, wavelength_nm: float) -> list[NDArray[np.uint16]]:
-        """Return a calibration run's frames of the grey-level sweep, in the order of the design."""
+        """Return the frames of the grey-level sweep, in the order of the design."""
         levels = zip(self.design.low, self.design.high, strict=True)
         return [
             self.raw_frames(names.stripes_pattern_name(low, high), wavelength_nm)[0]
@@ -76,7 +76,7 @@ class CalibrationFrames:
         ]
 
     def mean_dark_frame(self, wavelength_nm: float, exposure_ms: float) -> Array:
-        """Average the dark frames that a calibration run took at an exposure.
+        """Average the dark frames of an exposure, (rows, columns), DN.
 
         If there are none, the frame is computed from the sensor's black level and dark current.
         """
@@ -90,7 +90,7 @@ class CalibrationFrames:
         return np.mean([self.record.image(index) for index in indices], axis=0)
 
     def mean_light(self, pattern: str, wavelength_nm: float, dark: Array) -> tuple[Array, Array]:
-        """Average a calibration run's frames of a pattern, and subtract the dark frame.
+        """Average the frames of a pattern, and subtract the dark frame.
 
         Returns the mean and its variance, both (rows, columns).
         """
@@ -100,15 +100,12 @@ class CalibrationFrames:
         return frames.mean(axis=0) - dark, variance + frame_variance(dark, sensor) / 2
 
     def clipped_pixels(self, pattern: str, wavelength_nm: float) -> NDArray[np.bool_]:
-        """Mark the pixels that are at full scale in any of a calibration pattern's frames.
-
-        The mask is (rows, columns).
-        """
+        """Mark the pixels that are at full scale in any of a pattern's frames, (rows, columns)."""
         brightest = self.raw_frames(pattern, wavelength_nm).max(axis=0)
         return brightest >= self.camera.sensor.full_scale
 
     def hot_pixels(self, dark: Array) -> NDArray[np.bool_]:
-        """Mark the hot pixels of a calibration run's dark frame.
+        """Mark the hot pixels of a dark frame, (rows, columns).
 
         A hot pixel exceeds the frame's median by more than 8 times the read noise plus 1 DN.
         """
@@ -116,7 +113,7 @@ class CalibrationFrames:
         return dark - np.median(dark) > 8.0 * sensor.read_noise / sensor.gain + 1
 
     def _select_frames(self, wavelength_nm: float, **wanted: Any) -> list[int]:
-        """Return the indices of the calibration run's frames at a wavelength.
+        """Return the indices of the frames at a wavelength.
 
         Plans round wavelengths to whole picometres.
         """
@@ -129,6 +126,6 @@ class CalibrationFrames:
 
 
 def validate_design(text: str, source: str) -> CalibrationDesign:
-    """Parse a calibration's design from JSON; UserError if the text isn't a design."""
+    """Parse a design from JSON; raise UserError if the text isn't one."""
     source = f"{source}: {names.DESIGN_KEY}"
     return validate(parse_json(text, source), CalibrationDesign, source)

@@ -1,4 +1,4 @@
-"""Build the calibration file from the fits, with the facts that show later if it still holds."""
+"""The content of calibration.json, with the facts that show later if it still holds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from optics.measuring.zeroth_order import ZerothOrder
 
 
 def build_calibration_file(fits: CalibrationFits) -> CalibrationFile:
-    """Build a calibration file from fits; date, devices and bench come from the run's record."""
+    """Build the file's content; date, devices and bench come from the run's record."""
     with Record(fits.path) as record:
         bench = record.bench.model_dump(mode="json")
         trials = sum(exposures.trials for exposures in fits.design.exposures)
@@ -116,7 +116,6 @@ def _wavefront_table(found: WavefrontFit, nm: float) -> WavefrontTable:
 
 
 def _zeroth_table(nm: float, found: ZerothOrder) -> ZerothOrderTable:
-    """Build the calibration file's table of the unmodulated light."""
     # Noise can make the estimate of a small share slightly negative.
     share = min(max(found.share, 0.0), 1.0)
     return ZerothOrderTable(

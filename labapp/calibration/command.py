@@ -1,4 +1,4 @@
-"""Run `labapp calibrate`: make a calibration file from a bench or from an existing record."""
+"""`labapp calibrate`, on a bench or from an existing record."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from labapp.runs.run_commands import (
 
 @dataclass(frozen=True)
 class CalibrateOptions:
-    """Hold the options of `labapp calibrate`.
+    """Options of `labapp calibrate`.
 
-    regions: rows and columns of the panel's regions, such as "2x2". only: the parts to measure;
-    all if empty.
+    regions: rows and columns of the panel's regions, such as "2x2".
+    only: the parts to measure; all if empty.
     """
 
     wavelengths_nm: tuple[float, ...]
@@ -52,7 +52,7 @@ class CalibrateOptions:
     star_m: float | None
 
     def request(self) -> CalibrationRequest:
-        """Return the calibration request that the options of `labapp calibrate` describe.
+        """Return the request that the options describe.
 
         Raises UserError with the name of a wrong option.
         """
@@ -81,7 +81,7 @@ class CalibrateOptions:
 def calibrate_bench(
     options: CalibrateOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Calibrate a bench, and print the calibration's results and the paths of its files."""
+    """Take and fit all frames on a bench, and print the results and the paths of the files."""
     request = options.request()
     require_free_names(
         folder, (PLAN_FILE, RECORD_FILE, CALIBRATION_FILE, PICTURE_FILE), force=execution.force
@@ -97,7 +97,7 @@ def calibrate_bench(
 def write_plan_only(
     options: CalibrateOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Write a calibration's plan and patterns to a folder, for `labapp run`."""
+    """Write plan and patterns to a folder, for `labapp run`."""
     request = options.request()
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     with open_bench(files) as bench:
@@ -109,7 +109,7 @@ def write_plan_only(
 
 
 def refit_record(record: Path, execution: ExecutionOptions) -> None:
-    """Fit a calibration run's record again, and write the file and the picture beside it."""
+    """Fit a record again, and write the file and the picture beside it."""
     require_free_names(record.parent, (CALIBRATION_FILE, PICTURE_FILE), force=execution.force)
     with terminal_progress() as progress:
         found = fit_and_write(record, progress)

@@ -1,4 +1,4 @@
-"""Search by trial frames for the exposure at which the neutral star is bright but unclipped."""
+"""Trial frames that find the exposure at which the neutral star is bright but unclipped."""
 
 from __future__ import annotations
 
@@ -19,26 +19,16 @@ from optics.measuring.spots import frame_variance, without_hot_pixels
 
 @dataclass(frozen=True)
 class ExposureSearchSettings:
-    """Tune the search for a calibration's exposures.
+    """Tune the search for exposures. Levels are shares of the range from black level to full scale.
 
-    Levels are shares of the range from black level to full scale.
-
-    Attributes
-    ----------
-    first_ms : float
-        Middle exposure of the first trial in milliseconds. Chosen.
-    bracket_ratio : float
-        Ratio between the exposures of a trial. One frame covers a range of about 50.
-    star_level : float
-        Level that the brightest pixel of the neutral star shall reach. Chosen.
-    sweep_level : float
-        Level that the brightest pixel of the sweep's spots shall reach. Chosen.
-    clipping_level : float
-        Level above which a pixel of the star counts as clipped. Chosen.
-    star_radius : int
-        Distance in pixels from the brightest pixel within which the star's light falls. Chosen.
-    min_peak_snr : float
-        Least ratio of the brightest pixel to its noise for which an exposure is derived. Chosen.
+    first_ms: middle exposure of the first trial in milliseconds. Chosen.
+    bracket_ratio: between the exposures of a trial. One frame covers a range of about 50.
+    star_level: level that the brightest pixel of the neutral star shall reach. Chosen.
+    sweep_level: level that the brightest pixel of the sweep's spots shall reach. Chosen.
+    clipping_level: level above which a pixel of the star counts as clipped. Chosen.
+    star_radius: pixels from the brightest pixel within which the star's light falls. Chosen.
+    min_peak_snr: least ratio of the brightest pixel to its noise for which an exposure is derived.
+        Chosen.
     """
 
     first_ms: float = 2.0
@@ -58,21 +48,21 @@ _FIRST_ORDER = 4 / math.pi**2
 
 @dataclass(frozen=True)
 class TrialFrame:
-    """Hold a trial frame of the neutral star. exposure: seconds."""
+    """A trial frame of the neutral star. exposure: seconds."""
 
     exposure: float
     image: NDArray[np.uint16]
 
 
 def first_bracket(camera: Camera) -> tuple[float, ...]:
-    """Return the first trial exposures of a calibration in seconds, within the sensor's range."""
+    """Return the first trial exposures in seconds, within the sensor's range."""
     middle, ratio = _SETTINGS.first_ms * 1e-3, _SETTINGS.bracket_ratio
     return limit_exposures(camera.sensor, [middle * ratio**k for k in (-1, 0, 1)])
 
 
 @dataclass(frozen=True)
 class StarExposure:
-    """Hold the exposure in seconds at which the neutral star is well exposed, and its width.
+    """The exposure in seconds at which the neutral star is well exposed, and its width.
 
     width: in pixels, the square root of the star's light over that of its brightest pixel.
     """
@@ -84,7 +74,7 @@ class StarExposure:
 def evaluate_trials(
     trials: Sequence[TrialFrame], camera: Camera
 ) -> StarExposure | tuple[float, ...]:
-    """Derive the star's exposure from a calibration's trials, or return the next ones in seconds.
+    """Derive the star's exposure from trials, or return the next exposures in seconds.
 
     Raises UserError if the star is too bright or too dim for the camera.
     """
@@ -107,7 +97,7 @@ def evaluate_trials(
 
 
 def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, float, float]:
-    """Measure the star in a calibration's trial frame: brightest pixel, noise and the star's width.
+    """Measure a star's brightest pixel, noise and width (pixels) in a trial frame.
 
     The brightest pixel is measured above the background. Hot pixels are left out.
     """
@@ -126,7 +116,7 @@ def _measure_star(image: NDArray[np.uint16], sensor: Sensor) -> tuple[float, flo
 
 
 def _extend_bracket(exposure: float, step: float, sensor: Sensor) -> tuple[float, ...]:
-    """Return a calibration's next trial exposures; UserError at the camera's limit.
+    """Return the next trial exposures in seconds; UserError at the camera's limit.
 
     They are longer than `exposure` if `step` is above 1, and shorter if it is below 1.
     """
@@ -153,7 +143,7 @@ def derive_exposures(
     found: StarExposure,
     trials: int,
 ) -> CalibrationExposures:
-    """Derive all exposures of a calibration from the exposure of the neutral star.
+    """Derive all exposures at a wavelength from the exposure of the neutral star.
 
     The sweep's exposure is for the spot of one region. This spot gets the region's share of the
     light in one first order. It is wider than the star by the diffraction at the region.
@@ -179,7 +169,7 @@ def derive_exposures(
 
 
 def nominal_star_width(camera: Camera, wavelength_nm: float) -> float:
-    """Estimate the calibration star's width in pixels from the diffraction and the pixel size."""
+    """Estimate the star's width in pixels from the diffraction and the pixel size."""
     scale = wavelength_nm * 1e-9 * camera.ray_matrix_b / camera.sensor.pitch
     lines = [scale / (n * camera.panel.pitch) for n in camera.panel.shape]
     return math.sqrt(math.prod(math.hypot(line, 1.0) for line in lines))

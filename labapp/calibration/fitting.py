@@ -1,4 +1,4 @@
-"""Fit a calibration's record: registration, phase response, zeroth order, wavefront, in order."""
+"""Fits of a record's frames: registration, phase response, zeroth order, wavefront, in order."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RegionFit:
-    """Hold the grey-level sweep of one panel region and the phase response fitted to it."""
+    """The grey-level sweep of one panel region, and the phase response fitted to it."""
 
     sweep: Sweep
     fit: ResponseFit
@@ -42,7 +42,7 @@ class RegionFit:
 
 @dataclass(eq=False)
 class CalibrationFits:
-    """Hold all fits of a calibration's record, by wavelength in nm.
+    """All fits of a record, by wavelength in nm.
 
     Parts that weren't requested are empty.
     """
@@ -58,7 +58,7 @@ class CalibrationFits:
 
     @property
     def calibrated_camera(self) -> Camera:
-        """Return the camera with the calibration's fitted phase response and unmodulated light."""
+        """Return the camera with fitted phase response and unmodulated light."""
         panel = self.camera.panel
         if self.responses:
             curves = [[one.fit.phase for one in regions] for regions in self.responses.values()]
@@ -73,7 +73,7 @@ class CalibrationFits:
 
     @property
     def coupling_length(self) -> float:
-        """Return the panel's coupling in metres from the calibration's fit.
+        """Return the fitted coupling between the panel's pixels in metres.
 
         Without a fit, the value comes from the camera's description.
         """
@@ -83,10 +83,10 @@ class CalibrationFits:
 
 
 def fit_calibration(path: Path, progress: Progress | None = None) -> CalibrationFits:
-    """Run every fit for which a calibration's record has frames.
+    """Run every fit for which a record has frames.
 
-    Raises UserError if the record isn't that of a calibration, lacks frames, or gives a fit that
-    can't be trusted. The message says what to do at the bench.
+    Raises UserError if the record is of another kind, lacks frames, or gives a fit that can't be
+    trusted. The message says what to do at the bench.
     """
     progress = progress or Progress()
     with Record(path) as record:
@@ -107,7 +107,7 @@ def fit_calibration(path: Path, progress: Progress | None = None) -> Calibration
 
 @contextmanager
 def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
-    """Turn a calibration fit's ValueError into a UserError that names the record and the fit."""
+    """Turn a fit's ValueError into a UserError that names the record and the fit."""
     try:
         yield
     except ValueError as error:
@@ -117,7 +117,7 @@ def _raise_user_errors(path: Path, what: str) -> Iterator[None]:
 def _fit_wavelength(
     frames: CalibrationFrames, nm: float, fits: CalibrationFits, progress: Progress
 ) -> None:
-    """Run a calibration's fits at one wavelength: registration, responses and zeroth order."""
+    """Fit registration, responses and zeroth order at one wavelength."""
     request = frames.design.request
     progress.report(0.0, f"registration, {nm:g} nm")
     with _raise_user_errors(frames.record.path, f"registration at {nm:g} nm"):
@@ -132,7 +132,7 @@ def _fit_wavelength(
 
 
 def _fit_registration(frames: CalibrationFrames, nm: float) -> Registration:
-    """Fit a calibration's registration to the steering gratings' spots and the neutral star."""
+    """Fit the registration to the steering gratings' spots and the neutral star."""
     dark = frames.mean_dark_frame(nm, frames.design.exposures_at(nm).full_ms)
     neutral, variance = frames.mean_light(names.NEUTRAL_NAME, nm, dark)
     hot = frames.hot_pixels(dark)
@@ -190,7 +190,7 @@ def _fit_responses(
 
 
 def _fit_zeroth_order(frames: CalibrationFrames, nm: float, fits: CalibrationFits) -> ZerothOrder:
-    """Measure the unmodulated light that a calibration's steering gratings leave unsteered.
+    """Measure the unmodulated light that steering gratings leave unsteered.
 
     This light lies in the zeroth order. The light that the gratings themselves leave there is
     computed from the fitted response, and subtracted.
@@ -254,7 +254,7 @@ def _fit_wavefront(frames: CalibrationFrames, fits: CalibrationFits, progress: P
 def _window(
     centre: tuple[float, float], shape: tuple[int, int]
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the window around the star for a calibration's wavefront fit: first pixel and shape.
+    """Return the star's window for the wavefront's fit: first pixel and shape.
 
     The window reaches 24 pixels from the star's middle, at most to the edge of the frame.
     """

@@ -1,4 +1,4 @@
-"""Draw a calibration on one page: registration, phase responses with residuals, wavefront."""
+"""One page of drawings: registration, phase responses with residuals, wavefront."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from optics.slm import grey_to_phase
 
 
 def draw_overview(fits: CalibrationFits, file: CalibrationFile) -> Figure:
-    """Draw a calibration's overview: registration and sweep for each wavelength, and the wavefront.
+    """Draw registration and sweep for each wavelength, and the wavefront, on one page.
 
     Each wavelength has a row of its own.
     """
@@ -57,10 +57,7 @@ def _wavelength_row(
 
 
 def _draw_spots(axes: Axes, fits: CalibrationFits, frames: CalibrationFrames, nm: float) -> None:
-    """Draw a calibration's steered spots in one picture, with the registration's residuals.
-
-    The picture also shows the registration's grid.
-    """
+    """Draw the steered spots in one picture, with the registration's residuals and grid."""
     found, design = fits.registrations[nm], fits.design
     dark = frames.mean_dark_frame(nm, design.exposures_at(nm).full_ms)
     shown = [
@@ -131,10 +128,7 @@ def _draw_curves(axes: Axes, fits: CalibrationFits, regions: list[RegionFit], nm
 
 
 def _draw_light(axes: Axes, below: Axes, regions: list[RegionFit]) -> None:
-    """Draw a calibration's sweep: first orders' light against the phase step, and residuals below.
-
-    The phase step is the fitted one.
-    """
+    """Draw first orders' light against the fitted phase step, and residuals below."""
     for number, region in enumerate(regions):
         sweep, fit = region.sweep, region.fit
         step = fit.phase[sweep.high] - fit.phase[sweep.low]

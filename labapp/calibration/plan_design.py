@@ -1,4 +1,4 @@
-"""Design a calibration's plan: steering gratings, stripes of two grey levels, known defocus."""
+"""Plan and patterns: steering gratings, stripes of two grey levels, known defocus."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Patterns = dict[str, NDArray[np.uint8]]
 def design_calibration(
     camera: Camera, request: CalibrationRequest, exposures: tuple[CalibrationExposures, ...]
 ) -> CalibrationDesign:
-    """Choose a calibration's gratings and grey levels for a camera's panel and sensor.
+    """Choose gratings and grey levels for a camera's panel and sensor.
 
     Raises UserError if the regions' spots can't be told apart on the sensor.
     """
@@ -59,7 +59,7 @@ def design_calibration(
 
 
 def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Choose the grey levels of the two stripes in each frame of a calibration's sweep.
+    """Choose the grey levels of the two stripes in each frame of the sweep.
 
     The levels are in the order of display. The upper levels cover the whole range, more densely
     towards the ends, where a curve is supported on one side only; the last one comes twice. The
@@ -83,7 +83,7 @@ def sweep_levels(levels: int, frames: int, reach: float) -> tuple[tuple[int, ...
 
 
 def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
-    """Compute the grey levels, (rows, columns), of every pattern in a calibration's design."""
+    """Compute the grey levels, (rows, columns), of every pattern by its name."""
     panel = camera.panel
     shown: Patterns = {names.NEUTRAL_NAME: np.zeros(panel.shape, dtype=np.uint8)}
     for nm in design.request.wavelengths_nm:
@@ -103,7 +103,7 @@ def render_patterns(camera: Camera, design: CalibrationDesign) -> Patterns:
 
 
 def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray[np.uint8]:
-    """Compute a calibration's defocus pattern, wrapped at whole waves.
+    """Compute a pattern of defocus, wrapped at whole waves.
 
     The wraps are as many whole waves apart as the panel's range holds. This keeps the number of
     phase jumps as small as possible.
@@ -119,7 +119,7 @@ def _defocus_pattern(camera: Camera, waves: float, wavelength: float) -> NDArray
 def build_plan(
     design: CalibrationDesign, patterns: Mapping[str, NDArray[np.uint8]], folder: str
 ) -> PlanFile:
-    """Build the plan that takes a calibration's frames.
+    """Build the plan that takes all frames.
 
     `folder` is the folder with the patterns' picture files, beside the plan.
     """

@@ -1,4 +1,4 @@
-"""Define a calibration's request, and the design that its plan carries."""
+"""What a bench is to be measured for, and the design that its plan carries."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PARTS: tuple[Part, ...] = ("registration", "response", "wavefront", "zeroth")
 Vector = tuple[float, float]
 
 DESIGN_KEY = "calibration_design"
-"""Key of a plan's metadata under which the calibration's design is stored as JSON."""
+"""Key of a plan's metadata under which the design is stored as JSON."""
 
 
 class CalibrationRequest(FileModel):
@@ -74,7 +74,7 @@ class CalibrationDesign(FileModel):
 
     @property
     def reference_nm(self) -> float:
-        """Return the middle wavelength in nm, at which a calibration run measures the wavefront."""
+        """Return the middle wavelength in nm, at which the wavefront is measured."""
         return sorted(self.request.wavelengths_nm)[len(self.request.wavelengths_nm) // 2]
 
     def exposures_at(self, wavelength_nm: float) -> CalibrationExposures:

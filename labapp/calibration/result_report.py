@@ -1,4 +1,4 @@
-"""Report a calibration's results as tables, and advise what to do at the bench."""
+"""Results as tables, and advice on what to do at the bench."""
 
 from __future__ import annotations
 
@@ -22,24 +22,16 @@ from labapp.files.calibration_file import (
 
 @dataclass(frozen=True)
 class CalibrationAdviceLimits:
-    """Set the limits beyond which a calibration's report gives advice. All are chosen.
+    """Limits beyond which advice is given. All are chosen.
 
-    Attributes
-    ----------
-    rival_margin : float
-        Least difference of the information criterion to a fit with another number of waves.
-    phase_sigma : float
-        Largest uncertainty of the phase response in radians.
-    registration_px : float
-        Largest uncertainty of the registration in pixels.
-    blur_px : float
-        Largest blur of the phase by neighbouring pixels, in panel pixels.
-    shift_px : float
-        Largest shift of the steered spots beside the zeroth order's map, in pixels.
-    unmodulated : float
-        Largest share of unmodulated light.
-    focus_sigmas : float
-        Focus error, in its standard deviations, from which it counts as real.
+    rival_margin: least difference of the information criterion to a fit with another number of
+        waves.
+    phase_sigma: largest uncertainty of the phase response in radians.
+    registration_px: largest uncertainty of the registration in pixels.
+    blur_px: largest blur of the phase by neighbouring pixels, in panel pixels.
+    shift_px: largest shift of the steered spots beside the zeroth order's map, in pixels.
+    unmodulated: largest share of unmodulated light.
+    focus_sigmas: focus error, in its standard deviations, from which it counts as real.
     """
 
     rival_margin: float = 10.0
@@ -57,7 +49,7 @@ Row = list[str]
 
 
 def result_data(result: CalibrationResult, folder: Path) -> dict[str, Any]:
-    """Return a calibration report as plain data, without the phase curves themselves."""
+    """Return results and advice as plain data, without the phase curves themselves."""
     file = result.file
     kept = {"phase_rad", "sigma_rad"}
     responses = [
@@ -81,7 +73,7 @@ def result_data(result: CalibrationResult, folder: Path) -> dict[str, Any]:
 
 
 def print_tables(result: CalibrationResult, folder: Path) -> None:
-    """Print a calibration report: results with uncertainties, advice, and how to use the file."""
+    """Print results with uncertainties, advice, and how to use the file."""
     file = result.file
     print_table("Calibration", ["what", "found", "how well", "from"], result_rows(file))
     for line in advice(result):
@@ -91,7 +83,7 @@ def print_tables(result: CalibrationResult, folder: Path) -> None:
 
 
 def result_rows(file: CalibrationFile) -> list[Row]:
-    """Return the rows of the calibration report's table of results."""
+    """Return the printed rows of the results."""
     found: list[Row] = []
     for registration in file.registrations:
         found += _registration_rows(registration)
@@ -171,9 +163,9 @@ def _wavefront_rows(one: WavefrontTable) -> list[Row]:
 
 
 def advice(result: CalibrationResult) -> list[str]:
-    """Return a calibration report's advice on what to check or change at the bench.
+    """Return what to check or change at the bench, in sentences.
 
-    The list is empty if the calibration is good.
+    The list is empty if all is good.
     """
     fits, file = result.fits, result.file
     return [

@@ -1,4 +1,4 @@
-"""Trial exposures of a calibration: within what the camera can expose, and as a plan."""
+"""Trial exposures, within what the camera can expose, and the plan that takes them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from optics.camera import Sensor
 
 
 def limit_exposures(sensor: Sensor, wanted: Sequence[float]) -> tuple[float, ...]:
-    """Limit a calibration's trial exposures to the sensor's range, in whole microseconds.
+    """Limit exposures to the sensor's range, in whole microseconds.
 
     Exposures are in seconds; the result is sorted, and each is there once.
     """
@@ -21,7 +21,7 @@ def limit_exposures(sensor: Sensor, wanted: Sequence[float]) -> tuple[float, ...
 def trial_plan(
     title: str, neutral: str, wanted: Mapping[tuple[str, float], Sequence[float]]
 ) -> PlanFile:
-    """Return the plan of a calibration's exposure trials, through the neutral pattern.
+    """Return the plan of trials through the neutral pattern.
 
     `neutral` is the pattern's name, and `wanted` has the exposures in seconds by target and
     wavelength in nm.

@@ -39,7 +39,7 @@ __all__ = ["app", "build_command_line", "main"]
 
 @cache
 def build_command_line() -> Any:
-    """Build the command line with all its commands, once, because it takes 0.05 s.
+    """Build the group of all commands, once, because it takes 0.05 s.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def build_command_line() -> Any:
 
 
 def main() -> None:
-    """Run the command line of labapp on the arguments of the process.
+    """Run labapp on the arguments of the process, and exit.
 
     Errors are printed in one or two lines, or with a traceback if --debug is given. The exit code
     is 0 only if all that was asked was done, and the bench was left safe.
@@ -77,7 +77,7 @@ def main() -> None:
 
 
 def _end_command(code: int, words: str) -> int:
-    """Print what a command still owes, and return its exit code."""
+    """Print what is still owed, and return the exit code."""
     for reason in unsafe_devices():
         from labapp.common.console import print_error
 
@@ -94,7 +94,7 @@ def _end_command(code: int, words: str) -> int:
 
 
 def _report_error(error: BaseException) -> tuple[int, str]:
-    """Print a command's error for the user; return the exit code of its kind, and the words."""
+    """Print an error for the user; return the exit code of its kind, and the words."""
     from optics.progress import Cancelled
 
     if isinstance(error, BrokenPipeError):
@@ -129,7 +129,7 @@ def _write_to_nobody() -> None:
 
 
 def _error_message(error: Any) -> str:
-    """Return what the command line prints for an exception."""
+    """Say an exception in words for the user."""
     from drivers.errors import DeviceError
     from labapp.common.errors import UserError
 

@@ -1,4 +1,4 @@
-"""Commands `labapp accuracy ...`, which measure what accuracy costs in time."""
+"""`labapp accuracy ...`, which measures what accuracy costs in time."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def accuracy_(
 def _require_no_page_options(
     out: Path | None, camera: Path | None, *, force: bool, json: bool
 ) -> None:
-    """Raise UserError for options of the whole accuracy page that stand before a command's name."""
+    """Raise UserError for options of the whole page that stand before an operation's name."""
     given = {"--out": out, "--camera": camera, "--force": force, "--json": json}
     for name, value in given.items():
         if value:

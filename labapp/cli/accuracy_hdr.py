@@ -1,4 +1,4 @@
-"""Command `labapp accuracy hdr`, which measures what the accuracy of a merged bracket costs."""
+"""`labapp accuracy hdr`, which measures what the accuracy of a merged bracket costs."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def accuracy_hdr_(
 
 
 def _read_counts(text: str) -> list[int]:
-    """Return the numbers of exposures whose accuracy is measured; raise UserError if wrong."""
+    """Parse the numbers of exposures, rising; raise UserError unless all are 1 to 16."""
     try:
         counts = sorted({parse_whole(part) for part in split_list(text)})
     except ValueError:

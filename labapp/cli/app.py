@@ -16,7 +16,7 @@ app = typer.Typer(
 
 
 def _print_version(requested: bool) -> None:
-    """Print the version for the option --version, and exit."""
+    """Print the version and exit, if `requested`."""
     if requested:
         from labapp.common.program_version import describe_version
 

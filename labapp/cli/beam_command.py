@@ -1,4 +1,4 @@
-"""The command `labapp beam`, which draws the light along the optical axis."""
+"""`labapp beam`, which draws the light along the optical axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands `labapp bench ...`, which check bench files."""
+"""`labapp bench ...`, which checks bench files."""
 
 from __future__ import annotations
 

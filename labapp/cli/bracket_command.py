@@ -1,4 +1,4 @@
-"""The command `labapp bracket`, which chooses the exposures of a bracket."""
+"""`labapp bracket`, which chooses the exposures of a bracket."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def bracket(
 
 
 def _read_range(text: str | None) -> list[float] | None:
-    """Return both rates of the command's option --electrons; UserError if there aren't two."""
+    """Parse two rates in electrons per second; raise UserError if there aren't two."""
     if text is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""The command `labapp calibrate`, which calibrates a bench."""
+"""Calibrations of a bench, of its camera alone, or of a snapshot's bands: `labapp calibrate`."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def _calibrate_spectra(
     *,
     plan_only: bool,
 ) -> None:
-    """Calibrate a snapshot camera, as the command's options say."""
+    """Calibrate a snapshot camera, from a bench or from the record `fit`."""
     use_one_thread()
     from labapp.spectral_calibration.command import (
         SpectraOptions,
@@ -241,7 +241,7 @@ def _calibrate_camera(
     *,
     plan_only: bool,
 ) -> None:
-    """Calibrate a camera's noise, as the command's options say."""
+    """Calibrate a camera's noise, from a bench or from the record `fit`."""
     use_one_thread()
     from labapp.calibration.camera.command import (
         CameraOptions,
@@ -261,10 +261,11 @@ def _calibrate_camera(
 
 
 def _require_options_of_kind(kind: str, options: dict[tuple[str, ...], dict[str, Any]]) -> None:
-    """Raise UserError for options that mean nothing to the kind of calibration of the command.
+    """Raise UserError for options that mean nothing to a kind of calibration.
 
-    kind: "--camera", "--spectra", or "" for that of panel and lens. options: values of options by
-    the kinds to which they mean something; None for one that isn't given.
+    kind: "--camera", "--spectra", or "" for that of panel and lens.
+    options: values of options by the kinds to which they mean something; None for one that isn't
+        given.
     """
     for kinds, values in options.items():
         given = next((name for name, value in values.items() if value is not None), None)

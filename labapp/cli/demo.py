@@ -1,4 +1,4 @@
-"""The command `labapp demo`, which takes and restores a coded photograph."""
+"""`labapp demo`, which takes and restores a coded photograph."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands `labapp design ...`, which search for patterns by their expected restoration."""
+"""`labapp design ...`, which searches for patterns by their expected restoration."""
 
 from __future__ import annotations
 

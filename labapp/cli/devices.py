@@ -1,4 +1,4 @@
-"""Commands `labapp devices ...`, which list and test the devices of a bench."""
+"""Listing and testing the devices of a bench: `labapp devices ...`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `labapp gui`, which opens the bench window."""
+"""`labapp gui`, which opens the bench window."""
 
 from __future__ import annotations
 

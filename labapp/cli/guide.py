@@ -1,4 +1,4 @@
-"""The command `labapp help`, which shows the guide."""
+"""Pages of the guide in the terminal: `labapp help`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of commands that describe a lens, its object, and a window on the image."""
+"""Options that describe a lens, its object, and a window on the image."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from labapp.cli.shared_options import CameraOption, light_in_nanometres
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """Option of commands whose lens may be described by a camera file."""
+    """The camera file that may describe a lens."""
 
     camera: CameraOption = None
 
 
 @dataclass(frozen=True)
 class LensOptions:
-    """Options that describe a lens, its object, and a window on the image."""
+    """Describe a lens, its object, and a window on the image."""
 
     focal_length: Annotated[float, typer.Option(help="Focal length of the lens, in metres.")] = (
         0.125
@@ -72,7 +72,7 @@ class LensOptions:
     ] = "thin"
 
     def build_case(self) -> Any:
-        """Build lens, object and window from a command's options; UserError names a wrong one."""
+        """Build lens, object and window; UserError names a wrong option."""
         from labapp.prediction.lens_options import (
             LensCase,
             read_aberrations,
@@ -91,9 +91,9 @@ class LensOptions:
 
 
 def build_lens_case(context: typer.Context) -> Any:
-    """Build lens, object and window from a command's options and its camera file, if there is one.
+    """Build lens, object and window from options and the camera file, if there is one.
 
-    Options that the command line gives override the file.
+    Options that the user gives explicitly override the file.
     """
     options, camera = (
         get_option_group(context, LensOptions),
@@ -114,6 +114,6 @@ def build_lens_case(context: typer.Context) -> Any:
 
 
 def _options_on_command_line(context: typer.Context) -> set[str]:
-    """Return the names of the lens options that the command line gives explicitly."""
+    """Return the names of the lens options that the user gives explicitly."""
     sources = {one.name: context.get_parameter_source(one.name) for one in fields(LensOptions)}
     return {name for name, source in sources.items() if source and source.name == "COMMANDLINE"}

@@ -1,4 +1,4 @@
-"""The command `labapp merge`, for brackets of any camera."""
+"""Merging brackets of any camera: `labapp merge`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from labapp.common.errors import UserError
 
 
 def readable_paths(paths: list[Path]) -> list[Path]:
-    """Return the paths of a command's argument; raise UserError if one can't be opened."""
+    """Return the paths; raise UserError if one can't be opened."""
     return [path for path in map(readable_path, paths) if path is not None]
 
 

@@ -1,4 +1,4 @@
-"""Numbers on the command line are read by the one parser of typed numbers, in every command."""
+"""Numbers of all commands, read by the one parser of typed numbers."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def number_parameters(command: Any, words: tuple[str, ...] = ()) -> Iterator[tup
 
 
 def read_numbers_as_typed(command: Any) -> None:
-    """Let every number of a command, and of those within it, be read by the one parser."""
+    """Let the one parser read every number of a command, and of those within it."""
     for _, one, kind in number_parameters(command):
         one.process_value = partial(_process, one, kind, one.process_value)
 
 
 def _process(parameter: Any, kind: type, process: Callable[..., Any], *given: Any) -> Any:
-    """Parse a number of the command line, several or none, before its range is checked."""
+    """Parse a number, several or none, before its range is checked."""
     *context, value = given
     if isinstance(value, list | tuple):
         value = type(value)(_parse(parameter, kind, one) for one in value)
@@ -48,7 +48,7 @@ def _process(parameter: Any, kind: type, process: Callable[..., Any], *given: An
 
 
 def _parse(parameter: Any, kind: type, value: Any) -> Any:
-    """Return a number of the command line; UserError names the option for what is none."""
+    """Parse a number; UserError names the option for what is none."""
     if not isinstance(value, str):
         return value
     if parameter.name in _ENDLESS and value.strip().lower() in ("inf", "+inf"):
@@ -65,13 +65,13 @@ def _parse(parameter: Any, kind: type, value: Any) -> Any:
 
 
 def _name(parameter: Any) -> str:
-    """Return the name of an option or argument as it stands on the command line."""
+    """Return the name of an option or argument as the user types it."""
     first: str = parameter.opts[0]
     return first if first.startswith("-") else first.upper()
 
 
 def _number_type(parameter: Any) -> type | None:
-    """Return the type of an option of the command line that is a number, or None."""
+    """Return the type, int or float, of a parameter that is a number, or None."""
     described = getattr(parameter, "type_descriptor", None)
     if described is None:
         return _CLICK_NAMES.get(parameter.type.name)

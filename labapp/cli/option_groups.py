@@ -20,7 +20,7 @@ G = TypeVar("G")
 
 @cache
 def _group_parser(group: Callable[..., Any]) -> Any:
-    """Build a command whose options are the fields of an option group; it returns the group."""
+    """Build a command whose options are the fields of a group; it returns the group."""
     app = typer.Typer(add_completion=False)
     app.command()(group)
     return get_command(app)
@@ -46,13 +46,13 @@ def command_with_options(*groups: Any, options_first: bool = False) -> type[Type
 
 
 def get_option_group(context: typer.Context, group: type[G]) -> G:
-    """Return a group of command options with the values given on the command line."""
+    """Return a group with the values that the user gave."""
     found: G = context.obj[group]
     return found
 
 
 def _options(group: Any) -> list[Any]:
-    """Return the command options of a group, with the values of the given instance as defaults."""
+    """Return the options of a group, with the values of the given instance as defaults."""
     kind: Callable[..., Any] = type(group)
     options = [copy(one) for one in _group_parser(kind).params]
     for option in options:
@@ -61,6 +61,6 @@ def _options(group: Any) -> list[Any]:
 
 
 def _build_group(group: Callable[..., Any], values: dict[str, Any]) -> Any:
-    """Build an option group from a command's values, and remove the values that it takes."""
+    """Build a group from parsed values, and remove the values that it takes."""
     reader = _group_parser(group)
     return reader.callback(**{one.name: values.pop(one.name) for one in reader.params})

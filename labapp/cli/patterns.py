@@ -1,4 +1,4 @@
-"""Commands `labapp pattern` and `labapp retrieve`, which compute patterns for the SLM."""
+"""Patterns for the SLM, by formulas and phase retrieval: `labapp pattern`, `labapp retrieve`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands `labapp plan ...`, which check, show and list acquisition plans."""
+"""Checking, showing and listing acquisition plans: `labapp plan ...`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `labapp psf`, which computes a PSF."""
+"""`labapp psf`, which computes a PSF to a tolerance."""
 
 from __future__ import annotations
 

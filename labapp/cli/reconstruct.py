@@ -1,4 +1,4 @@
-"""The command `labapp reconstruct`, which restores a blurred photograph, or a spectral cube."""
+"""Restoring a blurred photograph, or a spectral cube: `labapp reconstruct`."""
 
 from __future__ import annotations
 

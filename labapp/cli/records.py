@@ -1,4 +1,4 @@
-"""Commands that read the record of a run: show, report, verify and export."""
+"""What is done with the record of a run: show, report, verify, salvage and export."""
 
 from __future__ import annotations
 

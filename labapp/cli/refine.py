@@ -1,4 +1,4 @@
-"""The command `labapp refine`, which corrects a pattern by pictures of its PSF."""
+"""`labapp refine`, which corrects a pattern by pictures of its PSF."""
 
 from __future__ import annotations
 

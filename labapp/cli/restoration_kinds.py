@@ -1,4 +1,4 @@
-"""The kinds of restoration of `labapp reconstruct`: a decoded photograph, and a spectral cube."""
+"""Kinds of restoration beside that by a PSF: a decoded photograph, and a spectral cube."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def decode_photograph_file(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Decode a photograph behind a trained pattern, as the command's options say."""
+    """Decode a photograph that was taken through a trained pattern, and write its files."""
     from labapp.files.output_paths import restoration_output_paths
 
     out = outputs[0] or source.with_name(f"{source.stem}_decoded.tiff")
@@ -47,7 +47,7 @@ def reconstruct_cube(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Restore the spectral cube of a record, as the command's options say."""
+    """Restore the spectral cube of a record, and write its files."""
     from labapp.files.output_paths import spectral_output_paths
     from labapp.spectral.band_list import parse_bands
 
@@ -65,7 +65,7 @@ def reconstruct_cube(
 def require_options_of_one_kind(
     bands: str | None, photograph_only: dict[str, Any], spectral_only: dict[str, Any]
 ) -> None:
-    """Raise UserError for options that mean nothing to the kind of restoration of the command."""
+    """Raise UserError for options that mean nothing to the kind of restoration."""
     if bands is not None:
         refuse_options("--bands", photograph_only)
         return
@@ -77,7 +77,7 @@ def require_options_of_one_kind(
 
 
 def refuse_options(kind: str, refused: dict[str, Any]) -> None:
-    """Raise UserError for an option of the command that means nothing with another one, `kind`."""
+    """Raise UserError for an option that means nothing with another one, `kind`."""
     given = next((name for name, value in refused.items() if value is not None), None)
     if given is not None:
         raise UserError(f"{given}: means nothing with {kind}. Leave one of the two out.")

@@ -1,4 +1,4 @@
-"""Commands `labapp run` and `labapp resume`, which acquire the frames of plans."""
+"""Acquiring the frames of plans: `labapp run` and `labapp resume`."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def readable_path(path: Path | None) -> Path | None:
-    """Return the path of a command's option, or None; raise UserError if it can't be opened."""
+    """Return a path, or None; raise UserError if it can't be opened."""
     from labapp.files.file_lookup import require_readable
 
     if path is not None:
@@ -32,7 +32,7 @@ def readable_path(path: Path | None) -> Path | None:
 
 
 def light_in_nanometres(value: Any, param: typer.CallbackParam) -> Any:
-    """Return a command's wavelengths, one, several or None; UserError if they can't be nm."""
+    """Return one wavelength, several or None; raise UserError if they can't be nm."""
     from labapp.files.wavelengths import require_nanometres
 
     for one in value if isinstance(value, list | tuple) else [value]:
@@ -42,7 +42,7 @@ def light_in_nanometres(value: Any, param: typer.CallbackParam) -> Any:
 
 
 def existing_path(path: Path | None) -> Path | None:
-    """Return the path of a command's option, or None; raise UserError if there is no such file."""
+    """Return a path, or None; raise UserError if there is no such file."""
     from labapp.files.file_lookup import require_file
 
     if path is not None:
@@ -51,14 +51,14 @@ def existing_path(path: Path | None) -> Path | None:
 
 
 def find_scene_file(name: Path | None) -> Path | None:
-    """Return the scene file of a command's option, or None; UserError lists the bundled scenes."""
+    """Return a scene file by path or name, or None; UserError lists the bundled scenes."""
     from labapp.files.file_lookup import find_scene
 
     return None if name is None else find_scene(name)
 
 
 def find_encoding(word: str | None) -> str | None:
-    """Return the name of an encoding in a command's option, or None; UserError lists them."""
+    """Return the name of an encoding, or None; UserError lists them."""
     from labapp.files.picture.encoding import parse_encoding
 
     return None if word is None else parse_encoding(word).name
@@ -170,7 +170,7 @@ FieldOption = Annotated[
 
 
 def memory_bytes(gigabytes: float | None) -> int | None:
-    """Return the bytes of the command's option --memory, or None without it.
+    """Convert gigabytes to bytes; None stays None.
 
     Raises UserError for a number that isn't finite and positive.
     """
@@ -183,7 +183,7 @@ def memory_bytes(gigabytes: float | None) -> int | None:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of commands that acquire frames: the bench, and how it runs."""
+    """The bench on which frames are acquired, and how it runs."""
 
     bench: BenchOption = None
     scene: SceneOption = None
@@ -196,7 +196,7 @@ class RunOptions:
     json: JsonOption = False
 
     def bench_files(self, image: Path | None = None) -> BenchFiles:
-        """Return the bench's files that the command's options name."""
+        """Return the bench's files that were named, the bundled ones by default."""
         from labapp.bench.opening import BenchFiles
 
         memory = memory_bytes(self.memory)
@@ -204,7 +204,7 @@ class RunOptions:
 
     @property
     def run_mode(self) -> ExecutionOptions:
-        """Return the run settings of the command's options: overwriting, prompts, speed, output."""
+        """Return overwriting, prompts, speed, output and the limit of waits."""
         from labapp.runs.run_commands import ExecutionOptions
 
         return ExecutionOptions(self.force, self.yes, self.speed, self.json, self.wait_limit)
@@ -212,7 +212,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class StarOptions:
-    """Options that describe the artificial star with which panel and lens are measured."""
+    """Describe the artificial star with which panel and lens are measured."""
 
     star: Annotated[str, typer.Option(help="Name of the target with the star.")] = "star"
     dark: Annotated[
@@ -232,7 +232,7 @@ class StarOptions:
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """Options of commands that compute a pattern."""
+    """Output, wavelength, length and seed of a pattern that is computed."""
 
     out: Annotated[
         Path | None,
@@ -260,7 +260,7 @@ class DesignOptions:
     json: JsonOption = False
 
     def design_and_write(self, spec: StillPattern) -> None:
-        """Compute the pattern that the command's options describe, predict its PSF, and write both.
+        """Compute a pattern, predict its PSF, and write both.
 
         Raises UserError for options that are wrong, or a pattern that the panel can't show.
         """
@@ -280,7 +280,7 @@ class DesignOptions:
 
 @dataclass(frozen=True)
 class EffectOptions:
-    """Options that decide which effects the virtual bench leaves out of a picture."""
+    """Decide which effects the virtual bench leaves out of a picture."""
 
     tol: Annotated[
         float | None,
@@ -301,7 +301,7 @@ class EffectOptions:
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """Options that describe a picture that the virtual bench takes of a scene."""
+    """Describe a picture that the virtual bench takes of a scene."""
 
     scene: Annotated[
         Path | None,
@@ -339,7 +339,7 @@ class PictureOptions:
         *,
         everything: bool = False,
     ) -> PictureRequest:
-        """Return the request for a picture on a bench, as the command's options describe it.
+        """Return the request for the picture on a bench.
 
         `effect_options` decide which effects are left out; if they are None, the scene decides.
         `everything` requests all effects at their finest.
@@ -366,7 +366,7 @@ class PictureOptions:
 
 @dataclass(frozen=True)
 class RowsOutputOptions:
-    """Options of commands that print measured rows and draw their diagram."""
+    """Output of measured rows: JSON, and their diagram."""
 
     json: JsonOption = False
     plot: Annotated[
@@ -376,7 +376,7 @@ class RowsOutputOptions:
     force: ForceOption = False
 
     def require_writable(self) -> None:
-        """Raise UserError if the diagram of the option --plot can't be written."""
+        """Raise UserError if the diagram of --plot can't be written."""
         from labapp.files.writing import require_all_writable
 
         require_all_writable((self.plot,), force=self.force)

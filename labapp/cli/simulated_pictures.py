@@ -1,4 +1,4 @@
-"""Commands `labapp explain` and `labapp simulate`, for pictures of the virtual bench."""
+"""Pictures of the virtual bench without a run: `labapp explain` and `labapp simulate`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `labapp study`, which repeats experiments of the thesis."""
+"""`labapp study`, which repeats experiments of the thesis."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from labapp.studies import STUDIES
 
 
 def _help() -> str:
-    """Return the help text of the command `labapp study`, with the list of studies."""
+    """Return the help text with the list of studies."""
     listed = "\n".join(
         f"- **{name}**: {entry.summary} ({entry.figure})" for name, entry in STUDIES.items()
     )

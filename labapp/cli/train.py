@@ -1,4 +1,4 @@
-"""Commands `labapp train ...`, which train what labapp computes with."""
+"""Training of what labapp computes with: `labapp train ...`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MinutesOption = Annotated[
 
 
 def require_one_length(steps: int | None, minutes: float | None) -> None:
-    """Raise UserError if a training is asked for both a number of steps and of minutes."""
+    """Raise UserError if both a number of steps and of minutes are given."""
     if steps is not None and minutes is not None:
         raise UserError("--minutes and --steps: give one of them.")
 

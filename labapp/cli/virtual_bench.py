@@ -1,4 +1,4 @@
-"""The command `labapp virtual-bench serve`, which serves simulated instruments to real drivers."""
+"""`labapp virtual-bench serve`, which serves simulated instruments to real drivers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def virtual_bench_() -> None:
 
 @dataclass(frozen=True)
 class ServeCommandOptions:
-    """Options that say which instruments are served, where, and until when."""
+    """Which instruments are served, where, and until when."""
 
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Bench file to write (.toml).")

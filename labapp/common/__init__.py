@@ -1,1 +1,1 @@
-"""Share helpers among the packages of labapp: errors, terminal output, memory, machine speed."""
+"""What all packages of labapp use: errors, output in the terminal, memory, machine speed."""

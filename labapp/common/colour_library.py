@@ -1,4 +1,4 @@
-"""The library colour-science, imported when it is needed, and without its effect on warnings."""
+"""Imports colour-science when it is needed, and undoes its effect on warnings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import ModuleType
 
 
 def colour_library() -> ModuleType:
-    """Import the library colour-science for labapp, which takes a second.
+    """Import colour-science, which takes a second.
 
     The library hides warnings of others for the whole process when it is imported. That is undone
     here.

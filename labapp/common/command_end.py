@@ -25,8 +25,9 @@ _CANCELLED_DOCUMENT = f'{{\n  "error": "cancelled",\n  "exit_code": {CANCELLED_C
 class _Command:
     """What is known of the running command when it ends.
 
-    owes_document: whether --json asks for a document that hasn't been printed. was_interrupted:
-    whether Ctrl-C was pressed. unsafe_devices: why devices of a bench couldn't be made safe.
+    owes_document: whether --json asks for a document that hasn't been printed.
+    was_interrupted: whether Ctrl-C was pressed.
+    unsafe_devices: why devices of a bench couldn't be made safe.
     """
 
     def __init__(self, owes_document: bool = False) -> None:
@@ -38,33 +39,33 @@ _command = _Command()
 
 
 def begin_command(arguments: Sequence[str]) -> None:
-    """Begin a command line with its arguments: nothing has happened yet."""
+    """Begin a command: nothing has happened yet. arguments: of the command line."""
     global _command
     _command = _Command(owes_document="--json" in arguments)
 
 
 def note_document() -> None:
-    """Note that a command has printed its JSON document."""
+    """Note that the JSON document has been printed."""
     _command.owes_document = False
 
 
 def note_interrupt() -> None:
-    """Note that Ctrl-C was pressed during a command, which therefore doesn't end with 0."""
+    """Note that Ctrl-C was pressed, so that the command doesn't end with 0."""
     _command.was_interrupted = True
 
 
 def note_unsafe(reason: str) -> None:
-    """Note why a device of a bench couldn't be made safe, so that a command doesn't end with 0."""
+    """Note why a device couldn't be made safe, so that the command doesn't end with 0."""
     _command.unsafe_devices.append(reason)
 
 
 def unsafe_devices() -> list[str]:
-    """Return why devices that the running command has used couldn't be made safe."""
+    """Return why devices that the command has used couldn't be made safe."""
     return list(_command.unsafe_devices)
 
 
 def end_code(code: int) -> int:
-    """Return a command's exit code: 0 only if it wasn't cancelled and has left its bench safe."""
+    """Return the exit code: 0 only if the command wasn't cancelled and has left its bench safe."""
     if code == 0 and _command.was_interrupted:
         return CANCELLED_CODE
     return code or int(bool(_command.unsafe_devices))
@@ -73,7 +74,7 @@ def end_code(code: int) -> int:
 def print_owed_document(error: str, code: int) -> None:
     """Print the JSON document of a command that failed before it printed its own.
 
-    The document has the keys `error` and `exit_code`.
+    It has the keys `error` and `exit_code`.
     """
     if _command.owes_document and code:
         import json
@@ -145,12 +146,12 @@ def delay_interrupts() -> Iterator[None]:
 
 
 def _is_main_thread() -> bool:
-    """Return whether this thread may handle signals of the command."""
+    """Whether this thread may handle signals."""
     return threading.current_thread() is threading.main_thread()
 
 
 def flush_output() -> None:
-    """Write what a command has printed, so that nothing is left to do when Python ends."""
+    """Write what is left in the output's buffers, so that Python has nothing to do when it ends."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()

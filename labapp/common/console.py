@@ -59,18 +59,18 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
 
 
 def print_json(data: Any) -> None:
-    """Print data as plain JSON on the terminal's standard output, for programs to read."""
+    """Print data as plain JSON on standard output, for programs to read."""
     print(json.dumps(data, indent=2, allow_nan=False), flush=True)
     note_document()
 
 
 def print_message(text: str) -> None:
-    """Print a message on the terminal's standard error; standard output holds only data."""
+    """Print a message on standard error; standard output holds only data."""
     err.print(text, soft_wrap=True)
 
 
 def print_error(text: str) -> None:
-    """Print an error on the terminal's standard error, unwrapped for searching and copying."""
+    """Print an error on standard error, unwrapped so that it can be searched and copied."""
     err.print(text, style="bold red", soft_wrap=True)
 
 
@@ -80,17 +80,18 @@ when somebody comes, who resumes the run."""
 
 
 def is_attended() -> bool:
-    """Return whether a terminal shows what the command prints, or may answer."""
+    """Whether a terminal shows what is printed, or somebody may answer."""
     return err.is_terminal or (sys.stdin is not None and sys.stdin.isatty())
 
 
 @contextmanager
 def terminal_progress(wait_limit: float | None = None) -> Iterator[Progress]:
-    """Show progress in the terminal; Ctrl-C cancels, and a second Ctrl-C stops at once.
+    """Show progress; Ctrl-C cancels, and a second Ctrl-C stops at once.
 
     What a person must learn at once is printed on standard error in any case. SIGUSR1 lets go on
-    what waits for that. wait_limit: seconds for which something may wait for a person; by default
-    without end at a terminal, otherwise UNATTENDED_WAIT.
+    what waits for that.
+    wait_limit: seconds for which something may wait for a person; by default without end at a
+    terminal, otherwise UNATTENDED_WAIT.
     """
     if wait_limit is None:
         wait_limit = math.inf if is_attended() else UNATTENDED_WAIT
@@ -125,7 +126,7 @@ def terminal_progress(wait_limit: float | None = None) -> Iterator[Progress]:
 
 
 def _tell(message: str, progress: Progress) -> None:
-    """Print a message on the terminal's standard error, and how to go on if that takes a key."""
+    """Print a message on standard error, with the key or signal that lets a paused run go on."""
     if progress.is_paused:
         by_key = "r goes on, Ctrl-C ends. Without a terminal, " if is_attended() else ""
         pid = os.getpid()
@@ -137,7 +138,7 @@ def _tell(message: str, progress: Progress) -> None:
 
 @contextmanager
 def _resume_on_signal(progress: Progress) -> Iterator[None]:
-    """While the block runs, let SIGUSR1 resume what is paused: without a terminal, no key can."""
+    """Let SIGUSR1 resume what is paused while the block runs: without a terminal, no key can."""
     before = signal.signal(signal.SIGUSR1, lambda number, frame: progress.resume())
     try:
         yield
@@ -146,7 +147,7 @@ def _resume_on_signal(progress: Progress) -> Iterator[None]:
 
 
 def _redirect_terminal_to_null() -> None:
-    """Redirect the output of a closed terminal to /dev/null.
+    """Send output for a closed terminal to /dev/null.
 
     Writing to a closed terminal fails, which would prevent the bench from being left safe.
     """
@@ -159,7 +160,7 @@ def _redirect_terminal_to_null() -> None:
 
 @contextmanager
 def _cancel_on_signals(progress: Progress) -> Iterator[None]:
-    """While the block runs, cancel the progress on Ctrl-C, SIGTERM or a closed terminal."""
+    """Cancel on Ctrl-C, SIGTERM or a closed terminal while the block runs."""
     pressed = 0
 
     def stop(number: int, frame: Any) -> None:

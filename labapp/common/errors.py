@@ -1,4 +1,4 @@
-"""Define the error that is shown to users, and suggest spellings."""
+"""The error that users see, and hints on misspelt words."""
 
 from __future__ import annotations
 
@@ -32,9 +32,7 @@ class WaitedTooLong(UserError):
 
 
 def suggest_spelling(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """Return the hint "Did you mean …?" with the nearest known word, for labapp's error messages.
-
-    The hint is empty if no known word is similar.
+    """Return the hint "Did you mean …?" with the nearest known word; "" if none is similar.
 
     likeness: least similarity, from 0 (any word) to 1 (the same word).
     """

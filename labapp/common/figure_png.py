@@ -1,4 +1,4 @@
-"""Encode a Matplotlib figure as a PNG file, with its texts as they are."""
+"""Encodes a Matplotlib figure as a PNG file, with its texts as they are."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from labapp.common.plain_text import printable
 
 
 def figure_to_png(figure: Figure) -> bytes:
-    """Encode a figure as the bytes of a PNG file, for all packages of labapp."""
+    """Encode a figure as the bytes of a PNG file that is marked as a drawing."""
     show_plain_text(figure)
     buffer = io.BytesIO()
     # Figure.savefig would draw a figure twice that Matplotlib lays out.
@@ -27,7 +27,7 @@ def figure_to_png(figure: Figure) -> bytes:
 
 
 def show_plain_text(figure: Figure) -> None:
-    """Let titles and labels of a labapp figure show names as they are; $ begins no formula.
+    """Let titles and labels show names as they are; $ begins no formula.
 
     Numbers along the axes stay formulas, since Matplotlib writes powers of ten with them.
     """
@@ -37,7 +37,7 @@ def show_plain_text(figure: Figure) -> None:
 
 
 def _own_texts(artist: Artist) -> Iterator[Text]:
-    """Find the texts of a labapp figure that Matplotlib doesn't write itself."""
+    """Yield the texts that Matplotlib doesn't write itself."""
     if isinstance(artist, Text):
         yield artist
     if isinstance(artist, Axis) and not isinstance(artist.get_major_formatter(), FixedFormatter):

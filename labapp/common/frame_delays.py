@@ -7,16 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FrameDelays:
-    """Measured seconds that a bench's frame takes beyond what the devices document.
+    """Measured seconds that a frame takes beyond what the devices document.
 
     They may be negative, because devices document their longest times.
 
-    Attributes
-    ----------
-    frame : float
-        Of every frame: calls of the devices, checks, and the picture's way to memory.
-    filter, slm, target : float
-        Of the first frame after a change of wavelength, pattern or target.
+    frame: of every frame: calls of the devices, checks, and the picture's way to memory.
+    filter, slm, target: of the first frame after a change of wavelength, pattern or target.
     """
 
     frame: float = 0.0
@@ -25,7 +21,7 @@ class FrameDelays:
     target: float = 0.0
 
     def __str__(self) -> str:
-        """Return the delays of the bench's frames in words, for the log."""
+        """Return the delays in words, for the log."""
         return (
             f"beyond what its devices document, a frame takes {self.frame * 1e3:.0f} ms, the first "
             f"after a change of wavelength {self.filter * 1e3:.0f} ms more, of pattern "

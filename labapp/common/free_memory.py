@@ -1,4 +1,4 @@
-"""Tell how much memory the process may still take, by what machine, container and limits say."""
+"""How much memory the process may still take, by what machine, container and limits say."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MOST_ADDRESSES = 1 << 63
 
 
 def available_memory() -> int:
-    """Return the bytes that the labapp process can still take without swapping or being killed.
+    """Return the bytes that the process can still take without swapping or being killed.
 
     It is the least of what the machine has free (files that are kept in memory count as free), what
     the container leaves, and what a limit of the process leaves.
@@ -36,7 +36,7 @@ def available_memory() -> int:
 
 
 def shared_memory() -> int:
-    """Return the bytes that machine and container still leave to the labapp process and others."""
+    """Return the bytes that machine and container still leave to this process and others."""
     return max(min(_machine_memory(), *_group_memory(), _MOST_ADDRESSES), 0)
 
 
@@ -86,7 +86,7 @@ class ProcessLimit(NamedTuple):
 
 
 def process_limits() -> Iterator[ProcessLimit]:
-    """Yield the limits of the labapp process' addresses and data, as far as it has any."""
+    """Yield the limits of the process' addresses and data, as far as it has any."""
     told = _fields(Path("/proc/self/status"))
     for kind, used, setting in _LIMITS:
         most = resource.getrlimit(kind)[0]

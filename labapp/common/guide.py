@@ -1,4 +1,4 @@
-"""Find the pages of the user guide, Markdown files in labapp/docs, for terminal and window.
+"""The pages of the user guide, Markdown files in labapp/docs, for terminal and window.
 
 A page begins with its title and a paragraph. The paragraph's first sentence says what the page is
 about and is shown in lists of topics. A new file in the folder is a new page. The module imports
@@ -30,7 +30,11 @@ _LINK = re.compile(r"\[([^\]]+)\]\(([\w-]+)\.md\)")
 
 @dataclass(frozen=True)
 class Topic:
-    """Describe a page of the user guide. name: the word that users type; summary: a sentence."""
+    """A page of the guide.
+
+    name: the word that users type.
+    summary: a sentence.
+    """
 
     name: str
     title: str
@@ -39,21 +43,19 @@ class Topic:
 
     @property
     def text(self) -> str:
-        """Return this page of the user guide, which terminal and window share, as Markdown."""
+        """The page as Markdown."""
         return self.path.read_text(encoding="utf-8")
 
 
 def list_topics() -> list[Topic]:
-    """List the pages of the user guide, which terminal and window share, in reading order."""
+    """List the guide's pages in reading order."""
     return sorted(map(_read_topic, PAGES.glob("*.md")), key=lambda one: (_rank(one.name), one.name))
 
 
 def find_topic(name: str) -> Topic:
-    """Find the page on a topic in the user guide that terminal and window share.
+    """Find the page on a topic; capitals, blanks and the ending ".md" don't matter.
 
     Raises UserError, which suggests a similar topic, if there is no such page.
-
-    Capitals, blanks and the ending ".md" don't matter.
     """
     wanted = name.strip().lower().removesuffix(".md").replace(" ", "-").replace("_", "-")
     topics = {one.name: one for one in list_topics()}
@@ -68,10 +70,7 @@ def find_topic(name: str) -> Topic:
 
 
 def terminal_text(topic: Topic) -> str:
-    """Return a guide page as Markdown for the terminal, with a `labapp help` command per link.
-
-    The command shows the linked page.
-    """
+    """Return a page as Markdown in which each link is the `labapp help` command of its target."""
     return _LINK.sub(r"\1 (`labapp help \2`)", topic.text)
 
 
@@ -83,6 +82,6 @@ def _read_topic(path: Path) -> Topic:
 
 
 def _rank(name: str) -> int:
-    """Rank a page in the reading order of the shared user guide; unlisted pages come last."""
+    """Rank a page in reading order; pages that _ORDER doesn't list come last."""
     fits = [k for k, word in enumerate(_ORDER) if name == word or name.startswith(f"{word}-")]
     return fits[0] if fits else len(_ORDER)

@@ -1,4 +1,4 @@
-"""Refuse to load a large library where its memory isn't there: many abort the process half-way."""
+"""Refuses to load a large library where its memory isn't there: many abort the process half-way."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RESERVE = 6 << 20
 
 
 class LibraryGuard:
-    """Finder of Python's imports that refuses a library that doesn't fit into a limit."""
+    """A finder of Python's imports that refuses a library that doesn't fit into a limit."""
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: Any = None) -> Any:
         """Return what loads a library, or None for Python's own finders to look for it.
@@ -79,7 +79,7 @@ def _require_room(name: str) -> None:
 
 
 def guard_library_memory() -> None:
-    """From now on, refuse to load labapp's large libraries where a limit leaves too little."""
+    """From now on, refuse to load large libraries where a limit leaves too little."""
     guarded = any(isinstance(one, LibraryGuard) for one in sys.meta_path)
     if not guarded and any(True for _ in process_limits()):
         sys.meta_path.insert(0, LibraryGuard())
@@ -87,7 +87,7 @@ def guard_library_memory() -> None:
 
 @contextmanager
 def reserved_memory() -> Iterator[None]:
-    """Keep memory of the labapp process back for the words about a lack of it, while a block runs.
+    """Keep memory back for the words about a lack of it, while a block runs.
 
     Its pages are never touched, so that it takes addresses alone. Raises MemoryError if there is
     too little of it already.

@@ -1,4 +1,4 @@
-"""Catch what libraries write to the terminal by themselves, so that it can be told in words."""
+"""Catches what libraries write to the terminal by themselves, so that it can be told in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print the lists of the command line in one layout, or as JSON."""
+"""Prints the lists of the command line in one layout, or as JSON."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from labapp.common.console import out, print_json
 
 @dataclass(frozen=True)
 class ListEntry:
-    """Describe one entry of a printed list by its name and one sentence.
+    """One entry of a list: its name and one sentence.
 
-    keys: its settings, each with `key`, `default` and `what`. lines: further lines for users.
+    keys: its settings, each with `key`, `default` and `what`.
+    lines: further lines for users.
     facts: further data for programs.
     """
 
@@ -31,9 +32,10 @@ def print_list(
     common_keys: Sequence[Mapping[str, str]] = (),
     example: str,
 ) -> None:
-    """Print a list in the terminal as JSON with all data, or as text that shows common keys once.
+    """Print a list as JSON with all data, or as text that shows common keys once.
 
-    common_keys: keys that most entries have. example: a command that uses an entry.
+    common_keys: keys that most entries have.
+    example: a command that uses an entry.
     """
     if as_json:
         print_json([_data(one) for one in entries])
@@ -55,7 +57,7 @@ def print_list(
 
 
 def _data(one: ListEntry) -> dict[str, Any]:
-    """Return all data of a list entry; every `list` command of labapp prints it as JSON."""
+    """Return all data of an entry, as it is printed as JSON."""
     return {"name": one.name, "what": one.what, "keys": list(one.keys), **one.facts}
 
 

@@ -1,4 +1,4 @@
-"""Control whether the process keeps freed memory or returns it to the operating system."""
+"""Whether the process keeps freed memory or returns it to the operating system."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from enum import IntEnum
 
 
 class _Mallopt(IntEnum):
-    """Name the parameters of glibc's mallopt()."""
+    """Parameters of glibc's mallopt()."""
 
     TRIM_THRESHOLD = -1
     MMAP_MAX = -4
@@ -22,7 +22,7 @@ _KEPT_BYTES = (1 << 31) - 1
 
 
 def keep_freed_memory() -> None:
-    """Let the labapp process's new large arrays reuse the memory of freed ones.
+    """Let new large arrays reuse the memory of freed ones.
 
     By default, glibc returns it to the system, which clears every page of the next array: work on
     pictures of some megapixels was measured to take two to three times as long. Other C libraries
@@ -37,7 +37,7 @@ def keep_freed_memory() -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Give freed memory of the labapp process back to the system, after a bench was closed.
+    """Give freed memory back to the system, after a bench was closed.
 
     Otherwise glibc keeps hundreds of megabytes below the last allocation that is still in use.
     """
@@ -52,7 +52,7 @@ _NEW_OBJECTS = 20_000
 
 
 def collect_garbage_rarely() -> None:
-    """Let Python look for garbage in the labapp process only after many new objects."""
+    """Let Python look for garbage only after many new objects."""
     gc.set_threshold(_NEW_OBJECTS, *gc.get_threshold()[1:])
 
 

@@ -1,4 +1,4 @@
-"""Tell a lack of memory from the errors of many libraries: what needs how much, and what remedy."""
+"""Tells a lack of memory from the errors of many libraries: what needs how much, and the remedy."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _TIGHT = 100_000_000
 
 
 def explain_shortage(error: BaseException) -> str:
-    """Say in labapp's words what lacks how much memory; "" for an error of another kind.
+    """Say what lacks how much memory; "" for an error of another kind.
 
     A lack that is the cause of another error counts, too.
     """
@@ -47,7 +47,7 @@ def explain_shortage(error: BaseException) -> str:
 
 
 def describe_room() -> str:
-    """Say how much memory the labapp process may take in all, by what limits it most."""
+    """Say how much memory the process may take in all, by what limits it most."""
     limits = sorted(process_limits(), key=lambda one: one.left)
     if limits and limits[0].left <= shared_memory():
         return f"this process may take {_megabytes(limits[0].most)} in all ({limits[0].setting})"

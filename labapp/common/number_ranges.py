@@ -54,7 +54,7 @@ _OTHERS = Range(1e-15, 1e15)
 
 @functools.cache
 def range_of(name: str) -> Range:
-    """Return the range of the numbers of an option or a file's key, by the name's ending."""
+    """Return the range of an option's or a file key's numbers, by the name's ending."""
     return next((one for end, one in _RANGES.items() if name.endswith(end)), _OTHERS)
 
 

@@ -1,4 +1,4 @@
-"""Keep texts from files and devices text: what would control a terminal or a page is replaced.
+"""Keeps texts from files and devices text: what would control a terminal or a page is replaced.
 
 A name, title or message may hold anything. Every way out (terminal, window, page, picture) passes
 texts through here, or has its markup switched off.
@@ -23,20 +23,17 @@ _LONGEST_QUOTE = 200
 
 
 def printable(text: str) -> str:
-    """Replace each character that would control labapp's terminal or page by a blank.
-
-    Line feeds stay.
-    """
+    """Replace each character that would control a terminal or page by a blank; line feeds stay."""
     return _CONTROLS.sub(" ", text)
 
 
 def printable_line(text: str) -> str:
-    """Replace labapp's control characters by blanks, line feeds included: a name is one line."""
+    """Replace control characters by blanks, line feeds included: a name is one line."""
     return printable(text).replace("\n", " ")
 
 
 def quote(value: object) -> str:
-    """Return a value from a file as labapp's errors quote it: by repr(), with its middle left out.
+    """Return a value by repr(), as errors quote it, with the middle of a long one left out.
 
     Values of any length and depth are quoted in at most 200 characters.
     """
@@ -49,10 +46,10 @@ def quote(value: object) -> str:
 
 
 def shorten(text: str, most: int) -> str:
-    """Return a text of labapp's errors with its middle left out if it has more characters."""
+    """Leave out the middle of a text that has more than `most` characters."""
     return text if len(text) <= most else f"{text[: most // 2]} … {text[-(most // 2) :]}"
 
 
 def shell_word(value: object) -> str:
-    """Return a name or path as one word of a command that labapp tells a person to type."""
+    """Return a name or path as one word of a command that a person types."""
     return shlex.quote(printable_line(str(value)))

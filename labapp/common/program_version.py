@@ -17,25 +17,22 @@ _HASH_DIGITS = 10
 
 @cache
 def source_commit() -> str:
-    """Return the commit that labapp's packages were installed or checked out from; "" if unknown.
+    """Return the commit that the packages were installed or checked out from; "" if unknown.
 
-    Returns
-    -------
-    str
-        First digits of the commit's hash. A "+" after them says that files of the checkout have
-        been changed since.
+    It is the first digits of the commit's hash. A "+" after them says that files of the checkout
+    have been changed since.
     """
     return _checkout_commit() or _installed_commit()
 
 
 def describe_version() -> str:
-    """Return the version line that all of labapp shows, such as "0.2.0, commit 1a2b3c4d5e"."""
+    """Return version and commit in one line, such as "0.2.0, commit 1a2b3c4d5e"."""
     commit = source_commit()
     return f"{labapp.__version__}, commit {commit}" if commit else labapp.__version__
 
 
 def _checkout_commit() -> str:
-    """Ask git for the commit in labapp's version line; "" outside a checkout or if git fails."""
+    """Ask git for the commit; "" outside a checkout or if git fails."""
     if not (_CHECKOUT / ".git").exists():
         return ""
     words = ["describe", "--always", "--exclude=*", f"--abbrev={_HASH_DIGITS}", "--dirty=+"]
@@ -47,7 +44,7 @@ def _checkout_commit() -> str:
 
 
 def _installed_commit() -> str:
-    """Read the commit in labapp's version line from pip's notes (PEP 610); "" without a note."""
+    """Read the commit from pip's notes (PEP 610); "" without a note."""
     try:
         noted = distribution("labapp").read_text("direct_url.json")
     except PackageNotFoundError:

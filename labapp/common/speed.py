@@ -1,4 +1,4 @@
-"""Measure this machine's speed by timing the methods of optics, and keep it in a file."""
+"""Measures this machine's speed by timing the methods of optics, and keeps it in a file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from optics.sensor import PixelIntegration
 from optics.threads import single_threaded
 
 _REPEATS = 5
-"""Timed calls of each benchmark job; chosen."""
+"""Timed calls of each job; chosen."""
 
 _SLOWNESS = np.linspace(1.2, 3.0, 19)
 """Candidate ratios of double to single precision's time."""
@@ -41,18 +41,18 @@ _STEPS_PER_CIRCLE = 3
 in `optics.camera.stop_nodes.rule_seconds`."""
 
 _NEW_BYTES = (48 << 20, 96 << 20)
-"""Memory of benchmark jobs, more than allocators keep from call to call; chosen."""
+"""Memory that jobs fill, more than allocators keep from call to call; chosen."""
 
 _JOBS_VERSION = 2
-"""Counts changes of the benchmark jobs: speeds that other jobs measured are measured again."""
+"""Counts changes of the jobs: speeds that other jobs measured are measured again."""
 
 _BUSY = 0.5
-"""Load per processor above which other processes slow the benchmark; chosen."""
+"""Load per processor above which other processes slow the measurement; chosen."""
 
 
 @dataclass(frozen=True)
 class BenchmarkJob:
-    """Describe a benchmark of the machine speed: a call, and its cost as a sum over the speeds."""
+    """A call to time, and its cost as a sum over the speeds."""
 
     name: str
     cost: Callable[[MachineSpeed], float]
@@ -60,10 +60,9 @@ class BenchmarkJob:
 
 
 def machine_speed(progress: Progress | None = None) -> MachineSpeed:
-    """Return this machine's speed from the file that labapp's packages share, or measure it.
+    """Return this machine's speed from its file, or measure it, which takes a few seconds.
 
-    Measuring takes a few seconds. A speed that was measured on a busy machine is measured again
-    once the load has halved.
+    A speed that was measured on a busy machine is measured again once the load has halved.
     """
     kept, load = _read(), _load_per_processor()
     if kept is not None and not (kept[1] > _BUSY and load < kept[1] / 2):
@@ -74,18 +73,18 @@ def machine_speed(progress: Progress | None = None) -> MachineSpeed:
 
 
 def _load_per_processor() -> float:
-    """Return this machine's load per processor over the last minute, to judge a measured speed."""
+    """Return the load per processor over the last minute."""
     return os.getloadavg()[0] / (os.cpu_count() or 1)
 
 
 def speed_file_path() -> Path:
-    """Return the path of labapp's shared file of the machine speed; $XDG_CACHE_HOME moves it."""
+    """Return where the measured speed is kept; $XDG_CACHE_HOME moves it."""
     cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(cache) / "labapp" / "speed.json"
 
 
 def _machine_fingerprint() -> dict[str, str]:
-    """Identify the machine and its libraries in labapp's shared file of the machine speed.
+    """Identify the machine, its libraries and the jobs.
 
     A stored speed is invalid after any change of the machine, of a library's version, or of the
     benchmark jobs.
@@ -102,7 +101,7 @@ def _machine_fingerprint() -> dict[str, str]:
 
 
 def _read() -> tuple[MachineSpeed, float] | None:
-    """Read the machine speed from labapp's shared file, and the load when it was measured.
+    """Read the stored speed, and the load when it was measured.
 
     Returns None without a file, and after any change of the machine or of a library's version.
     """
@@ -118,7 +117,7 @@ def _read() -> tuple[MachineSpeed, float] | None:
 
 
 def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
-    """Write the machine speed to labapp's shared file; if that fails, it is measured again.
+    """Store a speed; if that fails, it is measured again.
 
     load: load per processor during the measurement.
     """
@@ -132,10 +131,7 @@ def save_speed(speed: MachineSpeed, load: float = 0.0) -> None:
 
 
 def benchmark_jobs() -> list[BenchmarkJob]:
-    """Return the benchmark jobs that measure this machine's speed for all of labapp.
-
-    They cover every method at two sizes or more, and take some milliseconds each.
-    """
+    """Return jobs that cover every method at two sizes or more, and take some milliseconds each."""
     found: list[BenchmarkJob] = []
     rng = np.random.default_rng(0)
     for side, window, pitch in ((700, 200, 3e-6), (2000, 300, 2.5e-6), (300, 400, 3e-6)):
@@ -180,7 +176,7 @@ def _scattered_jobs(rng: np.random.Generator) -> list[BenchmarkJob]:
 
 
 def _kernel_jobs(rng: np.random.Generator) -> list[BenchmarkJob]:
-    """Return benchmark jobs of the machine speed for what planning takes: kernels and Python."""
+    """Return jobs for what planning takes: kernels and Python."""
     found = []
     for count in (200_000, 800_000):
         angle = torch.from_numpy(300 * rng.random(count))
@@ -213,17 +209,17 @@ def _fill_new(size: int) -> torch.Tensor:
 
 
 def _price(name: str, count: float, speed: MachineSpeed) -> float:
-    """Return the time of a benchmark job of one basic operation at a machine speed."""
+    """Return the processor seconds of `count` basic operations in one call."""
     return speed.call + count * float(getattr(speed, name))
 
 
 def _phasors(angle: torch.Tensor) -> torch.Tensor:
-    """Compute phasors, as the PSF of a lens does to judge its error, for a benchmark job."""
+    """Compute phasors, as the PSF of a lens does to judge its error."""
     return torch.complex(torch.cos(angle), torch.sin(angle))
 
 
 def _find_arcs(radii: Sequence[float]) -> int:
-    """Find the open arcs of a hexagonal stop, as a PSF's nodes need them, for a benchmark job."""
+    """Find the open arcs of a hexagonal stop, as a PSF's nodes need them."""
     stop = Stop(regular_polygon(6))
     return sum(len(open_arcs(stop, r)) for r in radii)
 
@@ -247,7 +243,7 @@ def _axial_jobs() -> list[BenchmarkJob]:
 
 @single_threaded
 def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[BenchmarkJob, float]]:
-    """Time the benchmark jobs of labapp's shared machine speed, in processor seconds.
+    """Time the jobs in processor seconds.
 
     The time is the minimum over interleaved calls, because other processes can only add to a time
     (Chen and Revels, "Robust benchmarking in noisy environments", 2016).
@@ -266,10 +262,7 @@ def time_jobs(jobs: list[BenchmarkJob], progress: Progress) -> list[tuple[Benchm
 
 
 def fit_speed(timings: list[tuple[BenchmarkJob, float]]) -> MachineSpeed:
-    """Fit the non-negative machine speeds that all of labapp shares to benchmark times.
-
-    The fit minimises the sum of squares of the relative errors.
-    """
+    """Fit non-negative speeds to measured times, by the sum of squares of the relative errors."""
     names = [field.name for field in fields(MachineSpeed) if field.name != "double"]
     nothing = replace(MachineSpeed(), **dict.fromkeys(names, 0.0))
     best, least = MachineSpeed(), float("inf")

@@ -1,4 +1,4 @@
-"""Measure the time that each stage of a computation takes."""
+"""The time that each stage of a computation takes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limit the number of threads of the numerical libraries."""
+"""The number of threads of the numerical libraries."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 
 
 def use_one_thread() -> None:
-    """Limit OpenMP and BLAS to one thread in a labapp process.
+    """Limit OpenMP and BLAS to one thread.
 
     Call this before these libraries are loaded, because they read the limit then.
     """

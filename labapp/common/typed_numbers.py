@@ -109,25 +109,25 @@ def split_list(text: str) -> list[str]:
 
 
 def _may_be_one(text: str) -> bool:
-    """Return whether the comma of a typed list may be a decimal sign or stand between groups."""
+    """Whether the comma of a list may be a decimal sign or stand between groups of digits."""
     bare = text.strip()
     return bare.count(",") == 1 and any(one.fullmatch(bare) for one in (_NUMBER, *_GROUPED))
 
 
 def _without_unit(text: str, unit: str) -> str:
-    """Return a typed number without its unit and the blanks before it."""
+    """Leave out a number's unit and the blanks before it."""
     wanted = _spell(unit.strip())
     spelled = _spell(text)
     return spelled.removesuffix(wanted).rstrip() if wanted else spelled
 
 
 def _spell(text: str) -> str:
-    """Return a typed text with one letter for micro, of which keyboards and programs have two."""
+    """Write micro with one letter; keyboards and programs have two."""
     return text.replace("\u03bc", "µ")
 
 
 def _fault(text: str, unit: str) -> str:
-    """Say what is wrong with a typed text that is no number, and what to type."""
+    """Say what is wrong with a text that is no number, and what to type."""
     if not text:
         return f"holds no number: {_RIGHT}"
     if any(one.isnumeric() and not one.isascii() for one in text):

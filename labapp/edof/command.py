@@ -69,23 +69,11 @@ def design_edof(
 ) -> None:
     """Design a pattern that extends the depth of field, write it, and print what it gives.
 
-    Parameters
-    ----------
-    request : EdofRequest
-        What is designed.
-    files : sequence of Path
-        The design file (.h5), and pictures (.png) of the pattern and of the design.
-    steps : int or None
-        Steps of the search; None for as many as `minutes` are enough for.
-    minutes : float
-        Time that the search may take, of which the number of steps is made once.
-    as_json : bool
-        Whether to print JSON for programs instead of a table.
+    Raises UserError if the bench can't be designed for, or a file can't be read.
 
-    Raises
-    ------
-    UserError
-        If the bench can't be designed for, or a file can't be read.
+    files: the design file (.h5), and pictures (.png) of the pattern and of the design.
+    steps: of the search; None for as many as `minutes` are enough for.
+    minutes: time that the search may take, of which the number of steps is made once.
     """
     bench = read_bench(BenchFiles.with_defaults(request.bench).bench)
     problem = EdofProblem(request, bench.build_camera())
@@ -146,7 +134,7 @@ def _design(
 def _rate_on_bench(
     problem: EdofProblem, grey: torch.Tensor, progress: Progress
 ) -> dict[float, PatternRating]:
-    """Rate a design as the bench shows it, by wavelength in metres."""
+    """Rate grey levels as the bench shows them, by wavelength in metres."""
     wavelengths = problem.request.wavelengths
     parts = [
         progress.part(k / len(wavelengths), (k + 1) / len(wavelengths))
@@ -161,7 +149,7 @@ def _rate_on_bench(
 def _steps_in(
     minutes: float, problem: EdofProblem, transfer: PatternTransfer, start: torch.Tensor
 ) -> int:
-    """Return how many steps of a design fit into some minutes, by the time of a few of them."""
+    """Return how many steps fit into some minutes, by the time of a few of them."""
     far, near = problem.depth_range
     depths = tuple(np.linspace(far, near, SearchSettings().depths))
     parameters = start.clone().requires_grad_()
@@ -179,7 +167,7 @@ def _steps_in(
 
 
 def _write(done: FinishedDesign, bench: BenchFile, files: Sequence[Path]) -> None:
-    """Write a design's file, the pattern as the panel shows it, and its picture."""
+    """Write the design file, the pattern as the panel shows it, and the drawing."""
     request, camera = done.problem.request, done.problem.camera
     period = 2 * math.pi * request.orders
     pictures = done.pictures
@@ -219,7 +207,7 @@ def _write(done: FinishedDesign, bench: BenchFile, files: Sequence[Path]) -> Non
 
 
 def _orientation(done: FinishedDesign) -> dict[str, Any]:
-    """Return how the pattern of a design is shown: focus, orientation and look-up table."""
+    """Return how the pattern is shown: focus, orientation and look-up table."""
     lens, panel = done.problem.camera.lens, done.problem.camera.panel
     return {
         "focus_dioptre": 1 / lens.focus_distance,
@@ -229,7 +217,7 @@ def _orientation(done: FinishedDesign) -> dict[str, Any]:
 
 
 def _quality(done: FinishedDesign) -> dict[str, Any]:
-    """Return the figures of a design for its file; lists have a value for each rated depth."""
+    """Return the figures for the file; lists have a value for each rated depth."""
     return {
         **_account(done)["expected_psnr"],
         "depths_dioptre": done.design.dioptres.tolist(),
@@ -242,7 +230,7 @@ def _quality(done: FinishedDesign) -> dict[str, Any]:
 
 
 def _account(done: FinishedDesign) -> dict[str, Any]:
-    """Return what is told of a design, as plain data."""
+    """Return what is told of the result, as plain data."""
     request, rating = done.problem.request, done.design.rating
     return {
         "settings": request.as_data(),
@@ -270,7 +258,7 @@ def _account(done: FinishedDesign) -> dict[str, Any]:
 
 
 def _rows(done: FinishedDesign) -> list[list[str]]:
-    """Return the printed rows of a design: expected PSNR in dB, beside the bound."""
+    """Return the printed rows: expected PSNR in dB, beside the bound."""
     rated = [("designed", done.design.rating)]
     rated += [
         (f"designed, on this bench, {1e9 * one:g} nm", rating)
@@ -283,7 +271,7 @@ def _rows(done: FinishedDesign) -> list[list[str]]:
 
 
 def _notes(done: FinishedDesign) -> str:
-    """Return the sentences that are printed below a design's table."""
+    """Return the sentences that are printed below the table."""
     request, rating = done.problem.request, done.design.rating
     worst = done.design.known if request.decoder == "known" else done.design.blind
     told = [

@@ -17,7 +17,7 @@ BUNDLED = "edof"
 
 
 def find_trained_pattern(name: str) -> TrainedPattern:
-    """Return the pattern with decoder of a design file, or the bundled one for the word edof.
+    """Read the trained pattern of a design file, or the bundled one for the word edof.
 
     Raises UserError if there is no such file, it has no decoder, or it is damaged.
     """
@@ -33,14 +33,14 @@ def find_trained_pattern(name: str) -> TrainedPattern:
 
 
 def name_decoder(pattern: TrainedPattern) -> str:
-    """Describe a decoder in a few words: its file, its knowledge, and its size."""
+    """Name a decoder's file, its knowledge and its size in a few words."""
     network = pattern.network
     knowledge, count = network.settings.knowledge, network.weight_count
     return f"decoder {pattern.path.name}, {knowledge}, {count:,} weights"
 
 
 def describe_decoder(pattern: TrainedPattern) -> str:
-    """Describe a decoder in a line: what it is, and what it was trained on and for."""
+    """Say in a line what a decoder is, and what it was trained on and for."""
     far, near = pattern.depth_range
     low, high = training_noise(pattern)
     return (
@@ -68,13 +68,13 @@ def decoder_data(pattern: TrainedPattern) -> dict[str, Any]:
 
 
 def training_noise(pattern: TrainedPattern) -> tuple[float, float]:
-    """Return the least and the largest noise that a decoder was trained with, where white is 1."""
+    """Return the least and the largest noise of the training, where white is 1."""
     low, high = pattern.config["capture"]["noise"]
     return float(low), float(high)
 
 
 def _describe_data(pattern: TrainedPattern) -> str:
-    """Say what pictures a decoder was trained on: drawn ones, or photographs of a list."""
+    """Say what pictures the training saw: drawn ones, or photographs of a list."""
     digest = str(pattern.account.get("data", ""))
     if digest in ("", "drawn"):
         return "drawn pictures"

@@ -31,38 +31,24 @@ pixels."""
 class PhotographDecoder:
     """Decodes photographs of all depths, taken behind a trained pattern.
 
-    Attributes
-    ----------
-    pattern : TrainedPattern
-        The pattern with its network.
-    front : WienerFront
-        The filter before the network, for the camera that takes the photographs.
+    front: the filter before the network, for the camera that takes the photographs.
     """
 
     pattern: TrainedPattern
     front: WienerFront
 
     def decode(self, picture: torch.Tensor, noise: float) -> torch.Tensor:
-        """Decode a photograph.
+        """Return the sharp picture's light, (rows, columns).
 
-        Parameters
-        ----------
-        picture : torch.Tensor, (rows, columns)
-            Light, where white is 1.
-        noise : float
-            Standard deviation of a pixel's noise, where white is 1; above 0.
-
-        Returns
-        -------
-        torch.Tensor, (rows, columns)
-            The sharp picture's light.
+        picture: (rows, columns), light, where white is 1.
+        noise: standard deviation of a pixel's noise, where white is 1; above 0.
         """
         filtered = self._filter(noise)(picture.to(torch.float32))
         return self.pattern.network.restore(picture, noise, filtered)
 
     @functools.lru_cache(maxsize=1)  # noqa: B019
     def _filter(self, noise: float) -> CaptureFilter:
-        """Return the filter for photographs with a noise level, and keep the last one."""
+        """Return the filter for a noise level, and keep the last one."""
         return CaptureFilter(self.front, noise)
 
 
@@ -71,24 +57,10 @@ def build_decoder(
 ) -> PhotographDecoder:
     """Build what decodes photographs behind a trained pattern.
 
-    Parameters
-    ----------
-    pattern : TrainedPattern
-        The pattern with its decoder. It mustn't be told the depth, which a photograph doesn't say.
-    camera : Camera, optional
-        The camera that takes the photographs; that of the training by default.
-    progress : Progress, optional
-        Told how far the work is.
+    The decoder mustn't be told the depth, which a photograph doesn't say. Raises UserError if it
+    is, or if the camera's panel or pixels are other ones.
 
-    Returns
-    -------
-    PhotographDecoder
-        The decoder for the camera.
-
-    Raises
-    ------
-    UserError
-        If the decoder is told the depth, or the camera's panel or pixels are other ones.
+    camera: the one that takes the photographs; that of the training by default.
     """
     if not pattern.network.settings.is_blind:
         raise UserError(

@@ -1,4 +1,4 @@
-"""Analyse a pattern that extends the depth of field: restoration, transfer and PSFs over depth."""
+"""Analyse patterns that extend the depth of field: restoration, transfer and PSFs over depth."""
 
 from __future__ import annotations
 
@@ -46,16 +46,12 @@ _SHOWN_PIXELS = 128
 
 @dataclass(frozen=True, eq=False)
 class DepthCurves:
-    """What linear restoration is expected to give behind a pattern at each depth.
+    """What linear restoration is expected to give at each depth.
 
-    Attributes
-    ----------
-    dioptres : array, (depths,)
-        The depths.
-    blind, known : array, (depths,)
-        Expected PSNR in dB, with one filter for all depths and with the depth known.
-    rating : PatternRating
-        The same for all depths together.
+    dioptres: (depths,).
+    blind, known: (depths,), expected PSNR in dB, with one filter for all depths and with the depth
+        known.
+    rating: the same for all depths together.
     """
 
     dioptres: NDArray[np.float64]
@@ -67,7 +63,7 @@ class DepthCurves:
 def analyse_depths(
     problem: EdofProblem, transfer: PatternTransfer, phase: torch.Tensor
 ) -> DepthCurves:
-    """Compute the expected PSNR of linear restoration behind a pattern, depth by depth.
+    """Compute the expected PSNR of linear restoration, depth by depth.
 
     phase: in the shape that `transfer` takes, radians.
     """
@@ -96,21 +92,8 @@ def rate_on_bench(
     The PSFs are those of whole sensor pixels behind the bench's own camera, with the panel's
     unmodulated light, its gaps, its phase at the wavelength and its distance from the lens.
 
-    Parameters
-    ----------
-    problem : EdofProblem
-        What the pattern was designed for.
-    grey : torch.Tensor, (rows, columns), uint8
-        What the panel shows.
-    wavelength : float
-        Metres.
-    progress : Progress
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    PatternRating
-        The expected PSNR.
+    grey: (rows, columns), uint8, what the panel shows.
+    wavelength: metres.
     """
     phase, symmetry = grey_to_phase(problem.camera.panel, grey, wavelength), "none"
     if problem.mirrored and bool((grey == grey.flip(0)).all() and (grey == grey.flip(1)).all()):
@@ -145,7 +128,7 @@ def rate_all_hand_made(problem: EdofProblem) -> dict[str, PatternRating]:
 
 
 def rate_hand_made(problem: EdofProblem, name: str) -> PatternRating:
-    """Rate a hand-made pattern of a name for the same camera, pictures and depths."""
+    """Rate the hand-made pattern of a name for the same camera, pictures and depths."""
     wavelength = problem.request.wavelengths[0]
     transfer = problem.transfer(wavelength, mirrored=name in MIRRORED_PATTERNS)
     phase = problem.pattern(name, wavelength)
@@ -168,7 +151,7 @@ def bound_level(problem: EdofProblem, limit: torch.Tensor) -> float:
 
 @dataclass(frozen=True, eq=False)
 class DepthPictures:
-    """PSFs of a pattern at some depths, and their transfer functions along x.
+    """PSFs at some depths, and their transfer functions along x.
 
     psfs: (depths, rows, columns), share of the light on each sensor pixel, as the bench's panel
     makes it. transfer: (depths, frequencies), modulus. frequencies: cycles per pixel.
@@ -184,7 +167,7 @@ class DepthPictures:
 def compute_depth_pictures(
     problem: EdofProblem, transfer: PatternTransfer, phase: torch.Tensor, progress: Progress
 ) -> DepthPictures:
-    """Compute PSFs and transfer functions of a pattern at some depths of its range.
+    """Compute PSFs and transfer functions at some depths of the range.
 
     The PSFs are those of the bench's camera: with the panel's pixels, its unmodulated light, its
     distance from the lens and whole sensor pixels. phase: of the whole panel, radians.

@@ -18,22 +18,14 @@ _DECADES = 3.0
 
 @dataclass(frozen=True, eq=False)
 class DesignDrawing:
-    """What the picture of a design shows.
+    """What the drawing shows.
 
-    Attributes
-    ----------
-    grey : array of uint8, (rows, columns)
-        The pattern as the panel shows it.
-    pictures : DepthPictures
-        PSFs and transfer functions at some depths.
-    limit : array, (frequencies,)
-        Largest rms transfer function along x of any pattern.
-    start, design : DepthCurves
-        Expected PSNR over depth, of the pattern at the start and of the design.
-    bound : float
-        Highest expected PSNR of any pattern, dB.
-    decoder : str
-        "blind" or "known".
+    grey: (rows, columns), uint8, the pattern as the panel shows it.
+    pictures: PSFs and transfer functions at some depths.
+    limit: (frequencies,), largest rms transfer function along x of any pattern.
+    start, design: expected PSNR over depth, of the pattern at the start and of the design.
+    bound: highest expected PSNR of any pattern, dB.
+    decoder: "blind" or "known".
     """
 
     grey: NDArray[np.uint8]
@@ -46,7 +38,7 @@ class DesignDrawing:
 
 
 def draw_design(title: str, drawing: DesignDrawing) -> bytes:
-    """Draw a design as PNG."""
+    """Draw a pattern with its figures as PNG."""
     figure = Figure(figsize=(15, 8.2), dpi=100, layout="constrained")
     figure.suptitle(title, fontsize=12)
     upper, lower = np.ravel(figure.subfigures(2, 1, squeeze=False, height_ratios=(1, 1.35)))
@@ -61,7 +53,7 @@ def draw_design(title: str, drawing: DesignDrawing) -> bytes:
 
 
 def _draw_psfs(figure: SubFigure, pictures: DepthPictures) -> None:
-    """Draw the PSFs of a design at some depths, all on the same logarithmic scale."""
+    """Draw the PSFs at some depths, all on the same logarithmic scale."""
     axes = figure.subplots(1, len(pictures.psfs), squeeze=False)[0]
     peak = max(float(pictures.psfs.max()), np.finfo(np.float64).tiny)
     y, x = (pictures.pixels.coordinates(axis).numpy() * 1e6 for axis in (0, 1))
@@ -77,7 +69,7 @@ def _draw_psfs(figure: SubFigure, pictures: DepthPictures) -> None:
 
 
 def _draw_transfer(axis: Axes, drawing: DesignDrawing) -> None:
-    """Draw a design's transfer functions along x at some depths, and the bound on their rms."""
+    """Draw transfer functions along x at some depths, and the bound on their rms."""
     pictures = drawing.pictures
     colours = [f"C{number}" for number in range(len(pictures.dioptres))]
     for values, dioptre, colour in zip(pictures.transfer, pictures.dioptres, colours, strict=True):
@@ -95,7 +87,7 @@ def _draw_transfer(axis: Axes, drawing: DesignDrawing) -> None:
 
 
 def _draw_quality(axis: Axes, drawing: DesignDrawing) -> None:
-    """Draw the expected PSNR over depth of a design and of its start, and the bound."""
+    """Draw the expected PSNR over depth of the design and of its start, and the bound."""
     known = drawing.decoder == "known"
     for curves, style, name in ((drawing.start, "C1:", "start"), (drawing.design, "C0-", "design")):
         axis.plot(curves.dioptres, curves.known if known else curves.blind, style, label=name)

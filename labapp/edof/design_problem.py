@@ -1,4 +1,4 @@
-"""Set up the design of a pattern that extends a bench's depth of field."""
+"""The problem of designing a pattern that extends a bench's depth of field."""
 
 from __future__ import annotations
 
@@ -251,7 +251,7 @@ class EdofProblem:
 
 
 def _read_phase(path: Path, panel: Panel) -> torch.Tensor:
-    """Read the phase of a design file for another design to start from.
+    """Read a design file's phase, to start another design from.
 
     Of grey levels alone, it is the phase that the bench's panel shows.
     """

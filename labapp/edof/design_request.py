@@ -1,4 +1,4 @@
-"""The request for a pattern that extends the depth of field, from the command line."""
+"""What a pattern that extends the depth of field is requested to be, from the command line."""
 
 from __future__ import annotations
 
@@ -24,45 +24,25 @@ _LARGEST_RESPONSE_ERROR = 0.5
 
 @dataclass(frozen=True)
 class EdofRequest:
-    """The options of `labapp design edof` that decide the pattern.
+    """The options of `labapp design edof` that decide the pattern; UserError for wrong ones.
 
-    Attributes
-    ----------
-    bench : Path or None
-        The bench file; None for the bundled one.
-    wavelengths : tuple of float
-        Metres; of several, the pattern suits all, and is shown for the first one.
-    near, far : float
-        Nearest and farthest depth, dioptres from the panel; 0 is infinity.
-    noise : float
-        Standard deviation of a pixel's noise, where white is 1.
-    decoder : {"blind", "known"}
-        Whether one filter restores all depths, or the depth is known.
-    pictures : Path or None
-        Folder of photographs whose power spectrum is designed for; None for natural photographs.
-    start : str
-        One of STARTS, or a design file.
-    parametrisation : str
-        One of PARAMETRISATION_NAMES.
-    size : int
-        Pixels along a side of the periodic pictures.
-    orders : int
-        Whole waves of the panel's range that the pattern uses.
-    seed : int
-        Of all random numbers.
-    binning : int, optional
-        Sensor pixels along a side of the squares that are averaged into a pixel of the pictures.
-    fringing : float or None, optional
-        Standard deviation in metres by which fringing fields blur the panel's phase, which the
-        pattern shall stand; None for the bench's own where the pattern is described by pixels.
-    response_error : float, optional
-        Relative error of the panel's response, to both sides, which the pattern shall stand; 0 to
-        .5.
-
-    Raises
-    ------
-    UserError
-        For options that are wrong.
+    bench: the bench file; None for the bundled one.
+    wavelengths: metres; of several, the pattern suits all, and is shown for the first one.
+    near, far: nearest and farthest depth, dioptres from the panel; 0 is infinity.
+    noise: standard deviation of a pixel's noise, where white is 1.
+    decoder: whether one filter restores all depths ("blind"), or the depth is known ("known").
+    pictures: folder of photographs whose power spectrum is designed for; None for natural ones.
+    start: one of STARTS, or a design file.
+    parametrisation: one of PARAMETRISATION_NAMES.
+    size: pixels along a side of the periodic pictures.
+    orders: whole waves of the panel's range that the pattern uses.
+    seed: of all random numbers.
+    binning: sensor pixels along a side of the squares that are averaged into a pixel of the
+        pictures.
+    fringing: standard deviation in metres by which fringing fields blur the panel's phase, which
+        the pattern shall stand; None for the bench's own where the pattern is described by pixels.
+    response_error: relative error of the panel's response, to both sides, which the pattern shall
+        stand; 0 to .5.
     """
 
     bench: Path | None

@@ -23,27 +23,10 @@ def search_pattern(
 ) -> DesignResult:
     """Search for a pattern, and keep the state now and then, and when the search is cancelled.
 
-    Parameters
-    ----------
-    problem : EdofProblem
-        What is designed for.
-    transfer : PatternTransfer
-        The optics at the first wavelength.
-    start : torch.Tensor
-        Parameters to start from.
-    steps : int
-        Steps of the search in all.
-    state : SearchState
-        The state to go on from; it is changed in place.
-    kept : DesignStateFile
-        Where the state is kept.
-    progress : Progress
-        Receives reports, and can cancel the search.
-
-    Returns
-    -------
-    DesignResult
-        The design after the last step.
+    transfer: the optics at the first wavelength.
+    start: parameters to start from.
+    steps: of the search in all.
+    state: to go on from; it is changed in place.
     """
 
     def report(fraction: float, message: str) -> None:

@@ -1,4 +1,4 @@
-"""Keep the state of a pattern's design in a file beside the result, so that it can go on."""
+"""Keep the state of a search in a file beside the result, so that it can go on."""
 
 from __future__ import annotations
 
@@ -11,22 +11,17 @@ from optics.edof.pattern_rating import SearchState
 
 
 class DesignStateFile:
-    """Writes the state of a pattern's design to a file now and then, and reads it again.
+    """Writes the state of a search to a file now and then, and reads it again.
 
-    Parameters
-    ----------
-    file : StateFile
-        The file.
-    settings : mapping
-        Everything that the design depends on, as plain data, with "steps", those of the search in
-        all. A state of other settings is refused.
+    settings: everything that the design depends on, as plain data, with "steps", those of the
+        search in all. A state of other settings is refused.
     """
 
     def __init__(self, file: StateFile, settings: Mapping[str, Any]) -> None:
         self._file, self._settings = file, settings
 
     def read(self) -> SearchState | None:
-        """Return the state of an interrupted design, or None without one.
+        """Return the state of an interrupted search, or None without one.
 
         Raises UserError if the file is damaged, or of a design with other settings.
         """
@@ -37,12 +32,12 @@ class DesignStateFile:
             raise self._file.describe_damage(error) from error
 
     def write(self, state: SearchState) -> None:
-        """Write the state of a design to the file; raise UserError if that fails."""
+        """Write the state; UserError if that fails."""
         self._file.write(
             self._settings, {one.name: getattr(state, one.name) for one in fields(state)}
         )
 
     def write_if_due(self, state: SearchState) -> None:
-        """Write the state of a design if the last time is long ago."""
+        """Write the state if the last time is long ago."""
         if state.step and self._file.is_due():
             self.write(state)

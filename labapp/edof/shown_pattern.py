@@ -28,17 +28,11 @@ by as much, 9 pixels of 450 at its rim."""
 class ShownPattern:
     """A trained pattern as a bench has shown it.
 
-    Attributes
-    ----------
-    pattern : TrainedPattern
-        The pattern with its network; the grey levels give `camera` the phase that was shown, at
-        the wavelength of the photograph.
-    camera : Camera
-        The bench's camera; the flatness of its panel is part of the pattern.
-    strehl : float
-        Likeness of the shown phase with that of the training, from 0 to 1.
-    same_levels : bool
-        Whether the panel was sent the grey levels of the training.
+    pattern: with its network; the grey levels give `camera` the phase that was shown, at the
+        wavelength of the photograph.
+    camera: of the bench; the flatness of its panel is part of the pattern.
+    strehl: likeness of the shown phase with that of the training, from 0 to 1.
+    same_levels: whether the panel was sent the grey levels of the training.
     """
 
     pattern: TrainedPattern
@@ -50,32 +44,15 @@ class ShownPattern:
 def match_shown_pattern(
     pattern: TrainedPattern, camera: Camera, grey: np.ndarray, wavelength: float, source: str
 ) -> ShownPattern:
-    """Return a trained pattern as a bench has shown it, if the photograph was taken through it.
+    """Return a trained pattern with the phase that a bench has shown.
 
-    Phases are compared, as a calibrated panel shows the same phase by other grey levels.
+    Phases are compared, as a calibrated panel shows the same phase by other grey levels. Raises
+    UserError if it is another pattern, for another panel or wavelength, or a video.
 
-    Parameters
-    ----------
-    pattern : TrainedPattern
-        The pattern of the decoder.
-    camera : Camera
-        The camera that has taken the photograph.
-    grey : numpy.ndarray, (rows, columns), uint8
-        What its panel was sent.
-    wavelength : float
-        Metres.
-    source : str
-        The photograph and its pattern, in words, for errors.
-
-    Returns
-    -------
-    ShownPattern
-        The pattern with the phase that was shown.
-
-    Raises
-    ------
-    UserError
-        If it is another pattern, for another panel or wavelength, or a video.
+    camera: the one that has taken the photograph.
+    grey: (rows, columns), uint8, what its panel was sent.
+    wavelength: metres.
+    source: the photograph and its pattern, in words, for errors.
     """
     own, panel = pattern.camera.panel, camera.panel
     if grey.ndim != 2:
@@ -124,7 +101,7 @@ def _shown_phase(camera: Camera, grey: np.ndarray, wavelength: float) -> torch.T
 
 
 def _describe_panel(camera: Camera) -> str:
-    """Describe a camera's panel by the number and the pitch of its pixels."""
+    """Name the number and the pitch of a panel's pixels."""
     rows, columns = camera.panel.shape
     return f"{columns}x{rows} pixels of {1e6 * camera.panel.pitch:g} µm"
 

@@ -29,24 +29,13 @@ BUNDLED_PATTERN = bundled_trained_design()
 class TrainedPattern:
     """A pattern that extends the depth of field, with the network that decodes its photographs.
 
-    Attributes
-    ----------
-    path : Path
-        The design file.
-    camera : Camera
-        The camera that it was trained for.
-    wavelength : float
-        Metres.
-    grey : numpy.ndarray, (rows, columns), uint8
-        The pattern as the panel shows it.
-    network : DecoderNetwork
-        The decoder's network.
-    spectrum : SpectrumModel
-        Power spectrum of the pictures that the filter before the network takes to be there.
-    config : mapping
-        The configuration of the training, as plain data.
-    account : mapping
-        Steps, scores and data of the training, as plain data.
+    path: the design file.
+    camera: the one that it was trained for.
+    wavelength: metres.
+    grey: (rows, columns), uint8, the pattern as the panel shows it.
+    spectrum: power spectrum of the pictures that the filter before the network takes to be there.
+    config: the configuration of the training, as plain data.
+    account: steps, scores and data of the training, as plain data.
     """
 
     path: Path

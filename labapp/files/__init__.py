@@ -1,1 +1,1 @@
-"""Read and write the application's files: bench, plan, scene, calibration, design and tables."""
+"""Read and write what labapp keeps: benches, plans, scenes, calibrations, designs and tables."""

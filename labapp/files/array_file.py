@@ -1,4 +1,4 @@
-"""Read NumPy's .npy and .npz files whose sizes have been checked before anything is expanded."""
+"""NumPy's .npy and .npz files, whose sizes are checked before anything is expanded."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from labapp.files.guarded_reading import (
 )
 
 _MOST_MEMBERS = 10_000
-"""Arrays in an .npz file, about a hundred times more than any of labapp's has. Chosen."""
+"""Arrays in an .npz, about a hundred times more than any of labapp's has. Chosen."""
 
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Kinds of compression that NumPy writes."""
 
 
 def read_npy(path: Path) -> NDArray[Any]:
-    """Read the array of a .npy file; raise UserError if it isn't one, or is cut short."""
+    """Read a .npy array; raise UserError if it isn't one, or is cut short."""
     return _parse_npy(path, read_bytes(path), "")
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the arrays of an .npz file by name; raise UserError if it is damaged or isn't one."""
+    """Read the arrays of an .npz by name; raise UserError if it is damaged or isn't one."""
     with open_regular(path) as file:
         return {
             name.removesuffix(".npy"): _parse_npy(path, data, f"{name}: ")
@@ -42,9 +42,9 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def require_plain_zip(path: Path) -> None:
-    """Raise UserError if a ZIP file, such as torch writes, stands for more than it stores.
+    """Raise UserError if a ZIP archive, such as torch writes, stands for more than it stores.
 
-    Files of other kinds pass.
+    Other kinds of files pass.
     """
     with open_regular(path) as file:
         if zipfile.is_zipfile(file):
@@ -56,7 +56,7 @@ def require_plain_zip(path: Path) -> None:
 
 
 def _read_members(path: Path, file: BinaryIO) -> dict[str, bytes]:
-    """Return the members of a ZIP file of arrays by name, expanded."""
+    """Return the expanded members of a ZIP archive of arrays, by name."""
     try:
         with zipfile.ZipFile(file) as archive:
             _require_members(path, archive, file)
@@ -70,7 +70,7 @@ def _read_members(path: Path, file: BinaryIO) -> dict[str, bytes]:
 
 
 def _require_members(path: Path, archive: zipfile.ZipFile, file: BinaryIO) -> None:
-    """Raise UserError if the members of a ZIP file are too many, or would grow too large."""
+    """Raise UserError if an archive's members are too many, or would grow too large."""
     members = archive.infolist()
     if len(members) > _MOST_MEMBERS:
         raise UserError(f"{path}: holds {len(members)} arrays. Give one with fewer.")
@@ -81,7 +81,7 @@ def _require_members(path: Path, archive: zipfile.ZipFile, file: BinaryIO) -> No
 
 
 def _parse_npy(path: Path, data: bytes, where: str) -> NDArray[Any]:
-    """Return the array in the bytes of a .npy file, or of a member of an .npz file."""
+    """Parse the bytes of a .npy file, or of a member of an .npz."""
     stream = io.BytesIO(data)
     try:
         read_header = {

@@ -28,12 +28,12 @@ class DeviceTable(FileModel):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether this device table of a bench file names a simulated driver."""
+        """Whether the driver simulates the whole device, by its name."""
         return self.driver.startswith("simulated-")
 
     @property
     def is_exclusive(self) -> bool:
-        """Whether only one application at a time can open the device of this bench-file table.
+        """Whether only one application at a time can open the device.
 
         Simulated devices, and targets that a person changes by hand, can be shared.
         """
@@ -54,13 +54,13 @@ class DevicesTable(FileModel):
 
     @property
     def tables(self) -> dict[str, DeviceTable]:
-        """The bench file's tables of all devices that it has, by role."""
+        """All devices that are given, by role."""
         named = {name: getattr(self, name) for name in DevicesTable.model_fields}
         return {name: table for name, table in named.items() if table is not None}
 
     @property
     def run_devices(self) -> dict[str, DeviceTable]:
-        """The bench file's tables of the devices that every run needs, by role."""
+        """The devices that every run needs, by role."""
         return {name: table for name, table in self.tables.items() if name != "spectroradiometer"}
 
 
@@ -76,14 +76,14 @@ class BenchFile(CameraFile):
 
     @property
     def is_virtual(self) -> bool:
-        """Whether the bench file names any simulated device, so that it needs a scene file."""
+        """Whether any device is simulated, so that a scene file is needed."""
         return any(table.is_simulated for table in self.devices.tables.values())
 
     @property
     def tells_clip_level(self) -> bool:
-        """Whether it is known where the camera's pixels clip: by bench file, or calibration.
+        """Whether it is known where the camera's pixels clip: by description, or calibration.
 
-        A simulated camera's frames follow from the bench file.
+        A simulated camera's frames follow from its description.
         """
         calibration = self.active_camera_calibration
         measured = calibration is not None and calibration.clip_number_dn is not None
@@ -92,26 +92,23 @@ class BenchFile(CameraFile):
 
     @property
     def is_real(self) -> bool:
-        """Whether the bench file names any real device for a run.
-
-        A run with a real device follows the wall clock.
-        """
+        """Whether any device of a run is real; such a run follows the wall clock."""
         return not all(table.is_simulated for table in self.devices.run_devices.values())
 
 
 def read_bench(path: Path) -> BenchFile:
-    """Read a bench file; resolve_included_files() tells which files it may include, and errors."""
+    """Read a bench; resolve_included_files() tells which files it may include, and errors."""
     return resolve_included_files(read_file(path, dict[str, Any]), path, BenchFile)
 
 
 def read_camera_file(path: Path) -> CameraFile:
-    """Read a camera file, or a bench file, in the same way as read_bench()."""
+    """Read a camera's description, alone or as part of a bench, in the same way as read_bench()."""
     data = read_file(path, dict[str, Any])
     return resolve_included_files(data, path, BenchFile if "devices" in data else CameraFile)
 
 
 def read_camera(path: Path | None) -> Camera:
-    """Return the calibrated camera of a camera file or a bench file.
+    """Return the calibrated camera that a camera file or a bench file describes.
 
     If `path` is None, the camera is that of the bundled virtual bench. Raises the UserErrors of
     read_bench(), and another if the calibration belongs to another panel.

@@ -1,4 +1,4 @@
-"""A plan's exposure brackets that are chosen for a signal-to-noise ratio, and what was chosen."""
+"""Exposure brackets that a plan wants for a signal-to-noise ratio, and what was chosen for them."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ class BracketTable(FileModel):
 
     @property
     def is_metered(self) -> bool:
-        """Whether the plan file leaves the bracket's range to metering."""
+        """Whether the range of the light is left to metering."""
         return self.electrons_per_s is None
 
     def describe(self) -> str:
-        """Return what is wanted of a plan file's bracket in words."""
+        """Say in words what is wanted: the ratio in dB, and the range."""
         if self.electrons_per_s is not None:
             low, high = self.electrons_per_s
             where = f"from {low:.3g} to {high:.3g} electrons/s"
@@ -115,7 +115,7 @@ class ChosenTable(FileModel):
     metering_seconds: Amount = 0.0
 
     def describe(self) -> str:
-        """Return in words what was chosen for a plan file's bracket, and why."""
+        """Say in words what was chosen, and why."""
         low, high = self.electrons_per_s
         how = "metered" if self.metered else "given"
         return (

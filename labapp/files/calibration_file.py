@@ -1,4 +1,4 @@
-"""The calibration file: the fitted quantities of a bench, their uncertainties, and the bench."""
+"""The calibration file: a bench's fitted quantities, their uncertainties, and the bench itself."""
 
 from __future__ import annotations
 
@@ -72,9 +72,9 @@ class RegistrationTable(FileModel):
     image_distance_mm: Positive
 
     def build(self) -> Registration:
-        """Return a calibration file's registration, without the residuals of the spots.
+        """Return the registration, without the residuals of the spots.
 
-        The file holds only the rms of the residuals.
+        Only the rms of the residuals is stored.
         """
         return Registration(
             self.wavelength_nm * 1e-9,
@@ -145,7 +145,7 @@ class MeasuredResponseTable(FileModel):
 
     @property
     def phases(self) -> Any:
-        """The phases in a calibration file, (rows, columns, levels), in radians.
+        """The phases of all regions, (rows, columns, levels), radians.
 
         Rows and columns count the regions of the panel.
         """
@@ -185,7 +185,7 @@ class WavefrontTable(FileModel):
     chi2: Amount
 
     def build(self, panel: Panel) -> PanelMap:
-        """Return a calibration file's wavefront as optical path on cells that cover the panel."""
+        """Return the wavefront as optical path on cells that cover the panel."""
         # 240 cells along the panel's longer side resolve polynomials of the fourth degree.
         cells = tuple(max(1, round(n * min(1, 240 / max(panel.shape)))) for n in panel.shape)
         pitch = tuple(n * panel.pitch / c for n, c in zip(panel.shape, cells, strict=True))
@@ -234,11 +234,11 @@ class CalibrationFile(FileModel):
 
     @property
     def wavelengths(self) -> list[float]:
-        """Wavelengths of the phase responses in the calibration file, in metres, sorted."""
+        """Wavelengths of the phase responses, metres, sorted."""
         return sorted(table.wavelength_nm * 1e-9 for table in self.responses)
 
     def apply_to(self, camera: Camera) -> Camera:
-        """Return the camera with a calibration file's measurements in place of its description.
+        """Return the camera with these measurements in place of its description.
 
         Raises ValueError if the calibration belongs to another panel.
         """
@@ -268,6 +268,6 @@ _ROW = re.compile(rf"\[\s*{_NUMBER}(?:,\s*{_NUMBER})*\s*\]")
 
 
 def calibration_to_json(calibration: FileModel) -> bytes:
-    """Return the text of a calibration's file: a key per line, and rows of numbers on one line."""
+    """Encode a calibration as JSON: a key per line, and rows of numbers on one line."""
     text = json.dumps(calibration.model_dump(mode="json"), indent=1)
     return _ROW.sub(lambda row: " ".join(row[0].split()), text).encode() + b"\n"

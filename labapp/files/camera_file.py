@@ -68,7 +68,7 @@ class LensTable(FileModel):
         return self
 
     def build(self) -> Lens:
-        """Return the lens that the table [lens] of a camera file describes."""
+        """Return the lens in SI units."""
         opening = regular_polygon(self.blades) if self.blades else Circle()
         obscured = (Circle(self.obscuration),) if self.obscuration else ()
         return Lens(
@@ -148,10 +148,9 @@ class CameraFile(FileModel):
 
     @property
     def active_calibration(self) -> CalibrationFile | None:
-        """The calibration that the camera file has or names; None if there is none.
+        """The bench's calibration, given or named; None if there is none.
 
-        If the camera file only names a calibration file, that file is read. Raises UserError if it
-        can't be read.
+        A calibration that is only named is read; UserError if it can't be.
         """
         if isinstance(self.calibration, str):
             return read_file(Path(self.calibration), CalibrationFile)
@@ -159,10 +158,9 @@ class CameraFile(FileModel):
 
     @property
     def active_camera_calibration(self) -> CameraNoiseFile | None:
-        """The calibration of the camera's noise that the camera file has or names; None without.
+        """The calibration of the camera's noise, given or named; None if there is none.
 
-        If the camera file only names a calibration file, that file is read. Raises UserError if it
-        can't be read.
+        A calibration that is only named is read; UserError if it can't be.
         """
         if isinstance(self.camera_calibration, str):
             return read_file(Path(self.camera_calibration), CameraNoiseFile)
@@ -170,9 +168,9 @@ class CameraFile(FileModel):
 
     @property
     def interference(self) -> float | None:
-        """Strength of the interference of modulated and unmodulated light in the camera file.
+        """Strength of the interference of modulated and unmodulated light.
 
-        None if the file doesn't describe the polarisation. The sum of their irradiances leaves this
+        None without a description of the polarisation. The sum of their irradiances leaves this
         interference out; see optics.polarisation.PathEffect.
         """
         if self.polarisation is None:
@@ -180,11 +178,11 @@ class CameraFile(FileModel):
         return float(self.polarisation.build().effect().interference.abs())
 
     def without_calibration(self) -> Self:
-        """Return the camera file as it is described, without its calibrations."""
+        """Return what is described, without its calibrations."""
         return self.model_copy(update={"calibration": None, "camera_calibration": None})
 
     def build_camera(self) -> Camera:
-        """Return the camera file's calibrated camera.
+        """Return the calibrated camera.
 
         Raises UserError if a calibration is of another panel or sensor.
         """
@@ -201,7 +199,7 @@ class CameraFile(FileModel):
             ) from error
 
     def _apply_camera_calibration(self, camera: Camera) -> Camera:
-        """Return the camera with the sensor as the camera file's calibration measured it."""
+        """Return the camera with the sensor as its calibration measured it."""
         calibration = self.active_camera_calibration
         if calibration is None:
             return camera
@@ -233,7 +231,7 @@ class CameraFile(FileModel):
         )
 
     def _apply_polarisation(self, panel: Panel) -> tuple[Panel, float]:
-        """Return the panel with the unmodulated share that the camera file's polarisation gives.
+        """Return the panel with the unmodulated share that follows from the polarisation.
 
         The second value is the camera's transmission, which includes the polarisation's.
         """
@@ -248,7 +246,7 @@ C = TypeVar("C", bound=CameraFile)
 
 
 def resolve_included_files(data: dict[str, Any], path: Path, model: type[C]) -> C:
-    """Return a camera or bench file with the contents of the files that it includes.
+    """Return a camera or a bench with the contents of the files that it includes.
 
     Panel and sensor may be files of their own, as in `panel = { file = "mine.toml" }`, or names
     of bundled ones (see labapp.files.panel_file and sensor_file). Keys beside `file` override

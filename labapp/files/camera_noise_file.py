@@ -59,7 +59,7 @@ class DefectTable(FileModel):
 
     @property
     def pixels(self) -> list[Pixel]:
-        """All defective pixels of the camera, each once, by row and column."""
+        """All defective pixels, each once, by row and column."""
         return sorted({*self.hot, *self.bright, *self.weak, *self.dead})
 
 
@@ -136,7 +136,7 @@ class CameraNoiseFile(FileModel):
     curve: tuple[CurvePointTable, ...]
 
     def apply_to(self, sensor: Sensor) -> Sensor:
-        """Return the sensor with a camera calibration's measurements in place of its description.
+        """Return the sensor with these measurements in place of its description.
 
         Raises ValueError if the calibration is of a sensor of other size or bits.
         """
@@ -155,7 +155,7 @@ class CameraNoiseFile(FileModel):
         return replace(sensor, **changes, full_well=self._full_well(sensor, gain, black, noise))
 
     def _require_same(self, sensor: Sensor) -> None:
-        """Raise ValueError unless a camera calibration is of a sensor's size and bits."""
+        """Raise ValueError unless the sensor has the size and bits of the calibrated one."""
         shape = self.sensor.get("height"), self.sensor.get("width")
         if shape != sensor.shape:
             raise ValueError(
@@ -168,7 +168,10 @@ class CameraNoiseFile(FileModel):
             )
 
     def _full_well(self, sensor: Sensor, gain: float, black: float, noise: float) -> float:
-        """Return the full well with which a sensor's full scale is what a calibration measured."""
+        """Return the full well, electrons, with which the full scale is what was measured.
+
+        gain: electrons per number. black: black level, number. noise: read noise, electrons.
+        """
         if self.full_well_electrons is None:
             # The number at which pixels clip stays as it was described.
             return sensor.full_well * gain / sensor.gain
@@ -179,7 +182,7 @@ class CameraNoiseFile(FileModel):
         return top + _WELL_DEVIATIONS * noise
 
     def defect_mask(self) -> NDArray[np.bool_]:
-        """Return the defective pixels in a camera calibration, (rows, columns)."""
+        """Return where pixels are defective, (rows, columns)."""
         mask = np.zeros((self.sensor["height"], self.sensor["width"]), dtype=bool)
         for row, column in self.defects.pixels:
             mask[row, column] = True

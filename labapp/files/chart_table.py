@@ -30,10 +30,7 @@ class _PlacedObject(FileModel):
         return self.offset_mm[0] * 1e-3, self.offset_mm[1] * 1e-3
 
     def content_and_outline(self) -> tuple[tuple[PaintedPicture, ...], Drawable]:
-        """Return the painted pictures on a scene file's object, and the object's outline.
-
-        The outline hides what is behind the object.
-        """
+        """Return the painted pictures on the object, and the outline that hides what is behind."""
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""Read what the headings of text tables say of their columns: quantity, unit and wavelength."""
+"""What the headings of text tables say of their columns: quantity, unit and wavelength."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ _LOGARITHMS = re.compile(r"\b(od|optical density|db|absorbance)\b", re.IGNORECAS
 
 
 def is_level(heading: str) -> bool:
-    """Return whether a heading of a text table names the panel's grey levels."""
+    """Return whether a heading names the panel's grey levels."""
     word = re.sub(r"[\s_\-]", "", _BRACKETS.sub("", heading).lower())
     return word.removesuffix("s") in _LEVELS
 
 
 def is_voltage(heading: str) -> bool:
-    """Return whether a heading of a text table names voltages, or what drives the panel."""
+    """Return whether a heading names voltages, or what drives the panel."""
     return _VOLTAGE.search(heading.replace("_", " ")) is not None
 
 
 def read_phase_heading(heading: str) -> tuple[float, float]:
-    """Return the wavelength in nm of a text table's phases, and their unit in pi.
+    """Return the wavelength in nm of a column of phases, and their unit in pi.
 
     A wavelength alone heads phases in units of pi. Raises ValueError with the reason for a heading
     that leaves one of both open.
@@ -77,13 +77,13 @@ def read_phase_heading(heading: str) -> tuple[float, float]:
 
 
 def unit_in_heading(heading: str) -> str:
-    """Return the unit that a heading of a text table names in brackets or after / ; "" if none."""
+    """Return the unit that a heading names in brackets or after / ; "" if none."""
     found = _BRACKETS.search(heading) or _AFTER_SLASH.search(heading)
     return found[1].strip() if found else ""
 
 
 def share_unit(heading: str) -> float:
-    """Return the unit of a text table's column of shares: 0.01 for per cent, else 1.
+    """Return the unit of a column of shares: 0.01 for per cent, else 1.
 
     Raises ValueError for logarithms.
     """

@@ -12,22 +12,9 @@ ENVI_DATA_ENDING = ".raw"
 
 
 def cube_paths(path: Path) -> tuple[Path, ...]:
-    """Return the files that hold a cube: one of HDF5, or a header and the data of ENVI.
+    """Return the paths that hold a cube: one of HDF5, or a header and the data of ENVI.
 
-    Parameters
-    ----------
-    path : Path
-        File of the cube, by whose ending the format is chosen: .h5, .hdf5 or .hdr.
-
-    Returns
-    -------
-    tuple of Path
-        The files that `labapp.files.cubes.write_cube` writes.
-
-    Raises
-    ------
-    UserError
-        For another ending.
+    The ending, .h5, .hdf5 or .hdr, chooses the format; UserError for another.
     """
     ending = path.suffix.lower()
     if ending in HDF5_ENDINGS:

@@ -1,4 +1,4 @@
-"""Tables of a plan file for patterns that are in focus over a range of depth in dioptres.
+"""Patterns of a plan that are in focus over a range of depth in dioptres.
 
 The modules that compute a phase are imported only when one is computed, so that reading plans and
 listing the kinds of patterns stay fast.
@@ -135,12 +135,12 @@ class LatticeFocalPattern(FormulaPattern):
 
 
 def focus_vergence(camera: Camera) -> float:
-    """Return the vergence of a camera's plane in focus at its panel, in dioptres; 0 is infinity."""
+    """Return the vergence at the panel of the plane in focus, dioptres; 0 is infinity."""
     from optics.camera.pupil import panel_to_focus_distance
 
     return 1 / panel_to_focus_distance(camera)
 
 
 def _outer_radius(millimetres: float | None, camera: Camera) -> float:
-    """Return the outer radius in metres of a plan file's round pattern; by default the light's."""
+    """Return a round pattern's outer radius, metres; by default that of the light on the panel."""
     return illuminated_radius(camera) if millimetres is None else millimetres * 1e-3

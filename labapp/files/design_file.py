@@ -55,13 +55,13 @@ _GREY = "entry/pattern/grey"
 
 
 def bundled_trained_design() -> Path:
-    """Return the path of the bundled design file of a pattern with its trained decoder."""
+    """Return the path of the bundled pattern with its trained decoder."""
     return bundled_path("edof.h5")
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Pictures of a design file with the positions of their samples, y and x in metres."""
+    """Pictures with the positions of their samples, y and x in metres."""
 
     images: NDArray[Any]
     y: NDArray[np.float64]
@@ -74,7 +74,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class DecoderContents:
-    """The decoder in a design file: its settings as plain data, and its network's weights."""
+    """A decoder: its settings as plain data, and its network's weights."""
 
     settings: Mapping[str, Any]
     weights: Mapping[str, NDArray[np.float16]]
@@ -82,7 +82,7 @@ class DecoderContents:
 
 @dataclass(frozen=True, eq=False)
 class DesignContents:
-    """The contents of a design file; the module's docstring gives shapes and units."""
+    """All that a design holds; the module's docstring gives shapes and units."""
 
     title: str
     settings: Mapping[str, Any]
@@ -100,7 +100,7 @@ class DesignContents:
 
 
 def write_design(path: Path, contents: DesignContents) -> None:
-    """Write a design file atomically; raise UserError if it can't be written."""
+    """Write a design atomically; raise UserError if it can't be written."""
     try:
         with draft_of(path) as draft, draft.open("w+b") as out, create_hdf5(out.fileno()) as file:
             _write_contents(file, contents)
@@ -111,7 +111,7 @@ def write_design(path: Path, contents: DesignContents) -> None:
 
 
 def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:
-    """Return the grey levels of one frame of a design file, (rows, columns).
+    """Return the grey levels of one frame, (rows, columns).
 
     Raises UserError if there is no such frame.
     """
@@ -123,7 +123,7 @@ def read_design_frame(path: Path, frame: int) -> NDArray[np.uint8]:
 
 
 def read_design(path: Path) -> DesignContents:
-    """Read a whole design file; raise UserError if it is another kind of file or damaged."""
+    """Read a whole design; raise UserError if the file is of another kind or damaged."""
     with _open_design(path) as file:
         entry = file["entry"]
         pattern = entry["pattern"]
@@ -148,7 +148,7 @@ def read_design(path: Path) -> DesignContents:
 
 @contextmanager
 def _open_design(path: Path) -> Iterator[h5py.File]:
-    """Open a design file for reading; turn failures within the block into UserErrors."""
+    """Open a design for reading; turn failures within the block into UserErrors."""
     with open_plain_hdf5(path) as file:
         if _GREY not in file or _text(file, "entry/definition") != DEFINITION:
             raise UserError(
@@ -158,7 +158,6 @@ def _open_design(path: Path) -> Iterator[h5py.File]:
 
 
 def _read_decoder(file: h5py.File, path: Path) -> DecoderContents:
-    """Return the decoder in a design file."""
     stored = file["entry/decoder/weights"].items()
     weights = {name: np.asarray(value[()]) for name, value in stored}
     return DecoderContents(_json(file, path, "entry/decoder/settings"), weights)
@@ -169,7 +168,7 @@ def _read_grid(group: h5py.Group, signal: str) -> Grid:
 
 
 def _decode_value(value: Any) -> Any:
-    """Return an HDF5 value of the design file as Python text, number or list."""
+    """Return an HDF5 value as Python text, number or list."""
     return value.decode() if isinstance(value, bytes) else value.tolist()
 
 
@@ -178,7 +177,7 @@ def _text(file: h5py.File, name: str) -> str:
 
 
 def _json(file: h5py.File, path: Path, name: str) -> dict[str, Any]:
-    """Return the plain data in a design file's JSON; raise UserError if they are no table."""
+    """Return the plain data in a JSON text; raise UserError if they are no table."""
     data = parse_json(file[name][()].decode(), f"{path}: {name}")
     if not isinstance(data, dict):
         raise UserError(f"{path}: {name} is no table of settings. Make the design again.")
@@ -226,7 +225,6 @@ def _write_contents(file: h5py.File, contents: DesignContents) -> None:
 
 
 def _write_decoder(entry: h5py.Group, decoder: DecoderContents) -> None:
-    """Write the decoder of a design file's pattern."""
     group = nexus.create_group(entry, "decoder", "NXcollection")
     group["settings"] = np.bytes_(json.dumps(decoder.settings).encode())
     weights = nexus.create_group(group, "weights", "NXcollection")

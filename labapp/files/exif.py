@@ -43,10 +43,14 @@ SRGB, UNCALIBRATED = 1, 0xFFFF
 class Exif:
     """What a camera noted beside a picture; each is None or empty where it didn't.
 
-    exposure_time: s. f_number: focal length over diameter. iso: sensitivity. exposure_bias: EV by
-    which the camera was told to expose more than it measured. orientation: 1 to 8, as Exif counts
-    them; 1 is upright. colour_space: Exif's number, 1 for sRGB, 65535 for another one. maker and
-    model: the camera's. taken: its clock when it took the picture, without a time zone.
+    exposure_time: s.
+    f_number: focal length over diameter.
+    iso: sensitivity.
+    exposure_bias: EV by which the camera was told to expose more than it measured.
+    orientation: 1 to 8, as Exif counts them; 1 is upright.
+    colour_space: Exif's number, 1 for sRGB, 65535 for another one.
+    maker, model: the camera's.
+    taken: the camera's clock when it took the picture, without a time zone.
     """
 
     exposure_time: float | None = None
@@ -61,7 +65,7 @@ class Exif:
 
 
 def read_exif(data: bytes, directory: int | None = None) -> Exif | None:
-    """Return what a block of Exif or a TIFF file says of a picture; None if it isn't readable.
+    """Return what a block of Exif or a TIFF says of a picture; None if it isn't readable.
 
     directory: place in the bytes of the TIFF directory to read; by default the first one.
     """
@@ -76,7 +80,7 @@ def read_exif(data: bytes, directory: int | None = None) -> Exif | None:
 
 @dataclass(frozen=True, eq=False)
 class _Tags:
-    """The tags of a picture's directory of Exif, or else of the one that leads to it."""
+    """The tags of a directory of Exif, or else of the outer one that leads to it."""
 
     own: Directory
     outer: Directory

@@ -1,4 +1,4 @@
-"""The fault file: a script of faults of a virtual bench."""
+"""The fault file: a script of what goes wrong on a virtual bench."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FaultFile(FileModel):
 
 
 def read_faults(path: Path) -> tuple[Fault, ...]:
-    """Read the faults of a fault file; raise UserError if the file is wrong."""
+    """Read a script of faults; raise UserError if it is wrong."""
     tables = read_file(path, FaultFile).fault
     faults = []
     for number, table in enumerate(tables):

@@ -10,17 +10,17 @@ from labapp.files.reading import bundled_path
 
 
 def bundled_plans() -> dict[str, Path]:
-    """Return the paths of the plan files that come with the application, by name."""
+    """Return the paths of the plans that come with the application, by name."""
     return _bundled_files("plans")
 
 
 def bundled_scenes() -> dict[str, Path]:
-    """Return the paths of the scene files that come with the application, by name."""
+    """Return the paths of the scenes that come with the application, by name."""
     return _bundled_files("scenes")
 
 
 def find_plan(name: Path | str) -> Path:
-    """Return the path of a plan file, given its path or the name of a bundled plan.
+    """Return the path of a plan, given its path or the name of a bundled one.
 
     Raises UserError, which lists the bundled names.
     """
@@ -28,7 +28,7 @@ def find_plan(name: Path | str) -> Path:
 
 
 def find_scene(name: Path | str) -> Path:
-    """Return the path of a scene file, given its path or the name of a bundled scene.
+    """Return the path of a scene, given its path or the name of a bundled one.
 
     Raises UserError, which lists the bundled names.
     """
@@ -36,9 +36,10 @@ def find_scene(name: Path | str) -> Path:
 
 
 def find_part_file(kind: str, file: str, folder: Path) -> Path:
-    """Return the path of a panel or sensor file, given a bundled name or a path in `folder`.
+    """Return the path of a panel or sensor, given a bundled name or a path in `folder`.
 
-    kind is "panel" or "sensor". Raises UserError, which lists the bundled names.
+    kind: "panel" or "sensor".
+    Raises UserError, which lists the bundled names.
     """
     ready = _bundled_files(f"{kind}s")
     path = ready.get(file, folder / file)
@@ -51,7 +52,7 @@ def find_part_file(kind: str, file: str, folder: Path) -> Path:
 
 
 def bundled_parts(kind: str) -> list[str]:
-    """Return the names of the panel or sensor files that come with the application."""
+    """Return the names of the panels or sensors that come with the application."""
     return list(_bundled_files(f"{kind}s"))
 
 

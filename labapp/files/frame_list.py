@@ -15,8 +15,8 @@ _PART = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 def read_frame_list(text: str, frames: int) -> list[int]:
     """Parse a list of frame indices, such as "0-9,12"; the result is sorted, each index once.
 
-    `frames` is the number of frames of the record. Raises UserError if the text isn't such a list,
-    or names a frame beyond the last one.
+    frames: number of frames of the record.
+    Raises UserError if the text isn't such a list, or names a frame beyond the last one.
     """
     found: set[int] = set()
     for part in text.split(","):
@@ -33,7 +33,7 @@ def read_frame_list(text: str, frames: int) -> list[int]:
 
 
 def format_frame_list(frames: Iterable[int]) -> str:
-    """Format frame indices as the text of a frame list, such as "0-9, 12".
+    """Format frame indices as in "0-9, 12".
 
     After 12 ranges, only the number of the other frames is given.
     """

@@ -27,5 +27,5 @@ class GhostTable(FileModel):
         return self
 
     def build(self) -> Ghost:
-        """Return the ghost that a table [[ghosts]] describes."""
+        """Return the ghost, its blur in metres."""
         return Ghost(self.share, self.magnification, self.blur_mm * 1e-3)

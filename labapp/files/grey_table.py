@@ -1,4 +1,4 @@
-"""Tables of a plan file for patterns that are given as grey levels, not as phases."""
+"""Patterns that a plan gives as grey levels, not as phases."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ class GreyPattern(Table):
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether this pattern of a plan file depends on the plan's seed."""
+        """Whether the levels depend on the plan's seed."""
         return False
 
     @property
     def label(self) -> str:
-        """The description of a plan file's pattern on the screen and in records."""
+        """The description on the screen and in records."""
         raise NotImplementedError
 
     def with_least_work(self) -> GreyPattern:
-        """Reduce the work of a plan file's pattern to what shows whether it can be computed."""
+        """Reduce the work to what shows whether the pattern can be computed."""
         return self
 
     def grey_levels(self, camera: Camera, folder: Path) -> NDArray[np.uint8]:
-        """Return the grey levels, (rows, columns), of a plan file's pattern on the camera's panel.
+        """Return the grey levels on the camera's panel, (rows, columns).
 
-        Picture files are read from `folder`. Raises UserError if the panel can't show the levels.
+        Pictures are read from `folder`. Raises UserError if the panel can't show the levels.
         """
         raise NotImplementedError
 
@@ -124,9 +124,10 @@ class ImagePattern(GreyPattern):
 
 
 def read_grey_pattern(path: Path, panel: Panel, channel: str | None = None) -> NDArray[np.uint8]:
-    """Read a picture file as a pattern's grey levels, (rows, columns).
+    """Read a picture as grey levels, (rows, columns).
 
-    channel: the one to take of a picture in colour. Raises UserError if the panel can't show them.
+    channel: the one to take of a picture in colour.
+    Raises UserError if the panel can't show them.
     """
     from labapp.files.picture.grey_picture import read_grey_picture
 
@@ -138,7 +139,7 @@ def read_grey_pattern(path: Path, panel: Panel, channel: str | None = None) -> N
 
 
 def _require_panel_fit(panel: Panel, grey: NDArray[np.uint8], path: Path) -> NDArray[np.uint8]:
-    """Return grey levels read from a file; raise UserError if the panel can't show them."""
+    """Return the grey levels; raise UserError with their path if the panel can't show them."""
     from optics.slm import require_grey
 
     try:

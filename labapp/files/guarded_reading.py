@@ -1,4 +1,4 @@
-"""Read the bytes of files from outside: regular files only, and no more than fits in memory.
+"""Reading of bytes from outside: regular files only, and no more than fits in memory.
 
 A path may lead to a pipe on which nobody writes, to a device without end, or to a few kilobytes
 that stand for gigabytes. Every reader of labapp opens files through this module, which finds out
@@ -60,20 +60,10 @@ _KINDS = (
 
 @contextmanager
 def open_regular(path: Path, most: int = MOST_BYTES) -> Iterator[BufferedReader]:
-    """Open a regular file for reading its bytes; a context manager.
+    """Open a regular file of at most `most` bytes for reading; a context manager.
 
-    Parameters
-    ----------
-    path : Path
-        Path from a user, a file or a record.
-    most : int
-        Bytes that the file may have.
-
-    Raises
-    ------
-    UserError
-        If there is no such file, it may not be read, it is a folder, pipe, socket or device,
-        which aren't opened, it is too large, or reading fails within the block.
+    Raises UserError if there is no such file, it may not be read, it is a folder, pipe, socket or
+    device, which aren't opened, it is too large, or reading fails within the block.
     """
     try:
         # Opening a pipe or a device can itself act on it, so that the path is looked at before.
@@ -102,7 +92,7 @@ def require_regular(path: Path, most: int = MOST_BYTES) -> None:
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Return the bytes of a regular file; raise UserError if it can't be read or is too large."""
+    """Return all bytes of a regular file; raise UserError if it can't be read or is too large."""
     with open_regular(path, most) as file:
         found = os.fstat(file.fileno())
         require_no_holes(path, found)
@@ -118,26 +108,13 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
 def require_memory(
     path: Path, stored: int, whole: int, what: str = "its contents", *, pixels: int | None = None
 ) -> None:
-    """Raise UserError if data in a file from outside would take too much memory.
+    """Raise UserError if stored data stand for much more than is stored, or than there is memory.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    stored : int
-        Bytes of the data in the file.
-    whole : int
-        Bytes that the data take in memory when they are expanded.
-    what : str
-        The data in words, for the message.
-    pixels : int, optional
-        Number of pixels, of a picture. A dark one may be stored in next to nothing, and is refused
-        only if no sensor has so many; other data, where they grow without measure.
-
-    Raises
-    ------
-    UserError
-        If the data stand for much more than is stored, or for more than there is memory.
+    stored: bytes of the data in the file.
+    whole: bytes that the data take in memory when they are expanded.
+    what: the data in words, for the message.
+    pixels: number of pixels, of a picture. A dark one may be stored in next to nothing, and is
+    refused only if no sensor has so many; other data, where they grow without measure.
     """
     is_large = whole > _FREE_ARRAYS if pixels is None else pixels > MOST_PIXELS
     if is_large and whole > MOST_EXPANSION * stored:
@@ -146,9 +123,10 @@ def require_memory(
 
 
 def require_free_memory(path: Path, whole: int, what: str = "its contents") -> None:
-    """Raise UserError if data in a file from outside would take more memory than there is.
+    """Raise UserError if data would take more memory than there is.
 
-    whole: bytes of the data in memory. what: the data in words.
+    whole: bytes of the data in memory.
+    what: the data in words.
     """
     # Nobody asks about a few megabytes: finding out costs more than it saves.
     if whole <= _ALWAYS_FREE:
@@ -163,7 +141,7 @@ def require_free_memory(path: Path, whole: int, what: str = "its contents") -> N
 
 
 def require_no_holes(path: Path, found: os.stat_result) -> None:
-    """Raise UserError if a file from outside is nearly all holes, which read as zeros."""
+    """Raise UserError if a file is nearly all holes, which read as zeros."""
     # Some file systems don't tell the blocks.
     stored = 512 * found.st_blocks
     if stored and found.st_size > max(FREE_EXPANSION, MOST_EXPANSION * stored):
@@ -171,7 +149,7 @@ def require_no_holes(path: Path, found: os.stat_result) -> None:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether a path from outside leads to a regular file; impossible paths don't."""
+    """Return whether a path leads to a regular file; impossible paths don't."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -179,7 +157,7 @@ def is_file(path: Path) -> bool:
 
 
 def unreadable(path: Path, error: OSError) -> UserError:
-    """Return the error that says why a file from outside can't be read."""
+    """Return the error that says why a path can't be read."""
     if error.errno == errno.ENOENT:
         return UserError(f"{path}: cannot be read: there is no such file. Check the path.")
     if error.errno == errno.ENAMETOOLONG:
@@ -188,14 +166,14 @@ def unreadable(path: Path, error: OSError) -> UserError:
 
 
 def _require_regular(path: Path, mode: int) -> None:
-    """Raise UserError if a path from outside leads to something else than a regular file."""
+    """Raise UserError if a path leads to something else than a regular file."""
     kind = next((name for test, name in _KINDS if test(mode)), "")
     if kind:
         raise UserError(f"{path}: cannot be read: it is {kind}. Give a regular file.")
 
 
 def _require_size(path: Path, size: int, most: int) -> None:
-    """Raise UserError if a file from outside has more bytes than such files have."""
+    """Raise UserError if there are more bytes than such files have."""
     if size > most:
         raise UserError(
             f"{path}: has {_size(size)}, and such a file has at most {_size(most)}. Give another "
@@ -204,7 +182,7 @@ def _require_size(path: Path, size: int, most: int) -> None:
 
 
 def _hollow(path: Path, whole: int, stored: int, what: str) -> UserError:
-    """Return the error of a file's data that stand for much more bytes than are stored."""
+    """Return the error of data that stand for much more bytes than are stored."""
     return UserError(
         f"{path}: {what} would take {_size(whole)}, and {_size(stored)} are stored. No "
         "measurement is so empty; get the original, or save it without compression."
@@ -212,7 +190,7 @@ def _hollow(path: Path, whole: int, stored: int, what: str) -> UserError:
 
 
 def _size(count: int) -> str:
-    """Return a number of a file's bytes in words, as in 3.5 MB."""
+    """Format a number of bytes, as in 3.5 MB."""
     for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if count >= scale:
             return f"{count / scale:.3g} {unit}"

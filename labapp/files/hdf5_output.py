@@ -1,4 +1,4 @@
-"""Write new HDF5 files through Python, so that no write that the disk refuses goes unnoticed.
+"""New HDF5 files, written through Python, so that no write that the disk refuses goes unnoticed.
 
 HDF5's own files may swallow a write that fails while it flushes its caches, and later crash on what
 they kept.
@@ -39,7 +39,10 @@ def create_hdf5(handle: int, **options: Any) -> Iterator[h5py.File]:
 
 
 class DraftFile(io.RawIOBase):
-    """An open file as h5py takes one. error: what the disk has refused, if anything."""
+    """An open file as h5py takes one.
+
+    error: what the disk has refused, if anything.
+    """
 
     def __init__(self, handle: int) -> None:
         self._handle, self._position = handle, 0
@@ -82,6 +85,6 @@ class DraftFile(io.RawIOBase):
         return size
 
     def require_whole(self) -> None:
-        """Raise the OSError with which the disk refused a part of the HDF5 file, if it did."""
+        """Raise the OSError with which the disk refused any part, if it did."""
         if self.error is not None:
             raise self.error

@@ -1,4 +1,4 @@
-"""Parse KEY=VALUE arguments of the command line, and describe the keys of a table."""
+"""KEY=VALUE arguments of the command line, and descriptions of a table's keys."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from labapp.files.table import Key, unit_of
 def parse_key_values(
     arguments: Sequence[str], model: type[Any], exclude: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Parse KEY=VALUE texts into TOML values by key, as in a file's table, without validation.
+    """Parse KEY=VALUE texts into TOML values by key, without validation.
 
     Values of text keys are kept as they are, and numbers are read as any that is typed. Keys in
     `exclude` aren't offered in errors. Raises UserError for an argument that isn't KEY=VALUE, or
@@ -38,7 +38,7 @@ def parse_key_values(
 
 
 def describe_keys(model: type[Any], exclude: Collection[str] = ()) -> list[dict[str, Any]]:
-    """Return each key of a file's table with its default, unit and meaning, as text."""
+    """Return each key of a table with its default, unit and meaning, as text."""
     return [
         {"key": key, "default": _default(field), "what": _describe_key(key, field)}
         for key, field in _fields(model).items()
@@ -47,7 +47,7 @@ def describe_keys(model: type[Any], exclude: Collection[str] = ()) -> list[dict[
 
 
 def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
-    """Return the keys of a file's table, a pydantic model or a dataclass, with their fields."""
+    """Return the keys of a pydantic model or a dataclass, with their fields."""
     if issubclass(model, BaseModel):
         return model.model_fields
     hints = get_type_hints(model, include_extras=True)
@@ -60,7 +60,7 @@ def _fields(model: type[Any]) -> Mapping[str, FieldInfo]:
 
 
 def _read_value(key: str, text: str, kind: Any) -> Any:
-    """Return the value of a key on the command line: text, a number, or what TOML makes of it."""
+    """Return the value that is typed for a key: text, a number, or what TOML makes of it."""
     if kind is str:
         return text
     value = _as_toml(text)

@@ -30,8 +30,8 @@ Temperature = Annotated[float, Field(ge=1000, allow_inf_nan=False)]
 class Lamp:
     """A lamp of a scene.
 
-    spectrum is relative, 1 at its visible peak; None is the same at all wavelengths. waveform is
-    the lamp's flicker; None if the light is steady.
+    spectrum: relative, 1 at its visible peak; None is the same at all wavelengths.
+    waveform: the lamp's flicker; None if the light is steady.
     """
 
     spectrum: Spectrum | None
@@ -60,11 +60,11 @@ class _LampTableBase(FileModel):
     flicker: FlickerTable | None = None
 
     def spectrum(self) -> Spectrum:
-        """Return the spectrum of the lamp that a scene file's table describes."""
+        """Return the relative spectral radiance."""
         raise NotImplementedError
 
     def build(self) -> Lamp:
-        """Return the lamp of a scene file's table; UserError if its spectrum file can't be read."""
+        """Return the lamp; UserError if its measured spectrum can't be read."""
         return Lamp(self.spectrum(), self.flicker.build() if self.flicker else None)
 
 

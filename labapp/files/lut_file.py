@@ -29,7 +29,7 @@ class LutTable(FileModel):
     phase_pi: list[Any]
 
     def build(self, panel: Panel) -> PhaseResponse:
-        """Return a look-up table file's phase response; ValueError if it doesn't fit the panel."""
+        """Return the phase response; ValueError if it doesn't fit the panel."""
         try:
             phases = np.array(self.phase_pi, dtype=np.float64) * np.pi
         except (TypeError, ValueError):
@@ -46,7 +46,7 @@ class LutFile(LutTable):
 
 
 def read_lut(path: Path, levels: int) -> LutTable:
-    """Read a panel's phase response from a look-up table file.
+    """Read a panel's phase response from a look-up table.
 
     TOML and JSON files hold a LutFile. Other files are text: the first line is `grey` and the
     wavelengths in nm, and each further line is a level and its phases in units of pi, separated by
@@ -75,7 +75,7 @@ def read_lut(path: Path, levels: int) -> LutTable:
 
 
 def _read_headings(path: Path, number: int, head: list[str]) -> tuple[list[float], list[float]]:
-    """Return the wavelengths in nm of a look-up table's columns, and the units of their phases."""
+    """Return the columns' wavelengths in nm, and the units of their phases in pi."""
     wanted = (
         f"{path}: line {number} must say 'grey' and the wavelengths in nm, as in 'grey, 532' over "
         "phases in units of pi, or 'grey; 532 nm (rad)'."
@@ -101,7 +101,7 @@ def _read_headings(path: Path, number: int, head: list[str]) -> tuple[list[float
 
 
 def _parse_row(path: Path, number: int, parts: list[str], length: int) -> list[float]:
-    """Parse a line of a look-up table's text file: a grey level and its phases in units of pi."""
+    """Parse a line of text: a grey level and its phases in units of pi."""
     values = parse_numbers(parts)
     if values is None or len(values) != length:
         raise UserError(

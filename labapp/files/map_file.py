@@ -27,13 +27,13 @@ class MapTable(FileModel):
     file: str
 
     def with_absolute_path(self, folder: Path) -> MapTable:
-        """Return the table with the absolute path of its picture file, relative to `folder`."""
+        """Return the table with the absolute path of its picture, relative to `folder`."""
         return self.model_copy(update={"file": str(folder / self.file)})
 
     def build(self) -> PanelMap:
-        """Read the panel's map from its picture file.
+        """Read the panel's map from its picture.
 
-        Raises UserError if the file can't be read or is no map.
+        Raises UserError if it can't be read or is no map.
         """
         return self._map(_values(Path(self.file)))
 
@@ -65,5 +65,5 @@ class FlatnessTable(MapTable):
 
 
 def _values(path: Path) -> NDArray[np.float64]:
-    """Read the numbers in a map's picture file, without decoding them from sRGB."""
+    """Read a picture's numbers, without decoding them from sRGB."""
     return read_grey_picture(path, "a map of the panel").astype(np.float64)

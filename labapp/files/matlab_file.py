@@ -1,4 +1,4 @@
-"""Read the arrays of MATLAB files (.mat), old and new, whose sizes have been checked before."""
+"""MATLAB's arrays (.mat), old and new, whose sizes are checked before anything is expanded."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _STEP = 1 << 20
 
 
 def read_matlab(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the arrays of numbers of a MATLAB file by name; raise UserError if it is damaged.
+    """Read MATLAB's arrays of numbers by name; raise UserError if the file is damaged.
 
     Arrays of version 7.3 are turned round: its axes have the opposite order.
     """
@@ -80,7 +80,7 @@ def _require_expansion(path: Path, data: bytes) -> None:
 
 
 def _expanded_size(data: bytes, most: int) -> int:
-    """Return how many bytes a compressed element of a MATLAB file stands for, up to `most`."""
+    """Return how many bytes a compressed element stands for, up to `most`."""
     machine, size = zlib.decompressobj(), 0
     while data and size < most and not machine.eof:
         size += len(machine.decompress(data, _STEP))

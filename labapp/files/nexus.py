@@ -1,4 +1,4 @@
-"""Common parts of records and design files: NeXus groups, and the versions of programs."""
+"""Common parts of records and designs: NeXus groups, and the versions of programs."""
 
 from __future__ import annotations
 
@@ -14,17 +14,14 @@ _PACKAGES = ("numpy", "scipy", "torch", "h5py")
 
 
 def create_group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
-    """Create a group of a NeXus class in an HDF5 file."""
+    """Create a group of a NeXus class."""
     made = parent.create_group(name)
     made.attrs["NX_class"] = kind
     return made
 
 
 def program_versions() -> dict[str, str]:
-    """Return the program versions that labapp writes into an HDF5 file.
-
-    They are labapp's version and commit, and the versions of what computed results depend on.
-    """
+    """Return labapp's version and commit, and the versions of what computed results depend on."""
     found = {name: version(name) for name in _PACKAGES}
     own = {"labapp": labapp.__version__, "commit": source_commit() or "unknown"}
     return {**own, "python": platform.python_version(), **found}

@@ -1,4 +1,4 @@
-"""Read arrays of numbers from NumPy, MATLAB and HDF5 files, and from grey pictures."""
+"""Arrays of numbers from NumPy, MATLAB and HDF5 files, and from grey pictures."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from labapp.files.plain_hdf5 import read_hdf5_arrays
 
 
 def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]:
-    """Read the numbers of a file as float64, of any shape.
+    """Read an array as float64, of any shape.
 
-    variable is the array's name in a .npz, .mat or .h5 file; it may be left out if there is only
-    one. Raises UserError if there is no such file or variable, or if it isn't real numbers.
+    variable: the array's name in a .npz, .mat or .h5 file; it may be left out if there is only one.
+    Raises UserError if there is no such file or variable, or if it isn't real numbers.
     """
     require_readable(path)
     kind = path.suffix.lower()
@@ -36,7 +36,7 @@ def read_numbers(path: Path, variable: str | None = None) -> NDArray[np.float64]
 
 
 def _variables(path: Path, kind: str) -> dict[str, NDArray[Any]]:
-    """Read all arrays of a number file by name; the file's ending names its format."""
+    """Read all arrays by name; the ending names the format."""
     if kind == ".npy":
         return {path.stem: read_npy(path)}
     if kind == ".npz":

@@ -26,12 +26,12 @@ _TIFF = (".tif", ".tiff")
 
 
 def is_design(path: Path) -> bool:
-    """Whether a file name has the ending of a design file."""
+    """Whether a name has the ending of a design."""
     return path.suffix.lower() in _DESIGN_ENDINGS
 
 
 def require_photograph_ending(path: Path) -> None:
-    """Raise UserError if a photograph can't be written to a file with this ending."""
+    """Raise UserError if a photograph can't be written with this ending."""
     if path.suffix.lower() not in (".npy", ".png", ".exr", ".hdr", *_TIFF):
         raise UserError(
             f"{path}: the ending says the kind; choose .tiff, .npy, .exr, .hdr or .png."
@@ -39,10 +39,7 @@ def require_photograph_ending(path: Path) -> None:
 
 
 def weights_output_path(path: Path, *, force: bool) -> Path:
-    """Return the output file of a neural network's weights.
-
-    Raises UserError if it can't be written.
-    """
+    """Return the path for a neural network's weights; raise UserError if it can't be written."""
     if path.suffix != ".npz":
         raise UserError(f"--out {path}: weights are written as .npz. Name such a file.")
     require_all_writable((path,), force=force)
@@ -50,7 +47,7 @@ def weights_output_path(path: Path, *, force: bool) -> Path:
 
 
 def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> list[Path]:
-    """Return the paths of the record files that the runs of plans are written to.
+    """Return the paths of the records that plans are run to.
 
     A single plan is recorded in the file `record`. If there are several plans, or `record` is a
     folder, each plan has a record in that folder, named after the plan.
@@ -64,7 +61,7 @@ def run_output_paths(plans: Sequence[Path], record: Path, *, force: bool) -> lis
 
 
 def accuracy_folder(folder: Path | None, *, force: bool) -> Path:
-    """Return the folder of the accuracy page's output files; a dated one if none is named.
+    """Return the folder of the accuracy page; a dated one if none is named.
 
     Raises UserError if the files can't be written there.
     """
@@ -77,7 +74,7 @@ def accuracy_folder(folder: Path | None, *, force: bool) -> Path:
 
 
 def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
-    """Return the paths of a PSF's output file and of its picture's; one file if it is a .png."""
+    """Return the paths of a PSF and of its picture; the same one if it is a .png."""
     _require_one_of(path, _PSF_ENDINGS)
     picture = path.with_suffix(".png")
     require_all_writable(dict.fromkeys((path, picture)), force=force)
@@ -85,9 +82,9 @@ def psf_output_paths(path: Path, *, force: bool) -> tuple[Path, Path]:
 
 
 def edof_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
-    """Return the paths of a design for depth of field: design file, pattern, and its picture.
+    """Return the paths of a design for depth of field: design, pattern, and its picture.
 
-    Raises UserError for a name that isn't a design file's, or files that exist.
+    Raises UserError for a name that isn't a design's, or files that exist.
     """
     if not is_design(path):
         raise UserError(f"--out {path}: a design is written as .h5. Name such a file.")
@@ -98,9 +95,9 @@ def edof_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path]:
 
 
 def trained_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path, Path]:
-    """Return the output paths of a trained pattern: design file, pattern, picture, list of data.
+    """Return the paths of a trained pattern: design, pattern, picture, list of data.
 
-    Raises UserError for a name that isn't a design file's, or files that exist.
+    Raises UserError for a name that isn't a design's, or files that exist.
     """
     if not is_design(path):
         raise UserError(f"--out {path}: pattern and decoder are written as .h5. Name such a file.")
@@ -111,7 +108,7 @@ def trained_output_paths(path: Path, *, force: bool) -> tuple[Path, Path, Path, 
 
 
 def beam_output_path(path: Path, *, force: bool) -> Path:
-    """Return the path of the output file for a picture of the beam along the axis."""
+    """Return the path for a picture of the beam along the axis; it must end in .png."""
     if path.suffix.lower() != ".png":
         raise UserError(f"{path}: the ending must be .png.")
     require_all_writable((path,), force=force)
@@ -119,7 +116,7 @@ def beam_output_path(path: Path, *, force: bool) -> Path:
 
 
 def pattern_output_paths(path: Path, frames: int, *, force: bool) -> tuple[list[Path], Path]:
-    """Return the paths of the output files for a pattern's frames and for its PSF's picture.
+    """Return the paths of a pattern's frames, and of its PSF's picture.
 
     The frames are numbered pictures, or one design file.
     """
@@ -134,7 +131,7 @@ def pattern_output_paths(path: Path, frames: int, *, force: bool) -> tuple[list[
 
 
 def frames_output_path(path: Path, frames: int, *, force: bool) -> tuple[Path, str]:
-    """Return the path of the output file of simulated frames, and its format: png, tiff or h5."""
+    """Return the path of simulated frames, and its format: png, tiff or h5."""
     if frames < 1:
         raise UserError(f"--frames {frames}: ask for one at least.")
     ending = path.suffix.lower()
@@ -156,7 +153,7 @@ def restoration_output_paths(
     blind: bool,
     force: bool,
 ) -> tuple[Path, Path, Path | None]:
-    """Return the paths of a restoration's output files: photograph, comparison, estimated PSF.
+    """Return the paths of a restoration: photograph, comparison, estimated PSF.
 
     The PSF has a file only in a blind deconvolution. Files that aren't named are placed beside
     `source`, the photograph. `inputs` are other input files, which may not be replaced.
@@ -185,7 +182,7 @@ def spectral_output_paths(
     *,
     force: bool,
 ) -> tuple[Path, Path, Path]:
-    """Return the paths of a spectral restoration's output files: cube, colours, drawing.
+    """Return the paths of a spectral restoration: cube, colours, drawing.
 
     Files that aren't named are placed beside `source`, the record, and the colours beside the cube.
     `inputs` are other input files, which may not be replaced.

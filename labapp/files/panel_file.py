@@ -59,9 +59,9 @@ class PanelTable(FileModel):
         return self
 
     def build(self) -> Panel:
-        """Return the panel that a panel file's table describes.
+        """Return the panel in SI units.
 
-        Raises UserError if a file that it names can't be read, or doesn't fit the panel.
+        Raises UserError if a file that the table names can't be read, or doesn't fit the panel.
         """
         table = self.resolve_files(Path()) if self.lut is not None else self
         maps = {
@@ -98,7 +98,7 @@ class PanelTable(FileModel):
         return replace(panel, response=self.response.build(panel))
 
     def resolve_files(self, folder: Path) -> PanelTable:
-        """Return a panel file's table with its look-up table read, and absolute paths of pictures.
+        """Return the table with its look-up table read, and absolute paths of pictures.
 
         Paths are relative to `folder`. Raises UserError if the look-up table can't be read.
         """
@@ -124,7 +124,7 @@ class PanelFile(PanelTable):
 
 
 def read_panel(file: str, folder: Path) -> PanelTable:
-    """Read a panel file, given a bundled name or a path relative to `folder`.
+    """Read a panel, given a bundled name or a path relative to `folder`.
 
     Raises UserError with file, key, value and rule.
     """
@@ -134,7 +134,7 @@ def read_panel(file: str, folder: Path) -> PanelTable:
 
 
 def with_panel(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """Return the plain data of a bench file with its panel file included, if it names one.
+    """Return a bench's plain data with its panel file included, if it names one.
 
     Keys beside `file` override those of the panel file. A table `polarisation` overrides the
     panel file's unmodulated share. `source` is the name of the bench file in errors.

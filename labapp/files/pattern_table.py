@@ -1,4 +1,4 @@
-"""The patterns of a plan file, and the union of all their kinds."""
+"""The patterns of a plan, and the union of all their kinds."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RetrievalMethod = Literal[
 
 
 def _tagged_union(tables: Iterable[Any], tag: str) -> Any:
-    """Return the union type of several file tables, which pydantic tells apart by a key `tag`."""
+    """Return the union type of several tables, which pydantic tells apart by a key `tag`."""
     return Annotated[reduce(operator.or_, tables), Field(discriminator=tag)]
 
 
@@ -82,7 +82,7 @@ class SumPattern(PhasePattern):
     @model_validator(mode="before")
     @classmethod
     def _inherit_wavelength(cls, table: Any) -> Any:
-        """Give the wavelength of a plan file's sum to those of its parts that have none."""
+        """Give the sum's wavelength to those of its parts that have none."""
         if not (isinstance(table, dict) and "wavelength_nm" in table and "parts" in table):
             return table
         shared = {"wavelength_nm": table["wavelength_nm"]}
@@ -158,16 +158,16 @@ class VideoPattern(FileModel):
 
     @property
     def length(self) -> int:
-        """Number of frames of the video that a plan-file table describes."""
+        """Number of frames."""
         return len(self.frames) or self.count or 0
 
     @property
     def label(self) -> str:
-        """The description of a plan file's video on the screen and in records."""
+        """The description on the screen and in records."""
         return f"video of {self.length}" + (f" x {self.pattern.label}" if self.pattern else "")
 
     def with_least_work(self) -> VideoPattern:
-        """Reduce the work of a plan file's video to what shows whether it can be computed."""
+        """Reduce the work to what shows whether the video can be computed."""
         if self.pattern is None:
             return self
         return self.model_copy(update={"pattern": self.pattern.with_least_work(), "count": 2})
@@ -180,5 +180,5 @@ else:
 
 
 def pattern_data(spec: StillPattern | VideoPattern) -> dict[str, Any]:
-    """Return a pattern's table in a plan file, as plain data."""
+    """Return a pattern's table as plain data."""
     return TypeAdapter(type(spec)).dump_python(spec, mode="json")

@@ -1,4 +1,4 @@
-"""Tables of a plan file for patterns whose phase is given by a formula.
+"""Patterns of a plan whose phase is given by a formula, or as a ring to reach.
 
 The modules that compute a phase are imported only when one is computed, so that reading plans and
 listing the kinds of patterns stay fast.
@@ -38,21 +38,21 @@ class PhasePattern(Table):
 
     @property
     def wavelength(self) -> float:
-        """Wavelength in metres for which a plan file's pattern is made."""
+        """Wavelength that the pattern is made for, metres."""
         return self.wavelength_nm * 1e-9
 
     @property
     def depends_on_seed(self) -> bool:
-        """Whether this pattern of a plan file depends on the plan's seed."""
+        """Whether the phase depends on the plan's seed."""
         return False
 
     @property
     def label(self) -> str:
-        """The description of a plan file's pattern on the screen and in records: kind and sizes."""
+        """The description on the screen and in records: kind and sizes."""
         return f"{self.summary} for {self.wavelength_nm:g} nm"
 
     def with_least_work(self) -> PhasePattern:
-        """Reduce the work of a plan file's pattern to what shows whether it can be computed."""
+        """Reduce the work to what shows whether the pattern can be computed."""
         return self
 
 
@@ -60,7 +60,7 @@ class FormulaPattern(PhasePattern):
     """A pattern whose phase is given by a formula, without iterations."""
 
     def phase(self, camera: Camera, generator: torch.Generator) -> torch.Tensor:
-        """Return the phase of a plan file's pattern on the panel, (rows, columns), in radians.
+        """Return the phase on the panel, (rows, columns), radians.
 
         Raises ValueError if the panel can't show it.
         """
@@ -318,9 +318,10 @@ def _metres(millimetres: float | None) -> float | None:
 
 
 def illuminated_radius(camera: Camera) -> float:
-    """Return the default radius in metres of a plan file's round patterns.
+    """Return the default radius of round patterns, metres.
 
-    The default is the radius of the disc on the panel whose light passes the stop.
+    The default is the radius of the disc on the panel whose light passes the stop, or the distance
+    of the panel's corners if that is less.
     """
     from optics.camera.pupil import with_stop_shadow_on_panel
 

@@ -1,4 +1,4 @@
-"""A cache of the pictures of a scene, so that each file is read once."""
+"""A cache of a scene's pictures, so that each is read once."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from labapp.files.picture.colour_picture import read_scene_picture
 from labapp.files.picture.encoding import parse_encoding
 
 _pictures: WeakValueDictionary[tuple[str, int, str], NDArray[np.float32]] = WeakValueDictionary()
-"""Pictures by file, time of its last change and encoding, kept while a target refers to them."""
+"""Pictures by path, time of the last change and encoding, kept while a target refers to them."""
 
 
 def cached_picture(file: str, encoding: str | None = None) -> NDArray[np.float32]:
-    """Return a picture file as linear red, green and blue; read it again only if it has changed.
+    """Return a picture as linear red, green and blue; read it again only if it has changed.
 
-    encoding: how its numbers stand for light; None for what the file says. Targets of the same
-    picture share one array.
+    encoding: how its numbers stand for light; None for what the file says.
+    Targets of the same picture share one array.
     """
     which = (file, _modification_time(file), encoding or "")
     found = _pictures.get(which)

@@ -1,4 +1,4 @@
-"""Parse TOML and JSON from outside into plain data of bounded size and depth.
+"""TOML and JSON from outside as plain data of bounded size and depth.
 
 Only numbers are numbers: no text in quotes, and neither true nor false. pydantic takes "1_000" for
 1000, true for 1, and 0.0 for false. Whole numbers may be written as 2.0, as some programs do. A
@@ -53,7 +53,7 @@ _DIGITS = re.compile(r"\s*[+-]?[0-9_.]*\s*")
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """Parse TOML from outside; raise UserError, which begins with `source`, if it is invalid."""
+    """Parse TOML; raise UserError, which begins with `source`, if it is invalid."""
     if any(len(_INNER_PART.findall(line)) > _MOST_LEVELS for line in text.splitlines()):
         raise _too_deep(source)
     data: dict[str, Any] = _parse(tomllib.loads, text, source, "TOML")
@@ -61,14 +61,14 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def parse_json(text: str, source: str) -> Any:
-    """Parse JSON from outside; raise UserError, which begins with `source`, if it is invalid."""
+    """Parse JSON; raise UserError, which begins with `source`, if it is invalid."""
     if text.count(",") > _MOST_VALUES or text.count("[") + text.count("{") > _MOST_TABLES:
         raise UserError(f"{source}: has more values than labapp's files have. Give another file.")
     return _parse(json.loads, text, source, "JSON")
 
 
 def _parse(parse: Callable[[str], Any], text: str, source: str, language: str) -> Any:
-    """Parse text from outside that is of a language; UserError if it is invalid, or isn't plain."""
+    """Parse a language's text; raise UserError if it is invalid, or isn't plain."""
     try:
         data = parse(text)
     except RecursionError as error:
@@ -80,7 +80,7 @@ def _parse(parse: Callable[[str], Any], text: str, source: str, language: str) -
 
 
 def require_plain(data: Any, source: str) -> None:
-    """Raise UserError for data from outside that is nested too deep or can't be written again.
+    """Raise UserError for data that are nested too deep or can't be written again.
 
     This is so for texts with NUL or half characters, and for whole numbers beyond 64 bits.
     """
@@ -104,7 +104,7 @@ def require_plain(data: Any, source: str) -> None:
 
 
 def _members(table: Any) -> Any:
-    """Return the keys and values of a file's table, or the values of its list."""
+    """Return the keys and values of a table, or the values of a list."""
     if isinstance(table, dict):
         return [*table, *table.values()]
     return table if isinstance(table, list) else [table]
@@ -126,7 +126,7 @@ def _too_deep(source: str) -> UserError:
 
 
 def only_numbers(source: Any, handler: Any) -> Any:
-    """Return pydantic's schema of a file's table, in which only numbers are taken for numbers.
+    """Return pydantic's schema of a table in which only numbers are taken for numbers.
 
     They are in the range of their unit, which the name of a key tells; see number_ranges.
     `source` and `handler` are those of `__get_pydantic_core_schema__`.
@@ -137,7 +137,7 @@ def only_numbers(source: Any, handler: Any) -> Any:
 
 
 def number_remedy(value: Any) -> str:
-    """Say what a file should have in place of a value that is no number."""
+    """Say what should be written in place of a value that is no number."""
     if isinstance(value, bool):
         return "true and false are no numbers. Write a number"
     if not isinstance(value, str):
@@ -151,7 +151,10 @@ def number_remedy(value: Any) -> str:
 
 
 def _tighten(schema: Any, name: str = "") -> None:
-    """Change a schema of pydantic's in place, with those within it. name: of a table's key."""
+    """Change a schema of pydantic's in place, with those within it.
+
+    name: of a table's key.
+    """
     for one in schema if isinstance(schema, list | tuple) else ():
         _tighten(one, name)
     if not isinstance(schema, dict):
@@ -207,7 +210,7 @@ def _require_number(value: Any) -> Any:
 
 
 def _refuse_truth(value: Any) -> Any:
-    """Refuse true for the file's version 1, to which it is equal in Python."""
+    """Refuse true for the version 1, to which it is equal in Python."""
     if isinstance(value, bool):
         raise PydanticCustomError("int_type", "Input should be a valid number")
     return value

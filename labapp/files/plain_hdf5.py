@@ -1,4 +1,4 @@
-"""Open HDF5 files from outside: their data lie in the file itself, and in no greater number.
+"""HDF5 from outside, opened only if its data lie in the file and don't expand without measure.
 
 A link, external storage or a virtual dataset makes HDF5 open another file when it is read, and a
 filter that isn't built in makes it load a library.
@@ -23,7 +23,7 @@ from labapp.files.guarded_reading import require_memory, require_regular
 from labapp.files.write_locks import NO_LOCKS
 
 MOST_OBJECTS = 1000
-"""Groups and datasets of a file, about ten times more than any that labapp writes has. Chosen."""
+"""Groups and datasets, about ten times more than any file that labapp writes has. Chosen."""
 
 _LONGEST_NAME = 80
 """Characters of a name that an error tells: a line. Chosen."""
@@ -66,7 +66,7 @@ DAMAGE_ERRORS = (
 
 
 def open_hdf5(path: Path) -> h5py.File:
-    """Open an HDF5 file for reading, without a lock where its file system keeps none."""
+    """Open HDF5 for reading, without a lock where its file system keeps none."""
     try:
         return h5py.File(path, "r")
     except OSError as error:
@@ -76,7 +76,7 @@ def open_hdf5(path: Path) -> h5py.File:
 
 
 def explain_system_error(error: BaseException) -> str | None:
-    """Return why the system can't read a file that h5py opens; None if the file is the cause.
+    """Return why the system can't read what h5py opens; None if the file is the cause.
 
     h5py's errors have the number of the system's error, if there was one.
     """
@@ -90,7 +90,7 @@ def explain_system_error(error: BaseException) -> str | None:
 
 @contextmanager
 def open_plain_hdf5(path: Path) -> Iterator[h5py.File]:
-    """Open an HDF5 file from outside for reading; a context manager.
+    """Open untrusted HDF5 for reading; a context manager.
 
     Raises UserError if it is no regular file, isn't HDF5, refers to other files, or would expand
     to much more than it stores; and where the block fails because the file is damaged.
@@ -112,13 +112,13 @@ def open_plain_hdf5(path: Path) -> Iterator[h5py.File]:
 
 
 def read_hdf5_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an HDF5 file by name; UserError if it is damaged or isn't HDF5."""
+    """Read all HDF5 arrays by name; UserError if the file is damaged or isn't HDF5."""
     with open_plain_hdf5(path) as file:
         return {name: np.asarray(dataset[()]) for name, dataset in walk_datasets(file, path)}
 
 
 def walk_datasets(file: h5py.File, path: Path) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Yield name and dataset of all that an HDF5 file links; raise UserError for other links."""
+    """Yield name and dataset of all that is linked; raise UserError for links to elsewhere."""
     seen, groups = 0, [("", file["/"])]
     while groups:
         prefix, group = groups.pop()
@@ -140,7 +140,7 @@ def walk_datasets(file: h5py.File, path: Path) -> Iterator[tuple[str, h5py.Datas
 
 
 def _require_plain(path: Path, name: str, dataset: h5py.Dataset) -> None:
-    """Raise UserError for a dataset of an HDF5 file that lies elsewhere or would grow too large."""
+    """Raise UserError for a dataset that lies elsewhere or would grow too large."""
     storage = dataset.id.get_create_plist()
     lies_here = storage.get_layout() != h5py.h5d.VIRTUAL and not storage.get_external_count()
     filters = {storage.get_filter(k)[0] for k in range(storage.get_nfilters())}
@@ -160,10 +160,10 @@ def _require_plain(path: Path, name: str, dataset: h5py.Dataset) -> None:
 
 
 def has_variable_length(dataset: h5py.Dataset) -> bool:
-    """Return whether each element of an HDF5 dataset refers to data of any length."""
+    """Return whether each element of a dataset refers to data of any length."""
     return dataset.dtype.hasobject or h5py.check_vlen_dtype(dataset.dtype) is not None
 
 
 def memory_size(dataset: h5py.Dataset) -> int:
-    """Return the bytes that an HDF5 dataset takes in memory; 0 for one without a shape."""
+    """Return the bytes that a dataset takes in memory; 0 for one without a shape."""
     return 0 if dataset.size is None else dataset.size * dataset.dtype.itemsize

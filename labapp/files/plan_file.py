@@ -179,7 +179,7 @@ class Acquisition(FileModel):
         return self
 
     def length(self, axis: Axis) -> int:
-        """Return the number of values that an axis has in a block of a plan file."""
+        """Return the number of values that an axis has."""
         values = {
             "target": self.targets,
             "pattern": self.patterns,
@@ -193,7 +193,7 @@ class Acquisition(FileModel):
         return len(values[axis])
 
     def frame_limit(self) -> int:
-        """Return the frames of a plan file's block: with those in between, a few too many."""
+        """Return how many frames there are at most: with those in between, a few too many."""
         axes = {axis: self.length(axis) for axis in AXES}
         if self.bracket is not None:
             axes["exposure"] = self.bracket.most_frames
@@ -233,10 +233,7 @@ class Reconstruction(FileModel):
 
     @property
     def wavelength(self) -> float | None:
-        """Wavelength in metres of the frames that a plan file's table [reconstruct] selects.
-
-        None stands for the plan's only wavelength.
-        """
+        """Wavelength of the frames to use, metres; None stands for the plan's only one."""
         return None if self.wavelength_nm is None else self.wavelength_nm * 1e-9
 
     dark: str = "dark"
@@ -282,7 +279,7 @@ class PlanFile(FileModel):
 
     @property
     def has_brackets(self) -> bool:
-        """Whether exposures of the plan file are still to be chosen."""
+        """Whether exposures are still to be chosen."""
         return any(block.bracket is not None for block in self.acquire)
 
     @model_validator(mode="after")
@@ -303,7 +300,7 @@ class PlanFile(FileModel):
         return self
 
     def videos(self, block: Acquisition) -> dict[str, VideoPattern]:
-        """Return the videos among the patterns of a plan file's block, by name."""
+        """Return the videos among a block's patterns, by name."""
         found = {name: self.patterns[name] for name in block.patterns}
         return {name: one for name, one in found.items() if isinstance(one, VideoPattern)}
 
@@ -315,7 +312,7 @@ class PlanFile(FileModel):
 
 @dataclass(frozen=True)
 class NamedPlan:
-    """A plan with its file's path, and the name or path that the user gave."""
+    """A plan, where it was read, and the name or path that the user gave."""
 
     name: Path
     path: Path
@@ -323,6 +320,6 @@ class NamedPlan:
 
 
 def read_plan(name: Path) -> NamedPlan:
-    """Read a plan file, given its path or a bundled plan's name; raise UserError if it is wrong."""
+    """Read a plan, given its path or a bundled one's name; raise UserError if it is wrong."""
     path = find_plan(name)
     return NamedPlan(name, path, read_file(path, PlanFile))

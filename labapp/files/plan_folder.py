@@ -1,4 +1,4 @@
-"""Write a plan that the application made: a TOML file, and its patterns as pictures beside it."""
+"""A plan that the application made: written as TOML, with its patterns as pictures beside it."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ PLAN_FILE, RECORD_FILE = "plan.toml", "run.h5"
 """Names of a plan that the application made, and of the record of its run."""
 
 PATTERN_FOLDER = "patterns"
-"""Name of the folder of the patterns' pictures, beside the plan file."""
+"""Name of the folder of the patterns' pictures, beside the plan."""
 
 
 def write_plan(folder: Path, plan: PlanFile, patterns: Mapping[str, NDArray[np.uint8]]) -> Path:
-    """Write plan.toml, and patterns/*.png if any, into a folder; return the path of the plan file.
+    """Write plan.toml, and patterns/*.png if any, into a folder; return the plan's path.
 
     Raises UserError if they can't be written.
     """
@@ -45,7 +45,7 @@ def write_plan(folder: Path, plan: PlanFile, patterns: Mapping[str, NDArray[np.u
 
 
 def as_toml(data: Mapping[str, Any]) -> str:
-    """Return plain data as the text of a TOML file: keys, then tables, then lists of tables."""
+    """Return plain data as TOML: keys, then tables, then lists of tables."""
     plain = {k: v for k, v in data.items() if not isinstance(v, dict) and not _tables(v)}
     lines = [f"{key} = {_value(value)}" for key, value in plain.items()]
     for key, value in data.items():

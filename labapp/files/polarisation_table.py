@@ -1,4 +1,4 @@
-"""The table [polarisation] of a camera file: polarising elements before and after the panel."""
+"""A camera's table [polarisation]: polarising elements before and after the panel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read TOML and JSON files, with errors that name file, key, value and remedy."""
+"""TOML and JSON as validated tables, with errors that name file, key, value and remedy."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def bundled_path(name: str) -> Path:
 
 
 def read_text(path: Path, expected_content: str, most: int = MOST_TEXT_BYTES) -> str:
-    """Return the text of a file in UTF-8, UTF-16 or UTF-32; UserError if it isn't such text.
+    """Return text in UTF-8, UTF-16 or UTF-32; UserError if it isn't such text.
 
     `expected_content` is what the error asks the user to give instead, and `most` the bytes that
     such a file has at most.
@@ -61,7 +61,7 @@ def read_text(path: Path, expected_content: str, most: int = MOST_TEXT_BYTES) ->
 
 
 def read_byte_text(path: Path, expected_content: str) -> str:
-    """Return the text of a file as read_text does, or in an encoding of one byte a letter.
+    """Return text as read_text does, or in an encoding of one byte a letter.
 
     Letters that can't be told are text_encoding.UNTOLD.
     """
@@ -75,7 +75,7 @@ def read_byte_text(path: Path, expected_content: str) -> str:
 
 
 def read_file(path: Path, model: type[M]) -> M:
-    """Read a TOML file, or a JSON file if it ends in .json, and validate it as a model.
+    """Read TOML, or JSON if the name ends in .json, and validate it as a model.
 
     Raises UserError with file, key, value and rule.
     """
@@ -89,7 +89,7 @@ def read_file(path: Path, model: type[M]) -> M:
 
 
 def validate(data: dict[str, Any], model: type[M], source: str) -> M:
-    """Validate the plain data of a file as a model; `source` names the file in UserErrors."""
+    """Validate plain data as a model; `source` names the file in UserErrors."""
     try:
         known: Any = model
         reader: TypeAdapter[M] = _adapter(known)
@@ -100,12 +100,12 @@ def validate(data: dict[str, Any], model: type[M], source: str) -> M:
 
 @lru_cache(maxsize=128)
 def _adapter(model: Any) -> TypeAdapter[Any]:
-    """Return pydantic's reader of a file's model, which takes tens of milliseconds to make."""
+    """Return pydantic's reader of a model, which takes tens of milliseconds to make."""
     return TypeAdapter(model)
 
 
 def format_validation_error(error: ValidationError, source: str) -> str:
-    """Return the first two problems of a file's validation as text, one per line."""
+    """Return the first two problems of a validation as text, one per line."""
     problems = _innermost_problems(error)
     lines = [f"{source}: {_format_problem(dict(p))}" for p in problems[:2]]
     if len(problems) > 2:
@@ -114,7 +114,7 @@ def format_validation_error(error: ValidationError, source: str) -> str:
 
 
 def _innermost_problems(error: ValidationError) -> list[Any]:
-    """Return a file's validation problems, without tables that have a problem within them."""
+    """Return the problems, without tables that have a problem within them."""
     problems = error.errors()
     places = [problem["loc"] for problem in problems]
 
@@ -125,7 +125,7 @@ def _innermost_problems(error: ValidationError) -> list[Any]:
 
 
 def _format_problem(problem: dict[str, Any]) -> str:
-    """Return a problem of a file's validation in words: key, value and remedy."""
+    """Return a problem in words: key, value and remedy."""
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"key {quote(key)} is unknown. Remove it, or check its spelling."

@@ -1,4 +1,4 @@
-"""Reflectances in a scene file: a name, a number, a colour, or a measured spectrum."""
+"""Reflectances in a scene: a name, a number, a colour, or a measured spectrum."""
 
 from __future__ import annotations
 
@@ -27,10 +27,7 @@ PAINTS: dict[str, tuple[float, float, float]] = {
 
 
 def _validate_reflectance(value: Any) -> Any:
-    """Check a scene file's reflectance before pydantic tries each kind of reflectance.
-
-    This check gives one error for a wrong reflectance instead of four.
-    """
+    """Check a reflectance before pydantic tries each kind, for one error instead of four."""
     shares = value if isinstance(value, list | tuple) else [value]
     if isinstance(value, str):
         if value not in PAINTS:
@@ -56,7 +53,7 @@ Reflectance = Annotated[
 
 
 def reflectance_spectrum(surface: Reflectance) -> Spectrum:
-    """Return a scene file's reflectance as a spectrum; UserError if its own file can't be read."""
+    """Return a reflectance as a spectrum; UserError if a measured one can't be read."""
     if isinstance(surface, SpectrumTable):
         return extend_to_silicon_range(read_spectrum(Path(surface.file), surface.column))
     if isinstance(surface, str):
@@ -67,13 +64,13 @@ def reflectance_spectrum(surface: Reflectance) -> Spectrum:
 
 
 def mallett_basis() -> Basis:
-    """Read the file with the reflectance spectra of sRGB's primaries, Mallett and Yuksel (2019)."""
+    """Read the bundled reflectance spectra of sRGB's primaries, Mallett and Yuksel (2019)."""
     table = bundled_spectra("mallett2019")
     return basis_of(table["red"], table["green"], table["blue"])
 
 
 def reflectance_basis(spectra: Literal["mallett", "primaries"]) -> Basis:
-    """Return the basis of reflectance spectra that a scene file's key `spectra` names.
+    """Return the basis of reflectance spectra that the key `spectra` names.
 
     The basis converts a photograph's colours to reflectances.
     """

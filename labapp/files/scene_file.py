@@ -46,7 +46,7 @@ TargetTable = Annotated[
 ]
 
 _VERSION_1_KINDS = (DarkTable, StarTable, FlatTable, PhotographTable)
-"""Kinds of targets in version 1 of the scene file."""
+"""Kinds of targets in a scene of version 1."""
 
 
 class SceneFile(FileModel):
@@ -88,7 +88,7 @@ class SceneFile(FileModel):
             raise ValueError(f"{what} needs version = 2")
 
     def build(self) -> Scene:
-        """Build the simulator's scene from a scene file; UserError if one of its files is wrong."""
+        """Build the simulator's scene; UserError if a file that it names is wrong."""
         lamps = {name: light.build() for name, light in self.lights.items()}
         built = {}
         for name, table in self.targets.items():
@@ -100,15 +100,15 @@ class SceneFile(FileModel):
 
     @property
     def input_files(self) -> list[Path]:
-        """Paths of the picture and data files that the scene file names."""
+        """Paths of the pictures and data that the scene names."""
         return referenced_files(self)
 
     def with_files_in(self, folder: Path) -> SceneFile:
-        """Return the scene file with absolute paths of its files, relative to `folder`."""
+        """Return the scene with absolute paths of its files, relative to `folder`."""
         return with_absolute_paths(self, folder)
 
     def with_photographs(self, changes: dict[str, str]) -> SceneFile:
-        """Return the scene file with changed keys in the tables of all photographs."""
+        """Return the scene with changed keys in the tables of all photographs."""
         tables = {
             name: table.model_copy(update=changes) if isinstance(table, PhotographTable) else table
             for name, table in self.targets.items()

@@ -26,7 +26,7 @@ Lamps = Mapping[str, Lamp]
 
 
 def _known_encoding(word: str) -> str:
-    """Return the name of an encoding in a scene file; ValueError for other words."""
+    """Return an encoding's own name; ValueError for unknown words."""
     try:
         return parse_encoding(word).name
     except UserError as error:
@@ -72,7 +72,7 @@ class IlluminatedTargetTable(FileModel):
     speckle: SpeckleTable | None = None
 
     def light_arguments(self, lamps: Lamps) -> dict[str, Any]:
-        """Return a simulated target's light and motion, as a scene file's table gives them."""
+        """Return the light and motion of the simulated target, in SI units and radians."""
         lamp = lamps[self.light] if self.light is not None else Lamp(None)
         velocity = self.motion.velocity_mm_s if self.motion else (0.0, 0.0)
         angle = self.polarised_deg
@@ -154,7 +154,7 @@ class PictureTargetTable(IlluminatedTargetTable):
     credit: str = ""
 
     def picture_arguments(self, lamps: Lamps) -> dict[str, Any]:
-        """Return a simulated target's size, offset and light as a scene file's table gives them."""
+        """Return size, offset and light of the simulated target, in SI units."""
         y, x = self.offset_mm
         return {
             "cover": self.cover,

@@ -30,7 +30,7 @@ class CurveFile(FileModel):
     column: str | None = None
 
     def read_curve(self, folder: Path) -> InlineCurve:
-        """Read the curve of quantum efficiency from its file in `folder`.
+        """Read a curve of quantum efficiency from its place in `folder`, shares by nm as text.
 
         Raises UserError with file, line and value.
         """
@@ -125,15 +125,12 @@ class SensorTable(FileModel):
 
     @property
     def pitch(self) -> float:
-        """The distance of the sensor's pixels in metres."""
+        """Distance of neighbouring pixels, metres."""
         return self.pitch_um * 1e-6
 
     @property
     def has_all_curves(self) -> bool:
-        """Whether the sensor file itself holds all curves of quantum efficiency.
-
-        Otherwise, at least one curve is in another file.
-        """
+        """Whether all curves of quantum efficiency are here, and none in a file of its own."""
         curves = [
             self.quantum_efficiency,
             *(self.colour.efficiency.values() if self.colour else ()),
@@ -141,7 +138,7 @@ class SensorTable(FileModel):
         return not any(isinstance(one, CurveFile) for one in curves)
 
     def resolve_files(self, folder: Path) -> Self:
-        """Return a sensor file's table with its curves read from their files in `folder`.
+        """Return the table with its curves read from their files in `folder`.
 
         Raises UserError with file, line and value.
         """
@@ -152,7 +149,7 @@ class SensorTable(FileModel):
         return self.model_copy(update={"quantum_efficiency": efficiency, "colour": colour})
 
     def build(self) -> Sensor:
-        """Return the sensor that a sensor file's table describes.
+        """Return the sensor in SI units.
 
         Raises ValueError for impossible values or a curve that wasn't read.
         """
@@ -194,7 +191,7 @@ class SensorTable(FileModel):
 def specks_in_metres(
     dust: Sequence[tuple[float, float, float]],
 ) -> tuple[tuple[float, float, float], ...]:
-    """Return the specks of a sensor file's dust, each (y, x, diameter), in metres."""
+    """Convert specks of dust, each (y, x, diameter), from micrometres to metres."""
     return tuple((y * 1e-6, x * 1e-6, diameter * 1e-6) for y, x, diameter in dust)
 
 
@@ -205,7 +202,7 @@ class SensorFile(SensorTable):
 
 
 def read_sensor(file: str, folder: Path) -> SensorTable:
-    """Read a sensor file, given a bundled name or a path relative to `folder`.
+    """Read a sensor, given a bundled name or a path relative to `folder`.
 
     Raises UserError with file, key, value and rule.
     """
@@ -215,7 +212,7 @@ def read_sensor(file: str, folder: Path) -> SensorTable:
 
 
 def with_sensor(data: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """Return the plain data of a bench file with its sensor file included, if it names one.
+    """Return a bench's plain data with its sensor file included, if it names one.
 
     Keys beside `file` override those of the sensor file; quantum_efficiency and colour replace
     each other. `source` is the name of the bench file in errors.
@@ -235,7 +232,7 @@ def with_sensor(data: dict[str, Any], folder: Path, source: str) -> dict[str, An
 
 
 def require_monochrome_sensor(sensor: Sensor, task: str) -> None:
-    """Raise UserError if a file's sensor has colour filters; `task` names what can't use them."""
+    """Raise UserError if a sensor has colour filters; `task` names what can't use them."""
     if sensor.colour is not None:
         raise UserError(
             f"{task}: measures light of one wavelength on neighbouring pixels, and the bench's "

@@ -1,4 +1,4 @@
-"""The file of a spectral calibration: a snapshot camera's model, its uncertainty, and its light."""
+"""A spectral calibration as stored: a snapshot camera's model, its uncertainty, and its light."""
 
 from __future__ import annotations
 
@@ -152,11 +152,11 @@ class SpectraFile(FileModel):
 
     @property
     def wavelengths(self) -> tuple[float, ...]:
-        """Wavelengths of the spectral calibration's bands, in metres."""
+        """Wavelengths of the bands, metres."""
         return tuple(one.wavelength_nm / 1e9 for one in self.bands)
 
     def build_model(self) -> SnapshotModel:
-        """Return the nominal model of the snapshot camera in a spectral calibration's file."""
+        """Return the nominal model of the snapshot camera."""
         return SnapshotModel.create(
             np.array(self.psfs_ppm) / _PPM,
             np.array(self.response),
@@ -167,7 +167,7 @@ class SpectraFile(FileModel):
         )
 
     def build(self) -> SnapshotCalibration:
-        """Return the calibration of the snapshot camera in a spectral calibration's file."""
+        """Return the calibration of the snapshot camera."""
         return SnapshotCalibration(
             self.build_model(),
             torch.tensor(self.deviation, dtype=torch.float64),
@@ -178,14 +178,14 @@ class SpectraFile(FileModel):
 
 @dataclass(frozen=True)
 class SpectraSource:
-    """A spectral calibration with the path of its file."""
+    """A spectral calibration with the path that it was read from."""
 
     path: Path
     file: SpectraFile
 
 
 def read_spectra_file(path: Path) -> SpectraSource:
-    """Read a spectral calibration's file; raise UserError if it is another kind of file."""
+    """Read a spectral calibration; raise UserError if the file is of another kind."""
     if path.suffix.lower() != ".json":
         raise UserError(f"--calibration {path}: is no .json file. {_HINT}.")
     plain = read_file(path, dict)
@@ -195,7 +195,7 @@ def read_spectra_file(path: Path) -> SpectraSource:
 
 
 def as_ppm(psfs: NDArray[np.float64]) -> Stack:
-    """Return PSFs for a spectral calibration's file, in parts per million of their light.
+    """Return PSFs in parts per million of their light.
 
     They are rounded to a tenth, which the model's error exceeds by far.
     """
@@ -207,7 +207,8 @@ def as_ppm(psfs: NDArray[np.float64]) -> Stack:
 def name_bands(text: str, wavelengths: Sequence[float]) -> str:
     """Return a parameter's name with the wavelength of its band, as "centre y, 550 nm".
 
-    `text` has the number of a band, as "centre y of band 2", and wavelengths are in metres.
+    text: has the number of a band, as "centre y of band 2".
+    wavelengths: metres.
     """
     return re.sub(
         r" of band (\d+)", lambda found: f", {wavelengths[int(found[1])] * 1e9:g} nm", text

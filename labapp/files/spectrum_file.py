@@ -1,4 +1,4 @@
-"""Read spectra from CSV files: wavelengths in nm, and a column for each spectrum."""
+"""Spectra as CSV: wavelengths in nm, and a column for each spectrum."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optics.light.spectrum import Spectrum
 
 
 def read_spectrum(path: Path, column: str | None = None) -> Spectrum:
-    """Read one spectrum of a CSV file; `column` must be given if there are several.
+    """Read one spectrum of a CSV table; `column` must be given if there are several.
 
     Raises UserError with file, line and value.
     """
@@ -30,12 +30,13 @@ def read_spectrum(path: Path, column: str | None = None) -> Spectrum:
 
 
 def read_spectra(path: Path) -> dict[str, Spectrum]:
-    """Read all spectra of a CSV file, by the names in its first line.
+    """Read all spectra of a CSV table, by the names in its first line.
 
     Text after # is a comment. The first column holds wavelengths, rising: in nm, or in
     the unit that its name ends with, as "wavelength (µm)". A column whose name has a % holds per
     cent, and is read as shares. The line of names may be left out; the columns are then called 1, 2
     and so on.
+
     Raises UserError with file, line and value.
     """
     names: list[str] = []
@@ -82,13 +83,13 @@ def read_spectra(path: Path) -> dict[str, Spectrum]:
 
 
 def _unit(heading: str) -> str:
-    """Return the unit that a spectrum's first column names; "" if it is nm, or none."""
+    """Return the unit that the first column names; "" if it is nm, or none."""
     unit = unit_in_heading(heading)
     return "" if unit.lower() in NANOMETRES else unit
 
 
 def _in_metres(path: Path, numbers: list[float], heading: str) -> tuple[float, ...]:
-    """Return the wavelengths of a spectrum's file in metres, by the unit that their name has."""
+    """Return wavelengths in metres, by the unit that their heading names."""
     if unit := _unit(heading):
         try:
             return convert_wavelengths(numbers, unit)
@@ -101,5 +102,5 @@ def _in_metres(path: Path, numbers: list[float], heading: str) -> tuple[float, .
 
 @lru_cache(maxsize=16)
 def bundled_spectra(name: str) -> dict[str, Spectrum]:
-    """Read a file of spectra that comes with the application; the result must not be changed."""
+    """Read spectra that come with the application; the result must not be changed."""
     return read_spectra(bundled_path("spectra") / f"{name}.csv")

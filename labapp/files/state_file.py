@@ -1,4 +1,4 @@
-"""Keep the state of long work in a file beside its result, so that it can go on."""
+"""The state of long work, kept beside its result, so that it can go on."""
 
 from __future__ import annotations
 
@@ -20,17 +20,12 @@ WRITE_INTERVAL = 20.0
 
 
 class StateFile:
-    """Writes the state of long work to a file now and then, and reads it again.
+    """Keeps the state of long work on the disk, and reads it again.
 
-    The file holds the settings of the work beside its state, and replaces the one before when it
-    is complete, so that work that is killed at any moment leaves one of the two.
+    The settings of the work are kept beside its state. A state replaces the one before when it is
+    complete, so that work that is killed at any moment leaves one of the two.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    work : str
-        What the work is in one word, for messages: "design" or "training".
+    work: what the work is in one word, for messages: "design" or "training".
     """
 
     def __init__(self, path: Path, work: str) -> None:
@@ -54,24 +49,13 @@ class StateFile:
         return None if settings is None else int(settings["steps"])
 
     def read(self, settings: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Read the state of kept work with these settings.
+        """Read the state of kept work with these settings; None without kept work.
 
-        Parameters
-        ----------
-        settings : mapping
-            Everything that the work depends on, as plain data, with "steps", those in all.
+        Its tensors are on the CPU. Raises UserError if the file is damaged, or of work with other
+        settings, and ValueError if the settings aren't plain data, which could be written and not
+        be read again.
 
-        Returns
-        -------
-        dict or None
-            The state that was written, its tensors on the CPU; None if there is no file.
-
-        Raises
-        ------
-        UserError
-            If the file is damaged, or of work with other settings.
-        ValueError
-            If the settings aren't plain data, which could be written and not be read again.
+        settings: everything that the work depends on, as plain data, with "steps", those in all.
         """
         _require_plain(settings)
         stored = self._load()
@@ -114,7 +98,7 @@ class StateFile:
         return time.monotonic() - self._written >= WRITE_INTERVAL
 
     def delete(self) -> None:
-        """Delete the file of work whose result is written."""
+        """Delete the state of work whose result is written."""
         self.path.unlink(missing_ok=True)
 
     def describe_damage(self, error: Exception) -> UserError:
@@ -125,7 +109,7 @@ class StateFile:
         )
 
     def _load(self) -> dict[str, Any] | None:
-        """Return settings and state as they are in the file; None if there is no file."""
+        """Return settings and state as they are stored; None if there are none."""
         if not self.path.exists():
             return None
         require_plain_zip(self.path)
@@ -140,7 +124,7 @@ class StateFile:
 
 
 def _require_plain(settings: Mapping[str, Any]) -> None:
-    """Raise ValueError if settings for a state file hold more than plain data."""
+    """Raise ValueError if settings hold more than plain data."""
     buffer = io.BytesIO()
     torch.save(dict(settings), buffer)
     buffer.seek(0)
@@ -162,4 +146,4 @@ _DAMAGE = (
     AttributeError,
     pickle.UnpicklingError,
 )
-"""What loading a damaged file raises."""
+"""What loading damaged data raises."""

@@ -1,4 +1,4 @@
-"""Tables of a plan file as plain dataclasses, whose keys carry descriptions.
+"""Tables as plain dataclasses, whose keys carry descriptions, for the patterns of a plan.
 
 pydantic reads and validates them like its own models. The tables can be listed without importing
 pydantic, so that the window and the command line offer them without delay.
@@ -29,7 +29,7 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class LightUnit:
-    """Mark of a file's number, or of a key of its table, that is a wavelength in nanometres.
+    """Mark of a number, or of a key of a table, that is a wavelength in nanometres.
 
     pydantic refuses one that can't be; the window, which doesn't load it, passes the mark over.
     """
@@ -41,7 +41,7 @@ class LightUnit:
 
 
 def _in_its_unit(nanometres: Any) -> Any:
-    """Return a file's wavelength in nanometres as it is; ValueError if it is in another unit."""
+    """Return nanometres as they are; ValueError if the number seems to be in another unit."""
     from labapp.files.wavelengths import doubt_nanometres
 
     if doubt := doubt_nanometres(float(nanometres)):
@@ -56,18 +56,12 @@ Count = Annotated[int, Ge(1), Le(100_000)]
 
 @dataclass(frozen=True)
 class Key:
-    """Description of a key of a plan's table, and its field on a form of the window.
+    """Description of a table's key, and its field on a form of the window.
 
-    Attributes
-    ----------
-    description : str
-        Meaning of the key. Its unit follows from the ending of its name.
-    label : str
-        Label on the form. Keys without a label aren't on the form. For a file, it is the hint.
-    initial : object
-        Initial value on the form.
-    low, high : float
-        Limits of a number on the form.
+    description: meaning of the key. Its unit follows from the ending of its name.
+    label: on the form. Keys without a label aren't on the form. For a file, it is the hint.
+    initial: value on the form.
+    low, high: limits of a number on the form.
     """
 
     description: str = ""
@@ -103,18 +97,18 @@ class Table:
 
     @property
     def summary(self) -> str:
-        """Describe the kind and sizes in a plan file's table in a few words."""
+        """Kind and sizes in a few words."""
         return self.summary_template.format(**vars(self))
 
 
 def tag_value(table: type[Table], key: str) -> str:
-    """Return the only value that a key of a file's table can have, which identifies its kind."""
+    """Return the only value that a key can have, which identifies the table's kind."""
     name: str = get_args(get_type_hints(table)[key])[0]
     return name
 
 
 def keys_of(table: type[Any]) -> Iterator[tuple[str, type[Any], Key]]:
-    """Yield the name, the type and the Key of each key of a plan file's table, in their order.
+    """Yield the name, the type and the Key of each key of a table, in their order.
 
     Fields without a Key are left out.
     """
@@ -128,5 +122,5 @@ def keys_of(table: type[Any]) -> Iterator[tuple[str, type[Any], Key]]:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit at the end of a file key's name; empty if it has none."""
+    """Return the unit at the end of a key's name; empty if it has none."""
     return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")

@@ -1,4 +1,4 @@
-"""Find the paths of files in the tables of a scene file, and make them absolute."""
+"""Paths in the tables of a scene: find them, and make them absolute."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ PATH_KEYS = frozenset({"file", "disparity", "depth"})
 
 
 def with_absolute_paths(table: M, folder: Path) -> M:
-    """Return a file's table with absolute paths of the files that it names.
+    """Return a table with absolute paths, those within its own tables included.
 
-    Relative paths start at `folder`. Tables within the table are included.
+    Relative paths start at `folder`.
     """
     changes = {
         name: _make_absolute(name, getattr(table, name), folder)
@@ -27,7 +27,7 @@ def with_absolute_paths(table: M, folder: Path) -> M:
 
 
 def referenced_files(table: FileModel) -> list[Path]:
-    """Return all files that a table, and those within it, name, each once, sorted."""
+    """Return all paths that a table, and those within it, name, each once, sorted."""
     return sorted(set(_collect_paths("", table)))
 
 

@@ -1,4 +1,4 @@
-"""Tables of a plan file for the target shapes of PSFs.
+"""Target shapes of PSFs in a plan.
 
 The modules that draw a shape are imported only when one is drawn, so that reading plans and
 listing the shapes stay fast.
@@ -30,22 +30,22 @@ class TargetShape(Table):
     """A target of phase retrieval in a plan file: the requested shape of a PSF."""
 
     def require_frames(self, frames: int) -> None:
-        """Raise ValueError if a video of `frames` frames can't show a plan file's target."""
+        """Raise ValueError if a video of `frames` frames can't show the target."""
 
     def with_least_work(self) -> TargetShape:
-        """Reduce a plan file's target to as few moments as show whether it can be drawn."""
+        """Reduce the target to as few moments as show whether it can be drawn."""
         return self
 
     def video_drawings(self, frames: int, folder: Path) -> list[Drawing]:
-        """Return the drawings of a plan file's target at the moments of a video.
+        """Return the drawings of the target at the moments of a video.
 
-        Most targets have only one drawing. The number of moments divides `frames`. Picture files
-        are read from `folder`. Raises ValueError for impossible sizes.
+        Most targets have only one drawing. The number of moments divides `frames`. Pictures are
+        read from `folder`. Raises ValueError for impossible sizes.
         """
         return [self.draw(folder)]
 
     def draw(self, folder: Path) -> Drawing:
-        """Return the drawing of a plan file's target that doesn't change with time."""
+        """Return the drawing of a target that doesn't change with time."""
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""Decode the text of files by programs that don't say how they encode it.
+"""Text by programs that don't say how they encode it.
 
 A byte order mark says it; UTF-16 and UTF-32 without one show by their zeros (the Unicode Standard,
 section 3.10), and what is valid UTF-8 is UTF-8. Other text has one byte a letter, by Windows' code
@@ -36,7 +36,7 @@ _WORD = re.compile(r"[^\W\d_]+")
 
 
 def decode_text(data: bytes) -> str | None:
-    """Return the text of a file's bytes in UTF-8, UTF-16 or UTF-32; None if it is none of them."""
+    """Decode UTF-8, UTF-16 or UTF-32; None if the bytes are none of them."""
     for mark, name in _MARKS:
         if data.startswith(mark):
             return _decode_as(name, data[len(mark) :])
@@ -46,7 +46,7 @@ def decode_text(data: bytes) -> str | None:
 
 
 def decode_byte_text(data: bytes) -> str | None:
-    """Return the text of a file's bytes of which each is a letter; None if it isn't text.
+    """Decode bytes of which each is a letter; None if they aren't text.
 
     Letters that can't be told are UNTOLD.
     """
@@ -60,7 +60,7 @@ def decode_byte_text(data: bytes) -> str | None:
 
 
 def _decode_as(name: str, data: bytes) -> str | None:
-    """Return the text of a file's bytes in an encoding, or None."""
+    """Decode bytes in an encoding; None if they aren't text in it."""
     try:
         text = data.decode(name).removesuffix("\x1a")
     except UnicodeDecodeError:
@@ -72,7 +72,7 @@ def _decode_as(name: str, data: bytes) -> str | None:
 
 
 def _decode_by_zeros(name: str, data: bytes) -> str | None:
-    """Return the text of a file's bytes if their zeros stand where an encoding has them."""
+    """Decode bytes if their zeros stand where an encoding has them."""
     size, place = _ZEROS[name]
     letters = len(data) // size
     zeros = [data[k::size].count(0) for k in range(size)]
@@ -82,7 +82,7 @@ def _decode_by_zeros(name: str, data: bytes) -> str | None:
 
 
 def _is_usual(name: str, text: str) -> bool:
-    """Return whether the letters beyond ASCII of a file's text stand in words, as in a language."""
+    """Return whether the letters beyond ASCII stand in words, as in a language."""
     if any(not (one.isascii() or one.isalpha() or one in _USUAL[name]) for one in text):
         return False
     if set(text) & set("ŠŽŸšžƒˆ˜ªº¡¿") or _CAPITAL_WITHIN.search(text):

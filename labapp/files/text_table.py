@@ -1,4 +1,4 @@
-"""Read tables of numbers in text files, as vendors and spreadsheets write them."""
+"""Tables of numbers as text, as vendors and spreadsheets write them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _COMMENT = re.compile(r"^\s*(%|!|//).*|#.*")
 
 
 def table_lines(path: Path) -> list[Line]:
-    """Return the numbered lines of a text table's file, split into cells.
+    """Return the numbered lines of a text table, split into cells.
 
     The separator is a semicolon if there is any in the file, else a tab, else a comma, else blanks;
     beside all but the comma, numbers may have a decimal comma. Text after # is a comment, as is a
@@ -42,7 +42,7 @@ def table_lines(path: Path) -> list[Line]:
 
 
 def parse_numbers(cells: Iterable[str]) -> list[float] | None:
-    """Parse the numbers in a text table's cells; None if a cell holds no finite number."""
+    """Parse the numbers in cells; None if a cell holds no finite number."""
     try:
         return [parse_number(cell) for cell in cells]
     except ValueError:
@@ -50,7 +50,7 @@ def parse_numbers(cells: Iterable[str]) -> list[float] | None:
 
 
 def _split(path: Path, kept: list[tuple[int, str]]) -> list[Line]:
-    """Return the cells of a text table's lines, by the separator of the file."""
+    """Return the cells of all lines, by the separator that the table has."""
     for separator in ";\t":
         if any(separator in line.strip() for _, line in kept):
             lines = [(k, _cells(path, k, line, separator)) for k, line in kept]
@@ -63,14 +63,14 @@ def _split(path: Path, kept: list[tuple[int, str]]) -> list[Line]:
 
 
 def _has_decimal_commas(kept: list[tuple[int, str]]) -> bool:
-    """Return whether blanks separate a text table's numbers, in which commas are decimal signs."""
+    """Return whether blanks separate the numbers, in which commas are decimal signs."""
     rows = [re.sub(r"\s*,\s+|\s+,", ",", line).split() for _, line in kept]
     numbers = [row for row in rows if parse_numbers(row) is not None]
     return bool(numbers) and all(len(row) > 1 for row in numbers)
 
 
 def _cells(path: Path, number: int, line: str, separator: str) -> list[str]:
-    """Return the cells of a line of a text table; a cell in quotes ends on its line."""
+    """Return the cells of a line; a cell in quotes ends on its line."""
     try:
         (row,) = csv.reader([line.strip(" \r\n")], delimiter=separator, skipinitialspace=True)
     except csv.Error as error:
@@ -79,7 +79,7 @@ def _cells(path: Path, number: int, line: str, separator: str) -> list[str]:
 
 
 def _require_one_decimal_sign(path: Path, lines: list[Line]) -> None:
-    """Raise UserError if a text table has numbers with points and others with commas.
+    """Raise UserError if some numbers have points and others commas.
 
     One of both then stands between groups of digits.
     """

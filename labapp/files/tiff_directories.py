@@ -1,4 +1,4 @@
-"""Read the directories of tags of TIFF files, and of Exif and RAW files that are built alike."""
+"""Directories of tags in TIFF, and in Exif and RAW files that are built alike."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ PANASONIC_OFFSET = 280
 
 @dataclass(frozen=True)
 class _Layout:
-    """How the numbers of a TIFF file are laid out: their order, and the size of its offsets."""
+    """How TIFF's numbers are laid out: their order, and the size of its offsets."""
 
     order: str
     is_big: bool
@@ -68,14 +68,9 @@ class _Layout:
 class Directory:
     """A directory of tags, which describes one picture of a file.
 
-    Attributes
-    ----------
-    data : bytes
-        The whole file.
-    offset : int
-        Where the directory begins in it.
-    is_sub : bool
-        Whether another directory leads to it, and not the chain of pages.
+    data: the whole file.
+    offset: where the directory begins in it.
+    is_sub: whether another directory leads to it, and not the chain of pages.
     """
 
     data: bytes
@@ -180,23 +175,23 @@ class Directory:
 
 
 def is_tiff(data: bytes) -> bool:
-    """Return whether a file begins as TIFF does."""
+    """Return whether bytes begin as TIFF does."""
     return data[:4] in _TIFF
 
 
 def is_tiff_like(data: bytes) -> bool:
-    """Return whether a file begins as TIFF does, or as RAW files that are built like it."""
+    """Return whether bytes begin as TIFF does, or as RAW that is built like it."""
     return data[:4] in _TIFF_LIKE
 
 
 def read_directory(data: bytes, offset: int | None = None) -> Directory | None:
-    """Return the directory at an offset of a file, by default the first; None if there is none."""
+    """Return the directory at an offset, by default the first; None if there is none."""
     layout, first = _read_header(data)
     return None if layout is None else _collect(data, offset or first, layout, {}, is_sub=False)
 
 
 def read_directories(data: bytes) -> list[Directory]:
-    """Return the directories of a file's pages, each followed by those that it leads to.
+    """Return the directories of all pages, each followed by those that it leads to.
 
     What is damaged is left out; the list is empty for files of another kind.
     """
@@ -211,7 +206,7 @@ def read_directories(data: bytes) -> list[Directory]:
 
 
 def _read_header(data: bytes) -> tuple[_Layout | None, int]:
-    """Return the layout of a file's numbers and the offset of its first page, or None and 0."""
+    """Return the layout of numbers and the offset of the first page, or None and 0."""
     if not is_tiff_like(data):
         return None, 0
     layout = _Layout("<" if data[:2] == b"II" else ">", data[:4] in _BIG)
@@ -225,7 +220,7 @@ def _read_header(data: bytes) -> tuple[_Layout | None, int]:
 def _chain(
     data: bytes, offset: int, layout: _Layout, found: dict[int, Directory]
 ) -> Iterator[Directory]:
-    """Yield the directories of the pages of a file, and add them to `found`."""
+    """Yield the directories of the chain of pages, and add them to `found`."""
     while (page := _collect(data, offset, layout, found, is_sub=False)) is not None:
         yield page
         offset = page.next_offset
@@ -239,7 +234,7 @@ def _collect(
     *,
     is_sub: bool = True,
 ) -> Directory | None:
-    """Add a directory of a file to `found`; None if there is none, or it's there already."""
+    """Add a directory to `found`; None if there is none, or it's there already."""
     inside = 0 < offset <= len(data) - layout.count.size
     if not inside or offset in found or len(found) >= _MOST_DIRECTORIES:
         return None

@@ -1,4 +1,4 @@
-"""The table of a plan file for the pattern with a decoder that comes with the application."""
+"""The plan's table for the pattern with a decoder that comes with the application."""
 
 from __future__ import annotations
 

@@ -211,10 +211,10 @@ class TrueBenchTable(FileModel):
     mount: MountTable = MountTable()
 
     def true_camera(self, nominal: Camera) -> Camera:
-        """Return a virtual bench's true camera, as the scene file's table [truth] describes it.
+        """Return the true camera of a virtual bench.
 
-        `nominal` is the camera that the bench file describes. Raises ValueError with the table that
-        doesn't fit the camera.
+        nominal: the camera that the bench file describes.
+        Raises ValueError with the table that doesn't fit the camera.
         """
         panel = _with_table_in_errors("panel", lambda: self.panel.apply(nominal.panel))
         sensor = _with_table_in_errors("sensor", lambda: self.sensor.apply(nominal.sensor))
@@ -243,7 +243,7 @@ def _metres(terms: list[tuple[int, int, float]]) -> tuple[tuple[int, int, float]
 
 
 def _with_table_in_errors(table: str, make: Callable[[], T]) -> T:
-    """Add the name of a scene file's table to the ValueErrors of a call."""
+    """Add the name of a table in [truth] to the ValueErrors of a call."""
     try:
         return make()
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Wavelengths in files and on the command line: their unit, and whether it can be the right one."""
+"""Wavelengths that are read or typed: their unit, and whether it can be the right one."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _UNITS = (
     "nanometres", "micrometres", "ångström", "metres", "millimetres", "centimetres",
     "wavenumbers (1/cm)", "gigahertz", "megahertz",
 )  # fmt: skip
-"""Units that files may have, the usual ones first."""
+"""Units that wavelengths may be stated in, the usual ones first."""
 
 _LENGTHS = ("nanometres", "micrometres", "ångström", "picometres", "metres")
 """Units that people may mean who type a wavelength; picometres by a slip."""
@@ -64,10 +64,10 @@ _SPELLINGS = {
     "gigahertz": "ghz gigahertz",
     "megahertz": "mhz megahertz",
 }
-"""Spellings of each unit in files, in lower case; ENVI has a name for all but a few."""
+"""Spellings of each unit, in lower case; ENVI has a name for all but a few."""
 
 NANOMETRES = frozenset(_SPELLINGS["nanometres"].split())
-"""Spellings of nanometres in files, in lower case."""
+"""Spellings of nanometres, in lower case."""
 
 _NAMES = {word: name for name, words in _SPELLINGS.items() for word in words.split()}
 
@@ -76,26 +76,12 @@ _UNSTATED = ("", "unknown")
 
 
 def convert_wavelengths(values: Sequence[float], unit: str) -> tuple[float, ...]:
-    """Convert the wavelengths of a file to metres.
+    """Convert wavelengths, wavenumbers or frequencies to metres, in their order.
 
-    Parameters
-    ----------
-    values : sequence of float
-        Numbers as the file states them: wavelengths, wavenumbers or frequencies.
-    unit : str
-        Their unit, in any usual spelling. If it is empty or "unknown", it is found from the
-        numbers, if only one is plausible.
-
-    Returns
-    -------
-    tuple of float
-        The wavelengths in metres, in the order of `values`.
-
-    Raises
-    ------
-    UserError
-        For a unit that isn't known, numbers that can't be wavelengths in it, or numbers without a
-        unit that several could be meant in.
+    unit: in any usual spelling. If it is empty or "unknown", it is found from the numbers, if only
+    one is plausible.
+    Raises UserError for a unit that isn't known, numbers that can't be wavelengths in it, or
+    numbers without a unit that several could be meant in.
     """
     written = unit.strip().lower()
     if written in _UNSTATED:
@@ -111,7 +97,7 @@ def convert_wavelengths(values: Sequence[float], unit: str) -> tuple[float, ...]
 
 
 def remark_on_unit(values: Sequence[float], unit: str) -> str:
-    """Say in which unit a file's wavelengths were taken, if it states none; else nothing."""
+    """Say in which unit wavelengths were taken, if none is stated; else nothing."""
     if unit.strip().lower() not in _UNSTATED:
         return ""
     name = _only_plausible_unit(values)
@@ -119,7 +105,7 @@ def remark_on_unit(values: Sequence[float], unit: str) -> str:
 
 
 def require_metres(values: Sequence[float]) -> None:
-    """Raise UserError unless a cube's numbers can be wavelengths in metres, rising."""
+    """Raise UserError unless numbers can be wavelengths in metres, rising."""
     if not values or not all(SHORTEST <= one <= LONGEST for one in values):
         raise UserError(f"wavelengths {_span(values)} can't be metres.{_suggest(values)}")
     if any(a >= b for a, b in pairwise(values)):
@@ -153,22 +139,22 @@ def doubt_nanometres(nanometres: float) -> str:
 
 
 def guess_unit(values: Sequence[float]) -> str:
-    """Guess the unit of a file's wavelengths, in words; "" if none makes them visible."""
+    """Guess the unit of wavelengths, in words; "" if none makes them visible."""
     return next(iter(_units_within(values, *_VISIBLE, _LENGTHS)), "")
 
 
 def format_nanometres(wavelength: float) -> str:
-    """Return a band's wavelength in nanometres with its unit, such as "450 nm"."""
+    """Format a wavelength in metres as nanometres with their unit, such as "450 nm"."""
     return f"{wavelength * 1e9:.6g} nm"
 
 
 def list_nanometres(wavelengths: Sequence[float]) -> str:
-    """Return the wavelengths of a cube's bands in nanometres, such as "450, 500 nm"."""
+    """List wavelengths in metres as nanometres, such as "450, 500 nm"."""
     return f"{', '.join(f'{one * 1e9:.6g}' for one in wavelengths)} nm"
 
 
 def _in_metres(values: Sequence[float], name: str) -> tuple[float, ...]:
-    """Return the numbers of a file in metres, by the name of their unit; NaN for 0 and less."""
+    """Return numbers in metres, by the name of their unit; NaN for 0 and less."""
     convert: Callable[[float], float]
     if name in _PER_METRE:
         convert = _PER_METRE[name].__rtruediv__
@@ -180,7 +166,7 @@ def _in_metres(values: Sequence[float], name: str) -> tuple[float, ...]:
 def _units_within(
     values: Sequence[float], shortest: float, longest: float, units: Sequence[str] = _UNITS
 ) -> list[str]:
-    """Return the units in which all numbers of a file are wavelengths in a range in metres."""
+    """Return the units in which all numbers are wavelengths in a range in metres."""
     fitting = (
         name
         for name in units
@@ -190,7 +176,7 @@ def _units_within(
 
 
 def _only_plausible_unit(values: Sequence[float]) -> str:
-    """Return the one unit that a file's numbers can be meant in; raise UserError if it isn't one.
+    """Return the one unit that numbers can be meant in; raise UserError if it isn't one.
 
     One unit must make them reflected sunlight, or nanometres be the only unit of any light, which
     most programs mean that leave the unit out.
@@ -209,13 +195,13 @@ def _only_plausible_unit(values: Sequence[float]) -> str:
 
 
 def _suggest(values: Sequence[float]) -> str:
-    """Say which unit a file's wavelengths seem to be in; nothing if none fits."""
+    """Say which unit wavelengths seem to be in; nothing if none fits."""
     guess = guess_unit(values)
     return f" In {guess}? Say so with units" if guess else ""
 
 
 def _span(values: Sequence[float]) -> str:
-    """Return the range of a file's wavelengths in words."""
+    """Return a range in words."""
     if not values:
         return "(none)"
     low, high = min(values), max(values)

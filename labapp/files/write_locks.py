@@ -1,4 +1,4 @@
-"""Lock a file that is being written, and move new files to their paths only past such locks.
+"""Locks on files that are being written, past which new files are moved to their paths.
 
 A lock belongs to the open file, not to the process. The operating system releases it when the file
 is closed, however the process ends. Where a file system keeps no locks, a named lock of the user
@@ -69,7 +69,7 @@ def _take_named_lock(handle: int) -> bool:
 
 
 def _named_lock_holder(file: os.stat_result) -> int | None:
-    """Return the process that holds the named lock of a file, 0 if unknown; None if nobody does."""
+    """Return the process that holds the named lock, 0 if unknown; None if nobody does."""
     from labapp.common.named_locks import find_lock_holder
 
     return find_lock_holder(_lock_name(file))
@@ -80,7 +80,7 @@ def _lock_name(file: os.stat_result) -> str:
 
 
 def close_locked(handle: int) -> None:
-    """Close an open file, and with it the last handle's lock."""
+    """Close a handle, and with the last one release the lock."""
     os.close(handle)
     if (lock := _named_locks.pop(handle, None)) is not None:
         lock.close()
@@ -95,7 +95,7 @@ def duplicate_locked(handle: int) -> int:
 
 
 def lock_limit(handle: int) -> str:
-    """Return what the lock of an open file can't promise, in words; empty if it is a whole one."""
+    """Return what the lock of a handle can't promise, in words; empty if it is a whole one."""
     if handle not in _named_locks:
         return ""
     return (
@@ -105,7 +105,7 @@ def lock_limit(handle: int) -> str:
 
 
 def open_locked(path: Path) -> int:
-    """Open a file for writing; return its handle, which holds the lock until it's closed.
+    """Open a path for writing; return its handle, which holds the lock until it's closed.
 
     The handle is of the file that has the path once the lock is held. Raises UserError if another
     process writes the file, or it isn't a plain file, and OSError if it can't be opened.
@@ -125,7 +125,7 @@ def open_locked(path: Path) -> int:
 
 
 def require_unlocked(path: Path) -> None:
-    """Raise UserError if another process writes a file; the message says which."""
+    """Raise UserError if another process writes to a path; the message says which."""
     give_up = time.monotonic() + _PATIENCE
     while is_locked(path):
         # Who moves a file holds the lock for a moment; then nobody is found who has it.
@@ -136,7 +136,7 @@ def require_unlocked(path: Path) -> None:
 
 
 def is_locked(path: Path) -> bool:
-    """Return whether a process writes a file, such as a run's record."""
+    """Return whether a process writes to a path, such as a run to its record."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
     except OSError:
@@ -180,7 +180,7 @@ def _in_use_message(path: Path, process: int | None) -> str:
 
 
 def move_into_place(draft: Path, path: Path, *, force: bool) -> None:
-    """Move a complete file to its path, but never onto a file that a run writes.
+    """Move a complete draft to its path, but never onto a file that a run writes.
 
     Without `force`, no file is replaced at all. Raises UserError if another file is in the way.
     """
@@ -201,7 +201,7 @@ def move_into_place(draft: Path, path: Path, *, force: bool) -> None:
 
 
 def _move_to_free_path(draft: Path, path: Path) -> bool:
-    """Move a file to a path that no file has; return False if one has it."""
+    """Move a draft to a free path; return False if the path is taken."""
     try:
         os.link(draft, path)
     except FileExistsError:
@@ -217,7 +217,7 @@ def _move_to_free_path(draft: Path, path: Path) -> bool:
 
 
 def _move_onto_placeholder(draft: Path, path: Path) -> bool:
-    """Move a file to a free path where the file system knows no second names."""
+    """Move a draft to a free path where the file system knows no second names."""
     try:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC)
     except FileExistsError:
@@ -237,7 +237,7 @@ def _move_onto_placeholder(draft: Path, path: Path) -> bool:
 
 
 def name_draft(path: Path) -> Path:
-    """Return a new temporary name under which this process writes a file.
+    """Return a new temporary name for what this process writes to a path.
 
     In a folder of several users, none can take it beforehand, because it can't be guessed. Drafts
     that killed processes left behind are removed.
@@ -252,7 +252,7 @@ def name_draft(path: Path) -> Path:
 
 
 def _lock_holder(path: Path) -> int | None:
-    """Return the process of this user that holds a file's lock; None if it can't be found."""
+    """Return the process of this user that holds a path's lock; None if it can't be found."""
     with suppress(OSError):
         if holder := _named_lock_holder(path.stat()):
             return holder
@@ -265,7 +265,7 @@ def _lock_holder(path: Path) -> int | None:
 
 
 def _holds_lock(process: Path, file: os.stat_result) -> bool:
-    """Return whether a process, by its folder in /proc, holds the lock of a file."""
+    """Return whether a process, by its folder in /proc, holds the lock."""
     for opened in (process / "fd").iterdir():
         with suppress(OSError):
             if not os.path.samestat(opened.stat(), file):

@@ -1,4 +1,4 @@
-"""Write output files atomically, and never replace a file without permission."""
+"""Atomic writing of outputs, which never replaces a file without permission."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _NO_SYNC = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTTY)
 
 
 _SYNCS = 8
-"""Files that are brought to the disk at once: four times as quick as one by one. Chosen."""
+"""Paths that are brought to the disk at once: four times as quick as one by one. Chosen."""
 
 
 def require_writable(path: Path, *, force: bool) -> None:
-    """Raise UserError if a file exists and `force` isn't set, or it can't be written.
+    """Raise UserError if a path is taken and `force` isn't set, or it can't be written.
 
     A file that a run writes can't be replaced, with or without `force`.
     """
@@ -49,7 +49,7 @@ def require_writable(path: Path, *, force: bool) -> None:
 
 
 def require_all_writable(paths: Iterable[Path | None], *, force: bool) -> None:
-    """Raise UserError as require_writable() does, for each file path that isn't None."""
+    """Raise UserError as require_writable() does, for each path that isn't None."""
     for path in paths:
         if path is not None:
             require_writable(path, force=force)
@@ -92,7 +92,7 @@ def sync_to_disk(*paths: Path) -> None:
 
 
 def sync_all(paths: Iterable[Path]) -> None:
-    """Do as sync_to_disk() for many files, some at once, which the disk does in one go."""
+    """Do as sync_to_disk() for many paths, some at once, which the disk does in one go."""
     from concurrent.futures import ThreadPoolExecutor
 
     left, unknown = iter(paths), list[Path]()
@@ -127,7 +127,7 @@ def _is_synchronised(path: Path) -> bool:
 
 
 def sync_handle(handle: int) -> bool:
-    """Wait until what was written to an open file is on the disk; return false if nothing tells.
+    """Wait until what was written to a handle is on the disk; return false if nothing tells.
 
     The names in an open folder are what was written to it. Raises OSError if the disk lost some.
     """
@@ -143,7 +143,7 @@ def sync_handle(handle: int) -> bool:
 
 
 def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
-    """Return the bytes of a picture file of the kind that the path's ending names.
+    """Return a picture's bytes in the format that the path's ending names.
 
     The channels are in OpenCV's order, except that .npy keeps the array as it is. Raises UserError
     if the picture can't be encoded.
@@ -164,7 +164,7 @@ def encode_image(path: Path, picture: NDArray[Any]) -> bytes:
 
 @contextmanager
 def draft_of(path: Path) -> Iterator[Path]:
-    """Give a temporary name to write a file under; move the file to its path when it is complete.
+    """Give a temporary name to write under; move the draft to its path when it is complete.
 
     It is on the disk then, and so is its name. Raises UserError if a run writes the file that would
     be replaced.
@@ -185,6 +185,6 @@ def draft_of(path: Path) -> Iterator[Path]:
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file under a temporary name and rename it when it is complete."""
+    """Write bytes to a draft, which is moved to its path when it is complete."""
     with draft_of(path) as draft:
         draft.write_bytes(data)

@@ -1,1 +1,1 @@
-"""Compute the grey levels of a plan's patterns on the SLM's panel, and design patterns."""
+"""Grey levels of a plan's patterns on the SLM's panel, and the design of patterns."""

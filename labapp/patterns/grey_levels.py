@@ -1,4 +1,4 @@
-"""Compute a plan's patterns as grey levels on the SLM's panel."""
+"""Computes a plan's patterns as grey levels on the SLM's panel."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ from optics.targets.target import Renderable
 class PatternContext:
     """Camera, seed, progress and folder with which patterns are computed.
 
-    `seed` alone determines all random numbers. Picture files are read from `folder`.
+    seed: alone determines all random numbers.
+    folder: from which picture files are read.
     """
 
     camera: Camera
@@ -38,7 +39,7 @@ class PatternContext:
     folder: Path
 
     def part(self, number: int, count: int) -> PatternContext:
-        """Return the context for one of `count` equally long parts of a pattern's computation."""
+        """Return the context for one of `count` equally long parts of a computation."""
         return replace(self, progress=self.progress.part(number / count, (number + 1) / count))
 
     def generator(self, number: int = 0) -> torch.Generator:
@@ -56,7 +57,7 @@ class RetrievedMoment:
 
 @dataclass(frozen=True)
 class PhaseFrame:
-    """A frame's phase on the panel, (rows, columns), radians, and the whole waves that it uses."""
+    """A phase on the panel, (rows, columns), radians, and the whole waves that it uses."""
 
     phase: torch.Tensor
     orders: int
@@ -65,10 +66,11 @@ class PhaseFrame:
 def compute_pattern(
     spec: StillPattern, camera: Camera, seed: int, progress: Progress, folder: Path
 ) -> NDArray[np.uint8]:
-    """Compute the grey levels of a plan's pattern on the camera's panel, (rows, columns).
+    """Compute the grey levels of a still pattern on the camera's panel, (rows, columns).
 
-    Picture files are read from `folder`. `seed` alone determines all random numbers. Raises
-    UserError or ValueError if the panel can't show the pattern.
+    seed: alone determines all random numbers.
+    folder: from which picture files are read.
+    Raises UserError or ValueError if the panel can't show the pattern.
     """
     (grey,) = grey_frames(spec, 1, PatternContext(camera, seed, progress, folder))
     return grey
@@ -103,7 +105,7 @@ def compute_patterns(
 def grey_frames(
     spec: StillPattern, count: int, work: PatternContext
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the grey levels of the frames of a plan's pattern, (rows, columns) each.
+    """Yield the grey levels of `count` frames, (rows, columns) each.
 
     Raises the errors of compute_pattern().
     """
@@ -116,12 +118,12 @@ def grey_frames(
 
 
 def frame_to_grey(frame: PhaseFrame, camera: Camera, wavelength: float) -> NDArray[np.uint8]:
-    """Return the grey levels that show a pattern frame's phase at a wavelength in metres."""
+    """Return the grey levels that show a frame's phase at a wavelength in metres."""
     return phase_to_grey(camera.panel, frame.phase, wavelength, frame.orders).numpy()
 
 
 def phase_frames(spec: PhasePattern, count: int, work: PatternContext) -> Iterator[PhaseFrame]:
-    """Yield the phases of the frames of a plan's pattern; frame k is computed with the seed + k."""
+    """Yield the phases of `count` frames; frame k is computed with the seed + k."""
     if isinstance(spec, PSFPattern):
         yield from retrieved_frames(retrieve_psf(spec, count, work), spec)
     elif isinstance(spec, SumPattern):
@@ -137,7 +139,7 @@ def phase_frames(spec: PhasePattern, count: int, work: PatternContext) -> Iterat
 
 
 def retrieve_psf(spec: PSFPattern, count: int, work: PatternContext) -> list[RetrievedMoment]:
-    """Design the frames of a plan's psf pattern; the frames of a moment are retrieved jointly."""
+    """Design the frames of a PSF; the frames of a moment are retrieved jointly."""
     moments = spec.target.video_drawings(count, work.folder)
     speed = None if spec.budget_s is None else machine_speed(work.progress.part(0, 0))
     found = []
@@ -161,7 +163,7 @@ def retrieve_psf(spec: PSFPattern, count: int, work: PatternContext) -> list[Ret
 
 
 def retrieved_frames(moments: list[RetrievedMoment], spec: PSFPattern) -> Iterator[PhaseFrame]:
-    """Yield the phases of all frames of a plan's psf pattern in turn, moment by moment."""
+    """Yield the phases of all retrieved frames in turn, moment by moment."""
     for moment in moments:
         orders = max(spec.orders, moment.result.orders)
         for phase in moment.result.phases:
@@ -171,14 +173,14 @@ def retrieved_frames(moments: list[RetrievedMoment], spec: PSFPattern) -> Iterat
 def target_on_design_grid(
     drawing: Renderable, camera: Camera, wavelength: float
 ) -> tuple[torch.Tensor, Plane]:
-    """Draw a plan pattern's target on a window of the design grid, with a dark border."""
+    """Draw a target on a window of the design grid, with a dark border."""
     window = window_for_reach(camera, wavelength, drawing.reach)
     plane = design_plane(camera, wavelength, window)
     return drawing.render(plane), plane
 
 
 def _ring(spec: RingPattern, number: int, work: PatternContext) -> torch.Tensor:
-    """Compute the phase of one frame of a plan's ring pattern."""
+    """Compute the phase of one frame whose PSF is a ring."""
     target, plane = target_on_design_grid(
         spec.target.draw(work.folder), work.camera, spec.wavelength
     )
@@ -197,7 +199,7 @@ def _ring(spec: RingPattern, number: int, work: PatternContext) -> torch.Tensor:
 
 
 def _sum_frames(spec: SumPattern, count: int, work: PatternContext) -> Iterator[PhaseFrame]:
-    """Yield the phases of the frames of a plan's sum pattern.
+    """Yield the phases of the frames of a sum of patterns.
 
     Smooth parts are superposed first, because the slope of their sum is checked. Parts with jumps
     are added to that sum.
@@ -215,5 +217,5 @@ def _sum_frames(spec: SumPattern, count: int, work: PatternContext) -> Iterator[
 
 
 def _part_seed(work: PatternContext, number: int) -> int:
-    """Return a seed for one part of a plan's sum pattern; parts of the same kind thus differ."""
+    """Return a seed for one part of a sum; parts of the same kind thus differ."""
     return int(np.random.SeedSequence([work.seed, number]).generate_state(1)[0])

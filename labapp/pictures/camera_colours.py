@@ -20,30 +20,15 @@ published cameras have 2 to 10, and beyond 100 a colour would be a guess."""
 
 
 def camera_to_linear_srgb(matrix: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Compute the matrix from a camera's white-balanced channels to linear sRGB.
+    """Compute the matrix from a camera's white-balanced channels to linear sRGB, (3, channels).
 
     White stays white: the channels of linear sRGB's white are scaled to 1, as they are after the
-    white balance. With more than three channels, sRGB is the least-squares fit.
+    white balance. With more than three channels, sRGB is the least-squares fit. ValueError if the
+    matrix can't be turned round: a channel sees no light, or channels see alike. Adobe, Digital
+    Negative Specification 1.7.1, chapter 6; IEC 61966-2-1 (sRGB).
 
-    Parameters
-    ----------
-    matrix : ndarray, (channels, 3)
-        From CIE XYZ to the camera's channels, for D65 or the light that is nearest to it, as the
-        tag ColorMatrix of a DNG has it. Three channels or more.
-
-    Returns
-    -------
-    ndarray
-        (3, channels), float64, for channels that are each divided by what white gives in them.
-
-    Raises
-    ------
-    ValueError
-        If the matrix can't be turned round: a channel sees no light, or channels see alike.
-
-    References
-    ----------
-    Adobe, Digital Negative Specification 1.7.1, chapter 6; IEC 61966-2-1 (sRGB).
+    matrix: (channels, 3), from CIE XYZ to three channels or more, for D65 or the light that is
+        nearest to it, as the tag ColorMatrix of a DNG has it.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     if matrix.ndim != 2 or matrix.shape[1] != 3 or len(matrix) < 3:

@@ -54,38 +54,22 @@ def linear_srgb_matrix(
     library colour-science. A channel's signal is the sum over wavelength of reflectance, light,
     wavelength (so that photons are counted) and efficiency. The goal is the CIE 1931 colour of the
     reflectance in the same light, without the filter, adapted from the light's white to D65 by
-    Bradford's transform. White stays white: each row sums to 1.
+    Bradford's transform. White stays white: each row sums to 1. Finlayson and Drew, "White-point
+    preserving color correction", Color Imaging Conference 1997; IEC 61966-2-1 (sRGB); CIE 15
+    (colorimetry).
 
-    Parameters
-    ----------
-    mosaic : Mosaic
-        The sensor's colour filters, three or more. If there are more than three, directions in
-        which the channels are too alike are left out of the fit.
-    light : Spectrum, optional
-        Power by wavelength of the light on the scene, on any scale. By default a halogen lamp, CIE
-        illuminant A.
-    passband : tuple of float, optional
-        Shortest and longest wavelength in metres that a filter in front of the camera transmits.
-        By default the visible, 380 to 780 nm. Light beyond the visible isn't counted.
+    Returns (3, channels), float64: from channels in the order of ``mosaic.channels``, each divided
+    by what white gives in it, to linear sRGB, in which white is (1, 1, 1). ValueError if colours
+    can't be told apart: there are fewer than three channels, a channel gets no light, or channels
+    are so alike that the noise of sRGB would exceed `LARGEST_NOISE_AMPLIFICATION`. Also for a
+    passband that runs backwards or is invisible, and for a light that is dark in it.
 
-    Returns
-    -------
-    ndarray
-        (3, channels), float64: from channels in the order of ``mosaic.channels``, each divided by
-        what white gives in it, to linear sRGB, in which white is (1, 1, 1).
-
-    Raises
-    ------
-    ValueError
-        If colours can't be told apart: there are fewer than three channels, a channel gets no
-        light, or channels are so alike that the noise of sRGB would exceed
-        `LARGEST_NOISE_AMPLIFICATION`. Also for a passband that runs backwards or is invisible, and
-        for a light that is dark in it.
-
-    References
-    ----------
-    Finlayson and Drew, "White-point preserving color correction", Color Imaging Conference 1997;
-    IEC 61966-2-1 (sRGB); CIE 15 (colorimetry).
+    mosaic: of more than three channels, directions in which they are too alike are left out of the
+        fit.
+    light: power by wavelength on the scene, on any scale; a halogen lamp, CIE illuminant A, by
+        default.
+    passband: shortest and longest wavelength in metres that a filter in front of the camera
+        transmits; the visible, 380 to 780 nm, by default. Light beyond the visible isn't counted.
     """
     light = _illuminant_a() if light is None else light
     low, high = _visible_passband(passband)
@@ -140,27 +124,9 @@ def white_balance(
 ) -> NDArray[np.float64]:
     """Compute what a white surface gives in each channel, relative to the largest one.
 
-    Parameters
-    ----------
-    mosaic : Mosaic
-        The sensor's colour filters.
-    light : Spectrum, optional
-        Power by wavelength of the light on the scene, on any scale. By default a halogen lamp, CIE
-        illuminant A.
-    passband : tuple of float, optional
-        Shortest and longest wavelength in metres that a filter in front of the camera transmits.
-        By default the visible, 380 to 780 nm. Light beyond the visible isn't counted.
-
-    Returns
-    -------
-    ndarray
-        (channels,), float64, in the order of ``mosaic.channels``; the largest is 1. A channel
-        that gets no light has 0.
-
-    Raises
-    ------
-    ValueError
-        If no channel gets any light, or the passband runs backwards or is invisible.
+    Returns (channels,), float64, in the order of ``mosaic.channels``; 0 for a channel that gets no
+    light. `light` and `passband` are as in `linear_srgb_matrix`. ValueError if no channel gets any
+    light, or the passband runs backwards or is invisible.
     """
     light = _illuminant_a() if light is None else light
     white = _white_signals(mosaic, light, _visible_passband(passband))
@@ -170,25 +136,14 @@ def white_balance(
 def linear_srgb(
     picture: NDArray[np.floating], matrix: NDArray[np.floating]
 ) -> NDArray[np.floating]:
-    """Apply a colour matrix to a picture of white-balanced channels.
+    """Apply a colour matrix to white-balanced channels, and return linear sRGB, (3, rows, columns).
 
-    Parameters
-    ----------
-    picture : ndarray
-        (channels, rows, columns), each channel divided by what white gives in it.
-    matrix : ndarray
-        (3, channels), as `linear_srgb_matrix` returns it.
+    The result has the precision of the channels. Colours out of sRGB's gamut have negative values
+    or values above 1; the caller clips them. ValueError if a shape is wrong, or the matrix is for
+    another number of channels.
 
-    Returns
-    -------
-    ndarray
-        (3, rows, columns), linear sRGB, of the picture's precision. Colours out of sRGB's gamut
-        have negative values or values above 1; the caller clips them.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong, or the matrix is for another number of channels.
+    picture: (channels, rows, columns), each channel divided by what white gives in it.
+    matrix: (3, channels), as `linear_srgb_matrix` returns it.
     """
     picture, matrix = np.asarray(picture), np.asarray(matrix)
     if matrix.ndim != 2 or len(matrix) != 3:

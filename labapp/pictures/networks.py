@@ -22,12 +22,12 @@ BUNDLED_WEIGHTS = bundled_path("denoiser.npz")
 
 @functools.cache
 def bundled_denoiser() -> Denoise:
-    """Return the bundled denoising network for plug-and-play restoration of pictures."""
+    """Return the bundled denoising network."""
     return read_denoiser(BUNDLED_WEIGHTS)
 
 
 def read_denoiser(path: Path) -> Denoise:
-    """Read the weights file of a network that restores pictures; UserError if it is damaged."""
+    """Read a denoising network from a file of weights; UserError if it is damaged."""
     try:
         weights = {name: torch.from_numpy(value) for name, value in read_npz(path).items()}
         return load_denoiser(weights).denoise
@@ -38,7 +38,7 @@ def read_denoiser(path: Path) -> Denoise:
 
 
 def weights_file(weights: Mapping[str, torch.Tensor]) -> bytes:
-    """Return the trained weights of a network that restores pictures, as bytes of an .npz file.
+    """Return trained weights as bytes of an .npz file.
 
     The file holds each weight under its name, in half precision.
     """

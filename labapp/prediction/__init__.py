@@ -1,1 +1,1 @@
-"""Predict PSFs, beams along the axis and simulated pictures, for the command line."""
+"""PSFs, beams along the axis and simulated pictures, for the command line."""

@@ -30,28 +30,17 @@ from optics.threads import single_threaded
 
 @dataclass(frozen=True)
 class BeamPictureSettings:
-    """Tune the two pictures of a beam: from panel to sensor, and around the sensor.
+    """Tune the two pictures of a beam: from panel to sensor, and around the sensor. All chosen.
 
-    All values are chosen.
-
-    Attributes
-    ----------
-    samples : int
-        Samples across the beam. An odd number has one sample on the axis.
-    lowest_ratio : float
-        Lowest irradiance shown around the sensor, over the highest there.
-    dimmest : float
-        Lowest irradiance shown from panel to sensor, over that on the panel. It isn't relative to
-        the focus, which is so much brighter that nothing else would be seen.
-    room : float
-        Half height of a picture over half the widest object in it.
-    focal_depths : float
-        Depths shown on each side of the sensor, in depths of focus λ N².
-    defocus_margin : float
-        Depths shown on each side of the sensor, at least, over the distance from the sensor to
-        the plane where the object is in focus.
-    beyond : float
-        Depths shown behind the sensor, over the distance from panel to sensor.
+    samples: across the beam. An odd number has one sample on the axis.
+    lowest_ratio: lowest irradiance shown around the sensor, over the highest there.
+    dimmest: lowest irradiance shown from panel to sensor, over that on the panel. It isn't relative
+    to the focus, which is so much brighter that nothing else would be seen.
+    room: half height of a picture over half the widest object in it.
+    focal_depths: depths shown on each side of the sensor, in depths of focus λ N².
+    defocus_margin: depths shown on each side of the sensor, at least, over the distance from the
+    sensor to the plane where the object is in focus.
+    beyond: depths shown behind the sensor, over the distance from panel to sensor.
     """
 
     samples: int = 481
@@ -70,9 +59,9 @@ _SETTINGS = BeamPictureSettings()
 class BeamRequest:
     """The options of `labapp beam`, in SI units.
 
-    pattern is a file of grey levels for the panel; None leaves the panel neutral. slices is the
-    number of depths in each of the two pictures. field is the position (y, x) of the point's
-    image on the sensor.
+    pattern: file of grey levels for the panel; None leaves the panel neutral.
+    field: position (y, x) of the point's image on the sensor.
+    slices: number of depths in each of the two pictures.
     """
 
     camera: Camera
@@ -85,9 +74,10 @@ class BeamRequest:
 
 @dataclass(frozen=True)
 class AxialSection:
-    """Irradiance of a beam in a section along the axis, (depths, places).
+    """Irradiance in a section along the axis, (depths, places).
 
-    depths from the panel and places across the axis are in metres.
+    depths: from the panel, metres.
+    places: across the axis, metres.
     """
 
     title: str
@@ -98,7 +88,7 @@ class AxialSection:
 
 @single_threaded
 def draw_beam(request: BeamRequest, path: Path) -> None:
-    """Predict a beam's irradiance along the axis, and write its picture."""
+    """Compute a beam's irradiance along the axis, and write its picture."""
     if not 2 <= request.slices <= 5000:
         raise UserError(f"--slices {request.slices}: give 2 to 5000.")
     phase = _phase(request)
@@ -117,7 +107,7 @@ def draw_beam(request: BeamRequest, path: Path) -> None:
 
 
 def _phase(request: BeamRequest) -> torch.Tensor | None:
-    """Return the panel's phase for the prediction of a beam; None for a neutral panel."""
+    """Return the panel's phase; None for a neutral panel."""
     if request.pattern is None:
         return None
     panel = request.camera.panel
@@ -128,7 +118,7 @@ def _phase(request: BeamRequest) -> torch.Tensor | None:
 
 @dataclass(frozen=True)
 class _SectionBounds:
-    """The extent of a beam's picture in metres: depths from the panel, middle and half height."""
+    """The extent of a picture in metres: depths from the panel, middle and half height."""
 
     title: str
     depths: tuple[float, float]
@@ -150,7 +140,7 @@ def _panel_to_sensor_bounds(camera: Camera, field: tuple[float, float]) -> _Sect
 
 
 def _near_sensor_bounds(request: BeamRequest) -> _SectionBounds:
-    """Return the extent of the predicted beam's picture around the sensor.
+    """Return the extent of the picture around the sensor.
 
     The picture shows some depths of focus, or more if the object is farther out of focus.
     """
@@ -239,7 +229,7 @@ def _draw(axes: Axes, stretch: AxialSection, unit: float, name: str, dimmest: fl
 
 
 def _draw_elements(axes: Axes, request: BeamRequest, stretch: AxialSection) -> None:
-    """Draw panel, stop and sensor at their positions in the picture of a predicted beam."""
+    """Draw panel, stop and sensor at their positions."""
     camera = request.camera
     panel, lens = camera.panel, camera.lens
     line = partial(axes.plot, color="deepskyblue", linewidth=3, solid_capstyle="butt")

@@ -1,4 +1,4 @@
-"""Parse the lens options of the command line into SI units.
+"""Parses the lens options of the command line into SI units.
 
 The options are parsed before the slow modules are loaded, so that a mistyped one is reported at
 once.
@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 class LensCase:
     """A lens, a point object at a distance, and the samples of the PSF, in SI units.
 
-    camera is the camera of the lens; None if the lens is alone. interference is the strength of
-    the interference of modulated and unmodulated light, which the sum of their irradiances leaves
-    out (see optics.polarisation.PathEffect); None if their polarisation isn't known.
+    camera: the camera of the lens; None if the lens is alone.
+    interference: strength of the interference of modulated and unmodulated light, which the sum of
+    their irradiances leaves out (see optics.polarisation.PathEffect); None if their polarisation
+    isn't known.
     """
 
     lens: Lens
@@ -37,10 +38,7 @@ class LensCase:
 
     @property
     def pitch(self) -> float:
-        """Return the column pitch of the PSF to predict.
-
-        The rows have the same pitch if `is_clear_thin_on_axis`.
-        """
+        """The column pitch; rows have the same if `is_clear_thin_on_axis`."""
         return self.pixels.pitch[1]
 
     @property
@@ -49,14 +47,14 @@ class LensCase:
 
     @property
     def is_clear_thin_on_axis(self) -> bool:
-        """Whether the PSF to predict is that of a clear, thin lens in a square window on axis."""
+        """Whether a clear, thin lens is seen in a square window on the axis."""
         (rows, columns), (py, px) = self.pixels.shape, self.pixels.pitch
         square = rows == columns and py == px and not any(self.pixels.centre)
         return self.lens.has_clear_stop and self.lens.has_quadratic_phase and square
 
     @property
     def name(self) -> str:
-        """Describe the PSF to predict in words: its lens, light, object and window."""
+        """The lens, light, object and window in words."""
         lens, pixels = self.lens, self.pixels
         object_, focus = (
             "at infinity" if d == float("inf") else f"at {d:g} m"
@@ -78,7 +76,7 @@ class LensCase:
 
 
 def _unusual_features(lens: Lens) -> list[str]:
-    """Name the unusual features of a predicted PSF's lens, such as blades or aberrations."""
+    """Name what a plain thin lens with a round stop doesn't have, such as blades or aberrations."""
     from optics.camera.stop import Circle
 
     words: list[str] = []
@@ -93,10 +91,7 @@ def _unusual_features(lens: Lens) -> list[str]:
 
 
 def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
-    """Return the values of a prediction's lens options that describe a camera's lens.
-
-    The keys are the options' names, and the values are in the options' units.
-    """
+    """Return the options that describe a camera's lens, by name and in the options' units."""
     lens = camera.lens
     return {
         "focal_length": lens.focal_length,
@@ -108,7 +103,7 @@ def lens_option_defaults(camera: Camera) -> dict[str, float | str]:
 
 
 def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collection[str]) -> LensCase:
-    """Return the case of a PSF prediction with a camera's panel in front of the lens.
+    """Put a camera's panel in front of the lens.
 
     Opening, obscuration and aberrations are those of the camera's lens, unless `given_options` sets
     them.
@@ -124,10 +119,11 @@ def with_panel_in_front(case: LensCase, camera: Camera, given_options: Collectio
 
 
 def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
-    """Parse the aperture stop's options for a PSF prediction.
+    """Parse the options of the aperture stop.
 
-    The stop has straight blades (0 for a round one), or is a rectangle "HEIGHTxWIDTH" in stop
-    diameters. `obscuration` is the radius of the central disc that hides part of it, in stop radii.
+    blades: straight ones; 0 for a round stop.
+    obscuration: radius of the central disc that hides part of the stop, in stop radii.
+    rectangular: "HEIGHTxWIDTH" in stop diameters.
     """
     if blades and rectangular:
         raise UserError("--blades and --rectangle: a stop is one or the other.")
@@ -148,10 +144,7 @@ def read_stop(blades: int, obscuration: float, rectangular: str | None) -> Stop:
 
 
 def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
-    """Parse the aberrations of a PSF to predict, each "N,M,NANOMETRES".
-
-    Each is a Zernike polynomial with its root mean square.
-    """
+    """Parse Zernike polynomials with their root mean squares, each "N,M,NANOMETRES"."""
     found = []
     for text in texts:
         n, m, nanometres = _numbers("--zernike", text, ",", 3)
@@ -162,19 +155,13 @@ def read_aberrations(texts: Sequence[str]) -> tuple[tuple[int, int, float], ...]
 
 
 def read_centre(text: str) -> tuple[float, float]:
-    """Parse the centre "Y,X" of a predicted PSF's window on the sensor.
-
-    The text is in micrometres, and the result in metres.
-    """
+    """Parse a window's centre "Y,X" on the sensor, in micrometres; return it in metres."""
     y, x = _numbers("--centre", text, ",", 2)
     return y * 1e-6, x * 1e-6
 
 
 def read_field(text: str) -> tuple[float, float]:
-    """Parse the image position "Y,X" of a predicted PSF's point on the sensor.
-
-    The text is in millimetres, and the result in metres.
-    """
+    """Parse the position "Y,X" of an image on the sensor, in millimetres; return it in metres."""
     y, x = _numbers("--field", text, ",", 2)
     return y * 1e-3, x * 1e-3
 
@@ -191,7 +178,7 @@ def _numbers(option: str, text: str, separator: str, count: int) -> list[float]:
 
 
 def read_window(size: int, pitch: float, centre: str) -> Plane:
-    """Return a predicted PSF's square window of `size` pixels around the sensor's point "Y,X"."""
+    """Return the square of `size` pixels around the sensor's point "Y,X" in micrometres."""
     if size < 1:
         raise UserError(f"--size {size}: a window has at least 1 pixel.")
     place = read_centre(centre)
@@ -201,10 +188,7 @@ def read_window(size: int, pitch: float, centre: str) -> Plane:
 
 
 def read_panel(text: str) -> tuple[tuple[int, int], float]:
-    """Parse the panel "ROWSxCOLUMNSxMICROMETRES" for a PSF prediction.
-
-    Returns its shape and its pitch in metres.
-    """
+    """Parse "ROWSxCOLUMNSxMICROMETRES" into a shape and a pitch in metres."""
     try:
         first, second, last = text.split("x")
         rows, columns, pitch = parse_whole(first), parse_whole(second), parse_number(last, "µm")

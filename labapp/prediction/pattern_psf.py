@@ -1,4 +1,4 @@
-"""Predict the PSF of grey levels on the panel, by the camera's description."""
+"""The PSF of grey levels on the panel, by the camera's description."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from optics.psf.behind_modulator import modulated_psf
 from optics.slm import Modulator
 
 USUAL_TOLERANCE = 1e-3
-"""Relative L2 error of a predicted PSF for which no other one is asked."""
+"""Relative L2 error of a PSF for which no other one is asked."""
 
 Exposure = tuple[int, float, torch.Tensor]
 """A frame's index, its share of the exposure, and the panel's modulation during that share."""
@@ -31,12 +31,13 @@ def predicted_psf(
     moments: int = 1,
     tol: float = USUAL_TOLERANCE,
 ) -> torch.Tensor:
-    """Predict the PSF of an in-focus point with grey levels on the panel.
+    """Return the PSF of an in-focus point with grey levels on the panel.
 
-    The result is the share of the point's light on each pixel, (moments, rows, columns). greys
-    are (frames, rows, columns). Several frames are a video that is repeated and exposed for whole
-    periods. They are grouped evenly into `moments`, each with its own PSF. `tol` is the relative
-    L2 error that is accepted.
+    It is the share of the point's light on each pixel, (moments, rows, columns).
+    greys: (frames, rows, columns). Several frames are a video that is repeated and exposed for
+    whole periods.
+    moments: even groups of the frames, each with its own PSF.
+    tol: relative L2 error that is accepted.
     """
     operator = PSFOperator(
         camera, panel_to_focus_distance(camera), wavelength, pixels, unmodulated=0.0, tol=tol
@@ -51,10 +52,7 @@ def mean_psf(
     progress: Progress | None = None,
     moments: int = 1,
 ) -> torch.Tensor:
-    """Predict the PSF of grey levels as predicted_psf() does, with a given operator.
-
-    The operator must have been planned with unmodulated=0.
-    """
+    """Return what predicted_psf() does, with an operator that was planned with unmodulated=0."""
     each = len(greys) // moments
     exposures = _report_progress(_exposures(modulator, greys), len(greys), progress or Progress())
     parts = []
@@ -65,10 +63,7 @@ def mean_psf(
 
 
 def _exposures(modulator: Modulator, greys: torch.Tensor) -> Iterator[Exposure]:
-    """Yield the exposures over which a predicted PSF is averaged.
-
-    A still pattern gives its own exposures, and a video those of one period.
-    """
+    """Yield the exposures to average: a still pattern's own, or those of a video's period."""
     if len(greys) == 1:
         for weight, modulation in modulator.still_fields(greys[0]):
             yield 0, weight, modulation

@@ -34,26 +34,15 @@ from optics.threads import single_threaded
 class PSFRequest:
     """The options of `labapp psf`.
 
-    Attributes
-    ----------
-    case : LensCase
-        Lens, object and samples of the PSF.
-    tol : float
-        Relative L2 error that is accepted.
-    points : bool
-        Whether to compute the irradiance at pixel centres instead of the light on whole pixels.
-    method : str or None
-        Name of the method; None for the best one.
-    memory : int
-        Bytes that may be used.
-    pattern : Path or None
-        Picture of grey levels on the camera's panel.
-    field : (y, x)
-        Position of the point's image on the sensor, from the axis, metres.
-    sphere : bool
-        Whether the object's wave is an exact sphere instead of a parabola.
-    seconds : float
-        Processor seconds that planning and the PSF may take.
+    case: lens, object and samples of the PSF.
+    tol: relative L2 error that is accepted.
+    points: whether to compute the irradiance at pixel centres instead of the light on whole pixels.
+    method: name of the method; None for the best one.
+    memory: bytes that may be used.
+    pattern: picture of grey levels on the camera's panel.
+    field: position (y, x) of the point's image on the sensor, from the axis, metres.
+    sphere: whether the object's wave is an exact sphere instead of a parabola.
+    seconds: processor seconds that planning and the PSF may take.
     """
 
     case: LensCase
@@ -68,7 +57,7 @@ class PSFRequest:
 
     @cached_property
     def camera(self) -> Camera | None:
-        """Return the camera whose PSF is predicted; None for a lens alone.
+        """The camera behind the panel; None for a lens alone.
 
         For a pattern without a camera it is the virtual bench's camera with the requested lens.
         """
@@ -78,17 +67,14 @@ class PSFRequest:
 
     @property
     def point_options(self) -> dict[str, Any]:
-        """Return the options of a PSF prediction that concern the point, besides its distance.
-
-        The options are those of PSFOperator.
-        """
+        """PSFOperator's options that concern the point, besides its distance, where given."""
         asked = {"field": self.field if any(self.field) else None, "sphere": self.sphere or None}
         return {name: value for name, value in asked.items() if value is not None}
 
 
 @single_threaded
 def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool) -> None:
-    """Predict a PSF, print how it was computed, and write it to a file with a picture beside it."""
+    """Compute a PSF, print how, and write it to a file with a picture beside it."""
     if request.camera is None:
         _require_lens_alone(request)
     grey = None if request.camera is None else _panel_greys(request.pattern, request.camera.panel)
@@ -126,7 +112,7 @@ def predict_psf(request: PSFRequest, path: Path, picture: Path, *, as_json: bool
 def _plan(
     request: PSFRequest, grey: NDArray[np.uint8] | None, speed: MachineSpeed
 ) -> tuple[PSFOperator, Callable[[], NDArray[Any]]]:
-    """Plan a PSF prediction; return the operator and the call that computes the PSF."""
+    """Return the planned operator and the call that computes the PSF."""
     case, camera = request.case, request.camera
     plan = partial(
         PSFOperator,
@@ -148,7 +134,7 @@ def _plan(
 
 
 def _require_lens_alone(request: PSFRequest) -> None:
-    """Raise UserError for prediction options that have no meaning for a lens without a panel."""
+    """Raise UserError for options that have no meaning for a lens without a panel."""
     for name in request.point_options:
         raise UserError(
             f"--{name}: a lens alone gives the same PSF all over the field, and has no panel for "
@@ -157,17 +143,14 @@ def _require_lens_alone(request: PSFRequest) -> None:
 
 
 def _panel_greys(pattern: Path | None, panel: Panel) -> NDArray[np.uint8]:
-    """Read the panel's grey levels for a PSF prediction from a picture; all 0 without a picture."""
+    """Read the panel's grey levels from a picture; all 0 without one."""
     if pattern is None:
         return np.zeros(panel.shape, dtype=np.uint8)
     return read_grey_pattern(pattern, panel)
 
 
 def _light_budget(request: PSFRequest) -> dict[str, Any]:
-    """Return the light shares that a PSF prediction reports, as plain data.
-
-    They are the shares that pass the stop and that stay unmodulated.
-    """
+    """Return, as plain data, the shares of light that pass the stop and that stay unmodulated."""
     camera = request.camera
     if camera is None:
         return {}
@@ -179,7 +162,7 @@ def _light_budget(request: PSFRequest) -> dict[str, Any]:
 
 
 def _rows(account: Account, data: dict[str, Any]) -> list[list[str]]:
-    """Return the rows of the table that reports a predicted PSF."""
+    """Return the rows of the printed table."""
     spent = 1e3 * (account.cpu_spent or 0)
     return [
         ["method", account.method],
@@ -218,7 +201,7 @@ def _light_rows(data: dict[str, Any]) -> list[list[str]]:
 
 
 def _write(path: Path, psf: NDArray[Any]) -> None:
-    """Write a predicted PSF to a file of the kind that its ending names.
+    """Write a PSF to a file of the kind that its ending names.
 
     A picture shows five decades below the brightest pixel, which is white.
     """

@@ -30,7 +30,7 @@ def refine_design(
     files: BenchFiles,
     manner: ExecutionOptions,
 ) -> None:
-    """Refine a design on a bench, write the refined file and its picture, and print a report.
+    """Correct a design on a bench, write the new file and its picture, and print a report.
 
     `runs` is the folder of the pictures' records. Raises UserError if the design, the bench or an
     output path doesn't allow it.
@@ -74,7 +74,7 @@ def run_refinement(
     *,
     force: bool = False,
 ) -> RefinementResult:
-    """Refine a design by pictures that a bench takes, each into a record in `folder`.
+    """Correct a design by pictures that a bench takes, each into a record in `folder`.
 
     `design` is the design file's name in errors. Raises UserError if a picture or the design is
     wrong, and Cancelled if the progress was cancelled. The bench is left safe.

@@ -1,4 +1,4 @@
-"""Take one picture of a PSF for a refinement: run a plan into a record, and merge its bracket."""
+"""Take one picture of a PSF: run a plan into a record, and merge its bracket."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from optics.progress import Progress
 
 
 def picture_name(number: int) -> str:
-    """Return the name of a refinement's picture, from 1, for its record, folder and pattern."""
+    """Return the name of a picture, from 1, for its record, folder and pattern."""
     return f"picture-{number}"
 
 
@@ -44,7 +44,7 @@ def take_picture(
     progress: Progress,
     ask: AskOperator | None,
 ) -> Bracket:
-    """Take a refinement's picture with these grey levels on the SLM; return the merged bracket.
+    """Take a picture with these grey levels on the SLM, and return the merged bracket.
 
     The grey levels are (frames, rows, columns). The bracket is in electrons per second. Plan and
     patterns are written to `folder`/picture-N/, and the frames to `folder`/picture-N.h5. Raises
@@ -75,7 +75,7 @@ def take_picture(
 def build_plan(
     request: RefinementRequest, wavelength_nm: float, number: int, frames: int, frame_time: float
 ) -> PlanFile:
-    """Build the plan of a refinement's picture: the star with a still or video, after dark frames.
+    """Plan a picture of the star with a still or video, after dark frames.
 
     Each exposure has two dark frames. `frame_time` is the time in seconds for which a frame of a
     video is shown.
@@ -109,7 +109,7 @@ def build_plan(
 
 
 def whole_periods(request: RefinementRequest, period: float) -> list[int]:
-    """Convert a refinement's exposures to whole video periods, rounded up, without duplicates.
+    """Convert exposures to whole video periods, rounded up, without duplicates.
 
     `period` is in seconds.
     """

@@ -29,22 +29,13 @@ pixels, averaged over all positions: the squared integral of the squared cardina
 class MeasuredPSF:
     """A PSF that was photographed and resampled to the design grid.
 
-    Attributes
-    ----------
-    record : Path
-        Record of the picture's frames.
-    light : Tensor
-        The PSF, (rows, columns) float64, electrons per second and sensor pixel, at least 0.
-    nrmse : float
-        Error of its shape, where the target exceeds 2 % of its peak.
-    noise : float
-        Approximate error that the noise of the picture alone would make.
-    contrast : float
-        Speckle contrast, where the target exceeds half its peak, without the camera's noise.
-    central : float
-        Share of the squared error in the zeroth order, where unmodulated light falls.
-    scale : float
-        Factor by which the target fits the picture best.
+    record: of the picture's frames.
+    light: (rows, columns) float64, electrons per second and sensor pixel, at least 0.
+    nrmse: error of its shape, where the target exceeds 2 % of its peak.
+    noise: approximate error that the noise of the picture alone would make.
+    contrast: speckle contrast, where the target exceeds half its peak, without the camera's noise.
+    central: share of the squared error in the zeroth order, where unmodulated light falls.
+    scale: factor by which the target fits the picture best.
     """
 
     record: Path
@@ -127,7 +118,7 @@ class PSFMeasurer:
         return float(squared[bright & middle].sum() / squared[bright].sum())
 
     def _require_unclipped(self, variance: torch.Tensor, bracket: Bracket, record: Path) -> None:
-        """Raise UserError if a refinement's picture has PSF pixels clipped in every exposure.
+        """Raise UserError if PSF pixels are clipped in every exposure.
 
         The merged bracket gives such pixels an infinite variance.
         """

@@ -1,4 +1,4 @@
-"""The picture of a refinement: the measured PSF before and after."""
+"""Draw the measured PSF before and after a refinement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from labapp.refining.result import RefinementResult
 
 
 def draw_refinement(title: str, notes: str, result: RefinementResult) -> bytes:
-    """Draw a refinement as a PNG file: first and best measured PSF, target, and errors."""
+    """Draw the first and the best measured PSF, the target, and the errors as a PNG file."""
     figure = Figure(figsize=(18, 4.9), dpi=100, layout="constrained")
     figure.suptitle(f"{title}\n{notes}", fontsize=12)
     first, last, target, errors = figure.subplots(1, 4)
@@ -28,7 +28,7 @@ def draw_refinement(title: str, notes: str, result: RefinementResult) -> bytes:
 
 
 def _draw(axes: Axes, result: RefinementResult, light: torch.Tensor) -> None:
-    """Draw a refinement's measured PSF on the design grid, in units of the target."""
+    """Draw a measured PSF on the design grid, in units of the target."""
     plane = result.start.goal.plane
     y, x = (plane.coordinates(axis).numpy() * 1e6 for axis in (0, 1))
     half = plane.pitch[0] * 0.5e6

@@ -10,7 +10,7 @@ from labapp.refining.result import RefinementResult
 
 
 def print_report(result: RefinementResult, files: list[Path], *, as_json: bool) -> None:
-    """Print a refinement's report: the errors of its pictures, advice, and the files written."""
+    """Print the errors of all pictures, advice, and the files written."""
     if as_json:
         print_json(report_data(result, files))
         return
@@ -33,7 +33,7 @@ def report_data(result: RefinementResult, files: list[Path]) -> dict[str, Any]:
 
 
 def warn_of_missing_registration() -> None:
-    """Print a warning that there is no registration of panel and sensor for the refinement."""
+    """Warn that no registration of panel and sensor is in force."""
     print_message(
         "no registration is in force: the star is taken to be seen in the middle of the sensor, "
         "with nothing turned or mirrored, by the bench file's distances. If that isn't so, "
@@ -42,7 +42,7 @@ def warn_of_missing_registration() -> None:
 
 
 def advice(result: RefinementResult) -> list[str]:
-    """Return what the user should do to improve a refinement; empty if nothing."""
+    """Say what would give a better result; empty if nothing."""
     said, best = [], result.pictures[result.best]
     if result.best == 0:
         said.append(

@@ -39,7 +39,7 @@ class RefinementRequest(FileModel):
 
     @staticmethod
     def from_options(**words: object) -> RefinementRequest:
-        """Return the request for a refinement; raise UserError with the option that is wrong."""
+        """Check options; raise UserError with the one that is wrong."""
         try:
             return RefinementRequest.model_validate(words)
         except ValidationError as error:
@@ -47,7 +47,7 @@ class RefinementRequest(FileModel):
 
 
 def parse_milliseconds(text: str) -> list[float]:
-    """Parse the exposures of a refinement in milliseconds, such as "1,8,64"."""
+    """Parse exposures in milliseconds, such as "1,8,64"."""
     try:
         return parse_list(text)
     except ValueError as error:
@@ -58,7 +58,7 @@ def parse_milliseconds(text: str) -> list[float]:
 
 
 def with_star_size(request: RefinementRequest, bench: Bench) -> RefinementRequest:
-    """Return the refinement request, completed with the bench star's diameter and distance.
+    """Complete a request by the diameter and the distance of the bench's star.
 
     Values that the request already has stay as they are. Raises UserError if the bench lacks a
     target, or if the diameter isn't known.

@@ -24,7 +24,7 @@ from optics.retrieval.slow_crystal import displayed_psf
 
 @dataclass(frozen=True, eq=False)
 class RefinementResult:
-    """The result of a refinement: all measured PSFs, and the phases of the best one.
+    """All measured PSFs, and the phases of the best one.
 
     pictures are in the order in which they were taken. phases are (frames, rows, columns), rad.
     """
@@ -37,13 +37,13 @@ class RefinementResult:
 
     @cached_property
     def best(self) -> int:
-        """Index of the refinement's picture with the least error; 0 is the start."""
+        """Index of the picture with the least error; 0 is the start."""
         errors = [seen.nrmse for seen in self.pictures]
         return errors.index(min(errors))
 
     @property
     def refinement_record(self) -> dict[str, Any]:
-        """Account of the refinement as plain data; pictures count from 1, as their records do."""
+        """Account of all pictures as plain data; they count from 1, as their records do."""
         return {
             "registration": "calibrated" if self.view.is_calibrated else "described",
             "best": self.best + 1,
@@ -67,7 +67,7 @@ def refined_design_contents(
     bench: BenchFile,
     progress: Progress,
 ) -> DesignContents:
-    """Return the contents of a refined design file; `before` holds those of the file `design`."""
+    """Return the contents of the new design file; `before` holds those of the file `design`."""
     start, goal = result.start, result.start.goal
     camera, phases = goal.camera, result.phases
     greys = start.grey_levels(phases)
@@ -97,7 +97,7 @@ def refined_design_contents(
 
 
 def _settings(result: RefinementResult, design: Path, before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings of a refined design, with this refinement added to earlier ones."""
+    """Return the settings of the new design, with this refinement added to earlier ones."""
     account = {
         "from": str(design.resolve()),
         "request": result.request.model_dump(mode="json"),

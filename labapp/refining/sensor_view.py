@@ -49,7 +49,7 @@ class SensorView:
 
     @cached_property
     def sensor_positions(self) -> Array:
-        """Sensor position (y, x) in pixels of every sample of the design that is refined.
+        """Sensor position (y, x) in pixels of every sample of the design grid.
 
         The shape is (rows, columns, 2). A sample of the far field has a grating vector in cycles
         per panel pixel, which the registration maps to the sensor.
@@ -62,17 +62,17 @@ class SensorView:
 
     @cached_property
     def on_sensor(self) -> NDArray[np.bool_]:
-        """Whether the sensor sees each sample of the design that is refined, (rows, columns)."""
+        """Whether the sensor sees each sample of the design grid, (rows, columns)."""
         y, x = self._coordinates
         return (y >= 0) & (y <= self.shape[0] - 1) & (x >= 0) & (x <= self.shape[1] - 1)
 
     @cached_property
     def target(self) -> torch.Tensor:
-        """The refined design's target as the camera sees it, (rows, columns) float64."""
+        """The target as the camera sees it, (rows, columns) float64."""
         return self.convolve_with_star(self.goal.target)
 
     def convolve_with_star(self, psf: torch.Tensor) -> torch.Tensor:
-        """Convolve a PSF of the refined design with the star's image and the pixel aperture.
+        """Convolve a PSF with the star's image and the pixel aperture.
 
         The PSF is on the design grid, and taken to be 0 beyond it. Star and aperture enter with
         their exact Fourier transforms. Negative results are set to 0.
@@ -83,12 +83,12 @@ class SensorView:
         return seen[: psf.shape[0], : psf.shape[1]].clamp(min=0).to(psf.dtype)
 
     def resample_picture(self, picture: Array) -> torch.Tensor:
-        """Resample a refinement's picture (rows, columns) from sensor to design grid, cubically."""
+        """Resample a picture, (rows, columns), from sensor to design grid, cubically."""
         found = ndimage.map_coordinates(picture, self._coordinates, order=3, mode="mirror")
         return torch.from_numpy(found)
 
     def resample_nearest(self, values: NDArray[np.float64]) -> torch.Tensor:
-        """Resample a refinement's sensor values, such as variances, from the nearest pixels."""
+        """Resample sensor values, such as variances, from the nearest pixels."""
         found = ndimage.map_coordinates(values, self._coordinates, order=0, mode="nearest")
         return torch.from_numpy(found)
 
@@ -98,18 +98,18 @@ class SensorView:
 
     @cached_property
     def _step(self) -> Array:
-        """Steps between samples of the refined design, in sensor pixels: a matrix for both axes."""
+        """Steps between samples of the design grid, in sensor pixels: a matrix for both axes."""
         stretch = self.goal.wavelength / self.registration.wavelength
         return self.registration.matrix * stretch / self.goal.far_field_samples
 
     @property
     def _reach(self) -> int:
-        """Number of samples by which star and pixel widen the refined design's PSF on each side."""
+        """Number of samples by which star and pixel widen a PSF on each side."""
         pixels = (self.star_diameter + math.sqrt(2)) / 2
         return math.ceil(pixels * np.linalg.norm(np.linalg.inv(self._step), 2))
 
     def _transfer(self, shape: tuple[int, ...]) -> torch.Tensor:
-        """Return the transfer function of a refinement's star and pixel for an rfft2 of `shape`."""
+        """Return the transfer function of star and pixel for an rfft2 of `shape`."""
         fy = torch.fft.fftfreq(shape[0], dtype=torch.float64)[:, None]
         fx = torch.fft.rfftfreq(shape[1], dtype=torch.float64)[None, :]
         step = np.linalg.inv(self._step)
@@ -124,7 +124,7 @@ class SensorView:
 def build_view(
     bench: BenchFile, goal: RetrievalGoal, diameter: float, distance: float
 ) -> SensorView:
-    """Build the refinement's view of a star through a bench's camera.
+    """Build the view of a star through a bench's camera.
 
     The star's diameter and distance are in metres. The view uses the calibration's registration at
     the wavelength nearest to the goal's. Without one, it uses the camera's description.
@@ -140,10 +140,10 @@ def build_view(
 
 
 def nominal_registration(camera: Camera, wavelength: float) -> Registration:
-    """Return the registration for refining on a bench without a measured one.
+    """Return the registration that follows from the camera's description.
 
-    The registration follows from the camera's description. The axis meets the middle of the sensor,
-    and nothing is rotated or mirrored.
+    It stands in for a measured one. The axis meets the middle of the sensor, and nothing is rotated
+    or mirrored.
     """
     scale = wavelength * camera.ray_matrix_b / camera.panel.pitch / camera.sensor.pitch
     rows, columns = camera.sensor.shape

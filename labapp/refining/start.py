@@ -1,4 +1,4 @@
-"""The start of a refinement: a design's goal for the present camera, and its phases."""
+"""What a refinement starts from: a design's goal for the present camera, and its phases."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from optics.slm.lut import flatness_phase
 
 @dataclass(frozen=True, eq=False)
 class RefinementStart:
-    """The start of a refinement: pattern table, retrieval goal and phases of a design.
+    """Pattern table, retrieval goal and phases of a design.
 
     phases are (frames, rows, columns), radians. orders is the number of whole waves of the
     panel's range that they use.
@@ -39,7 +39,7 @@ class RefinementStart:
         return len(self.phases)
 
     def phases_on_panel(self, phases: torch.Tensor) -> torch.Tensor:
-        """Return a refinement's phases as the panel shows them.
+        """Return phases as the panel shows them.
 
         For a video on a slow panel, whole waves are added so that its liquid crystal has the
         least to change from frame to frame.
@@ -51,7 +51,7 @@ class RefinementStart:
         return shortest_panel_phases(self.goal, phases)
 
     def grey_levels(self, phases: torch.Tensor) -> NDArray[np.uint8]:
-        """Return the grey levels of a refinement's phases on the panel, (frames, rows, columns)."""
+        """Return the grey levels of phases on the panel, (frames, rows, columns)."""
         panel, wavelength = self.goal.camera.panel, self.goal.wavelength
         return np.stack(
             [phase_to_grey(panel, phase, wavelength, self.orders).numpy() for phase in phases]
@@ -59,7 +59,7 @@ class RefinementStart:
 
 
 def build_start(contents: DesignContents, path: Path, camera: Camera) -> RefinementStart:
-    """Build the start of a refinement: the design's goal for the camera as it is calibrated now.
+    """Pose the design's goal for the camera as it is calibrated now.
 
     Raises UserError if the design isn't for a PSF's shape, or is for another panel.
     """
@@ -105,7 +105,7 @@ def _require_panel(contents: DesignContents, path: Path, camera: Camera) -> None
 
 
 def _phases(contents: DesignContents, camera: Camera, wavelength: float) -> torch.Tensor:
-    """Return a refinement's initial phases, computed from grey levels if the design has none."""
+    """Return the phases of a design, computed from grey levels if it has none."""
     if contents.phase is not None:
         return torch.from_numpy(contents.phase)
     panel = camera.panel

@@ -1,4 +1,4 @@
-"""The interface of a bench that a run needs: open devices, and their description."""
+"""What a run needs of a bench: open devices, and their description."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ if TYPE_CHECKING:
 
 
 class Bench(Protocol):
-    """A bench as a run needs it: open devices, and the description of their camera.
+    """Open devices, and the description of their camera.
 
     labapp.bench opens one from a bench file. A user's own script may implement another.
     """
 
     @property
     def file(self) -> BenchFile:
-        """The bench file with which the run began; the run's record keeps it."""
+        """The bench file as it was at the start; the record keeps it."""
 
     @property
     def scene_file(self) -> SceneFile | None:
-        """The scene that a run photographs with simulated devices; None without any."""
+        """The scene before simulated devices; None without any."""
 
     @property
     def description(self) -> CameraDescription:
-        """The description of the run's camera, with its calibration."""
+        """The description of the camera, with its calibration."""
 
     frame_delays: FrameDelays | None
-    """What a run's frames take beyond what the devices document; None until it is measured."""
+    """What frames take beyond what the devices document; None until it is measured."""
 
     @property
     def clock(self) -> Clock: ...
 
     @property
     def world(self) -> World | None:
-        """The state that the simulated devices of a run share; None without any."""
+        """The state that the simulated devices share; None without any."""
 
     @property
     def slm(self) -> SLM: ...
@@ -63,7 +63,7 @@ class Bench(Protocol):
 
     @property
     def wheel(self) -> FilterWheel | None:
-        """The filter of a run's shots if it is a wheel, else None."""
+        """The filter if it is a wheel, else None."""
 
     @property
     def camera(self) -> Camera: ...
@@ -73,33 +73,30 @@ class Bench(Protocol):
 
     @property
     def devices(self) -> Mapping[str, Device]:
-        """All devices that a run uses, by role."""
+        """All devices by role."""
 
     @property
     def supervised_devices(self) -> Mapping[str, SupervisedDevice]:
-        """All devices that a run uses, by role, with what is needed to open them again."""
+        """All devices by role, with what is needed to open them again."""
 
     @property
     def simulated_devices(self) -> list[str]:
-        """Roles of the simulated devices that a run uses."""
+        """Roles of the simulated devices."""
 
     def calibration_warnings_at(self, wavelengths: Iterable[float]) -> tuple[str, ...]:
-        """Return why the calibration may not hold at a run's wavelengths, in metres."""
+        """Return why the calibration may not hold at these wavelengths.
+
+        wavelengths: metres.
+        """
 
     def cancellable_by(self, cancelled: Callable[[], bool]) -> AbstractContextManager[None]:
-        """Return a context in which a run's device calls end soon after the run is cancelled.
-
-        The run is cancelled when `cancelled` returns true.
-        """
+        """Return a context in which device calls end soon after `cancelled` returns true."""
 
     def failed_devices(self) -> list[str]:
-        """Return the devices that were given up during a run, and why."""
+        """Return the devices that were given up, and why."""
 
     def make_safe(self) -> list[DeviceError]:
-        """Leave a run's devices safe, and return the errors.
-
-        The SLM is set to neutral, the filter is parked and the camera stopped.
-        """
+        """Set the SLM to neutral, park the filter and stop the camera; return the errors."""
 
     def device_error(self, role: str, command: str, reply: str) -> DeviceError:
-        """Return the error of a device that failed in a run's shot, with its role on the bench."""
+        """Return the error of a device that failed, with its role on the bench."""

@@ -40,11 +40,14 @@ _POINTS = 400
 
 @dataclass(frozen=True)
 class BracketCommand:
-    """What the command chooses a run's bracket for.
+    """What a bracket is chosen for.
 
-    wanted: ratio, range and limits. target, pattern: of the metering; no pattern is the neutral
-    one. wavelength_nm: of the filter. darks: dark frames at each exposure. any_exposure: whether
-    exposures may end within the lamp's flicker. plot: picture to write.
+    wanted: ratio, range and limits.
+    target, pattern: of the metering; no pattern is the neutral one.
+    wavelength_nm: of the filter.
+    darks: dark frames at each exposure.
+    any_exposure: whether exposures may end within the lamp's flicker.
+    plot: picture to write.
     """
 
     wanted: BracketTable
@@ -81,7 +84,7 @@ def choose_for_bench(
 
 
 def _build_plan(request: BracketCommand) -> PlanFile:
-    """Return a run's plan of one block with the bracket that the command asks for."""
+    """Return a plan of one block with the bracket that the command asks for."""
     shown: dict[str, Any] = {"kind": "constant", "grey": 0}
     if request.pattern is not None:
         shown = {"kind": "image", "file": str(request.pattern.resolve())}
@@ -99,7 +102,7 @@ def _build_plan(request: BracketCommand) -> PlanFile:
 
 
 def _settle(plan: PlanFile, bench: Bench, execution: ExecutionOptions) -> PlanFile:
-    """Return the command's plan with the exposures that were chosen; the bench is left safe."""
+    """Return the plan with the exposures that were chosen; the bench is left safe."""
     abilities = BenchCapabilities.of(bench)
     possible = expected_plan(plan, abilities, bench.description.sensor, _SOURCE)
     feasible_shots(possible, abilities, _SOURCE)
@@ -115,7 +118,7 @@ def _settle(plan: PlanFile, bench: Bench, execution: ExecutionOptions) -> PlanFi
 
 
 def _brackets(plan: PlanFile, settled: PlanFile, bench: Bench) -> dict[str, ChosenBracket]:
-    """Return the bracket that was chosen for a run, and ladders that reach the same, by name."""
+    """Return the chosen bracket, and ladders that reach the same, by name."""
     (block,), (chosen,) = plan.acquire, settled.acquire
     assert chosen.chosen is not None
     assert chosen.exposures_ms is not None
@@ -137,7 +140,7 @@ def _half_decades(low: float, high: float) -> NDArray[np.float64]:
 
 
 def _print(block: Acquisition, chosen: ChosenTable, brackets: dict[str, ChosenBracket]) -> None:
-    """Print a run's chosen bracket, its ratio over the range, and ladders that reach the same."""
+    """Print the chosen bracket, its ratio over the range, and ladders that reach the same."""
     low, high = chosen.electrons_per_s
     out.print(chosen.wanted.describe(), style="bold", markup=False)
     for one in chosen.metered:
@@ -169,12 +172,11 @@ def _print(block: Acquisition, chosen: ChosenTable, brackets: dict[str, ChosenBr
 
 
 def _right(names: Sequence[str]) -> list[str]:
-    """Return headings of columns of numbers in a run's tables."""
+    """Mark headings as those of columns of numbers, which print_table() aligns right."""
     return [f"{name} " for name in names]
 
 
 def _as_data(block: Acquisition, brackets: dict[str, ChosenBracket]) -> dict[str, Any]:
-    """Return a run's chosen bracket as plain data."""
     assert block.chosen is not None
     rates = _half_decades(*block.chosen.electrons_per_s)
     return {

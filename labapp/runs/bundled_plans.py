@@ -13,20 +13,19 @@ from labapp.files.reading import read_file
 
 
 def list_plans(*, as_json: bool) -> None:
-    """Print the bundled plans that can be run, and what each needs of a bench."""
+    """Print the bundled plans, and what each needs of a bench."""
     listed = [_plan_entry(name, _describe(path)) for name, path in bundled_plans().items()]
     example = "labapp run coded-snapshot --out run.h5\nWhat one takes: labapp plan check NAME"
     print_list(listed, as_json=as_json, example=example)
 
 
 def _plan_entry(name: str, facts: dict[str, Any]) -> ListEntry:
-    """Return a bundled plan's entry in the list of plans that can be run."""
     what = f"{facts['title']}. {facts['comment']}"
     return ListEntry(name, what, lines=[f"needs {_describe_requirements(facts)}"], facts=facts)
 
 
 def _describe(path: Path) -> dict[str, Any]:
-    """Describe a bundled plan of a run as plain data, with the comment in its file's first line."""
+    """Describe a plan as plain data, with the comment in its file's first line."""
     plan = read_file(path, PlanFile)
     targets: list[str] = []
     for block in plan.acquire:
@@ -47,7 +46,7 @@ def _describe(path: Path) -> dict[str, Any]:
 
 
 def _describe_requirements(facts: dict[str, Any]) -> str:
-    """Say in words what a bench must have to run a bundled plan."""
+    """Say in words what a bench must have for a plan."""
     nm, ms = facts["wavelengths_nm"], facts["exposures_ms"]
     needs = [abbreviate_list(facts["targets"]), f"{format_range(nm)} nm"]
     needs += [f"{format_range(ms)} ms"] if ms else []
@@ -57,12 +56,12 @@ def _describe_requirements(facts: dict[str, Any]) -> str:
 
 
 def format_range(values: Sequence[float]) -> str:
-    """Format the range of sorted values in a run's plan, from the smallest to the largest."""
+    """Format sorted values as "smallest to largest"."""
     return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} to {values[-1]:g}"
 
 
 def abbreviate_list(words: Iterable[str]) -> str:
-    """Join names in a run's plan with commas; shorten more than 6 to first two, last and count."""
+    """Join words with commas; of more than 6, name the first two and the last, and count all."""
     listed = list(words)
     if len(listed) <= 6:
         return ", ".join(listed)

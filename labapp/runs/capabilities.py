@@ -12,36 +12,22 @@ from labapp.runs.bench_interface import Bench
 
 @dataclass(frozen=True)
 class BenchCapabilities:
-    """The capabilities of a bench, read once from its devices.
+    """What a bench can do, read once from its devices.
 
     Lengths are in metres, times in seconds, and shapes (rows, columns).
 
-    Attributes
-    ----------
-    by_hand : bool
-        Whether a person places the targets.
-    slots : tuple of float
-        Wavelengths of a filter wheel's slots; empty for a tunable filter.
-    video_frame : float
-        Time for which the SLM shows a frame of a video.
-    readout : float
-        Time from the end of an exposure to the picture.
-    target_settling, slm_settling, filter_settling : float
-        Settling time of each device.
-    flicker_period : float, optional
-        Period of the lamp's flicker, if the bench file tells it.
-    delays : FrameDelays
-        What frames take beyond these times; nothing unless it was measured.
-    full_scale : int
-        Digital number at which a pixel counts as clipped; 0 if it isn't known.
-    gain_db : float
-        Gain in decibels with which the bench opens the camera.
-    gain_range : tuple of float, optional
-        Gains in decibels that a plan may set; None if it may set none.
-    has_regions : bool
-        Whether a plan may choose regions and binnings.
-    mosaic : tuple of int
-        Rows and columns after which the sensor's colour filters repeat; (1, 1) without any.
+    by_hand: whether a person places the targets.
+    slots: wavelengths of a filter wheel's slots; empty for a tunable filter.
+    video_frame: time for which the SLM shows a frame of a video.
+    readout: time from the end of an exposure to the picture.
+    target_settling, slm_settling, filter_settling: settling time of each device.
+    flicker_period: period of the lamp's flicker; None if the bench file doesn't tell it.
+    delays: what frames take beyond these times; nothing unless it was measured.
+    full_scale: digital number at which a pixel counts as clipped; 0 if it isn't known.
+    gain_db: gain with which the bench opens the camera, decibels.
+    gain_range: gains that a plan may set, decibels; None if it may set none.
+    has_regions: whether a plan may choose regions and binnings.
+    mosaic: rows and columns after which the sensor's colour filters repeat; (1, 1) without any.
     """
 
     targets: tuple[str, ...]
@@ -90,7 +76,7 @@ class BenchCapabilities:
 
     @staticmethod
     def of_data(data: Mapping[str, Any]) -> BenchCapabilities:
-        """Return what was written as plain data, whose tuples may have become lists."""
+        """Rebuild capabilities from plain data, whose tuples may have become lists."""
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in data.items()
         }
@@ -98,7 +84,7 @@ class BenchCapabilities:
         return BenchCapabilities(**values, delays=delays)
 
     def wavelength_in_metres(self, nm: float) -> float:
-        """Convert a wavelength in a run's plan from nanometres to metres, rounded to picometres.
+        """Convert a wavelength from nanometres to metres, rounded to picometres.
 
         A value at an end of the filter's range becomes exactly that end. 400e3 * 1e-12 and
         400 * 1e-9 differ in the last bit, and a filter from 400 nm on refuses the smaller one.
@@ -109,6 +95,6 @@ class BenchCapabilities:
 
 
 def _gain(camera: Any) -> dict[str, Any]:
-    """Return the gain of a bench's camera that a plan may set, as capabilities."""
+    """Return gain_db and gain_range of a camera whose gain a plan may set; else nothing."""
     limits = getattr(camera, "gain_range", None) if hasattr(camera, "set_gain") else None
     return {} if limits is None else {"gain_db": float(camera.gain_db), "gain_range": tuple(limits)}

@@ -1,4 +1,4 @@
-"""Print the effect plans in a record as tables."""
+"""Print the simulator's effect plans, which a record holds, as tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from labapp.common.console import out, print_table
 
 
 def show_effects(effect_plan: dict[str, Any]) -> None:
-    """Print the effect plans in a run's record: each effect's levels and largest error."""
+    """Print each simulated effect's levels and largest error."""
     if "plans" in effect_plan:
         _show_plans(effect_plan["plans"])
     else:
@@ -40,7 +40,7 @@ def _show_plans(plans: Sequence[dict[str, Any]]) -> None:
 
 
 def _row(name: str, plans: Sequence[dict[str, Any]]) -> list[str]:
-    """Return the row on an effect in a run's record: levels, largest error bound, and reason."""
+    """Return an effect's row: levels, largest error bound, and reason."""
     found = [one for plan in plans for one in plan["decisions"] if one["effect"] == name]
     levels = list(dict.fromkeys(one["level"] for one in found))
     level = " or ".join(levels)
@@ -52,7 +52,7 @@ def _row(name: str, plans: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def format_share(value: float | None) -> str:
-    """Format a picture's relative error from a run's record; None means that it has no bound."""
+    """Format a picture's relative error; None means that it has no bound."""
     return "∞" if value is None else f"{value:.1e}" if value else "0"
 
 
@@ -61,7 +61,7 @@ def _size(value: float | None) -> float:
 
 
 def _print_legacy_plans(plans: dict[str, Any]) -> None:
-    """Print the effect plans in a run's old record, which has only an estimate of each effect."""
+    """Print the plans of an old record, which has only an estimate of each effect."""
     for name, plan in plans.items():
         rows = [
             [

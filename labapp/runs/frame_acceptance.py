@@ -1,4 +1,4 @@
-"""Check that a frame was taken with the requested settings; a run takes other frames again."""
+"""Check that a frame was taken with the requested settings; if not, it is taken again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GAIN_TOLERANCE_DB = 0.1
 
 
 def is_exposure_as_requested(exposure: float, requested: float) -> bool:
-    """Return whether a run's frame has the requested exposure, as closely as cameras keep it.
+    """Return whether an exposure is the requested one, as closely as cameras keep it.
 
     Both exposures are in seconds.
     """
@@ -34,9 +34,10 @@ def is_exposure_as_requested(exposure: float, requested: float) -> bool:
 class CaptureConditions:
     """Settings of the bench at the capture of a frame.
 
-    exposure is the set value in seconds. settled_at is the clock's time from which all settings
-    had settled. last_number is the camera's number of the last accepted frame. shape is the frame's
-    (rows, columns).
+    exposure: the set value, seconds.
+    settled_at: the clock's time from which all settings had settled.
+    last_number: the camera's number of the last accepted frame.
+    shape: of the frame, (rows, columns).
     """
 
     exposure: float
@@ -48,7 +49,7 @@ class CaptureConditions:
 def require_valid_frame(
     frame: Frame, shot: Shot, conditions: CaptureConditions, bench: Bench
 ) -> float:
-    """Check that a frame has the settings of the run's shot; return its wavelength in metres.
+    """Check that a frame has the shot's settings; return its wavelength in metres.
 
     Raises DeviceError if the frame is stale, has another exposure or size or impossible numbers, or
     if a device doesn't have the setting that it was given. A missing frame does less harm than a

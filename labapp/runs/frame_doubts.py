@@ -1,4 +1,4 @@
-"""Doubts about a run's frame: what it shows doesn't fit what it was taken for.
+"""Doubt frames that show something else than what they were taken for.
 
 A dark frame with light in it, a target that gives no light, or a star that is none, or out of
 focus, spoils all that is computed from a record, and can't be seen from the settings.
@@ -23,32 +23,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DoubtLimits:
-    """Set what a run's frame must show before a person is asked about it.
+    """Tune what a frame must show lest a person is asked about it.
 
-    Attributes
-    ----------
-    dark_clipped : float
-        Share of saturated pixels in a dark frame that hot pixels may cause. Chosen; hot pixels are
-        some in ten thousand.
-    dark_excess : float
-        Share of the full scale by which the middle pixel of a dark frame may exceed what is
-        expected. Chosen, so that a black level that is a few digital numbers off raises no doubt.
-    warm : float
-        Factor by which the dark current may exceed its description. Chosen: it doubles about every
-        7 K.
-    sigmas : float
-        Standard deviations of the noise above which a pixel has light. Chosen: noise alone has one
-        such pixel in 1e9.
-    lit_pixels : int
-        Pixels with light that a target has at least. Chosen; a star in focus has as many.
-    extended : float
-        Brightness of the middle pixel over that of a bright one, from which on a star is none.
-        Chosen; a star's is below 1e-2.
-    widest_star : float
-        Width of a star with the neutral pattern in pixels, from which on it is out of focus if
-        diffraction is much finer. Chosen.
-    blur : float
-        The same as a multiple of the diffraction's width. Chosen.
+    dark_clipped: share of saturated pixels in a dark frame that hot pixels may cause. Chosen; hot
+        pixels are some in ten thousand.
+    dark_excess: share of the full scale by which the middle pixel of a dark frame may exceed what
+        is expected. Chosen, so that a black level a few digital numbers off raises no doubt.
+    warm: factor by which the dark current may exceed its description. Chosen: it doubles about
+        every 7 K.
+    sigmas: standard deviations of the noise above which a pixel has light. Chosen: noise alone has
+        one such pixel in 1e9.
+    lit_pixels: pixels with light that a target has at least. Chosen; a star in focus has as many.
+    extended: brightness of the middle pixel over that of a bright one, from which on a star is
+        none. Chosen; a star's is below 1e-2.
+    widest_star: width of a star with the neutral pattern in pixels, from which on it is out of
+        focus if diffraction is much finer. Chosen.
+    blur: the same as a multiple of the diffraction's width. Chosen.
     """
 
     dark_clipped: float = 0.005
@@ -69,7 +59,7 @@ few hot pixels in five megapixels."""
 
 
 class FrameDoubts:
-    """Judge the frames of one run by what they show; each kind of doubt is told until settled.
+    """Judge frames by what they show; each kind of doubt is told until settled.
 
     The names of dark target, star and neutral pattern are the plan's, or else "dark", "star" and
     "neutral". That a target gives no light is judged at its longest exposure, since the shorter
@@ -85,14 +75,14 @@ class FrameDoubts:
         self._settled: set[tuple[str, str]] = set()
 
     def doubt(self, shot: Shot, image: NDArray[np.uint16]) -> str:
-        """Return what in a run's frame doesn't fit what it was taken for; "" if all does."""
+        """Return what in a frame doesn't fit what it was taken for; "" if all does."""
         for kind, text in self._doubts(shot, image).items():
             if text and (kind, shot.target) not in self._settled:
                 return f"{shot.target} at {shot.exposure * 1e3:g} ms: {text}"
         return ""
 
     def settle(self, shot: Shot) -> None:
-        """Doubt the frames of a run's target no more: a person has said that they are right."""
+        """Doubt the frames of this target no more: a person has said that they are right."""
         self._settled |= {(kind, shot.target) for kind in ("dark", "light", "star", "focus")}
 
     def _doubts(self, shot: Shot, image: NDArray[np.uint16]) -> dict[str, str]:
@@ -119,25 +109,14 @@ def target_doubt(
     exposure: float,
     image: NDArray[np.uint16],
 ) -> str:
-    """Return how a frame outside of a run doesn't fit the target that a person has placed.
+    """Return how a single frame doesn't fit the target that a person has placed; "" if it fits.
 
     Targets and patterns are known by their usual names: "dark", "star" and "neutral".
 
-    Parameters
-    ----------
-    camera : Camera
-        The bench's camera.
-    target, pattern : str
-        Names of the target that was confirmed, and of the pattern on the SLM.
-    wavelength, exposure : float
-        Wavelength in metres and exposure time in seconds.
-    image : ndarray of uint16, shape (rows, columns)
-        The frame in DN.
-
-    Returns
-    -------
-    str
-        The doubt in words; "" if the frame fits.
+    target, pattern: the target that was confirmed, and the pattern on the SLM.
+    wavelength: metres.
+    exposure: seconds.
+    image: (rows, columns), DN.
     """
     usual, sensor = Reconstruction(coded=""), camera.sensor
     if target == usual.dark:
@@ -150,16 +129,10 @@ def target_doubt(
 
 
 def light_in_the_dark(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
-    """Return how a dark frame of a run shows light; "" if it doesn't.
+    """Return how a dark frame shows light; "" if it doesn't.
 
-    Parameters
-    ----------
-    sensor : Sensor
-        The camera's sensor.
-    exposure : float
-        Exposure time in seconds.
-    image : ndarray of uint16, shape (rows, columns)
-        The frame in DN.
+    exposure: seconds.
+    image: (rows, columns), DN.
     """
     clipped = _clipped_share(sensor, image)
     if clipped > _LIMITS.dark_clipped:
@@ -176,9 +149,10 @@ def light_in_the_dark(sensor: Sensor, exposure: float, image: NDArray[np.uint16]
 
 
 def lack_of_light(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
-    """Return that a run's longest exposure of a target shows no light; "" if it shows some.
+    """Say that a target's longest exposure shows no light; "" if it shows some.
 
-    Parameters as in light_in_the_dark().
+    exposure: seconds.
+    image: (rows, columns), DN.
     """
     if np.count_nonzero(image > _lit_level(sensor, exposure)) >= _LIMITS.lit_pixels:
         return ""
@@ -186,10 +160,13 @@ def lack_of_light(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) ->
 
 
 def star_that_is_none(sensor: Sensor, exposure: float, image: NDArray[np.uint16]) -> str:
-    """Return that a run's star frame shows something extended; "" if it shows a point.
+    """Say that a frame of the star shows something extended; "" if it shows a point.
 
-    Parameters as in light_in_the_dark(). A frame with saturated pixels isn't judged, because
-    bright and very bright can't be told apart in it.
+    A frame with saturated pixels isn't judged, because bright and very bright can't be told apart
+    in it.
+
+    exposure: seconds.
+    image: (rows, columns), DN.
     """
     if _is_clipped(sensor, image):
         return ""
@@ -206,22 +183,16 @@ def star_that_is_none(sensor: Sensor, exposure: float, image: NDArray[np.uint16]
 def star_out_of_focus(
     camera: Camera, wavelength: float, exposure: float, image: NDArray[np.uint16]
 ) -> str:
-    """Return that a run's star with the neutral pattern is out of focus; "" if it is sharp.
+    """Say that a star, taken with the neutral pattern, is out of focus; "" if it is sharp.
 
     Its width is the diameter of a disk with the area in which the star has half its peak or more.
     In focus it is about that of diffraction, 1.03 λ N (Goodman, Introduction to Fourier Optics,
-    sec. 4.4), with N the image distance over the stop's diameter.
+    sec. 4.4), with N the image distance over the stop's diameter. A frame isn't judged if pixels
+    are saturated, or if the star is dim.
 
-    Parameters
-    ----------
-    camera : Camera
-        The bench's camera.
-    wavelength : float
-        Metres.
-    exposure : float
-        Exposure time in seconds.
-    image : ndarray of uint16, shape (rows, columns)
-        The frame in DN. It isn't judged if pixels are saturated, or if the star is dim.
+    wavelength: metres.
+    exposure: seconds.
+    image: (rows, columns), DN.
     """
     sensor = camera.sensor
     if _is_clipped(sensor, image):
@@ -241,14 +212,14 @@ def star_out_of_focus(
 
 
 def _dark_level(sensor: Sensor, exposure: float) -> tuple[float, float]:
-    """Return the highest digital number that the dark of a run's frame has, and its noise in DN."""
+    """Return the highest level that darkness has, and its noise, both in DN."""
     electrons = _LIMITS.warm * sensor.dark_current * exposure
     noise = math.sqrt(sensor.read_noise**2 + electrons) / sensor.gain
     return sensor.black_level + electrons / sensor.gain, math.hypot(noise, 1 / math.sqrt(12))
 
 
 def _lit_level(sensor: Sensor, exposure: float) -> float:
-    """Return the digital number above which a pixel of a run's frame has light."""
+    """Return the digital number above which a pixel has light."""
     level, noise = _dark_level(sensor, exposure)
     return level + _LIMITS.sigmas * noise
 
@@ -258,5 +229,4 @@ def _is_clipped(sensor: Sensor, image: NDArray[np.uint16]) -> bool:
 
 
 def _clipped_share(sensor: Sensor, image: NDArray[np.uint16]) -> float:
-    """Return the share of saturated pixels in a run's frame."""
     return np.count_nonzero(image >= sensor.full_scale) / image.size

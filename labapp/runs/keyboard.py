@@ -20,10 +20,10 @@ _POLL_INTERVAL = 0.05
 
 
 class Keyboard:
-    """Reads standard input during a run: p pauses, r resumes, and Enter or a key answers a prompt.
+    """Reads standard input: p pauses, r resumes, and Enter or a key answers a prompt.
 
-    A terminal is read only while the run is in its foreground. Other input is read only for
-    answers, because it may be meant for another program. `progress` is that of the run. Use
+    A terminal is read only while this process is in its foreground. Other input is read only for
+    answers, because it may be meant for another program. Use
     `with open_keyboard(progress) as keyboard`.
     """
 
@@ -36,7 +36,7 @@ class Keyboard:
         threading.Thread(target=self._read, name="keyboard", daemon=True).start()
 
     def wait_for_enter(self, progress: Progress, other_key: str = "") -> bool:
-        """Wait until Enter answers a run's prompt, or another key of a terminal does.
+        """Wait until Enter answers a prompt, or another key of a terminal does.
 
         Returns whether it was Enter. Raises UserError if standard input has ended, and
         WaitedTooLong after the seconds of the progress's wait limit.
@@ -63,7 +63,7 @@ class Keyboard:
 
     @property
     def is_terminal(self) -> bool:
-        """Return whether a person can answer by a single key, at a terminal of this run."""
+        """Whether a person can answer by a single key, at a terminal."""
         return _is_at_terminal(_standard_input())
 
     def close(self) -> None:
@@ -90,11 +90,11 @@ class Keyboard:
 
     @property
     def _wants_answer(self) -> bool:
-        """Whether a run's prompt still waits for its answer, a single line of the input."""
+        """Whether a prompt still waits for its answer, a single line of the input."""
         return self._question_pending.is_set() and not self._answer_given.is_set()
 
     def _press(self, key: bytes, terminal: bool) -> None:
-        """Obey a key pressed during the run: Enter answers, p pauses and r resumes."""
+        """Obey a key: Enter answers, p pauses and r resumes."""
         if key in b"\r\n" or (terminal and self._wants_answer and key.lower() == self._other_key):
             self._answer = key.lower()
             self._answer_given.set()
@@ -105,7 +105,7 @@ class Keyboard:
 
 
 def _standard_input() -> int | None:
-    """Return standard input's descriptor for the keys of a run; None in a service or a test."""
+    """Return standard input's descriptor; None in a service or a test."""
     try:
         return sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
@@ -113,12 +113,12 @@ def _standard_input() -> int | None:
 
 
 def _is_at_terminal(source: int | None) -> bool:
-    """Return whether a run's standard input is a terminal, and the run in its foreground."""
+    """Return whether standard input is a terminal, with this process in its foreground."""
     return source is not None and os.isatty(source) and _is_in_foreground(source)
 
 
 def _is_in_foreground(terminal: int) -> bool:
-    """Return whether this run's process is in the terminal's foreground.
+    """Return whether this process is in the terminal's foreground.
 
     The system stops a process that reads the terminal from the background.
     """
@@ -130,7 +130,7 @@ def _is_in_foreground(terminal: int) -> bool:
 
 @contextmanager
 def open_keyboard(progress: Progress) -> Iterator[Keyboard]:
-    """Open the keyboard for a run's prompts and pauses; in a terminal, keys need no Enter."""
+    """Open the keyboard for prompts and pauses; in a terminal, keys need no Enter."""
     source = _standard_input()
     terminal = source if _is_at_terminal(source) else None
     before = termios.tcgetattr(terminal) if terminal is not None else None

@@ -37,10 +37,13 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class Preview:
-    """Preview of a plan on a bench; source is its file, free the bytes in the current folder.
+    """What a plan takes on a bench.
 
     If exposures are to be chosen, shots and estimate are those in the brightest light that the
     camera can take, and most those that take longest and need most space.
+
+    source: file of the plan.
+    free: bytes that are free in the current folder.
     """
 
     plan: PlanFile
@@ -61,7 +64,7 @@ class Preview:
 def check_plan(
     named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, as_json: bool
 ) -> None:
-    """Print what a run of the plan takes, and that the bench can run it; UserError if it can't.
+    """Print what the plan takes, and that the bench can do it; UserError if it can't.
 
     The patterns are computed on trial, with one iteration instead of many.
     """
@@ -83,7 +86,7 @@ def check_plan(
 def show_plan(
     named_plan: NamedPlan, bench: Path | None, scene: Path | None, *, every_row: bool, as_json: bool
 ) -> None:
-    """Print what a plan's run takes, and its steps in order; raise UserError if it can't be run."""
+    """Print what a plan takes, and its steps in order; raise UserError if the bench can't do it."""
     with open_bench(BenchFiles.with_defaults(bench, scene)) as opened:
         preview = preview_plan(named_plan.plan, named_plan.path, opened)
     prompts = prompts_by_frame(preview.shots, preview.capabilities)
@@ -96,9 +99,9 @@ def show_plan(
 
 
 def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
-    """Preview a plan's run on an open bench; raise UserError if the bench can't run it.
+    """Preview a plan on an open bench; raise UserError if the bench can't do it.
 
-    `source` is the plan's file.
+    source: file of the plan.
     """
     abilities = BenchCapabilities.of(bench)
     possible = possible_plans(plan, abilities, bench.description.sensor, str(source))
@@ -122,10 +125,7 @@ def preview_plan(plan: PlanFile, source: Path, bench: Bench) -> Preview:
 
 
 def _require_reconstruction_frames(preview: Preview) -> None:
-    """Raise UserError if a run lacks frames for the plan's reconstruction.
-
-    It also raises UserError if the wavelength of such frames is ambiguous.
-    """
+    """Raise UserError if the reconstruction lacks frames, or their wavelength is ambiguous."""
     roles = preview.plan.reconstruct
     if roles is None:
         return
@@ -152,7 +152,7 @@ def _require_reconstruction_frames(preview: Preview) -> None:
 
 
 def _try_patterns(preview: Preview, bench: Bench) -> None:
-    """Compute a run's patterns on trial; raise UserError if the bench's panel can't show one."""
+    """Compute the patterns on trial; raise UserError if the bench's panel can't show one."""
     plan = preview.plan
     quick = {name: pattern.with_least_work() for name, pattern in plan.patterns.items()}
     with terminal_progress() as progress:
@@ -188,12 +188,12 @@ def _print_summary(preview: Preview) -> None:
 
 
 def _span(least: str, most: str) -> str:
-    """Return a range of what a run takes in words; one number where both ends are alike."""
+    """Return a range in words; one number where both ends are alike."""
     return least if least == most else f"{least} to {most}"
 
 
 def _bracket_lines(plan: PlanFile) -> list[str]:
-    """Say which exposures of a run are still to be chosen, or have been."""
+    """Say which exposures are still to be chosen, or have been."""
     lines = []
     for number, block in enumerate(plan.acquire, 1):
         if block.bracket is not None:
@@ -209,7 +209,7 @@ def _bracket_lines(plan: PlanFile) -> list[str]:
 
 
 def _limits(preview: Preview) -> list[dict[str, str]]:
-    """Say in words what a run's plan requests, and what the bench can do."""
+    """Say in words what a plan requests, and what the bench can do."""
     plan, abilities, listed = preview.plan, preview.capabilities, preview.shots
     exposures = [1e3 * seconds for seconds in np.unique(listed.column("exposure")).tolist()]
     wavelengths = _nm(np.unique(listed.column("wavelength")).tolist())
@@ -258,7 +258,7 @@ def _limits(preview: Preview) -> list[dict[str, str]]:
 
 
 def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> None:
-    """Print the steps of a run in tables; each prompt begins a new table, and is its heading.
+    """Print the steps in tables; each prompt begins a new table, and is its heading.
 
     Unless `every_row` is set, only the first 40 rows are printed.
     """
@@ -283,7 +283,7 @@ def _print_steps(preview: Preview, prompts: dict[int, str], every_row: bool) -> 
 
 
 def _groups(listed: ShotList) -> list[slice]:
-    """Group consecutive shots of a run that differ only in exposure and repeat."""
+    """Group consecutive shots that differ only in exposure and repeat."""
     names = ("role", "target", "pattern", "wavelength", "slot", "readout")
     codes = group_codes(*(listed.column(name) for name in names))
     ends = [*(np.flatnonzero(np.diff(codes)) + 1).tolist(), len(listed)]
@@ -291,7 +291,6 @@ def _groups(listed: ShotList) -> list[slice]:
 
 
 def _row(group: Sequence[Shot], wheel: bool, read: bool) -> list[Any]:
-    """Return the row for a group of shots in the table of a run's steps."""
     first, steps = group[0], sorted({shot.step for shot in group})
     exposures = dict.fromkeys(f"{shot.exposure * 1e3:g}" for shot in group)
     return [
@@ -329,7 +328,7 @@ def _as_data(preview: Preview) -> dict[str, Any]:
 
 
 def _shot_data(shot: Shot, prompt: str) -> dict[str, Any]:
-    """Return a run's planned shot as plain data, with the prompt before it."""
+    """Return a planned shot as plain data, with the prompt before it."""
     return {
         "frame": shot.index,
         "step": shot.step,

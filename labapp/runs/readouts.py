@@ -1,4 +1,4 @@
-"""Ways of reading a run's sensor: gain, region, binning, and frames whose mean is stored."""
+"""Ways of reading the sensor: gain, region, binning, and frames whose mean is stored."""
 
 from __future__ import annotations
 
@@ -23,9 +23,11 @@ _LARGEST = np.iinfo(np.uint16).max
 class Readout(NamedTuple):
     """How a shot's frame is read; by default as the bench opens the camera.
 
-    gain_db: decibels. amplification_db: what that is beyond the gain with which the bench opens the
-    camera. region: x, y, width and height in pixels of the opened camera's frames.
-    binning: such pixels each way whose mean is one. averaged: frames whose mean is stored.
+    gain_db: decibels.
+    amplification_db: what that is beyond the gain with which the bench opens the camera.
+    region: x, y, width and height in pixels of the opened camera's frames.
+    binning: such pixels each way whose mean is one.
+    averaged: frames whose mean is stored.
     steps_per_dn: the stored number of 1 DN, so that the mean of whole numbers keeps its fraction.
     """
 
@@ -37,13 +39,13 @@ class Readout(NamedTuple):
     steps_per_dn: int = 1
 
     def shape(self, whole: tuple[int, int]) -> tuple[int, int]:
-        """Return rows and columns of a run's frame, of a camera with frames of `whole` pixels."""
+        """Return a frame's (rows, columns) if the camera's frames have `whole` pixels."""
         _, _, width, height = self.region or (0, 0, whole[1], whole[0])
         each = self.binning or 1
         return height // each, width // each
 
     def describe(self) -> str:
-        """Describe in short how a run's frame is read; "" as the bench opens the camera.
+        """Describe the readout in short; "" as the bench opens the camera.
 
         A region is WIDTHxHEIGHT+X+Y, as X11 has it.
         """
@@ -61,13 +63,13 @@ class Readout(NamedTuple):
         return ", ".join(words)
 
     def read_camera(self, camera: Camera) -> Camera:
-        """Return the description of a run's camera with frames that are read so."""
+        """Return the description of a camera whose frames are read so."""
         if self == AS_OPENED:
             return camera
         return replace(camera, sensor=self.read_sensor(camera.sensor))
 
     def read_sensor(self, sensor: Sensor) -> Sensor:
-        """Return the description of a run's sensor with frames that are read so."""
+        """Return the description of a sensor whose frames are read so."""
         if self == AS_OPENED:
             return sensor
         # Most runs need no description of another sensor.
@@ -82,16 +84,16 @@ class Readout(NamedTuple):
         )
 
     def whole_numbers(self, image: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """Return a stored image of the run in whole DN."""
+        """Convert a stored image to whole DN."""
         steps = self.steps_per_dn
         return image if steps == 1 else ((image + np.uint32(steps // 2)) // steps).astype(np.uint16)
 
     def numbers(self, image: NDArray[np.uint16]) -> NDArray[Any]:
-        """Return a stored image of the run in DN: whole ones, or the mean's with fractions."""
+        """Convert a stored image to DN: whole ones, or the mean's with fractions."""
         return image if self.steps_per_dn == 1 else image / np.float32(self.steps_per_dn)
 
     def read_mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return which pixels of a run's frame have any of the marked pixels of a whole frame."""
+        """Return which pixels of the frame have any of the marked pixels of a whole frame."""
         x, y, width, height = self.region or (0, 0, mask.shape[1], mask.shape[0])
         each = self.binning or 1
         rows, columns = height // each, width // each
@@ -99,7 +101,6 @@ class Readout(NamedTuple):
         return np.any(part.reshape(rows, each, columns, each), axis=(1, 3))
 
     def as_data(self) -> dict[str, Any]:
-        """Return how a run's frame is read as plain data."""
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in self._asdict().items()
@@ -107,7 +108,7 @@ class Readout(NamedTuple):
 
     @staticmethod
     def of_data(data: Mapping[str, Any]) -> Readout:
-        """Return what as_data() of a run's record has told."""
+        """Rebuild what as_data() has told."""
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in data.items()
         }
@@ -115,11 +116,11 @@ class Readout(NamedTuple):
 
 
 AS_OPENED = Readout()
-"""A run's frames are read as the bench opens the camera."""
+"""Frames are read as the bench opens the camera."""
 
 
 def block_readouts(block: Acquisition, capabilities: BenchCapabilities) -> Iterator[Readout]:
-    """Yield the ways in which a block of a run's plan is read: regions, then binnings, then gains.
+    """Yield the readouts of a block of the plan: by region, then binning, then gain.
 
     Where the plan doesn't choose, the camera's own stand.
     """
@@ -132,13 +133,13 @@ def block_readouts(block: Acquisition, capabilities: BenchCapabilities) -> Itera
 
 
 def largest_shape(readouts: Iterable[Readout], whole: tuple[int, int]) -> tuple[int, int]:
-    """Return rows and columns that every frame of a run fits into."""
+    """Return the (rows, columns) that the frames of all readouts fit into."""
     shapes = [one.shape(whole) for one in readouts]
     return max(rows for rows, _ in shapes), max(columns for _, columns in shapes)
 
 
 def steps_per_dn(averaged: int, full_scale: int) -> int:
-    """Return the stored number of 1 DN in a run's frame that is the mean of several.
+    """Return the stored number of 1 DN in a frame that is the mean of several.
 
     It is the largest power of two with which the full scale is still a number of 16 bits, and no
     more than the mean has steps.
@@ -150,7 +151,7 @@ def steps_per_dn(averaged: int, full_scale: int) -> int:
 
 
 class MeanImage:
-    """The mean of frames of a run, as far as they are taken.
+    """The mean of the frames that were added so far.
 
     A pixel that is clipped in any of them is clipped: its mean would be too low.
     """
@@ -162,7 +163,7 @@ class MeanImage:
         self.add(first)
 
     def add(self, image: NDArray[np.uint16]) -> None:
-        """Add a frame of the run to the mean; ValueError if it has another size."""
+        """Add a frame to the mean; ValueError if it has another size."""
         if image.shape != self._total.shape:
             raise ValueError(f"a frame of {image.shape} pixels follows one of {self._total.shape}")
         self._total += image
@@ -170,7 +171,7 @@ class MeanImage:
         self._count += 1
 
     def stored(self, steps: int) -> NDArray[np.uint16]:
-        """Return the mean of the run's frames in steps of 1 DN / `steps`, as it is stored."""
+        """Return the mean in steps of 1 DN / `steps`, as it is stored."""
         mean = np.rint(self._total * (steps / self._count))
         mean[self._clipped] = self._full_scale * steps
         return np.minimum(mean, _LARGEST).astype(np.uint16)

@@ -22,7 +22,7 @@ _SHOWN_LINES = 500
 
 
 def show_record(path: Path, *, as_json: bool) -> None:
-    """Print a summary of a run's record: state, frames, devices, simulator decisions and log."""
+    """Print state, frames, devices, simulator decisions and log of a record."""
     with Record(path) as record:
         data = record_data(record)
         if as_json:
@@ -57,7 +57,7 @@ def show_record(path: Path, *, as_json: bool) -> None:
 
 
 def _print_groups(groups: list[dict[str, Any]]) -> None:
-    """Print the frames of a run's record, with how they are read where that was chosen."""
+    """Print the groups of frames, with how they are read where that was chosen."""
     read = ["read"] if any(group["readout"] for group in groups) else []
     columns = ["role", "target", "pattern", *read, "wavelength nm ", "exposures ms ", "frames "]
     rows = [[one for name, one in group.items() if read or name != "readout"] for group in groups]
@@ -65,7 +65,7 @@ def _print_groups(groups: list[dict[str, Any]]) -> None:
 
 
 def record_data(record: Record) -> dict[str, Any]:
-    """Return a summary of a run's record, without its log, as plain data."""
+    """Return all of the summary but the log as plain data."""
     stored = record.column("stored").astype(bool)
     rows, columns = record.frame_shape
     return {
@@ -96,7 +96,7 @@ def record_data(record: Record) -> dict[str, Any]:
 
 
 def _groups(record: Record) -> list[dict[str, Any]]:
-    """Group the planned frames of a run's record by role, target, pattern, wavelength, readout."""
+    """Group the planned frames by role, target, pattern, wavelength and readout."""
     names = {"role": ROLES, "target": record.target_names, "pattern": record.pattern_names}
     names["readout"] = [one.describe() for one in record.readouts]
     if len(record.readouts) > 1:
@@ -120,7 +120,7 @@ def _groups(record: Record) -> list[dict[str, Any]]:
 def _distinct_exposures(
     codes: NDArray[np.int64], exposures: NDArray[np.float64]
 ) -> list[list[float]]:
-    """Return the different exposures of each group of a run's frames, rising."""
+    """Return the different exposures of each group of frames, in seconds, rising."""
     order = np.lexsort((exposures, codes))
     group, seconds = codes[order], exposures[order]
     new = np.concatenate(([True], (np.diff(group) != 0) | (np.diff(seconds) != 0)))

@@ -17,7 +17,7 @@ from labapp.runs.record.reader import Record
 
 
 def calibrations_in_force(record: Record) -> list[str]:
-    """Return which calibrations were in force when a run's record was made, a line each."""
+    """Return the calibrations that were in force, a line each."""
     panel, camera = record.bench.active_calibration, record.bench.active_camera_calibration
     return [
         *([calibration_summary(panel)] if panel else []),
@@ -26,7 +26,7 @@ def calibrations_in_force(record: Record) -> list[str]:
 
 
 def camera_in_force(record: Record) -> str:
-    """Return the calibration of the camera that a record's light is measured by, in a line."""
+    """Return the calibration of the camera by which light is measured, in a line."""
     camera = record.bench.active_camera_calibration
     if camera is None:
         return "the bench file's description; no calibration of the camera was in force"
@@ -34,7 +34,7 @@ def camera_in_force(record: Record) -> str:
 
 
 def clip_level_in_force(record: Record) -> str:
-    """Return where the pixels of a run's record clip, and who says so, in a line."""
+    """Return where pixels clip, and who says so, in a line."""
     bench, metered = record.bench_as_opened, metered_clip_level(record.plan)
     number = record.bench.build_camera().sensor.full_scale
     calibration = bench.active_camera_calibration
@@ -52,7 +52,7 @@ def clip_level_in_force(record: Record) -> str:
 
 
 def stale_calibrations(record: Record) -> list[str]:
-    """Return why calibrations may not have held when a run's record was made.
+    """Return why calibrations may not have held when the frames were taken.
 
     Raises UserError for a record that is damaged.
     """
@@ -64,7 +64,7 @@ def stale_calibrations(record: Record) -> list[str]:
 
 
 def stale_camera(record: Record) -> list[str]:
-    """Return why the calibration of the camera may not have held when a record was made.
+    """Return why the camera's calibration may not have held when the frames were taken.
 
     Raises UserError for a record that is damaged.
     """
@@ -86,7 +86,6 @@ def _start(record: Record) -> datetime:
 
 
 def _identities(record: Record) -> dict[str, Identity]:
-    """Return the devices that made a run's record."""
     return {
         name: Identity(one["model"], one["serial"], one["simulated"])
         for name, one in record.devices.items()

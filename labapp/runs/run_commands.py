@@ -1,4 +1,4 @@
-"""The commands `labapp run` and `labapp resume`: run plan files on a bench, or resume a run."""
+"""The commands `labapp run` and `labapp resume`: execute plan files on a bench, or resume a run."""
 
 from __future__ import annotations
 
@@ -30,11 +30,12 @@ from optics.progress import Cancelled, Progress
 
 @dataclass(frozen=True)
 class ExecutionOptions:
-    """Options of the commands that run plans.
+    """Options of the commands that execute plans.
 
-    force allows existing files to be replaced. With yes, all prompts count as answered. speed is
-    the virtual bench's time over real time. wait_limit is the longest wait for a person in seconds;
-    None depends on whether there is a terminal.
+    force: whether existing files may be replaced.
+    yes: whether all prompts count as answered.
+    speed: the virtual bench's time over real time.
+    wait_limit: longest wait for a person, seconds; None depends on whether there is a terminal.
     """
 
     force: bool = False
@@ -50,7 +51,7 @@ def run_files(
     files: BenchFiles,
     execution: ExecutionOptions,
 ) -> None:
-    """Run plans in turn, each into its record, and print how each run ended.
+    """Execute plans in turn, each into its record, and print how each ended.
 
     Raises UserError if a run isn't COMPLETE, or Cancelled if it was cancelled.
     """
@@ -86,7 +87,7 @@ def run_written_plan(
     progress: Progress,
     ask: AskOperator | None,
 ) -> None:
-    """Run the plan that was written to a folder, with its record beside it.
+    """Execute the plan that was written to a folder, with its record beside it.
 
     Raises UserError if the run isn't COMPLETE, or Cancelled if it was cancelled.
     """
@@ -107,7 +108,7 @@ def run_written_plan(
 def resume_file(
     record: Path, bench: Path | None, faults: Path | None, execution: ExecutionOptions
 ) -> None:
-    """Resume a run: take the frames that its record lacks, on the bench on which it began."""
+    """Take the frames that a record lacks, by default on the bench on which it was begun."""
     with ExitStack() as stack:
         with terminal_progress() as progress:
             held = stack.enter_context(hold_record(record, progress))
@@ -128,7 +129,7 @@ def resume_file(
 
 
 def _confirm_recorded_bench(setup: BenchSetup, record: Path, execution: ExecutionOptions) -> None:
-    """Show the real devices that a record names, and ask whether a run may open them.
+    """Show the real devices that a record names, and ask whether they may be opened.
 
     A record may come from somebody else. Raises UserError if nobody is there to answer.
     """
@@ -151,13 +152,13 @@ def _confirm_recorded_bench(setup: BenchSetup, record: Path, execution: Executio
 
 
 def _options_in_words(options: Mapping[str, Any]) -> str:
-    """Return a device's options as a record has them, on one line without control characters."""
+    """Return a device's options on one line without control characters."""
     words = ", ".join(f"{name} = {value!r}" for name, value in options.items())
     return f" ({words})" if words else ""
 
 
 def bench_setup_of(record: Record, faults: Path | None = None) -> BenchSetup:
-    """Return the bench setup in a run's record; UserError if a picture of its scene has changed."""
+    """Return the recorded bench setup; UserError if a picture of its scene has changed."""
     for file, known in record.scene_picture_digests.items():
         if file_sha256(Path(file)) != known:
             raise UserError(
@@ -180,7 +181,7 @@ def require_complete(outcome: RunOutcome) -> None:
 
 
 def _failure_of(outcome: RunOutcome) -> Exception | None:
-    """Return the error that tells of a run that isn't COMPLETE, and how to go on."""
+    """Return the error that tells why a run isn't COMPLETE, and how to go on; else None."""
     if outcome.state is State.CANCELLED:
         return Cancelled(f"{outcome.path}: CANCELLED, {len(outcome.missing)} frames not taken")
     if outcome.state is State.COMPLETE:
@@ -198,7 +199,7 @@ def _failure_of(outcome: RunOutcome) -> Exception | None:
 
 @contextmanager
 def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress, AskOperator]]:
-    """Yield a run's progress, shown in the terminal, and the function that asks its prompts."""
+    """Yield a progress that the terminal shows, and the function that asks prompts there."""
     with attended_run(execution) as attendance:
         assert attendance.ask is not None
         yield attendance.progress, attendance.ask
@@ -208,7 +209,7 @@ def interactive_progress(execution: ExecutionOptions) -> Iterator[tuple[Progress
 def attended_run(
     execution: ExecutionOptions,
 ) -> Iterator[Attendance]:
-    """Yield what a person in the terminal sees of a run, and is asked.
+    """Yield what the person at the terminal sees, and is asked.
 
     Nobody is asked about doubted frames where nobody is at a terminal, or all prompts count as
     answered: such a frame is kept, and the record's log has the doubt.
@@ -232,10 +233,11 @@ def attended_run(
 def print_written_plan(
     plan: Path, patterns: int, record: Path, following: str, as_json: bool
 ) -> None:
-    """Print that a plan was written for a later run, and the commands to come.
+    """Print that a plan was written for later, and the commands to come.
 
-    `patterns` is the number of its pattern files, `record` the run's file, and `following` the
-    command after the run.
+    patterns: number of its pattern files.
+    record: file that the run will write.
+    following: command after the run.
     """
     if as_json:
         print_json({"plan": str(plan), "patterns": patterns})

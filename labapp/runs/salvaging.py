@@ -17,7 +17,11 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class Salvage:
-    """What was saved of a damaged record. lacks: what is lost, in words. digest: of the new one."""
+    """What was saved of a damaged record.
+
+    lacks: what is lost, in words.
+    digest: of the new record.
+    """
 
     path: Path
     saved: int
@@ -27,7 +31,7 @@ class Salvage:
 
 
 def salvage_record(path: Path, new: Path, *, force: bool, as_json: bool) -> None:
-    """Save the whole frames of a run's damaged record into a new one, and print what is lost.
+    """Save the whole frames of a damaged record into a new one, and print what is lost.
 
     Raises UserError if nothing can be saved, or the new record can't be written.
     """
@@ -50,7 +54,7 @@ def salvage_record(path: Path, new: Path, *, force: bool, as_json: bool) -> None
 def salvage(
     path: Path, new: Path, *, force: bool = False, progress: Progress | None = None
 ) -> Salvage:
-    """Save the whole frames of a run's damaged record into a new one; the old one isn't changed.
+    """Save the whole frames into a new file; the damaged one isn't changed.
 
     Raises UserError if nothing can be saved, or the new record can't be written.
     """
@@ -76,7 +80,7 @@ def salvage(
 def _copy(
     damaged: DamagedRecord, found: Remains, path: Path, writer: RecordWriter, progress: Progress
 ) -> str:
-    """Copy the frames and the log of a run's record; return the digest of the new record."""
+    """Copy the frames and the log; return the digest of the new record."""
     with writer:
         for time, text in damaged.log_lines():
             writer.log(time, text)

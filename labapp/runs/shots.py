@@ -19,34 +19,20 @@ _AT_ONCE = 1024
 
 @dataclass(frozen=True)
 class Shot:
-    """One planned frame of a run, with all of its settings.
+    """One planned frame, with all of its settings.
 
-    Attributes
-    ----------
-    index : int
-        Number of the frame in the record.
-    step, repeat : int
-        Step of the plan, and number of the frame within the step.
-    target, pattern : str
-        Names of target and pattern in the plan.
-    wavelength : float
-        Metres.
-    exposure : float
-        Exposure time in seconds.
-    role : str
-        "light", or the kind of calibration frame.
-    place : str
-        Name of the target on the bench; "" leaves the one that is there.
-    prompt : str
-        What a person is asked to do before the target is placed.
-    slot : int
-        Slot of a filter wheel, from 1; 0 means that the wavelength is set.
-    readout : Readout
-        How the sensor is read, and how many frames are averaged.
-    start_time : float
-        Planned beginning of the exposure, in seconds from the beginning of the run.
-    duration : float
-        Seconds that the frame takes, settling included.
+    index: number of the frame in the record.
+    step, repeat: step of the plan, and number of the frame within the step.
+    target, pattern: names in the plan.
+    wavelength: metres.
+    exposure: seconds.
+    role: "light", or the kind of calibration frame.
+    place: name of the target on the bench; "" leaves the one that is there.
+    prompt: what a person is asked to do before the target is placed.
+    slot: slot of a filter wheel, from 1; 0 means that the wavelength is set.
+    readout: how the sensor is read, and how many frames are averaged.
+    start_time: planned beginning of the exposure, seconds from the beginning of the run.
+    duration: what the frame takes, settling included, seconds.
     """
 
     index: int
@@ -66,7 +52,7 @@ class Shot:
 
 
 class ShotTarget(NamedTuple):
-    """A target as shots have it: its name in the plan, its place on the bench, and its prompt."""
+    """A target's name in the plan, its place on the bench, and its prompt."""
 
     name: str
     place: str = ""
@@ -91,11 +77,11 @@ _KINDS: dict[str, np.dtype[Any]] = {
 
 
 class ShotList(Sequence[Shot]):
-    """Shots of a run as columns, each made when it is asked for; it is never changed.
+    """Shots as columns, each made when it is asked for; it is never changed.
 
     columns: arrays of the same length by name of a Shot's attribute, those of zeros left out.
-    `target`, `pattern` and `readout` are indices into `targets`, `patterns` and `readouts`, `role`
-    into ROLES.
+        `target`, `pattern` and `readout` are indices into `targets`, `patterns` and `readouts`,
+        `role` into ROLES.
     """
 
     def __init__(
@@ -115,7 +101,7 @@ class ShotList(Sequence[Shot]):
 
     @classmethod
     def of(cls, shots: Iterable[Shot]) -> ShotList:
-        """Return shots of a run as such a list; one that is such a list already stays itself."""
+        """Return shots as such a list; one that is such a list already stays itself."""
         if isinstance(shots, ShotList):
             return shots
         targets: dict[ShotTarget, int] = {}
@@ -136,26 +122,26 @@ class ShotList(Sequence[Shot]):
         return cls(columns, list(targets), list(patterns), list(readouts))
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return an attribute of all shots of the run; don't change it."""
+        """Return an attribute of all shots; don't change it."""
         return self._columns[name]
 
     def with_columns(self, **columns: NDArray[Any]) -> ShotList:
-        """Return the run's shots with other values of some attributes."""
+        """Return the shots with other values of some attributes."""
         columns = {**self._columns, **columns}
         return ShotList(columns, self.targets, self.patterns, self.readouts)
 
     def pick(self, which: slice | Sequence[int] | NDArray[np.intp]) -> ShotList:
-        """Return some of the run's shots: those of a slice, or of indices."""
+        """Return the shots of a slice, or of indices."""
         which = which if isinstance(which, slice) else np.asarray(which, np.intp)
         columns = {name: column[which] for name, column in self._columns.items()}
         return ShotList(columns, self.targets, self.patterns, self.readouts)
 
     def distinct(self, *names: str) -> ShotList:
-        """Return the first of all shots of the run that are alike in some attributes, in order."""
+        """Return the first of all shots that are alike in some attributes, in order."""
         return self._first_of_each(*(self._columns[name] for name in names))
 
     def distinct_pictures(self) -> ShotList:
-        """Return the first of all shots of the run whose sensor sees the same light and gain.
+        """Return the first of all shots whose sensor sees the same light and gain.
 
         Regions and binned pixels are read of the same picture.
         """
@@ -164,13 +150,13 @@ class ShotList(Sequence[Shot]):
         return self._first_of_each(*(self._columns[name] for name in names), gains)
 
     def _first_of_each(self, *columns: NDArray[Any]) -> ShotList:
-        """Return the first of all shots of the run that are alike in some columns, in order."""
+        """Return the first of all shots that are alike in some columns, in order."""
         codes = group_codes(*columns)
         return self.pick(np.sort(np.unique(codes, return_index=True)[1]))
 
     @property
     def total_duration(self) -> float:
-        """Seconds that all shots of the run take together."""
+        """Seconds that all shots take together."""
         return math.fsum(self._columns["duration"])
 
     def __len__(self) -> int:
@@ -208,7 +194,7 @@ class ShotList(Sequence[Shot]):
 
 
 def group_codes(*columns: NDArray[Any]) -> NDArray[np.int64]:
-    """Return a number for each row of some columns of a run's shots, the same for equal rows.
+    """Number the rows of some columns, with the same number for equal rows.
 
     The numbers are below that of the rows.
     """

@@ -1,4 +1,4 @@
-"""The states of a run."""
+"""The states of a run, from the plan to its end."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class State(StrEnum):
-    """The state of a run; COMPLETE means that every planned frame was read back from the record."""
+    """How a run stands; COMPLETE means that every planned frame was read back from the record."""
 
     WAITING = "WAITING"
     """A run in the queue, which has no record yet; this state is never written."""
@@ -22,10 +22,10 @@ class State(StrEnum):
 
     @property
     def is_under_way(self) -> bool:
-        """Whether the run is under way: running or paused."""
+        """Whether it is running or paused."""
         return self in (State.RUNNING, State.PAUSED)
 
     @property
     def has_ended(self) -> bool:
-        """Whether the run ended and wrote its final state."""
+        """Whether it ended and wrote its final state."""
         return self in (State.COMPLETE, State.CANCELLED, State.FAILED)

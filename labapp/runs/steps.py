@@ -21,7 +21,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> ShotList:
-    """Return the shots of a plan's run on a bench, in the order in which they are taken."""
+    """Return the shots of a plan on a bench, in the order in which they are taken."""
     names = _Names(plan)
     blocks: list[Columns] = []
     steps = 0
@@ -46,7 +46,7 @@ def planned_shots(plan: PlanFile, capabilities: BenchCapabilities) -> ShotList:
 def planned_settings(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> ShotList:
-    """Return one shot of a run for each target, pattern and wavelength of a block of its plan.
+    """Return one shot for each target, pattern and wavelength of a block.
 
     Their exposures, and calibration frames, are left out.
     """
@@ -57,7 +57,7 @@ def planned_settings(
 
 
 def _without_exposure(block: Acquisition) -> tuple[tuple[Axis, ...], ...]:
-    """Return the axes of a run's block that step together, without exposures and repeats."""
+    """Return the axes that step together, without exposures and repeats."""
     kept = [tuple(a for a in group if a not in ("exposure", "repeat")) for group in block.together]
     return tuple(group for group in kept if len(group) > 1)
 
@@ -65,9 +65,9 @@ def _without_exposure(block: Acquisition) -> tuple[tuple[Axis, ...], ...]:
 def block_exposures(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities
 ) -> list[float]:
-    """Return the exposures for a block of a run's plan, in seconds.
+    """Return the exposures of a block in seconds, rounded to microseconds, as in cameras.
 
-    The exposures are rounded to microseconds, as in cameras. Those of a bracket must be settled.
+    Those of a bracket must be settled.
     """
     assert block.bracket is None, "the exposures of a bracket are chosen before shots are planned"
     if block.exposures_ms is not None:
@@ -78,7 +78,7 @@ def block_exposures(
 
 
 class _Names:
-    """What a plan's shots have indices for: names of targets and patterns, and readouts."""
+    """What shots have indices for: names of targets and patterns, and readouts."""
 
     def __init__(self, plan: PlanFile) -> None:
         self._plan = plan
@@ -101,10 +101,11 @@ class _Names:
 def _block_columns(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, names: _Names
 ) -> Columns:
-    """Return a run's shots for a block of its plan, with the calibration shots among them.
+    """Return the shots of a block, with the calibration shots among them.
 
-    Each column of shots has the number of the one before which it is taken, then the place of its
-    table among those of the block's calibration frames, then its own.
+    They are sorted by the light shot before which each is taken, then by the place of its table
+    among those of the block's calibration frames, light last, then by the light shot whose settings
+    it has, and by repeat.
     """
     light = _light_columns(block, plan, capabilities, names)
     if not block.interleave:
@@ -127,7 +128,7 @@ def _block_columns(
 def _light_columns(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, names: _Names
 ) -> Columns:
-    """Return all combinations of a plan block's axis values in the order of a run's shots.
+    """Return all combinations of a block's axis values in the order of the shots.
 
     Axes of the same group step together.
     """
@@ -158,7 +159,7 @@ def _light_columns(
 
 
 def _axis_indices(block: Acquisition) -> dict[Axis, NDArray[np.intp]]:
-    """Return the index of each axis of a run's block, for all of its shots in their order."""
+    """Return the index on each axis of a block, for all shots in their order."""
     order = [*block.order, *(axis for axis in AXES if axis not in block.order)]
     groups: list[tuple[Axis, ...]] = []
     for axis in order:
@@ -181,7 +182,7 @@ def _codes(known: Mapping[str, int], names: Sequence[str]) -> NDArray[np.uint16]
 
 
 def _needed(asked: InterleavedFrames, light: Columns) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the shots of a run's block that need calibration frames, each setting once a group.
+    """Return the shots that need calibration frames, each setting once a group.
 
     Also the number of the shot before which each is taken: the first of its group.
     """
@@ -201,7 +202,7 @@ def _needed(asked: InterleavedFrames, light: Columns) -> tuple[NDArray[np.intp],
 def _calibration_columns(
     asked: InterleavedFrames, light: Columns, first: NDArray[np.intp], names: _Names
 ) -> Columns:
-    """Return a run's calibration shots for the shots that need them, with repeats."""
+    """Return the calibration shots for the shots that need them, with repeats."""
     made = {name: np.repeat(column[first], asked.frames) for name, column in light.items()}
     if asked.role != "neutral":
         made["target"][:] = names.targets[asked.target or asked.role]
@@ -212,7 +213,7 @@ def _calibration_columns(
 
 
 def _steps(columns: Columns) -> NDArray[np.uint32]:
-    """Number the steps of a run's shots from 0 on; a step is a setting with its repeats.
+    """Number the steps from 0 on; a step is a setting with its repeats.
 
     A setting that occurs again with the same repeat is a new step. The random numbers of a
     simulated frame depend on step and repeat, so no two frames may share both.
@@ -225,7 +226,7 @@ def _steps(columns: Columns) -> NDArray[np.uint32]:
 
 
 def _occurrences(codes: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Return how often the number of each of a run's shots has occurred before."""
+    """Return how often each shot's number has occurred before."""
     order = np.argsort(codes, kind="stable")
     ordered = codes[order]
     numbers = np.arange(len(codes))
@@ -236,7 +237,7 @@ def _occurrences(codes: NDArray[np.int64]) -> NDArray[np.intp]:
 
 
 def schedule_shots(shots: Iterable[Shot], capabilities: BenchCapabilities) -> ShotList:
-    """Plan the times of a run's shots: changed settings settle together before each exposure."""
+    """Plan the times of shots: changed settings settle together before each exposure."""
     listed = ShotList.of(shots)
     changes = _changes(listed)
     settling, after = (times[changes] for times in _times_of_changes(capabilities))
@@ -251,7 +252,7 @@ def schedule_shots(shots: Iterable[Shot], capabilities: BenchCapabilities) -> Sh
 
 
 def _changes(listed: ShotList) -> NDArray[np.uint8]:
-    """Return what changes before each shot of a run: 1 target + 2 pattern + 4 wavelength."""
+    """Return what changes before each shot: 1 target + 2 pattern + 4 wavelength."""
     places: dict[str, int] = {}
     numbers = [places.setdefault(one.place, len(places)) for one in listed.targets]
     place = np.array(numbers, np.uint16)[listed.column("target")]
@@ -268,7 +269,7 @@ def _changes(listed: ShotList) -> NDArray[np.uint8]:
 def _times_of_changes(
     capabilities: BenchCapabilities,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what the changes before a shot of a run take, for each number of _changes().
+    """Return how long the changes before a shot take, for each number of _changes().
 
     They are seconds of settling, as the devices document it, and those after the exposure: of
     readout, and of delays beyond what is documented.

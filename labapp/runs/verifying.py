@@ -23,10 +23,11 @@ _CHECKS = "labapp.runs.record.checks:send_verification"
 
 
 def verify_record(path: Path, *, as_json: bool, digest: str = "") -> bool:
-    """Verify a run's record and print the findings; return whether the record is in order.
+    """Verify a record and print the findings; return whether it is in order.
 
-    `digest` is the one that the end of the run printed, if the record is to be compared with it.
     Raises UserError if there is no such file.
+
+    digest: the one that the end of the run printed, to be compared; or "".
     """
     with terminal_progress() as progress:
         found = verify(path, progress, digest=digest)
@@ -46,12 +47,12 @@ def verify(
     digest: str = "",
     timeout: float = _STALL_TIMEOUT,
 ) -> Verification:
-    """Verify a run's record by all checks that its state allows, however damaged it is.
-
-    `digest` is the one that the end of the run printed, if the record is to be compared with it.
+    """Verify a record by all checks that its state allows, however damaged it is.
 
     The checks run in a process of their own, see labapp.runs.record.checks. That process is ended
     after `timeout` seconds without progress. Raises UserError if there is no such file.
+
+    digest: the one that the end of the run printed, to be compared; or "".
     """
     progress = progress or Progress()
     require_regular(path, sys.maxsize)

@@ -1,1 +1,3 @@
-"""Restore, judge and show spectral cubes from coded snapshots of a record."""
+"""Restoring bands from coded photographs, judging them against the truth, and showing their colours
+in a chosen light.
+"""

@@ -7,29 +7,16 @@ from labapp.common.typed_numbers import parse_number, split_list
 from labapp.files.wavelengths import guess_unit
 
 ALL = "all"
-"""Word for all bands that a record has."""
+"""Word for all recorded bands."""
 
 _EXAMPLE = "Write nanometres with commas between, as in 450,500,550, or all"
 
 
 def parse_bands(text: str) -> tuple[float, ...] | None:
-    """Parse the option --bands: wavelengths in nanometres, or all.
+    """Parse the option --bands: metres, rising, from nanometres in any order; None for "all".
 
-    Parameters
-    ----------
-    text : str
-        As "450,500,550", in any order; or "all".
-
-    Returns
-    -------
-    tuple of float or None
-        Metres, rising; None for all.
-
-    Raises
-    ------
-    UserError
-        For anything else, numbers in another unit, a band that stands there twice, or fewer than
-        two bands.
+    Raises UserError for anything else, numbers in another unit, a band that stands there twice, or
+    fewer than two bands.
     """
     if text.strip().lower() == ALL:
         return None

@@ -1,4 +1,4 @@
-"""The PSF of each band of a coded snapshot, from the star of a record.
+"""PSFs of the bands of a coded snapshot, from the star of a record.
 
 All PSFs are cut out around one pixel, and moved by what is left to the middle of the neutral star
 of their band. Bands then lie where the neutral pictures have them. A common shift of all PSFs only
@@ -48,22 +48,15 @@ _MARGIN = 8
 
 @dataclass(frozen=True, eq=False)
 class BandPSFs:
-    """The PSFs of a coded snapshot's bands, and the light of the star in each.
+    """One PSF for each band, and the star's light in it.
 
-    Attributes
-    ----------
-    psfs : Picture, (bands, rows, columns)
-        Origin at n // 2.
-    light : NDArray, (bands,), or None
-        The star's light in electrons per second, behind the filter that sees most of the band; None
-        where it isn't that of the snapshot.
-    spots : tuple of StarSpot or None
-        Neutral star of each band; None where it couldn't be found.
-    notes : tuple of str
-        Remarks for the user.
-    knows_share : bool
-        Whether the PSFs are shares of the neutral star's light, as a sensor without filters shows
-        it. Otherwise each sums to 1.
+    psfs: (bands, rows, columns), origin at n // 2.
+    light: (bands,), electrons per second behind the filter that sees most of the band; None where
+        the star isn't of the snapshot's own run.
+    spots: neutral star of each band; None where it couldn't be found.
+    notes: remarks for the user.
+    knows_share: whether the PSFs are shares of the neutral star's light, as a sensor without
+        filters shows it. Otherwise each sums to 1.
     """
 
     psfs: Picture
@@ -73,7 +66,7 @@ class BandPSFs:
     knows_share: bool = False
 
     def with_light_share(self, share: NDArray[np.float64] | None) -> BandPSFs:
-        """Return PSFs of bands, each of which sums to 1, with the share of light that they pass.
+        """Scale PSFs that sum to 1 each by the share of light that they pass.
 
         `share` is (bands,), relative to the neutral pattern; None where it isn't known. The star's
         light becomes that of the neutral star. PSFs that know their share stay as they are.
@@ -84,7 +77,7 @@ class BandPSFs:
         return replace(self, psfs=self.psfs * share[:, None, None], light=light)
 
     def with_unit_sums(self) -> BandPSFs:
-        """Return the PSFs of bands, scaled so that each sums to 1."""
+        """Return the PSFs, scaled so that each sums to 1."""
         psfs = self.psfs / self.psfs.sum((1, 2), keepdims=True)
         return replace(self, psfs=psfs, knows_share=False)
 
@@ -92,28 +85,13 @@ class BandPSFs:
 def measure_band_psfs(
     record: Record, brackets: list[Bracket], roles: Reconstruction, wavelengths: Sequence[float]
 ) -> BandPSFs:
-    """Measure the PSF of each band on the star of a record.
+    """Measure one PSF for each band on a record's star.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    brackets : list of Bracket
-        Merged pictures, those of the star among them.
-    roles : Reconstruction
-        Names of the star and the patterns, and the size of the window.
-    wavelengths : sequence of float
-        Bands in metres.
+    Raises UserError if the star is missing or dark in a band, or much brighter coded than neutral.
 
-    Returns
-    -------
-    BandPSFs
-        One PSF for each band.
-
-    Raises
-    ------
-    UserError
-        If the star is missing or dark in a band.
+    brackets: merged pictures, those of the star among them.
+    roles: names of the star and the patterns, and the size of the window.
+    wavelengths: bands in metres.
     """
     coded = [
         find_bracket(brackets, roles.star, roles.coded, one, record.path) for one in wavelengths
@@ -169,7 +147,7 @@ def star_places(spots: Sequence[StarSpot | None], near: tuple[int, int]) -> Pict
 
 
 def require_star(record: Record, roles: Reconstruction, wavelengths: Sequence[float]) -> None:
-    """Raise UserError if a record has no star with the coded pattern in one of the bands."""
+    """Raise UserError if the star wasn't recorded with the coded pattern in one of the bands."""
     seen = recorded_wavelengths(record, roles.star, roles.coded)
     for wavelength in wavelengths:
         if any(abs(one - wavelength) < WAVELENGTH_TOLERANCE for one in seen):
@@ -185,7 +163,7 @@ def require_star(record: Record, roles: Reconstruction, wavelengths: Sequence[fl
 def _neutral_stars(
     record: Record, brackets: list[Bracket], roles: Reconstruction, wavelengths: Sequence[float]
 ) -> list[Bracket] | None:
-    """Return the star's merged neutral picture in each band; None if the record has none at all."""
+    """Return the star's merged neutral picture in each band; None if there are none at all."""
     if roles.neutral == roles.coded or not record.select(target=roles.star, pattern=roles.neutral):
         return None
     return [
@@ -194,7 +172,7 @@ def _neutral_stars(
 
 
 def _sensitivity(record: Record, star: Bracket) -> Picture:
-    """Return the sensitivity of each pixel in the band of a star's picture, (rows, columns)."""
+    """Return each pixel's sensitivity in the band of the star's picture, (rows, columns)."""
     filters = narrow_filters(record, star)
     if filters is None:
         return np.ones(star.rate.shape)
@@ -252,7 +230,7 @@ def _move(psf: Picture, offset: Picture) -> Picture:
 def _require_light(
     record: Record, light: NDArray[np.float64], wavelengths: Sequence[float], star: str
 ) -> None:
-    """Raise UserError if the star of a record is dark in a band."""
+    """Raise UserError if the star is dark in a band."""
     dark = [one for one, total in zip(wavelengths, light, strict=True) if not total > 0]
     if dark:
         raise UserError(
@@ -267,7 +245,7 @@ def _require_shares(
     neutral: Sequence[Bracket],
     wavelengths: Sequence[float],
 ) -> None:
-    """Raise UserError if the coded star of a record is much brighter than the neutral one."""
+    """Raise UserError if the coded star is much brighter than the neutral one."""
     for one, share, picture in zip(wavelengths, shares, neutral, strict=True):
         if share > _MOST_SHARE:
             clipped = " It is clipped in every exposure" if picture.clipped else ""
@@ -279,7 +257,7 @@ def _require_shares(
 
 
 def _notes(roles: Reconstruction, spots: Sequence[StarSpot | None]) -> list[str]:
-    """Return remarks on how well the star of a record gives the place of PSFs."""
+    """Remark on how well the star gives the place of the PSFs."""
     said = ["a common shift of all PSFs only moves the cube; it can't be seen in the photograph"]
     if not any(spots):
         said.append(

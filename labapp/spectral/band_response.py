@@ -1,4 +1,4 @@
-"""What white gives in each band of a coded snapshot, behind each of the sensor's filters."""
+"""What white gives in each band behind each of the sensor's filters, by a star or a white sheet."""
 
 from __future__ import annotations
 
@@ -31,19 +31,11 @@ _CENTRAL_SHARE = 0.5
 class BandResponse:
     """What a white surface gives in each band behind each filter.
 
-    Attributes
-    ----------
-    pattern : tuple of str
-        Rows of a letter for each pixel, which repeat over the sensor.
-    channels : str
-        The letters, in the order of `shares`.
-    shares : NDArray, (channels, bands)
-        Light of a white surface in each channel and band, over the largest of them.
-    white : float or None
-        Light of the largest of them in electrons per second and pixel; None where only ratios are
-        known.
-    source : str
-        What counts as white, in words.
+    pattern: rows of a letter for each pixel, which repeat over the sensor.
+    channels: the letters, in the order of `shares`.
+    shares: (channels, bands), light of a white surface, over the largest value.
+    white: that largest value in electrons per second and pixel; None where only ratios are known.
+    source: what counts as white, in words.
     """
 
     pattern: tuple[str, ...]
@@ -59,44 +51,31 @@ class BandResponse:
 
 
 def mosaic_of(record: Record) -> Mosaic | None:
-    """Return the colour filters of the sensor that took a record's pictures; None without any."""
+    """Return the colour filters of a record's sensor; None without any."""
     return record.camera.sensor.colour
 
 
 def narrow_filters(record: Record, picture: Bracket) -> ColourFilters | None:
-    """Return the colour filters of a record for a picture in light of one band.
+    """Return the sensor's colour filters for a picture in light of one band; None without any.
 
     The channels' sensitivities follow from the sensor's curves and the band's width, and the
-    largest is 1. Returns None for a sensor without filters.
+    largest is 1.
     """
     return described_filters(record, picture, True)
 
 
 def band_gains(record: Record, picture: Bracket) -> NDArray[np.float64]:
-    """Return the sensitivity of each channel of a record in a picture's band, (channels,).
-
-    The largest is 1.
-    """
+    """Return each channel's sensitivity in a picture's band, (channels,); the largest is 1."""
     filters = narrow_filters(record, picture)
     return np.ones(1) if filters is None else filters.gains
 
 
 def broad_gains(mosaic: Mosaic | None, wavelengths: Sequence[float]) -> NDArray[np.float64]:
-    """Compute the sensitivity of each channel to each band of a snapshot in broad light.
+    """Compute each channel's sensitivity to each band of broad light, (channels, bands), 0 to 1.
 
     A band reaches halfway to the next ones. The largest sensitivity in each band is 1.
 
-    Parameters
-    ----------
-    mosaic : Mosaic or None
-        The sensor's colour filters; None without any.
-    wavelengths : sequence of float
-        Central wavelengths in metres, rising, two or more.
-
-    Returns
-    -------
-    NDArray, (channels, bands)
-        Sensitivities, 0 to 1.
+    wavelengths: centres in metres, rising, two or more.
     """
     if mosaic is None:
         return np.ones((1, len(wavelengths)))
@@ -118,18 +97,10 @@ def band_edges(wavelengths: Sequence[float]) -> list[float]:
 def response_from_star(
     mosaic: Mosaic | None, gains: NDArray[np.float64], light: NDArray[np.float64], star: str
 ) -> BandResponse:
-    """Build the response of a snapshot's bands from the light of the star, which counts as white.
+    """Build the response of the bands from the light of the star, which counts as white.
 
-    Parameters
-    ----------
-    mosaic : Mosaic or None
-        The sensor's colour filters.
-    gains : NDArray, (channels, bands)
-        Sensitivity of each channel in each band, the largest of a band being 1.
-    light : NDArray, (bands,)
-        The star's light in each band behind the filter that sees most of it, on any scale.
-    star : str
-        Name of the star.
+    gains: (channels, bands), sensitivities, the largest of a band being 1.
+    light: (bands,), the star's light behind the filter that sees most of it, on any scale.
     """
     _require_light(light, f"the star {star!r}")
     shares = gains * (light / light.max())
@@ -137,7 +108,7 @@ def response_from_star(
 
 
 def response_without_white(mosaic: Mosaic | None, gains: NDArray[np.float64]) -> BandResponse:
-    """Build the response of a snapshot's bands where nothing white was recorded.
+    """Build the response of the bands where nothing white was recorded.
 
     White is taken to give the same in the brightest channel of each band.
     """
@@ -152,25 +123,13 @@ def response_from_sheet(
     neutral: str,
     wavelengths: Sequence[float],
 ) -> BandResponse:
-    """Build the response of a snapshot's bands from pictures of a white sheet.
+    """Build the response of the bands from pictures of a white sheet.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    brackets : list of Bracket
-        Merged pictures, those of the sheet among them.
-    sheet : str
-        Target that is a white sheet, which fills the middle of the frame.
-    neutral : str
-        The neutral pattern.
-    wavelengths : sequence of float
-        Bands in metres.
+    Raises UserError if one of these is missing, dark or clipped.
 
-    Raises
-    ------
-    UserError
-        If a picture of the sheet is missing, dark or clipped.
+    brackets: merged pictures, those of the sheet among them.
+    sheet: target that is a white sheet, which fills the middle of the frame.
+    wavelengths: bands in metres.
     """
     mosaic = mosaic_of(record)
     pictures = [find_bracket(brackets, sheet, neutral, one, record.path) for one in wavelengths]
@@ -182,14 +141,14 @@ def response_from_sheet(
 
 
 def _layout(mosaic: Mosaic | None) -> tuple[tuple[str, ...], str]:
-    """Return the rows of a sensor's filters and the letters of its channels, for a response."""
+    """Return the rows of the sensor's filters and the letters of its channels."""
     if mosaic is None:
         return (MONO,), MONO
     return mosaic.pattern, "".join(mosaic.channels)
 
 
 def _channel_means(picture: Bracket, mosaic: Mosaic | None) -> NDArray[np.float64]:
-    """Return the mean light of each channel in the middle of a white sheet's picture."""
+    """Return each channel's mean light in the middle of a white sheet's picture, (channels,)."""
     rows, columns = (
         slice(round(n * (1 - _CENTRAL_SHARE) / 2), n - round(n * (1 - _CENTRAL_SHARE) / 2))
         for n in picture.rate.shape
@@ -206,7 +165,7 @@ def _channel_means(picture: Bracket, mosaic: Mosaic | None) -> NDArray[np.float6
 
 
 def _require_light(light: NDArray[np.float64], what: str) -> None:
-    """Raise UserError if something white gives next to no light in a band of the snapshot."""
+    """Raise UserError if something white gives next to no light in a band."""
     if not light.max() > 0 or light.min() < _LEAST_SHARE * light.max():
         shares = " / ".join(f"{one:.2g}" for one in light / max(light.max(), 1e-300))
         raise UserError(

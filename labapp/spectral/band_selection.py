@@ -1,4 +1,4 @@
-"""The bands of a coded snapshot, checked against what a record has."""
+"""Checks of wanted bands against those that were recorded."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from labapp.runs.record.reader import Record
 
 
 def recorded_wavelengths(record: Record, target: str, pattern: str) -> tuple[float, ...]:
-    """Return the wavelengths of the recorded pictures of a target with a pattern, rising."""
+    """Return the wavelengths in metres at which a target was recorded with a pattern, rising."""
     frames = record.select(target=target, pattern=pattern)
     return tuple(np.unique(record.column("wavelength")[frames]).tolist())
 
@@ -23,16 +23,8 @@ def require_recorded_bands(
 ) -> tuple[float, ...]:
     """Return the recorded wavelengths of wanted bands; raise UserError if one is missing.
 
-    Parameters
-    ----------
-    wanted : sequence of float
-        Bands, in metres.
-    recorded : sequence of float
-        Wavelengths at which there are pictures, in metres.
-    what : str
-        What was recorded at them, in words.
-    record : Record
-        The record, whose filter's range the error names.
+    Both are in metres. `what` says in words what was recorded, and the error names the range of the
+    record's filter.
     """
     found = []
     for one in wanted:
@@ -48,7 +40,7 @@ def require_recorded_bands(
 
 
 def require_single_slots(record: Record, target: str, pattern: str) -> None:
-    """Raise UserError if frames of one recorded wavelength came through different filter slots.
+    """Raise UserError if frames of one wavelength came through different filter slots.
 
     Two slots with the same centre, one open and one narrow, would be merged into one picture.
     """
@@ -65,12 +57,12 @@ def require_single_slots(record: Record, target: str, pattern: str) -> None:
 
 
 def sensor_pitch(record: Record) -> float:
-    """Return the pitch in metres of the sensor that took a record's pictures."""
+    """Return the sensor's pitch in metres."""
     return record.camera.sensor.pitch
 
 
 def _filter_range(record: Record, wavelength: float) -> str:
-    """Say what the recorded filter can be tuned to, if a wavelength lies outside; else nothing."""
+    """Say what the filter can be tuned to, if a wavelength (metres) lies outside; else nothing."""
     table = record.bench.devices.tables.get("filter")
     span = None if table is None else dict(table.options).get("range_nm")
     if span is None or span[0] <= wavelength * 1e9 <= span[1]:

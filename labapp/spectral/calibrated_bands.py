@@ -1,4 +1,4 @@
-"""PSFs and response of a snapshot's bands from a spectral calibration's file."""
+"""PSFs and response of wanted bands, taken from a calibration's file."""
 
 from __future__ import annotations
 
@@ -34,20 +34,14 @@ _SHIFT_NOTE = "a common shift of all PSFs only moves the cube; it can't be seen 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedBands:
-    """What a spectral calibration's file says of the bands of a snapshot.
+    """What a calibration's file says of some bands.
 
-    Attributes
-    ----------
-    calibration : SnapshotCalibration
-        Of these bands. Its response is that of white, in electrons per second.
-    light_share : NDArray, (bands,)
-        Share of the light that the coded pattern passes.
-    is_absolute : bool
-        Whether the response is the white sheet's light. In broad light, only ratios are known.
-    source : str
-        Where it is from, in words.
-    notes : tuple of str
-        Remarks for the user.
+    calibration: of these bands. Its response is that of white, in electrons per second.
+    light_share: (bands,), share of the light that the coded pattern passes.
+    is_absolute: whether the response is the white sheet's light. In broad light, only ratios are
+        known.
+    source: where it is from, in words.
+    notes: remarks for the user.
     """
 
     calibration: SnapshotCalibration
@@ -58,14 +52,14 @@ class CalibratedBands:
 
     @property
     def psfs(self) -> BandPSFs:
-        """Return the calibrated PSFs of the snapshot's bands, as shares of the light."""
+        """Return the calibrated PSFs as shares of the light."""
         shapes = self.calibration.psfs.numpy()
         shapes = shapes / shapes.sum((1, 2), keepdims=True)
         return BandPSFs(shapes, None, (), self.notes).with_light_share(self.light_share)
 
     @property
     def response(self) -> BandResponse:
-        """Return the calibrated response of the snapshot's bands."""
+        """Return what white gives in each band, from the calibration's white sheet."""
         response, model = self.calibration.response.numpy(), self.calibration.model
         white = float(response.max())
         return BandResponse(
@@ -78,7 +72,7 @@ class CalibratedBands:
 
     @property
     def prior(self) -> SnapshotCalibration:
-        """Return the calibration as the start of a refinement from the snapshot's photograph.
+        """Return the calibration as the start of a refinement from the photograph.
 
         Its response is relative to white, and includes the coded pattern's share of the light. The
         camera may have changed since then, as far as a nominal one may be wrong.
@@ -96,25 +90,12 @@ class CalibratedBands:
 def choose_calibrated_bands(
     source: SpectraSource, record: Record, coded: str, bands: Sequence[float], *, is_broad: bool
 ) -> CalibratedBands:
-    """Choose the bands of a record's snapshot from a spectral calibration.
+    """Choose bands (metres) from a calibration, for the coded photograph of a record.
 
-    Parameters
-    ----------
-    source : SpectraSource
-        The calibration.
-    record : Record
-        The snapshot's record.
-    coded : str
-        Name of the coded pattern.
-    bands : sequence of float
-        Bands in metres.
-    is_broad : bool
-        Whether the snapshot is one photograph in broad light.
+    Raises UserError if the calibration is of another sensor, pattern or of other bands.
 
-    Raises
-    ------
-    UserError
-        If the calibration is of another sensor, pattern or of other bands.
+    coded: name of the coded pattern.
+    is_broad: whether the snapshot is one photograph in broad light.
     """
     _require_same_sensor(source, record)
     file, chosen = source.file, _band_numbers(source, bands)
@@ -140,7 +121,7 @@ def choose_calibrated_bands(
 
 
 def _require_same_sensor(source: SpectraSource, record: Record) -> None:
-    """Raise UserError if a spectral calibration is of another sensor than a record."""
+    """Raise UserError if the calibration is of another sensor than the record's."""
     file, mosaic = source.file, require_filters(f"--calibration {source.path}", mosaic_of(record))
     pitch = record.camera.sensor.pitch * 1e6
     if not math.isclose(pitch, file.pitch_um, rel_tol=_PITCH_TOLERANCE):
@@ -156,7 +137,7 @@ def _require_same_sensor(source: SpectraSource, record: Record) -> None:
 
 
 def _band_numbers(source: SpectraSource, bands: Sequence[float]) -> list[int]:
-    """Return the numbers of bands in a spectral calibration; UserError if it lacks one."""
+    """Return the numbers of bands in a calibration; raise UserError if it lacks one."""
     known = source.file.wavelengths
     numbers = []
     for one in bands:
@@ -171,7 +152,7 @@ def _band_numbers(source: SpectraSource, bands: Sequence[float]) -> list[int]:
 
 
 def _select_bands(known: SnapshotCalibration, chosen: list[int]) -> SnapshotCalibration:
-    """Return a snapshot camera's calibration of some of its bands."""
+    """Keep only the chosen bands of a calibration, with their part of the covariance."""
     model, layout, at = known.model, known.model.layout, torch.tensor(chosen)
     places = torch.cat([
         torch.arange(layout.count)[layout.zeroth_orders][at],
@@ -198,7 +179,7 @@ def _in_broad_light(
     chosen: list[int],
     bands: Sequence[float],
 ) -> tuple[SnapshotCalibration, str]:
-    """Return a snapshot camera's calibration for one photograph in broad light, and a remark.
+    """Adapt a calibration to one photograph in broad light, and return it with a remark.
 
     A band reaches halfway to the next ones. The light of white is taken to be that through the
     narrow filter over the filter's transmission, if it was measured.

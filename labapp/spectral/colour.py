@@ -1,4 +1,4 @@
-"""The colours of a spectral cube in a chosen light: XYZ, Lab, sRGB, and colour differences.
+"""Colours of a spectral cube in a chosen light: XYZ, Lab, sRGB, and colour differences.
 
 A cube has few bands, and colours are sums over all visible wavelengths. Between the bands,
 reflectances are interpolated to steps of 1 nm: by Sprague's polynomials where the bands are evenly
@@ -35,30 +35,18 @@ _SPRAGUE_BANDS = 6
 
 
 def xyz_matrix(wavelengths: tuple[float, ...], light: Spectrum) -> NDArray[np.float64]:
-    """Compute the matrix from reflectances in a cube's bands to XYZ.
+    """Compute the matrix (3, bands) from reflectances in bands to XYZ; white has Y = 1.
 
-    Parameters
-    ----------
-    wavelengths : tuple of float
-        Metres, rising.
-    light : Spectrum
-        Power by wavelength of the light in which the cube is shown.
+    White is 1 in all bands. Raises UserError if no band is visible, or the light is dark from 380
+    to 780 nm.
 
-    Returns
-    -------
-    NDArray of float64, (3, bands)
-        Matrix that multiplies (bands,) reflectances; white, 1 in all bands, has Y = 1.
-
-    Raises
-    ------
-    UserError
-        If no band is visible, or the light is dark from 380 to 780 nm.
+    wavelengths: metres, rising.
     """
     return _cached_xyz_matrix(tuple(wavelengths), light)
 
 
 def cube_to_xyz(cube: SpectralCube, light: ViewingLight) -> NDArray[np.float64]:
-    """Compute the XYZ of each pixel of a cube in a light, (rows, columns, 3); white has Y = 1.
+    """Compute each pixel's XYZ in a light, (rows, columns, 3); white has Y = 1.
 
     The cube's values are taken as reflectances, 1 = white.
     """
@@ -67,17 +55,14 @@ def cube_to_xyz(cube: SpectralCube, light: ViewingLight) -> NDArray[np.float64]:
 
 
 def cube_to_lab(cube: SpectralCube, light: ViewingLight) -> NDArray[np.float64]:
-    """Compute the CIE L*a*b* of each pixel of a cube in a light, whose white has L* = 100.
-
-    The result is (rows, columns, 3).
-    """
+    """Compute each pixel's CIE L*a*b* in a light, (rows, columns, 3); white has L* = 100."""
     colour = colour_library()
     white = colour.XYZ_to_xy(_white_xyz(cube.wavelengths, light))
     return np.asarray(colour.XYZ_to_Lab(cube_to_xyz(cube, light), white))
 
 
 def cube_to_linear_srgb(cube: SpectralCube, light: ViewingLight) -> NDArray[np.float32]:
-    """Compute the linear sRGB of each pixel of a cube in a light, (rows, columns, 3).
+    """Compute each pixel's linear sRGB in a light, (rows, columns, 3).
 
     The eye is taken to be adapted to the light: white is (1, 1, 1), by Bradford's transform to D65.
     Colours out of sRGB's gamut have negative values or values above 1.
@@ -95,33 +80,24 @@ def cube_to_linear_srgb(cube: SpectralCube, light: ViewingLight) -> NDArray[np.f
 def colour_difference(
     cube: SpectralCube, truth: SpectralCube, light: ViewingLight
 ) -> NDArray[np.float64]:
-    """Compute the CIEDE2000 colour difference between two cubes at each pixel.
+    """Compute the CIEDE2000 colour difference at each pixel, (rows, columns).
 
-    Parameters
-    ----------
-    cube, truth : SpectralCube
-        Cubes of the same wavelengths and shape, in shares of white.
-    light : ViewingLight
-        Light in which both are shown.
-
-    Returns
-    -------
-    NDArray of float64, (rows, columns)
-        Differences; about 1 is just noticeable between large patches side by side.
+    About 1 is just noticeable between large patches side by side. Both cubes are in shares of
+    white, and have the same wavelengths and shape.
     """
     labs = (cube_to_lab(one, light) for one in (cube, truth))
     return np.asarray(colour_library().delta_E(*labs, method="CIE 2000"))
 
 
 def describe_interpolation(wavelengths: tuple[float, ...]) -> str:
-    """Say in words how a cube's spectra are interpolated for its colours."""
+    """Say in words how spectra are interpolated for their colours."""
     if _has_sprague(wavelengths):
         return "Sprague's polynomials to 1 nm"
     return "straight lines to 1 nm"
 
 
 def _has_sprague(wavelengths: tuple[float, ...]) -> bool:
-    """Return whether the bands of a cube are evenly spaced and enough for Sprague's polynomials."""
+    """Return whether bands are evenly spaced and enough for Sprague's polynomials."""
     steps = np.diff(wavelengths)
     return len(wavelengths) >= _SPRAGUE_BANDS and bool(
         np.allclose(steps, steps[0], rtol=1e-3, atol=0)
@@ -146,7 +122,7 @@ def _cached_xyz_matrix(wavelengths: tuple[float, ...], light: Spectrum) -> NDArr
 
 
 def _interpolation_matrix(wavelengths: tuple[float, ...]) -> NDArray[np.float64]:
-    """Compute the matrix from the bands of a cube to every visible nanometre, (401, bands)."""
+    """Compute the matrix from bands to every visible nanometre, (401, bands)."""
     nm = np.round(1e9 * np.array(wavelengths), 6)
     inside = np.clip(_VISIBLE_NM, nm[0], nm[-1])
     units = np.eye(len(nm))
@@ -167,6 +143,6 @@ def _observer_functions() -> NDArray[np.float64]:
 
 
 def _white_xyz(wavelengths: tuple[float, ...], light: ViewingLight) -> NDArray[np.float64]:
-    """Return the XYZ of a white surface in the light in which a cube is shown."""
+    """Return the XYZ of a white surface in a light, (3,)."""
     white: NDArray[np.float64] = xyz_matrix(wavelengths, light.spectrum).sum(1)
     return white

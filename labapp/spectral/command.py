@@ -25,7 +25,7 @@ from optics.multispectral import SnapshotCalibration
 
 @dataclass(frozen=True)
 class SpectralFiles:
-    """Files that a spectral restoration writes: the cube, its colours, and the drawing of all."""
+    """Files that are written: the cube, its colours, and the drawing of all."""
 
     cube: Path
     colours: Path
@@ -40,7 +40,7 @@ def reconstruct_spectra(
     *,
     as_json: bool,
 ) -> None:
-    """Restore the cube of a record's snapshot, score it, write its files, and print the results.
+    """Restore and score the cube of a coded snapshot, write its files, and print the results.
 
     `light` names the light of the colours. Raises UserError for a record, file or light that can't
     be used.
@@ -78,12 +78,12 @@ def reconstruct_spectra(
 
 
 def _notes(problem: SpectralProblem, restored: RestoredCube) -> list[str]:
-    """Return the remarks on a restored cube, doubtful bands included."""
+    """Return the remarks for the user, doubtful bands included."""
     return [*problem.notes, *([restored.doubts] if restored.doubts else [])]
 
 
 def _rows(problem: SpectralProblem, restored: RestoredCube) -> list[list[str]]:
-    """Return the printed rows on a restored cube: bands, PSFs, white, noise and scores."""
+    """Return the printed rows on bands, PSFs, white, noise and scores."""
     image = restored.image
     masked = float((problem.clipped | problem.dead_pixels).mean())
     weight = "none" if image.weight is None else f"{image.weight:.3g}"
@@ -114,14 +114,14 @@ def _rows(problem: SpectralProblem, restored: RestoredCube) -> list[list[str]]:
 
 
 def _angle_in_words(scores: CubeScores) -> str:
-    """Return the mean spectral angle of a cube in words."""
+    """Say the mean spectral angle in words."""
     if not math.isfinite(scores.angle):
         return "no pixel of the true cube is bright enough"
     return f"{scores.angle:.1f}°, mean of the pixels that aren't dark"
 
 
 def _difference_in_words(scores: CubeScores) -> str:
-    """Return the mean colour difference of a cube in words, with its light and interpolation."""
+    """Say the mean colour difference in words, with its light and interpolation."""
     return (
         f"{scores.difference:.1f} mean, {scores.largest_difference:.1f} at 95 % of the pixels, in "
         f"{scores.light}, by {scores.interpolation}"
@@ -129,7 +129,6 @@ def _difference_in_words(scores: CubeScores) -> str:
 
 
 def _print_band_scores(problem: SpectralProblem, scores: CubeScores) -> None:
-    """Print the scores of each restored band."""
     rows = [
         (format_nanometres(wavelength), f"{one.psnr:.2f}", f"{one.ssim:.3f}")
         for wavelength, one in zip(problem.wavelengths, scores.bands, strict=True)
@@ -149,7 +148,7 @@ def _print_refinement(
 
 
 def _refined_data(restored: RestoredCube, prior: SnapshotCalibration | None) -> dict[str, Any]:
-    """Return what is known of a refined camera's model for JSON; None without a refinement."""
+    """Return what is known of the refined camera for JSON; None without a refinement."""
     found = restored.calibration
     if found is None or prior is None:
         return {"refined": None}
@@ -159,7 +158,7 @@ def _refined_data(restored: RestoredCube, prior: SnapshotCalibration | None) -> 
 def _as_data(
     problem: SpectralProblem, restored: RestoredCube, files: SpectralFiles
 ) -> dict[str, Any]:
-    """Return what is known of a restored cube for JSON."""
+    """Return the results for JSON."""
     image, truth = restored.image, problem.truth_source
     return {
         "source": problem.source,

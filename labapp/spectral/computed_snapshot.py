@@ -36,21 +36,17 @@ _BLACK = 0.03
 
 @dataclass(frozen=True, eq=False)
 class ComputedSnapshot:
-    """A coded snapshot of a known spectral cube.
+    """A photograph computed from a known spectral cube.
 
-    Attributes
-    ----------
-    truth : Picture, (bands, rows, columns)
-        The cube in shares of white.
-    observation : MosaicObservation
-        The snapshot with its PSFs, filters and noise.
+    truth: (bands, rows, columns), shares of white.
+    observation: the raw picture with its PSFs, filters and noise.
     """
 
     truth: Picture
     observation: MosaicObservation
 
     def band_levels(self, bands: NDArray[np.floating]) -> tuple[float, ...]:
-        """Return the PSNR of each restored band of the snapshot in dB; the peak is white.
+        """Return each restored band's PSNR in dB; the peak is white.
 
         Bands are clipped to 0 to 1 first.
         """
@@ -58,7 +54,7 @@ class ComputedSnapshot:
         return tuple(psnr(one, wanted) for one, wanted in zip(shown, self.truth, strict=True))
 
     def mean_level(self, bands: NDArray[np.floating]) -> float:
-        """Return the mean PSNR of the restored bands of the snapshot in dB."""
+        """Return the mean PSNR of the restored bands in dB."""
         return float(np.mean(self.band_levels(bands)))
 
 
@@ -71,32 +67,14 @@ def compute_snapshot(
     noise: float,
     seed: int,
 ) -> ComputedSnapshot:
-    """Compute the coded snapshot of a spectral cube in the dark (thesis Eq. 4.2).
+    """Compute the coded photograph of a spectral cube in the dark (thesis Eq. 4.2).
 
-    Parameters
-    ----------
-    truth : Picture, (bands, rows, columns)
-        The cube in shares of white.
-    psfs : NDArray, (bands, rows, columns)
-        PSF of each band, origin at n // 2.
-    mosaic : Mosaic
-        The sensor's colour filters.
-    wavelengths : sequence of float
-        Bands in metres.
-    noise : float
-        Standard deviation of the Gaussian noise of a pixel, relative to white; 0 or more.
-    seed : int
-        Seed of the noise.
+    Raises ValueError if no filter sees one of the bands, or PSFs and cube don't fit together.
 
-    Returns
-    -------
-    ComputedSnapshot
-        The snapshot with its truth.
-
-    Raises
-    ------
-    ValueError
-        If no filter sees one of the bands, or PSFs and cube don't fit together.
+    truth: (bands, rows, columns), shares of white.
+    psfs: (bands, rows, columns), origin at n // 2.
+    wavelengths: bands in metres.
+    noise: standard deviation of a pixel's Gaussian noise, relative to white; 0 or more.
     """
     shares = filter_shares(mosaic, wavelengths)
     letters = mosaic.channel_map((truth.shape[1], truth.shape[2])).numpy()
@@ -117,11 +95,10 @@ def compute_snapshot(
 
 
 def filter_shares(mosaic: Mosaic, wavelengths: Sequence[float]) -> NDArray[np.float64]:
-    """Compute what each filter of a snapshot's sensor sees of each band, (channels, bands).
+    """Compute what each filter sees of each band (wavelengths in metres), (channels, bands).
 
     As in the program that was published with the thesis, the shares of a band sum to 1. So white
-    gives as much light in all bands. Wavelengths are in metres. Raises ValueError for a band that
-    no filter sees.
+    gives as much light in all bands. Raises ValueError for a band that no filter sees.
     """
     curves = [mosaic.efficiencies[letter] for letter in mosaic.channels]
     seen = np.array([curve.at(np.asarray(wavelengths)) for curve in curves])
@@ -133,26 +110,16 @@ def filter_shares(mosaic: Mosaic, wavelengths: Sequence[float]) -> NDArray[np.fl
 
 
 def bundled_mosaic() -> Mosaic:
-    """Read the colour filters of the thesis' camera, for snapshots without a bench."""
+    """Read the colour filters of the thesis' camera, for work without a bench."""
     sensor = read_sensor("dvc-4000c-like", Path()).build()
     assert sensor.colour is not None
     return sensor.colour
 
 
 def chart_cube(wavelengths: Sequence[float], side: int) -> Picture:
-    """Draw a ColorChecker as a spectral cube, from the measured reflectances of its patches.
+    """Draw a ColorChecker in a black frame from its patches' measured reflectances.
 
-    Parameters
-    ----------
-    wavelengths : sequence of float
-        Bands in metres.
-    side : int
-        Rows and columns.
-
-    Returns
-    -------
-    Picture, (bands, side, side)
-        Reflectances; patches in a black frame.
+    The result is (bands, side, side); wavelengths are in metres.
     """
     chart = read_spectra(bundled_path("spectra") / "colorchecker.csv")
     patches = np.array([one.at(np.asarray(wavelengths)) for one in chart.values()])
@@ -163,7 +130,7 @@ def chart_cube(wavelengths: Sequence[float], side: int) -> Picture:
 
 
 def _patch_of_pixel(side: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the patch of a spectral chart at each pixel of an axis, and whether it is inside."""
+    """Return the patch at each pixel of an axis, and whether the pixel is inside it."""
     place = (np.arange(side) + 0.5) / side * count
     index = place.astype(np.int64)
     return index, np.abs(place - index - 0.5) < 0.5 * (1 - _FRAME_SHARE)

@@ -1,4 +1,4 @@
-"""Draw a coded snapshot with the spectral cube restored from it, its PSFs, and the true bands."""
+"""Pictures of a coded snapshot with its restored cube, their PSFs and the true bands."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DECADES = 3
 
 
 def draw_snapshot(problem: SpectralProblem, restored: RestoredCube, light: ViewingLight) -> bytes:
-    """Draw a snapshot and the cube restored from it as PNG, and return the file's bytes.
+    """Draw a snapshot and the cube restored from it, and return the bytes of a PNG.
 
     Above are the snapshot and the cube's colours in a light, below each band with its PSF. Where
     the true cube is known, it is drawn beside them.
@@ -53,12 +53,12 @@ def draw_snapshot(problem: SpectralProblem, restored: RestoredCube, light: Viewi
 
 
 def encode_colours(path: Path, cube: SpectralCube, light: ViewingLight) -> bytes:
-    """Return the bytes of a .png file with the colours of a spectral cube in a light, in sRGB."""
+    """Return the bytes of a .png file with a cube's colours in a light, in sRGB."""
     return encode_image(path, srgb_levels(cube, light)[..., ::-1])
 
 
 def srgb_levels(cube: SpectralCube, light: ViewingLight) -> NDArray[np.uint8]:
-    """Compute the 8-bit sRGB levels of a spectral cube's colours in a light, (rows, columns, 3).
+    """Compute the 8-bit sRGB levels of a cube's colours in a light, (rows, columns, 3).
 
     Colours out of sRGB's gamut are clipped.
     """
@@ -66,7 +66,7 @@ def srgb_levels(cube: SpectralCube, light: ViewingLight) -> NDArray[np.uint8]:
 
 
 def shown_bands(count: int) -> list[int]:
-    """Return which bands of a cube are drawn: all, or evenly spaced ones."""
+    """Return which bands are drawn: all, or evenly spaced ones."""
     chosen: list[int] = np.unique(
         np.linspace(0, count - 1, min(count, MOST_BANDS)).round()
     ).tolist()
@@ -76,7 +76,7 @@ def shown_bands(count: int) -> list[int]:
 def _draw_colours(
     figure: SubFigure, problem: SpectralProblem, restored: RestoredCube, light: ViewingLight
 ) -> None:
-    """Draw a snapshot's bare pixels, and the colours of restored and true cube."""
+    """Draw the photograph's bare pixels, and the colours of restored and true cube."""
     axes = figure.subplots(1, 3)
     rate = np.nan_to_num(problem.rate)
     bright = float(np.percentile(rate, WHITE_PERCENTILE))
@@ -99,7 +99,7 @@ def _draw_colours(
 def _draw_bands(
     figure: SubFigure, problem: SpectralProblem, restored: RestoredCube, shown: list[int]
 ) -> None:
-    """Draw restored bands, true bands and PSFs of a snapshot, a column for each band."""
+    """Draw restored bands, true bands and PSFs, a column for each band."""
     rows = 2 if restored.truth is None else 3
     axes = figure.subplots(rows, len(shown), squeeze=False)
     reach = _reach(problem.psfs)
@@ -118,7 +118,7 @@ def _draw_band(axes: Axes, band: NDArray[np.float32], title: str) -> None:
 
 
 def _reach(psfs: NDArray[np.float64]) -> int:
-    """Return the pixels from the middle of a snapshot's PSFs within which each has its light."""
+    """Return within how many pixels of its middle each PSF has most of its light."""
     side = min(psfs.shape[1:]) // 2
     for reach in range(min(_LEAST_REACH, side), side):
         inside = [_middle(one, reach).sum() >= _DRAWN_SHARE * one.sum() for one in psfs]
@@ -128,13 +128,13 @@ def _reach(psfs: NDArray[np.float64]) -> int:
 
 
 def _middle(psf: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-    """Return the part of a snapshot's PSF within some pixels from its origin, n // 2."""
+    """Return the part of a PSF within some pixels from its origin, n // 2."""
     rows, columns = (slice(max(n // 2 - reach, 0), n // 2 + reach + 1) for n in psf.shape)
     return psf[rows, columns]
 
 
 def _draw_psf(axes: Axes, psf: NDArray[np.float64]) -> None:
-    """Draw the PSF of a snapshot's band on a logarithmic scale."""
+    """Draw a band's PSF on a logarithmic scale."""
     peak = float(psf.max())
     least = peak * 10.0**-_DECADES
     axes.imshow(np.maximum(psf, least), cmap="magma", norm=LogNorm(least, peak))

@@ -22,7 +22,7 @@ class ViewingLight:
 
 
 def find_light(name: str) -> ViewingLight:
-    """Find the light in which a spectral cube is to be shown.
+    """Find the light in which colours are to be shown.
 
     Parameters
     ----------

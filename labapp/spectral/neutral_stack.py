@@ -1,4 +1,4 @@
-"""The true bands of a record: photographs through the neutral pattern, one wavelength at a time."""
+"""True bands: photographs through the neutral pattern, one wavelength at a time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Picture = NDArray[np.float64]
 def find_stack(
     brackets: list[Bracket], target: str, pattern: str, wavelengths: Sequence[float]
 ) -> list[Bracket] | None:
-    """Find the pictures of a target with a pattern in all bands among a record's merged pictures.
+    """Find the pictures of a target with a pattern in all bands (metres) among merged pictures.
 
     Returns None if one is missing: a cube can only be judged whole.
     """
@@ -45,14 +45,8 @@ def separate_neutral_bands(
     Behind colour filters, the light of the filter that sees most of the band is estimated in all
     pixels (thesis Eq. 4.7). Dead pixels are filled in from their neighbours.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    stack : sequence of Bracket
-        Photographs through the neutral pattern, one for each band.
-    dead : NDArray of bool, (rows, columns)
-        Pixels that give no light of their own.
+    stack: photographs through the neutral pattern, one for each band.
+    dead: (rows, columns), pixels that give no light of their own.
     """
     return np.stack([_separate_band(record, one, dead) for one in stack])
 
@@ -69,7 +63,7 @@ def coded_light_share(coded: Sequence[Bracket], neutral: Sequence[Bracket]) -> P
 
 
 def _separate_band(record: Record, picture: Bracket, dead: NDArray[np.bool_]) -> Picture:
-    """Estimate the light of one band of a record's neutral stack at each pixel."""
+    """Estimate the light of one photograph at each pixel, (rows, columns)."""
     filters = narrow_filters(record, picture)
     clipped = ~np.isfinite(picture.variance)
     if filters is None:

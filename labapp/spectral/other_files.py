@@ -1,4 +1,4 @@
-"""PSFs and true bands of a snapshot that are in other files: cubes, arrays and other records."""
+"""PSFs and true bands that are in other files: cubes, arrays and other records."""
 
 from __future__ import annotations
 
@@ -21,28 +21,10 @@ from optics.progress import Progress
 def measure_psfs_of_record(
     path: Path, roles: Reconstruction, wavelengths: Sequence[float], snapshot: Record
 ) -> BandPSFs:
-    """Measure the PSFs of a snapshot's bands on the star of another record.
+    """Measure the PSFs of bands (metres) on the star of another record.
 
-    Parameters
-    ----------
-    path : Path
-        The other record.
-    roles : Reconstruction
-        Names of star and patterns, which must be the same there.
-    wavelengths : sequence of float
-        Bands in metres.
-    snapshot : Record
-        The record of the snapshot.
-
-    Returns
-    -------
-    BandPSFs
-        One PSF for each band.
-
-    Raises
-    ------
-    UserError
-        If its sensor differs, or it lacks a band's star.
+    Star and patterns must have the same names there. Raises UserError if its sensor differs from
+    that of `snapshot`, or it lacks a band's star.
     """
     with Record(path) as record:
         one, other = (each.camera.sensor for each in (record, snapshot))
@@ -62,7 +44,7 @@ def measure_psfs_of_record(
 def neutral_stack_of_record(
     record: Record, roles: Reconstruction, wavelengths: Sequence[float], shape: tuple[int, ...]
 ) -> list[Bracket]:
-    """Find the neutral photographs of a snapshot's bands in another record.
+    """Find the neutral photographs of bands (metres) in another record.
 
     Raises UserError if a band is missing, or its pictures have another shape than `shape`.
     """
@@ -82,7 +64,7 @@ def neutral_stack_of_record(
 
 
 def read_true_cube(path: Path, wavelengths: tuple[float, ...]) -> SpectralCube:
-    """Read the true cube of a snapshot from a file: its bands only.
+    """Read the wanted bands (metres) of a true cube from a file.
 
     Raises UserError if the file lacks a band.
     """

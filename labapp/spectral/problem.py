@@ -1,4 +1,4 @@
-"""Describe the problem of restoring a spectral cube from a coded snapshot."""
+"""The problem of restoring a spectral cube: a coded snapshot with PSFs, response and truth."""
 
 from __future__ import annotations
 
@@ -27,42 +27,25 @@ Picture = NDArray[np.float64]
 class SpectralProblem:
     """A coded snapshot with all that its restoration needs.
 
-    Attributes
-    ----------
-    rate : Picture, (rows, columns)
-        Electrons per second and pixel; NaN where a pixel is dead.
-    clipped : NDArray of bool, (rows, columns)
-        Pixels whose light is at least `rate`.
-    wavelengths : tuple of float
-        Bands in metres, rising.
-    psfs : Picture, (bands, rows, columns)
-        PSF of each band, origin at n // 2.
-    response : BandResponse
-        What white gives in each band behind each filter.
-    noise_floor : float
-        Noise of a pixel that photons and readout alone cause, in electrons per second.
-    source, psf_source : str
-        Where snapshot and PSFs are from, in words.
-    noise : float or None
-        Noise of a pixel in electrons per second; None to estimate it, because it includes what PSFs
-        and model can't explain. The estimate is at least `noise_floor`.
-    border : Border
-        What the scene does beyond the frame.
-    truth : Picture or None, (bands, rows, columns)
-        True bands in electrons per second, where white is `response.band_levels` times one number.
-    truth_source : str
-        Where they are from, in words.
-    given_truth : SpectralCube or None
-        True cube from a file, in shares of white, in the place of `truth`.
-    pitch : float or None
-        Distance in metres between pixels.
-    light : str
-        Name of the light on the scene; empty if it isn't known.
-    prior : SnapshotCalibration or None
-        What is known of the camera before the photograph refines it; None if it doesn't. Its
+    rate: (rows, columns), electrons per second and pixel; NaN where a pixel is dead.
+    clipped: (rows, columns), pixels whose light is at least `rate`.
+    wavelengths: bands in metres, rising.
+    psfs: (bands, rows, columns), origin at n // 2.
+    response: what white gives in each band behind each filter.
+    noise_floor: noise of a pixel that photons and readout alone cause, electrons per second.
+    source, psf_source: where snapshot and PSFs are from, in words.
+    noise: noise of a pixel in electrons per second; None to estimate it, because it includes what
+        PSFs and model can't explain. The estimate is at least `noise_floor`.
+    border: what the scene does beyond the frame.
+    truth: (bands, rows, columns), true bands in electrons per second, where white is
+        `response.band_levels` times one number.
+    truth_source: where they are from, in words.
+    given_truth: true cube from a file, in shares of white, in the place of `truth`.
+    pitch: distance in metres between pixels.
+    light: name of the light on the scene; empty if it isn't known.
+    prior: what is known of the camera before the photograph refines it; None if it doesn't. Its
         response includes the share of the light that the PSFs pass.
-    notes : tuple of str
-        Remarks for the user.
+    notes: remarks for the user.
     """
 
     rate: Picture
@@ -85,12 +68,12 @@ class SpectralProblem:
 
     @property
     def dead_pixels(self) -> NDArray[np.bool_]:
-        """Return which pixels of the snapshot give no light of their own, (rows, columns)."""
+        """Return which pixels give no light of their own, (rows, columns)."""
         return ~np.isfinite(self.rate)
 
     @cached_property
     def observation(self) -> MosaicObservation:
-        """Build the observation from which all bands of the snapshot are restored together."""
+        """Build the observation from which all bands are restored together."""
         sound = ~self.dead_pixels
         built = build_mosaic_observation(
             np.where(sound, self.rate, 0).astype(np.float32),
@@ -107,7 +90,7 @@ class SpectralProblem:
 
     @cached_property
     def spectra(self) -> NDArray[np.float64]:
-        """Return typical spectra in the snapshot's bands, (samples, bands), white being 1."""
+        """Return typical spectra in the wanted bands, (samples, bands), white being 1."""
         return typical_reflectances(self.wavelengths)
 
     def white_level(self, restored: NDArray[np.floating]) -> float:
@@ -137,7 +120,7 @@ class SpectralProblem:
         description: str,
         error: NDArray[np.floating] | None = None,
     ) -> SpectralCube:
-        """Return bands of the snapshot as a cube in shares of white.
+        """Return bands, (bands, rows, columns), as a cube in shares of white.
 
         `bands` and the half width `error` of their intervals, if it is known, are in electrons per
         second, and white gives `white` in all bands.

@@ -1,4 +1,4 @@
-"""Read a record into the problem of restoring its coded snapshot."""
+"""Reading a record into the problem of restoring its coded snapshot."""
 
 from __future__ import annotations
 
@@ -53,24 +53,13 @@ _MERGING_SHARE = 0.8
 class ProblemReader:
     """Reads the snapshot of a record, its PSFs, response and truth.
 
-    Attributes
-    ----------
-    record : Record
-        The record, open.
-    roles : Reconstruction
-        Names of photograph, star and patterns.
-    white : str
-        Target that counts as white: the star, or a white sheet.
-    wanted : tuple of float or None
-        Wanted bands in metres, rising; None for all.
-    progress : Progress
-        Receives the progress.
-    psf : Path or None
-        File with the PSFs; None for the record's star.
-    calibration : SpectraSource or None
-        Calibration that stands in for the record's star and white; None without one.
-    refines : bool
-        Whether the photograph shall refine the model of the camera.
+    record: open.
+    roles: names of photograph, star and patterns.
+    white: target that counts as white: the star, or a white sheet.
+    wanted: bands in metres, rising; None for all.
+    psf: file with the PSFs; None for the record's star.
+    calibration: stands in for the record's star and white; None without one.
+    refines: whether the photograph shall refine the model of the camera.
     """
 
     record: Record
@@ -83,7 +72,7 @@ class ProblemReader:
     refines: bool = False
 
     def read_problem(self, noise: float | None, border: Border) -> SpectralProblem:
-        """Build the problem of restoring the record's snapshot, without its truth.
+        """Build the problem without its truth.
 
         `noise` is in electrons per second and pixel; None to estimate it.
         """
@@ -115,15 +104,7 @@ class ProblemReader:
         )
 
     def add_truth(self, problem: SpectralProblem, path: Path | None) -> SpectralProblem:
-        """Return the problem with the true bands of a file, or those that the record has.
-
-        Parameters
-        ----------
-        problem : SpectralProblem
-            The problem of restoring the record's snapshot.
-        path : Path or None
-            A cube, or a record with neutral photographs; None for the record itself.
-        """
+        """Add the true bands of a cube, another record, or the record itself (`path` None)."""
         self.progress.report(0.5 * (1 + _MERGING_SHARE), "true bands")
         if path is not None and is_cube(path):
             truth = read_true_cube(path, problem.wavelengths)
@@ -139,17 +120,17 @@ class ProblemReader:
 
     @cached_property
     def bands(self) -> SnapshotBands:
-        """Choose the bands of the record's coded snapshot."""
+        """Choose the bands, and the photographs that show them."""
         return choose_bands(self.record, self.roles, self.wanted, self._bands_with_psfs())
 
     @cached_property
     def snapshot(self) -> CodedSnapshot:
-        """Add the photographs of the record's coded snapshot."""
+        """Add the coded photographs of all bands."""
         return add_photographs(self._brackets, self.roles, self.bands, self.record.path)
 
     @cached_property
     def _brackets(self) -> list[Bracket]:
-        """Merge the record's pictures of photograph, star and white sheet."""
+        """Merge the pictures of photograph, star and white sheet."""
         names = {self.roles.photograph}
         if self.calibration is None:
             names |= {self.roles.star, self.white}
@@ -157,7 +138,7 @@ class ProblemReader:
 
     @cached_property
     def _neutral(self) -> list[Bracket]:
-        """Find the record's neutral photographs of all bands; none if one is missing."""
+        """Find the neutral photographs of all bands; none if one is missing."""
         if self.roles.neutral == self.roles.coded:
             return []
         photograph, neutral = self.roles.photograph, self.roles.neutral
@@ -166,7 +147,7 @@ class ProblemReader:
 
     @cached_property
     def _dead(self) -> NDArray[np.bool_]:
-        """Find the dead pixels of the record's sensor, (rows, columns)."""
+        """Find the sensor's dead pixels, (rows, columns)."""
         mosaic = mosaic_of(self.record)
         period = (1, 1) if mosaic is None else (len(mosaic.pattern), len(mosaic.pattern[0]))
         return find_dead_pixels([*self.snapshot.pictures, *self._neutral], period)
@@ -186,7 +167,7 @@ class ProblemReader:
         return self.wanted or ()
 
     def _band_psfs(self) -> BandPSFs:
-        """Return the PSFs of the record's bands, from its star or from a file.
+        """Return the PSFs of the bands, from the record's star, a calibration or a file.
 
         The star's light is only known from the record's own.
         """
@@ -205,7 +186,7 @@ class ProblemReader:
 
     @cached_property
     def _calibrated_bands(self) -> CalibratedBands | None:
-        """Choose the bands of the record's snapshot from the calibration; None without one."""
+        """Choose the bands from the calibration; None without one."""
         if self.calibration is None:
             return None
         bands, coded = self.bands, self.roles.coded
@@ -214,7 +195,7 @@ class ProblemReader:
         )
 
     def _prior(self, psfs: BandPSFs, response: BandResponse) -> SnapshotCalibration | None:
-        """Return what is known of the record's camera, if its photograph shall refine it."""
+        """Return what is known of the camera, if the photograph shall refine it."""
         if not self.refines:
             return None
         calibrated = self._calibrated_bands
@@ -222,7 +203,7 @@ class ProblemReader:
 
     @cached_property
     def _psf_stack(self) -> SpectralCube | None:
-        """Read the PSFs of the record's bands from a file, with remarks; None if from a star."""
+        """Read the PSFs of the bands from a file, with remarks; None if from a star."""
         if self.psf is None or (is_record(self.psf) and not is_cube(self.psf)):
             return None
         known = self.wanted is not None or is_cube(self.psf)
@@ -230,7 +211,7 @@ class ProblemReader:
         return read_psf_stack(self.psf, wavelengths, sensor_pitch(self.record))
 
     def _require_psfs(self) -> None:
-        """Raise UserError if a band of the record has no star, and no PSF in a file."""
+        """Raise UserError if a band has no star, and no PSF in a file."""
         if self.refines:
             require_filters("--refine", mosaic_of(self.record))
         if self.calibration is not None:
@@ -242,7 +223,7 @@ class ProblemReader:
 
     @cached_property
     def _light_share(self) -> NDArray[np.float64] | None:
-        """Measure the share of the light that the record's coded pattern passes in each band.
+        """Measure the share of the light that the coded pattern passes, (bands,).
 
         The white sheet shows it, or the photographs; None where neither was recorded with both
         patterns.
@@ -260,7 +241,7 @@ class ProblemReader:
         return None
 
     def _psf_source(self) -> str:
-        """Say in words where the PSFs of the record's bands are from."""
+        """Say in words where the PSFs are from."""
         if self._calibrated_bands is not None:
             return self._calibrated_bands.source
         if self.psf is None:
@@ -270,7 +251,7 @@ class ProblemReader:
         return str(self.psf)
 
     def _response(self, psfs: BandPSFs) -> BandResponse:
-        """Return what white gives in each band of the record's snapshot behind each filter."""
+        """Return what white gives in each band behind each filter."""
         if self._calibrated_bands is not None:
             return self._calibrated_bands.response
         snapshot, mosaic = self.snapshot, mosaic_of(self.record)
@@ -294,7 +275,7 @@ class ProblemReader:
     def _with_true_bands(
         self, problem: SpectralProblem, record: Record, stack: Sequence[Bracket]
     ) -> SpectralProblem:
-        """Return the problem with true bands from the neutral photographs of a record."""
+        """Add true bands from the neutral photographs of a record."""
         own = "the same run" if record is self.record else str(record.path)
         words = f"the neutral photographs of {own}, {self.roles.photograph}, {self.roles.neutral}"
         bands = separate_neutral_bands(record, stack, self._dead)

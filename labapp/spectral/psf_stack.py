@@ -1,4 +1,4 @@
-"""PSFs of a snapshot's bands from a file: a cube that knows its wavelengths, or a bare array."""
+"""PSFs of bands from a file: a cube that knows its wavelengths, or a bare array."""
 
 from __future__ import annotations
 
@@ -36,28 +36,15 @@ def is_cube(path: Path) -> bool:
 
 
 def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float) -> SpectralCube:
-    """Read the PSFs of a snapshot's bands from a file.
+    """Read the PSFs of bands from a file: origin at n // 2, and the sum of each is 1.
 
-    Parameters
-    ----------
-    path : Path
-        Cube (.h5 or .hdr) with its wavelengths, or .npy of (bands, rows, columns) in the order of
+    The result's notes say where their light lies, if that isn't plain. Raises UserError if the file
+    has other bands, another pitch, or isn't PSFs.
+
+    path: cube (.h5 or .hdr) with its wavelengths, or .npy of (bands, rows, columns) in the order of
         the bands.
-    wavelengths : sequence of float or None
-        Bands in metres, rising; None for all that the file has, which must then be a cube.
-    pitch : float
-        Pitch of the sensor in metres.
-
-    Returns
-    -------
-    SpectralCube
-        PSFs with their origin at n // 2; the sum of each is 1. Its notes say where their light
-        lies, if that isn't plain.
-
-    Raises
-    ------
-    UserError
-        If the file has other bands, another pitch, or isn't PSFs.
+    wavelengths: bands in metres, rising; None for all that the file has, which must then be a cube.
+    pitch: the sensor's, metres.
     """
     if is_cube(path):
         stack = read_cube(path)
@@ -82,7 +69,7 @@ def read_psf_stack(path: Path, wavelengths: Sequence[float] | None, pitch: float
 
 
 def _require_all_values(path: Path, values: Picture) -> None:
-    """Raise UserError if a file's PSFs lack values."""
+    """Raise UserError if the PSFs lack values."""
     missing = int(np.isnan(values).sum())
     if missing:
         raise UserError(
@@ -92,7 +79,7 @@ def _require_all_values(path: Path, values: Picture) -> None:
 
 
 def _require_pitch(path: Path, stack: SpectralCube, pitch: float) -> None:
-    """Raise UserError if a file's PSFs have other pixels than the sensor."""
+    """Raise UserError if the PSFs have other pixels than the sensor (`pitch` in metres)."""
     if stack.pitch is not None and abs(stack.pitch / pitch - 1) > _PITCH_TOLERANCE:
         raise UserError(
             f"{path}: its pixels are {stack.pitch * 1e6:g} µm apart, and those of the sensor "
@@ -110,7 +97,7 @@ def _select_bands(path: Path, stack: SpectralCube, wavelengths: Sequence[float])
 def _read_array(
     path: Path, wavelengths: Sequence[float] | None
 ) -> tuple[Picture, tuple[float, ...]]:
-    """Read PSFs from a bare array; raise UserError if they aren't as many as the bands."""
+    """Read PSFs from a .npy file; raise UserError if they aren't as many as the bands."""
     if path.suffix.lower() != ".npy":
         raise UserError(
             f"--psf {path}: bands need a PSF each. Give a cube (.h5, .hdr), a record with a star, "

@@ -1,4 +1,4 @@
-"""Refine the model of a snapshot's camera from the photograph alone, and report what was found."""
+"""Refinement of the camera's model from the photograph alone, and its findings as data and rows."""
 
 from __future__ import annotations
 
@@ -19,19 +19,10 @@ from optics.progress import Progress
 def refine_problem(
     problem: SpectralProblem, progress: Progress
 ) -> tuple[SpectralProblem, SnapshotCalibration, RestoredImage]:
-    """Refine the camera's model of a snapshot's problem, and restore its bands with it.
+    """Refine the camera's model from the photograph, and restore the bands with it.
 
-    Parameters
-    ----------
-    problem : SpectralProblem
-        The snapshot, with a prior.
-    progress : Progress
-        Receives reports, and can cancel the work.
-
-    Returns
-    -------
-    tuple
-        The problem with refined PSFs and response, the calibration, and the restored bands.
+    Returns the problem with refined PSFs and response, the calibration, and the restored bands. The
+    problem must have a prior.
     """
     assert problem.prior is not None
     spectra = torch.from_numpy(problem.spectra)
@@ -55,7 +46,7 @@ def refine_problem(
 def parameters_as_data(
     found: SnapshotCalibration, prior: SnapshotCalibration, wavelengths: Sequence[float]
 ) -> dict[str, Any]:
-    """Return a refined snapshot camera as plain data: parameters, and what is indeterminate.
+    """Return a refined camera as plain data: parameters, and what is indeterminate.
 
     Each parameter has its value before the refinement, with its standard deviation.
     """
@@ -82,7 +73,7 @@ def parameters_as_data(
 def parameter_rows(
     found: SnapshotCalibration, prior: SnapshotCalibration, wavelengths: Sequence[float]
 ) -> list[list[str]]:
-    """Return printed rows on a refined snapshot camera: each parameter, now and before."""
+    """Return a printed row for each parameter of a refined camera, now and before."""
     rows = []
     for one in parameters_as_data(found, prior, wavelengths)["parameters"]:
         now = format_estimate(one["value"], one["sigma"], one["unit"])
@@ -92,7 +83,7 @@ def parameter_rows(
 
 
 def format_estimate(value: float, sigma: float, unit: str) -> tuple[str, str]:
-    """Return a calibrated spectral parameter and its standard deviation as text, with the unit.
+    """Return a value and its standard deviation as text, with the unit.
 
     The deviation has two significant digits.
     """

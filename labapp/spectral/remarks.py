@@ -1,4 +1,4 @@
-"""Remarks for the user on what a record's coded snapshot can show."""
+"""Remarks for the user on what a coded snapshot can show."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _BROAD_NOTE = (
 def remarks_on(
     snapshot: CodedSnapshot, record: Record, *, knows_share: bool, is_calibrated: bool
 ) -> list[str]:
-    """Return remarks on a record's coded snapshot.
+    """Say what limits the bands: no colour filters, no dark frames, unknown shares, broad light.
 
     `knows_share` says whether the coded pattern's share of the light is known, and `is_calibrated`
     whether PSFs and response are from a calibration, which has remarks of its own.

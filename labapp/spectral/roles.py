@@ -1,4 +1,4 @@
-"""Which targets and patterns of a record are the snapshot's photograph, star, code and white."""
+"""Which targets and patterns are the photograph, star, code and white of a snapshot."""
 
 from __future__ import annotations
 
@@ -14,27 +14,13 @@ FLAT = "flat"
 def choose_roles(
     record: Record, target: str | None, pattern: str | None, star: str | None
 ) -> Reconstruction:
-    """Choose photograph, coded pattern and star of a record's snapshot.
+    """Choose a record's photograph, coded pattern and star, without a wavelength.
 
     What isn't named is taken from the plan's table [reconstruct], or else is the last target that
-    is neither dark, star nor flat, and the last pattern that isn't neutral.
+    is neither dark, star nor flat, and the last pattern that isn't neutral. Raises UserError if the
+    record has no such target or pattern.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    target, pattern, star : str or None
-        Names that the user chose.
-
-    Returns
-    -------
-    Reconstruction
-        The names, without a wavelength.
-
-    Raises
-    ------
-    UserError
-        If the record has no such target or pattern.
+    target, pattern, star: names that the user chose.
     """
     plan = record.plan.reconstruct
     neutral = plan.neutral if plan else "neutral"
@@ -50,7 +36,7 @@ def choose_roles(
 
 
 def white_target(record: Record, roles: Reconstruction, named: str | None) -> str:
-    """Return the target of a record that is white: the named one, a white sheet, or the star.
+    """Return the target that is white: the named one, a white sheet, or the star.
 
     Raises UserError if the record has no target of that name.
     """
@@ -60,14 +46,14 @@ def white_target(record: Record, roles: Reconstruction, named: str | None) -> st
 
 
 def _require_name(option: str, name: str, names: list[str], required: str | None) -> str:
-    """Return a target's or pattern's name; UserError if a required one isn't in the record."""
+    """Return a name; raise UserError if a required one isn't in the record."""
     if required is not None and name not in names:
         raise UserError(f"{option} {name}: the record has {', '.join(names)}. Name one of these.")
     return name
 
 
 def _last_target(record: Record, star: str) -> str:
-    """Return the last target of a record that is a photograph."""
+    """Return the last target that is a photograph; raise UserError if there is none."""
     others = {dark_target(record.plan), star, FLAT}
     found = [one for one in record.target_names if one not in others]
     if not found:
@@ -79,7 +65,7 @@ def _last_target(record: Record, star: str) -> str:
 
 
 def _last_pattern(record: Record, neutral: str) -> str:
-    """Return the last pattern of a record that isn't neutral."""
+    """Return the last pattern that isn't neutral; raise UserError if there is none."""
     found = [one for one in record.pattern_names if one != neutral]
     if not found:
         raise UserError(

@@ -1,4 +1,4 @@
-"""Score a spectral cube against the true one: PSNR, SSIM, spectral angle and colour difference."""
+"""Scores of a restored cube against the true one: PSNR, SSIM, spectral angle, colour difference."""
 
 from __future__ import annotations
 
@@ -32,21 +32,13 @@ _SAME_WAVELENGTH = 5e-10
 class CubeScores:
     """How far a cube is from the true one, over the whole frame.
 
-    Attributes
-    ----------
-    bands : tuple of Score
-        PSNR in dB (peak 1) and SSIM (data range 1) of each band.
-    angle : float
-        Mean spectral angle in degrees, over pixels whose true spectrum is longer than `LEAST_NORM`;
-        NaN if there are none.
-    difference, largest_difference : float
-        Mean CIEDE2000 over all pixels, and its 95th percentile.
-    light : str
-        Name of the light in which colours are compared.
-    interpolation : str
-        How the spectra were interpolated for that, in words.
-    missing : int
-        Pixels that the true cube lacks, which are left out.
+    bands: PSNR in dB (peak 1) and SSIM (data range 1) of each band.
+    angle: mean spectral angle in degrees, over pixels whose true spectrum is longer than
+        `LEAST_NORM`; NaN if there are none.
+    difference, largest_difference: mean CIEDE2000 over all pixels, and its 95th percentile.
+    light: name of the light in which colours are compared.
+    interpolation: how the spectra were interpolated for that, in words.
+    missing: pixels that the true cube lacks, which are left out.
     """
 
     bands: tuple[Score, ...]
@@ -59,23 +51,23 @@ class CubeScores:
 
     @property
     def crop(self) -> str:
-        """Say in words over which pixels a cube is scored."""
+        """Say in words which pixels count."""
         left_out = f" but for {self.missing} missing pixels" if self.missing else ""
         return f"full frame{left_out}"
 
     @property
     def psnr(self) -> float:
-        """Return the mean PSNR of the cube's bands in dB."""
+        """Return the mean PSNR of the bands in dB."""
         return float(np.mean([one.psnr for one in self.bands]))
 
     @property
     def ssim(self) -> float:
-        """Return the mean SSIM of the cube's bands; NaN for pictures smaller than its window."""
+        """Return the mean SSIM of the bands; NaN for pictures smaller than its window."""
         return float(np.mean([one.ssim for one in self.bands]))
 
     @property
     def as_data(self) -> dict[str, Any]:
-        """Return the cube's scores for JSON, with what they were computed over."""
+        """Return the scores for JSON, with what they were computed over."""
         named = {
             "psnr_db": self.psnr,
             "ssim": self.ssim,
@@ -96,24 +88,10 @@ class CubeScores:
 
 @single_threaded
 def score_cube(cube: SpectralCube, truth: SpectralCube, light: ViewingLight) -> CubeScores:
-    """Score a spectral cube against the true one, over the whole frame.
+    """Score a cube against the true one: each band's PSNR and SSIM, the spectral angle, CIEDE2000.
 
-    Parameters
-    ----------
-    cube, truth : SpectralCube
-        Restored and true cube, of the same bands, pixels and unit: shares of white.
-    light : ViewingLight
-        Light in which colours are compared.
-
-    Returns
-    -------
-    CubeScores
-        PSNR and SSIM of each band, the spectral angle, and CIEDE2000.
-
-    Raises
-    ------
-    UserError
-        If the cubes have other bands, pixels or units.
+    Raises UserError if the cubes have other bands, pixels or units than each other, or the true one
+    lacks a value at every pixel. Both must be in shares of white; colours are compared in `light`.
     """
     require_same_kind(cube, truth)
     missing = cube.missing | truth.missing

@@ -33,18 +33,12 @@ Picture = NDArray[np.float64]
 class CodedSnapshot:
     """A photograph of several bands at once through the coded pattern.
 
-    Attributes
-    ----------
-    rate, variance : Picture, (rows, columns)
-        Electrons per second and pixel, and the variance of this rate.
-    clipped : NDArray of bool, (rows, columns)
-        Pixels that were clipped in every exposure of a band: there the light is at least `rate`.
-    wavelengths : tuple of float
-        Bands in metres, rising.
-    pictures : tuple of Bracket
-        The photographs that were added, one for each band; a single one in broad light.
-    is_broad : bool
-        Whether it is one photograph in broad light.
+    rate, variance: (rows, columns), electrons per second and pixel, and the variance of this rate.
+    clipped: (rows, columns), pixels that were clipped in every exposure of a band: there the light
+        is at least `rate`.
+    wavelengths: bands in metres, rising.
+    pictures: the photographs that were added, one for each band; a single one in broad light.
+    is_broad: whether it is one photograph in broad light.
     """
 
     rate: Picture
@@ -56,7 +50,7 @@ class CodedSnapshot:
 
     @property
     def noise(self) -> float:
-        """Return the rms noise of the snapshot's pixels that photons and readout alone cause.
+        """Return the pixels' rms noise from photons and readout alone, electrons per second.
 
         It is 0 if all pixels are clipped.
         """
@@ -65,7 +59,7 @@ class CodedSnapshot:
 
     @property
     def source(self) -> str:
-        """Say in words what the snapshot is."""
+        """Say in words what was photographed, and how."""
         first = self.pictures[0]
         if self.is_broad:
             return f"{first.target}, {first.pattern}, one photograph in broad light"
@@ -77,16 +71,12 @@ class CodedSnapshot:
 
 @dataclass(frozen=True)
 class SnapshotBands:
-    """The bands of a record's coded snapshot, and the photographs that it consists of.
+    """The bands of a coded snapshot, and the photographs that it consists of.
 
-    Attributes
-    ----------
-    wavelengths : tuple of float
-        Bands in metres, rising.
-    photographed : tuple of float
-        Wavelengths in metres of the photographs: those of the bands, or one in broad light.
-    is_broad : bool
-        Whether it is one photograph in broad light.
+    wavelengths: bands in metres, rising.
+    photographed: wavelengths of the photographs in metres: those of the bands, or one in broad
+        light.
+    is_broad: whether it is one photograph in broad light.
     """
 
     wavelengths: tuple[float, ...]
@@ -100,31 +90,15 @@ def choose_bands(
     wanted: Sequence[float] | None,
     known: Sequence[float],
 ) -> SnapshotBands:
-    """Choose the bands of a record's coded snapshot; no picture is read for that.
+    """Choose the bands and the photographs of a record; no picture is read for that.
 
     If the photograph was taken at a single wavelength, through a filter that passes all bands, it
-    is the snapshot. Otherwise it is the sum of the photographs of the wanted bands.
+    is the snapshot. Otherwise it is the sum of the photographs of the wanted bands. Raises
+    UserError if there is no such photograph, or a band is missing.
 
-    Parameters
-    ----------
-    record : Record
-        The record.
-    roles : Reconstruction
-        Names of the photograph and the coded pattern.
-    wanted : sequence of float or None
-        Bands in metres, rising; None for all.
-    known : sequence of float
-        Bands in metres whose PSFs are known, for a photograph in broad light.
-
-    Returns
-    -------
-    SnapshotBands
-        The bands, and the photographs.
-
-    Raises
-    ------
-    UserError
-        If there is no such photograph, or a band is missing.
+    roles: names of the photograph and the coded pattern.
+    wanted: bands in metres, rising; None for all.
+    known: bands in metres whose PSFs are known, for a photograph in broad light.
     """
     target, pattern = roles.photograph, roles.coded
     require_single_slots(record, target, pattern)
@@ -146,18 +120,10 @@ def choose_bands(
 def add_photographs(
     brackets: list[Bracket], roles: Reconstruction, bands: SnapshotBands, path: Path
 ) -> CodedSnapshot:
-    """Add the photographs of a coded snapshot, their light and its variance.
+    """Add the coded photographs of all bands, their light and its variance.
 
-    Parameters
-    ----------
-    brackets : list of Bracket
-        Merged pictures of the record at `path`, those of the photograph among them.
-    roles : Reconstruction
-        Names of the photograph and the coded pattern.
-    bands : SnapshotBands
-        The bands, and the photographs.
-    path : Path
-        The record, which errors name.
+    brackets: merged pictures of the record at `path`, those of the photograph among them.
+    roles: names of the photograph and the coded pattern.
     """
     parts = [
         find_bracket(brackets, roles.photograph, roles.coded, one, path)
@@ -176,7 +142,10 @@ def add_photographs(
 def _broad_bands(
     record: Record, photographed: float, wanted: Sequence[float] | None, known: Sequence[float]
 ) -> tuple[float, ...]:
-    """Return the bands of a snapshot in broad light; UserError if the light hasn't them all."""
+    """Return the bands in metres of a photograph in broad light.
+
+    Raises UserError if its light lacks one, or has fewer than two with known PSFs.
+    """
     span = passband_at(record, photographed)
     # Without a description of the filter, it is taken to be out of the beam.
     passed = "all light" if span is None else list_nanometres(span).replace(", ", " to ")

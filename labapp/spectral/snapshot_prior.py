@@ -1,4 +1,4 @@
-"""What is known of a snapshot's camera before its photograph refines it, from the star of a run."""
+"""What is known of a camera before its photograph refines it, from the star of a run."""
 
 from __future__ import annotations
 
@@ -28,19 +28,12 @@ _LEAST_SHARE = 1e-3
 
 
 def prior_of_run(psfs: BandPSFs, response: BandResponse) -> SnapshotCalibration:
-    """Return the model of a snapshot's camera as the star and the white of a record show it.
+    """Return the camera's nominal model with the usual uncertainty, from a run's star and white.
 
-    Parameters
-    ----------
-    psfs : BandPSFs
-        PSFs of the bands; each sums to the share of the light that it passes.
-    response : BandResponse
-        What white gives in each band behind each filter.
+    Its response includes the PSFs' shares.
 
-    Returns
-    -------
-    SnapshotCalibration
-        The nominal model with the usual uncertainty. Its response includes the PSFs' shares.
+    psfs: each sums to the share of the light that it passes.
+    response: what white gives in each band behind each filter.
     """
     neutral = _neutral_psfs(psfs)
     shapes = psfs.psfs / psfs.psfs.sum((1, 2), keepdims=True)
@@ -58,7 +51,7 @@ def prior_of_run(psfs: BandPSFs, response: BandResponse) -> SnapshotCalibration:
 
 
 def require_filters(option: str, mosaic: Mosaic | None) -> Mosaic:
-    """Return the colour filters of a snapshot's sensor; UserError refuses an option without any."""
+    """Return the colour filters of the sensor; raise UserError for `option` without any."""
     if mosaic is None:
         raise UserError(
             f"{option}: the sensor has no colour filters, behind which the bands' response could "
@@ -68,13 +61,13 @@ def require_filters(option: str, mosaic: Mosaic | None) -> Mosaic:
 
 
 def scale_bands(known: SnapshotCalibration, factors: Stack) -> SnapshotCalibration:
-    """Return a snapshot camera's calibration with each band's response times a factor, (bands,)."""
+    """Multiply each band's response in a calibration by a factor, (bands,)."""
     response = known.model.response * torch.from_numpy(factors)
     return replace(known, model=replace(known.model, response=response))
 
 
 def zeroth_orders(psfs: Stack, neutral: Stack) -> torch.Tensor:
-    """Find the zeroth order's share of the light of a snapshot's PSFs, (bands,).
+    """Find the zeroth order's share of the light in each PSF, (bands,).
 
     The neutral PSFs are fitted to the middle of the others by least squares. Both are (bands, rows,
     columns), with sums of 1.
@@ -86,12 +79,12 @@ def zeroth_orders(psfs: Stack, neutral: Stack) -> torch.Tensor:
 
 
 def positive_response(response: Stack) -> Stack:
-    """Return a snapshot camera's response, (channels, bands), with small entries made positive."""
+    """Return a response, (channels, bands), with small entries made positive."""
     return np.maximum(response, _LEAST_SHARE * response.max(0))
 
 
 def usual_uncertainty_in_words() -> str:
-    """Say in words how well the nominal model of a snapshot's camera counts as known."""
+    """Say in words how well a nominal model counts as known."""
     usual = ModelUncertainty()
     return (
         f"standard deviations of {usual.zeroth_order:g} in the zeroth order of all bands and "
@@ -101,7 +94,7 @@ def usual_uncertainty_in_words() -> str:
 
 
 def _neutral_psfs(psfs: BandPSFs) -> Stack:
-    """Return a snapshot's neutral PSFs, as its star has them; the middle pixel without a star."""
+    """Return the star's neutral PSFs, (bands, rows, columns); the middle pixel without a star."""
     count, rows, columns = psfs.psfs.shape
     neutral = np.zeros((count, rows, columns))
     neutral[:, rows // 2, columns // 2] = 1

@@ -41,18 +41,12 @@ _SIGMAS = (0.2, 4.0)
 
 @dataclass(frozen=True)
 class StarSpot:
-    """A star's place and light.
+    """Place and light of a star, seen as a Gaussian.
 
-    Attributes
-    ----------
-    y, x : float
-        Place of its middle in pixels.
-    sigma : float
-        Standard deviation of the Gaussian that it looks like, in pixels.
-    light : float
-        Electrons per second that all its light would give behind a filter of sensitivity 1.
-    deviation : float
-        Estimated standard deviation of the place, in pixels.
+    y, x: place of its middle, pixels.
+    sigma: standard deviation of the Gaussian, pixels.
+    light: electrons per second that all its light would give behind a filter of sensitivity 1.
+    deviation: estimated standard deviation of the place, pixels.
     """
 
     y: float
@@ -67,20 +61,11 @@ class StarSpot:
         return _gaussian_spot(places, (self.y, self.x, math.log(self.sigma), 0.0))
 
     def share_in(self, rate: Picture, variance: Picture, sensitivity: Picture) -> float:
-        """Estimate how much of the light of another picture has the star's shape and place.
+        """Estimate how much of another picture's light has the star's shape and place.
 
         The shape is fitted by least squares to the pixels around the star. Of a star that a pattern
-        spreads out, this is the light that stays in the middle.
-
-        Parameters
-        ----------
-        rate, variance, sensitivity : NDArray, (rows, columns)
-            As for `fit_star_spot`.
-
-        Returns
-        -------
-        float
-            Electrons per second, 0 or more.
+        spreads out, this is the light that stays in the middle: electrons per second, 0 or more.
+        Pictures are as for `fit_star_spot`.
         """
         shape = sensitivity * self.shape_on(*rate.shape)
         near = round(self.y), round(self.x)
@@ -95,21 +80,13 @@ class StarSpot:
 def fit_star_spot(
     rate: Picture, variance: Picture, sensitivity: Picture, near: tuple[int, int]
 ) -> StarSpot | None:
-    """Fit a star's spot to a picture: a Gaussian, integrated over pixels, behind their filters.
+    """Fit a Gaussian, integrated over pixels behind their filters; None if it is dark there.
 
-    Parameters
-    ----------
-    rate, variance : NDArray, (rows, columns)
-        Light of each pixel and its variance; infinite where a pixel is clipped.
-    sensitivity : NDArray, (rows, columns)
-        Share of the star's light that each pixel's filter transmits; not negative.
-    near : tuple of int
-        Pixel (row, column) within two pixels of the star.
-
-    Returns
-    -------
-    StarSpot or None
-        The spot; None if the picture is dark there.
+    rate, variance: (rows, columns), light of each pixel and its variance; infinite where a pixel is
+        clipped.
+    sensitivity: (rows, columns), share of the star's light that each pixel's filter transmits; not
+        negative.
+    near: pixel (row, column) within two pixels of the star.
     """
     rows, columns = (_window(at, n) for at, n in zip(near, rate.shape, strict=True))
     seen, share = rate[rows, columns], sensitivity[rows, columns]
@@ -145,7 +122,7 @@ def _window(at: int, count: int) -> slice:
 def _gaussian_spot(
     places: tuple[NDArray[np.int_], NDArray[np.int_]], parameters: Sequence[float] | Picture
 ) -> Picture:
-    """Return a star's light on each pixel of a window, for middle, log of width and log of light.
+    """Return the light on each pixel, for (y, x, log of width, log of light).
 
     It is a Gaussian, integrated over each pixel.
     """
@@ -157,7 +134,7 @@ def _gaussian_spot(
 def _pixel_edges(
     places: tuple[NDArray[np.int_], NDArray[np.int_]], parameters: Sequence[float] | Picture
 ) -> list[Picture]:
-    """Return the edges of a window's rows and columns, from a star's middle in its widths."""
+    """Return the pixels' edges in rows and columns, from the star's middle in its widths."""
     width = math.sqrt(2) * math.exp(parameters[2])
     return [
         (np.append(place - 0.5, place[-1] + 0.5) - middle) / width
@@ -168,7 +145,7 @@ def _pixel_edges(
 def _spot_slopes(
     places: tuple[NDArray[np.int_], NDArray[np.int_]], parameters: Sequence[float] | Picture
 ) -> tuple[Picture, Picture, Picture, Picture]:
-    """Return how a star's light on each pixel changes with each parameter of `_gaussian_spot`."""
+    """Return how the light on each pixel changes with each parameter of `_gaussian_spot`."""
     width = math.sqrt(2) * math.exp(parameters[2])
     lines, moved, widened = [], [], []
     for edges in _pixel_edges(places, parameters):
@@ -191,7 +168,7 @@ def _fits(
     near: tuple[int, int],
     light: float,
 ) -> list[OptimizeResult]:
-    """Fit a star's spot from several starts around a pixel, because a misfit has several minima."""
+    """Fit from several starts around a pixel, because the misfit has several minima."""
     low, high = (math.log(one) for one in _SIGMAS)
     bounds = (
         [near[0] - 3.0, near[1] - 3.0, low, -np.inf],
@@ -206,7 +183,7 @@ def _fits(
 
 
 def _place_deviation(fit: OptimizeResult) -> float:
-    """Return the standard deviation of a fitted star's place in pixels, at most the reach."""
+    """Return the standard deviation of a fitted place in pixels, at most the reach."""
     information = fit.jac.T @ fit.jac
     covariance = np.linalg.pinv(information)
     variance = float(np.clip(np.diag(covariance)[:2], 0, None).max())

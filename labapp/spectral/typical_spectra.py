@@ -17,33 +17,16 @@ _KNOWN = (380e-9, 780e-9)
 
 
 def typical_reflectances(wavelengths: tuple[float, ...]) -> NDArray[np.float64]:
-    """Read the reflectances of 99 typical things in the bands of a spectral cube.
+    """Read the reflectances of 99 typical things in bands, (99, bands), 0 to 1.
 
-    They are the colour evaluation samples of CIE 224:2017, which were chosen from more than 100 000
-    measured reflectances of nature, skin, textiles, paints, plastics, prints and colour systems, so
-    that they fill the space of colours evenly and favour no wavelength. The library colour-science
-    has them. `optics.multispectral.restore_spectra` takes them as typical spectra; in a light that
-    isn't white, they are to be multiplied by what white gives in each band.
+    They are the colour evaluation samples of CIE 224:2017, "Colour fidelity index for accurate
+    scientific use", which were chosen from more than 100 000 measured reflectances of nature, skin,
+    textiles, paints, plastics, prints and colour systems, so that they fill the space of colours
+    evenly and favour no wavelength. The library colour-science has them, in steps of 5 nm, between
+    which they are linear. `optics.multispectral.restore_spectra` takes them as typical spectra; in
+    a light that isn't white, they are to be multiplied by what white gives in each band.
 
-    Parameters
-    ----------
-    wavelengths : tuple of float
-        Central wavelength of each band in metres, 380e-9 to 780e-9.
-
-    Returns
-    -------
-    NDArray of float64, (99, bands)
-        Share of the light that each sample reflects in each band, 0 to 1; linear between the
-        library's steps of 5 nm.
-
-    Raises
-    ------
-    UserError
-        For a wavelength at which they aren't known.
-
-    References
-    ----------
-    CIE 224:2017, "Colour fidelity index for accurate scientific use".
+    wavelengths: centre of each band in metres, 380e-9 to 780e-9; others raise UserError.
     """
     if not all(_KNOWN[0] <= one <= _KNOWN[1] for one in wavelengths):
         raise UserError(

@@ -1,4 +1,4 @@
-"""Calibrate a snapshot spectral camera on its bench: PSFs and response of each band, and the lamp.
+"""Calibration of a snapshot spectral camera: PSFs and response of each band, and the lamp's light.
 
 `request` says what is asked for. `exposure_search` finds exposures by trial, `plan_design` makes
 the plan, `radiances` measures the light with a spectroradiometer, `nominal_model` computes the

@@ -1,4 +1,4 @@
-"""Run a complete spectral calibration on a bench: radiances, trials, plan, run, fit and files."""
+"""All steps from a bench to spectra.json: radiances, trials, plan, run, fit and files."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SPECTRA_FILE, PICTURE_FILE = "spectra.json", "spectra.png"
 
 @dataclass(frozen=True, eq=False)
 class SpectraResult:
-    """Hold a spectral calibration's fit and the content of its file."""
+    """The fit, and the content of its file."""
 
     fit: SpectraFit
     file: SpectraFile
@@ -45,20 +45,11 @@ class SpectraResult:
 
 @dataclass(frozen=True)
 class SpectraJob:
-    """What a spectral calibration measures, and where.
+    """What is measured, and where.
 
-    Attributes
-    ----------
-    files : BenchFiles
-        Files of the bench.
-    source : NamedPlan
-        Plan whose coded pattern is calibrated.
-    request : SpectraRequest
-        What is asked for.
-    folder : Path
-        Folder of the results.
-    lamp : ViewingLight or None
-        Spectrum of the lamp, from elsewhere.
+    source: plan whose coded pattern is calibrated.
+    folder: of the results.
+    lamp: spectrum of the lamp, from elsewhere.
     """
 
     files: BenchFiles
@@ -71,7 +62,7 @@ class SpectraJob:
 def calibrate_spectra(
     job: SpectraJob, progress: Progress, ask: AskOperator, *, speed: float, force: bool
 ) -> SpectraResult:
-    """Run a spectral calibration: measure radiances, find exposures, take frames, fit and write.
+    """Measure radiances, find exposures, take frames, fit them, and write the files.
 
     The folder gets radiances.csv (where there is a spectroradiometer), plan.toml, patterns/,
     run.h5, spectra.json and spectra.png. Raises UserError, which says what is wrong at the bench,
@@ -95,7 +86,7 @@ def calibrate_spectra(
 
 
 def prepare_spectra_plan(job: SpectraJob) -> PlanFile:
-    """Write a spectral calibration's plan and patterns for a later run, without any picture.
+    """Write plan and patterns for a later run, without any picture.
 
     Raises UserError without exposures.
     """
@@ -119,7 +110,7 @@ def prepare_spectra_plan(job: SpectraJob) -> PlanFile:
 def fit_and_write_spectra(
     record: Path, lamp: ViewingLight | None, progress: Progress | None = None
 ) -> SpectraResult:
-    """Fit a spectral calibration's record, and write spectra.json and spectra.png beside it.
+    """Fit a record, and write spectra.json and spectra.png beside it.
 
     Radiances are read from radiances.csv beside the record, if it is there.
     """
@@ -138,7 +129,7 @@ def fit_and_write_spectra(
 
 
 def _complete_request(request: SpectraRequest, bench: Bench) -> SpectraRequest:
-    """Complete a spectral calibration's request with the star's size and distance from the scene.
+    """Add the star's size and distance as the bench's scene has them.
 
     Raises UserError if the bench lacks a target or colour filters.
     """
@@ -163,7 +154,7 @@ def _write_plan(
     exposures: dict[tuple[str, float], float],
     progress: Progress,
 ) -> PlanFile:
-    """Compute a spectral calibration's patterns, and write them with their plan to its folder."""
+    """Compute the patterns, and write them with their plan to the job's folder."""
     plan = job.source.plan
     specs = {one: plan.patterns[one] for one in (request.neutral, request.coded)}
     shown = compute_patterns(specs, bench.description, plan.seed, progress, job.source.path.parent)

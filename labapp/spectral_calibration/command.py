@@ -1,4 +1,4 @@
-"""Run `labapp calibrate --spectra`: calibrate a snapshot camera on a bench or from a record."""
+"""`labapp calibrate --spectra`, on a bench or from a record."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ from labapp.spectral_calibration.result_report import print_spectra, spectra_dat
 
 @dataclass(frozen=True)
 class SpectraOptions:
-    """Hold the options of `labapp calibrate --spectra`.
+    """Options of `labapp calibrate --spectra`.
 
-    plan: path or bundled name of the plan whose coded pattern is calibrated. lamp: CIE illuminant,
-    or CSV file of the lamp's spectrum.
+    plan: path or bundled name of the plan whose coded pattern is calibrated.
+    lamp: CIE illuminant, or CSV file of the lamp's spectrum.
     """
 
     wavelengths_nm: tuple[float, ...]
@@ -59,7 +59,7 @@ class SpectraOptions:
     lamp: str | None
 
     def job(self, folder: Path, files: BenchFiles) -> SpectraJob:
-        """Return the spectral calibration that the options describe; UserError names a wrong one.
+        """Return the job that the options describe; UserError names a wrong one.
 
         `folder` is that of the results.
         """
@@ -94,7 +94,7 @@ class SpectraOptions:
 def calibrate_spectra_of_bench(
     options: SpectraOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Calibrate a snapshot camera on its bench, and print results and paths of the files."""
+    """Calibrate a camera on its bench, and print results and paths of the files."""
     job = options.job(folder, files)
     require_free_names(
         folder,
@@ -109,7 +109,7 @@ def calibrate_spectra_of_bench(
 def write_spectra_plan(
     options: SpectraOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Write a spectral calibration's plan and patterns to a folder, for `labapp run`."""
+    """Write plan and patterns to a folder, for `labapp run`."""
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     plan = prepare_spectra_plan(options.job(folder, files))
     fit = f"labapp calibrate --spectra --fit {shell_word(folder / RECORD_FILE)}"
@@ -119,7 +119,7 @@ def write_spectra_plan(
 
 
 def refit_spectra(record: Path, lamp: str | None, execution: ExecutionOptions) -> None:
-    """Fit a spectral calibration's record again, and write file and picture beside it."""
+    """Fit a record again, and write file and picture beside it."""
     require_free_names(record.parent, (SPECTRA_FILE, PICTURE_FILE), force=execution.force)
     with terminal_progress() as progress:
         found = fit_and_write_spectra(record, _lamp(lamp), progress)

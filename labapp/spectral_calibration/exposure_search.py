@@ -1,4 +1,4 @@
-"""Search by trial frames for exposures at which star and white sheet are bright but unclipped."""
+"""Trial frames that find exposures at which star and white sheet are bright but unclipped."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def find_exposures(
     progress: Progress,
     ask: AskOperator | None,
 ) -> Exposures:
-    """Find the exposures of star and white sheet in each band of a spectral calibration.
+    """Find the exposures of star and white sheet in each band.
 
     Both are photographed through the neutral pattern, all bands in one run; those that were all
     clipped or all dark are taken again. Exposures that the request states aren't looked for.
@@ -106,7 +106,7 @@ def _requested_exposures(request: SpectraRequest) -> Exposures:
 
 
 def _read_trials(path: Path, tried: dict[tuple[str, float], list[_Trial]], star: str) -> None:
-    """Add the frames of a spectral calibration's trial record to those that were tried."""
+    """Add the frames of a trial's record to those that were tried."""
     with Record(path) as record:
         sensor = record.camera.sensor
         columns = {name: record.column(name) for name in ("target", "wavelength_asked", "exposure")}
@@ -137,7 +137,7 @@ def _next_trials(
     sensor: Sensor,
     asked: tuple[tuple[str, float], ...],
 ) -> dict[tuple[str, float], tuple[float, ...]]:
-    """Derive exposures from a spectral calibration's trials, and return what to try next."""
+    """Add the exposures that are now known to `found`, and return those to try next."""
     wanted = {}
     for key in asked:
         exposure, more = _judge(tried[key], sensor)
@@ -157,7 +157,7 @@ def _next_trials(
 
 
 def _judge(trials: list[_Trial], sensor: Sensor) -> tuple[float | None, tuple[float, ...]]:
-    """Return the exposure that a spectral calibration's trials show, or those to try next.
+    """Return the exposure that trials show in seconds, or those to try next.
 
     Neither is known at the end of what the camera can expose.
     """

@@ -1,4 +1,4 @@
-"""Fit a spectral calibration's record: PSFs, zeroth orders and response of each band."""
+"""Fits of a record's frames: PSFs, zeroth orders and response of each band."""
 
 from __future__ import annotations
 
@@ -55,28 +55,19 @@ _BRIGHT = 5.0
 
 @dataclass(frozen=True, eq=False)
 class SpectraFit:
-    """The fitted model of a snapshot camera, and the pictures that it was fitted to.
+    """The fitted model of a camera, and the pictures that it was fitted to.
 
-    Attributes
-    ----------
-    path : Path
-        The record.
-    request : SpectraRequest
-        What was asked for.
-    prior, found : SnapshotCalibration
-        The nominal model with its uncertainty, and the calibrated one. Their response is the white
-        sheet's light in electrons per second.
-    stars : NDArray, (bands, rows, columns)
-        The star's pictures around its place, each over its light.
-    predicted : NDArray, (bands, rows, columns)
-        What the calibrated model predicts of them.
-    star_residuals : NDArray, (bands,)
-        Rms of what the model leaves of each star's picture beyond the noise, relative to it.
-    light_share : NDArray, (bands,)
-        Share of the light that the coded pattern sends into the window of the PSF: that of the
-        sheet's light which it passes, times the computed share within the window.
-    coded_sha256 : str
-        Digest of the coded pattern's grey levels.
+    path: of the record.
+    request: what was asked for.
+    prior, found: the nominal model with its uncertainty, and the calibrated one. Their response is
+        the white sheet's light in electrons per second.
+    stars: (bands, rows, columns), the star's pictures around its place, each over its light.
+    predicted: (bands, rows, columns), what the calibrated model predicts of them.
+    star_residuals: (bands,), rms of what the model leaves of each star's picture beyond the noise,
+        relative to it.
+    light_share: (bands,), share of the light that the coded pattern sends into the window of the
+        PSF: that of the sheet's light which it passes, times the computed share within the window.
+    coded_sha256: digest of the coded pattern's grey levels.
     """
 
     path: Path
@@ -91,16 +82,11 @@ class SpectraFit:
 
 
 def fit_spectra(path: Path, progress: Progress) -> SpectraFit:
-    """Fit the record of a spectral calibration.
+    """Fit all parameters together to a record's frames of white sheet and coded star.
 
-    The nominal model is computed from the bench's description and the patterns. All its parameters
-    are then fitted together to the frames of white sheet and coded star.
-
-    Raises
-    ------
-    UserError
-        If the record is of another kind or incomplete, its sensor has no colour filters, or its
-        frames are clipped or dark.
+    The fit starts at the nominal model, computed from the bench's description and the patterns.
+    Raises UserError if the record is of another kind or incomplete, its sensor has no colour
+    filters, or its frames are clipped or dark.
     """
     with Record(path) as record:
         request = request_of_record(record)
@@ -160,7 +146,7 @@ def fit_spectra(path: Path, progress: Progress) -> SpectraFit:
 
 
 def _fit_model(model: SnapshotModel, *, path: Path, **frames: Any) -> SnapshotCalibration:
-    """Fit a spectral calibration's frames from a nominal model with the usual uncertainty."""
+    """Fit frames from a nominal model with the usual uncertainty."""
     try:
         return calibrate_from_frames(SnapshotCalibration.nominal(model), **frames)
     except ValueError as error:
@@ -168,7 +154,7 @@ def _fit_model(model: SnapshotModel, *, path: Path, **frames: Any) -> SnapshotCa
 
 
 def _middle_of(model: SnapshotModel) -> SnapshotModel:
-    """Return a snapshot camera's model with the middle of its PSFs, which shows a star's place."""
+    """Return the model with only the middle of its PSFs, which shows the star's place."""
     parts = [
         slice(max(n // 2 - _PLACE_REACH, 0), n // 2 + _PLACE_REACH + 1)
         for n in model.coded.shape[1:]
@@ -178,14 +164,14 @@ def _middle_of(model: SnapshotModel) -> SnapshotModel:
 
 
 def _common_shift(found: SnapshotCalibration) -> tuple[float, float]:
-    """Return the place of a spectral calibration's star relative to its pixel, in pixels."""
+    """Return the star's place (y, x) relative to its pixel, in pixels."""
     places = found.model.layout.centres
     shift = (found.deviation - found.relative_deviation)[places].reshape(2, -1)[:, 0]
     return float(shift[0]), float(shift[1])
 
 
 def _as_point(found: SnapshotCalibration, model: SnapshotModel) -> SnapshotCalibration:
-    """Return the spectral calibration of a star at its place as that of a point's model."""
+    """Turn the fit of a star at its place into that of a point's model."""
     deviation = found.relative_deviation.clone()
     orders = model.layout.zeroth_orders
     deviation[orders] += found.model.zeroth_order - model.zeroth_order
@@ -193,11 +179,11 @@ def _as_point(found: SnapshotCalibration, model: SnapshotModel) -> SnapshotCalib
 
 
 def _star_pictures(stars: Sequence[Bracket]) -> tuple[Stack, float]:
-    """Return a spectral calibration's stars over a dark pixel's noise, and their photon noise.
+    """Return the stars over a dark pixel's noise, (bands, rows, columns), and their photon noise.
 
-    The stars are (bands, rows, columns). Photon noise is its variance over light: of the bright
-    pixels, the upper tenth of each band counts, and the largest of all bands, as bright pixels are
-    from shorter exposures, which are noisier. Raises UserError if a star is clipped or dark.
+    Photon noise is its variance over light: of the bright pixels, the upper tenth of each band
+    counts, and the largest of all bands, as bright pixels are from shorter exposures, which are
+    noisier. Raises UserError if a star is clipped or dark.
     """
     rates, photons = [], 0.0
     for one in stars:
@@ -224,7 +210,7 @@ def _star_pictures(stars: Sequence[Bracket]) -> tuple[Stack, float]:
 
 
 def _flat_pictures(flats: Sequence[Bracket], model: SnapshotModel, photons: float) -> Stack:
-    """Return the middle of a spectral calibration's sheets, (bands, rows, columns).
+    """Return the middle of the white sheet's pictures, (bands, rows, columns).
 
     Their unit is chosen so that their noise is that of the stars: a variance of 1 in the dark, and
     `photons` for each unit of light.
@@ -245,7 +231,7 @@ def _flat_pictures(flats: Sequence[Bracket], model: SnapshotModel, photons: floa
 def _compare_stars(
     found: SnapshotCalibration, seen: Stack, photons: float
 ) -> tuple[Stack, Stack, NDArray[np.float64]]:
-    """Cut out a spectral calibration's stars as they were fitted, and predict them.
+    """Cut out the stars as they were fitted, and predict them.
 
     Returns both, (bands, rows, columns), relative to each band's light, and the relative rms of
     their difference beyond the noise, (bands,).

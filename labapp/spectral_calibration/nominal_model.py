@@ -1,4 +1,4 @@
-"""Compute a snapshot camera as its description means it to be: PSFs of each band, and response."""
+"""A camera as its description means it to be: PSFs of each band, and response."""
 
 from __future__ import annotations
 
@@ -26,13 +26,9 @@ _POINT = 1e-9
 class NominalCamera:
     """A snapshot camera as it is meant to be.
 
-    Attributes
-    ----------
-    model : SnapshotModel
-        Its PSFs, each of which sums to 1, and its response.
-    window_share : NDArray, (bands,)
-        Light in the window of the coded PSF over that in the window of the neutral one. A pattern
-        sends the rest beyond the window.
+    model: its PSFs, each of which sums to 1, and its response.
+    window_share: (bands,), light in the window of the coded PSF over that in the window of the
+        neutral one. A pattern sends the rest beyond the window.
     """
 
     model: SnapshotModel
@@ -45,23 +41,17 @@ def compute_nominal_model(
     rates: NDArray[np.float64],
     offset: tuple[float, float] | None = None,
 ) -> NominalCamera:
-    """Compute the nominal model of a snapshot camera, whose deviations the frames then show.
+    """Compute the model of a camera as described, whose deviations the frames then show.
 
     Its PSFs follow from the description of panel, lens and sensor, and from the recorded patterns;
     they have no noise. Its response has the light of the white sheet: of each band, the sum over
     the channels is the measured one, divided among them as the sensor's curves say.
 
-    Parameters
-    ----------
-    record : Record
-        Record of the calibration.
-    request : SpectraRequest
-        Bands, patterns, and the star's size and distance.
-    rates : NDArray, (channels, bands)
-        Electrons per second that the white sheet gives behind each filter.
-    offset : tuple of float, optional
-        Place (y, x) of the star relative to the middle pixel, in pixels; its PSFs are those of the
-        star. Of a point in the middle if None.
+    record: of the calibration.
+    request: bands, patterns, and the star's size and distance.
+    rates: (channels, bands), electrons per second that the white sheet gives behind each filter.
+    offset: place (y, x) of the star relative to the middle pixel, in pixels; its PSFs are those of
+        the star. Of a point in the middle if None.
     """
     camera = record.camera
     greys = [torch.from_numpy(record.pattern(one)) for one in (request.neutral, request.coded)]
@@ -88,7 +78,7 @@ def _predict_psfs(
     request: SpectraRequest,
     offset: tuple[float, float] | None,
 ) -> NDArray[np.float64]:
-    """Predict star or point in each band of a spectral calibration, (2, bands, rows, columns).
+    """Predict star or point in each band, (2, bands, rows, columns).
 
     The first half is through the neutral pattern. The sides are odd, so that the window reaches as
     far on both sides of the middle.

@@ -1,4 +1,4 @@
-"""Draw a spectral calibration on one page: stars as seen and modelled, parameters, and light."""
+"""One page of drawings: stars as seen and modelled, parameters, and light."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _NINETY = 2.146
 
 
 def draw_spectra(fit: SpectraFit, file: SpectraFile, seen: Radiances | None) -> Figure:
-    """Draw a spectral calibration's overview.
+    """Draw the stars, their model and its parameters on one page.
 
     Above is a column for each band: the star through the coded pattern, the calibrated model of it,
     and the difference. Below are zeroth orders, places, response, and the white sheet's radiance.
@@ -63,7 +63,7 @@ def draw_spectra(fit: SpectraFit, file: SpectraFile, seen: Radiances | None) -> 
 def _draw_stars(
     figure: SubFigure, fit: SpectraFit, file: SpectraFile, shown: Sequence[int]
 ) -> None:
-    """Draw a spectral calibration's stars, their models and what is left, a column for each band.
+    """Draw stars, their models and what is left, a column for each band.
 
     Behind colour filters, only the pixels of the colours that see the band are bright.
     """
@@ -96,7 +96,7 @@ def _draw_stars(
 
 
 def _reach(predicted: NDArray[np.float64]) -> int:
-    """Return the pixels from the middle of a calibration's stars within which most light lies."""
+    """Return within how many pixels of its middle each star has most of its light."""
     side = min(predicted.shape[1:]) // 2
     for reach in range(min(_LEAST_REACH, side), side):
         if all(_middle(one, reach).sum() >= _DRAWN_SHARE * one.sum() for one in predicted):
@@ -111,7 +111,7 @@ def _middle(picture: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
 
 
 def _select_parameters(file: SpectraFile, beginning: str) -> list[ParameterTable]:
-    """Return a spectral calibration's parameters whose names begin so, a band each."""
+    """Return the parameters whose names begin so, a band each."""
     return [one for one in file.parameters if one.name.startswith(beginning)]
 
 
@@ -140,7 +140,7 @@ def _draw_zeroth_orders(axes: Axes, file: SpectraFile) -> None:
 
 
 def _draw_places(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
-    """Draw the places of a spectral calibration's PSFs, relative to most bands, with intervals."""
+    """Draw the places of the PSFs relative to most bands, with ellipses of 90 %."""
     ys, xs = _select_parameters(file, "centre y"), _select_parameters(file, "centre x")
     colours = _band_colours(len(ys))
     reach = 0.05
@@ -161,14 +161,14 @@ def _draw_places(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
 
 
 def _band_colours(count: int) -> NDArray[np.float64]:
-    """Return a colour for each band of a spectral calibration, from blue to red."""
+    """Return a colour for each band, from blue to red."""
     from matplotlib import colormaps
 
     return np.asarray(colormaps["turbo"](np.linspace(0.08, 0.92, count)))
 
 
 def _draw_response(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
-    """Draw what white gives behind each filter in a spectral calibration, beside the nominal."""
+    """Draw what white gives behind each filter, beside the nominal."""
     nm = [one.wavelength_nm for one in file.bands]
     found, nominal = fit.found.response.numpy(), fit.prior.response.numpy()
     white = found.max()
@@ -188,7 +188,7 @@ def _draw_response(axes: Axes, fit: SpectraFit, file: SpectraFile) -> None:
 
 
 def _draw_radiances(axes: Axes, seen: Radiances) -> None:
-    """Draw the white sheet's radiance in each band of a spectral calibration."""
+    """Draw the white sheet's radiance in each band."""
     nm = seen.wavelengths * 1e9
     for values, colour in zip(seen.values, _band_colours(len(seen.values)), strict=True):
         axes.plot(nm, values.mean(0), color=colour)

@@ -1,4 +1,4 @@
-"""Design a spectral calibration's plan: white sheet and star in each band, with dark frames."""
+"""The plan that takes white sheet and star in each band, with dark frames."""
 
 from __future__ import annotations
 
@@ -32,18 +32,12 @@ def build_spectra_plan(
     exposures: Exposures,
     sensor: Sensor,
 ) -> PlanFile:
-    """Build the plan that takes a spectral calibration's frames.
+    """Build the plan that takes all frames.
 
-    Parameters
-    ----------
-    request : SpectraRequest
-        Bands, targets and patterns.
-    patterns : mapping
-        Grey levels of the two patterns, whose pictures lie in the folder "patterns" beside it.
-    exposures : Exposures
-        Exposures in seconds at which star and sheet aren't clipped.
-    sensor : Sensor
-        The camera's sensor, which limits exposures.
+    patterns: grey levels of the two patterns, whose pictures lie in the folder "patterns" beside
+        the plan.
+    exposures: seconds at which star and sheet aren't clipped.
+    sensor: limits exposures.
     """
     rounded = _round_exposures(exposures, sensor)
     longest = sensor.exposure_range[1]
@@ -84,7 +78,7 @@ def build_spectra_plan(
 
 
 def _round_exposures(exposures: Exposures, sensor: Sensor) -> Exposures:
-    """Round a spectral calibration's exposures down to steps, within the sensor's range."""
+    """Round exposures (seconds) down to steps, within the sensor's range."""
     shortest, high = sensor.exposure_range
     low = max(shortest, 1e-6)
     rounded = {}

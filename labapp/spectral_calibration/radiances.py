@@ -1,4 +1,4 @@
-"""Measure the light of a white sheet in each band with a spectroradiometer, and keep it as CSV."""
+"""The light of a white sheet in each band, measured with a spectroradiometer and kept as CSV."""
 
 from __future__ import annotations
 
@@ -41,16 +41,10 @@ _ROUND_TRIP = 1e-5
 class Radiances:
     """Radiances of a white sheet through the filter at each band, as a spectroradiometer saw them.
 
-    Attributes
-    ----------
-    wavelengths : NDArray, (n,)
-        Metres, rising.
-    bands_nm : tuple of float
-        Centres of the bands.
-    values : NDArray, (bands, repeats, n)
-        W/(sr m² nm), not negative.
-    lamp : NDArray or None, (n,)
-        The same without a narrow filter; None where the bench can't open it.
+    wavelengths: (n,), metres, rising.
+    bands_nm: centres of the bands.
+    values: (bands, repeats, n), W/(sr m² nm), not negative.
+    lamp: (n,), the same without a narrow filter; None where the bench can't open it.
     """
 
     wavelengths: NDArray[np.float64]
@@ -62,7 +56,7 @@ class Radiances:
 def measure_radiances(
     files: BenchFiles, request: SpectraRequest, progress: Progress, ask: AskOperator, speed: float
 ) -> Radiances | None:
-    """Measure the white sheet's radiance at each band of a spectral calibration.
+    """Measure the white sheet's radiance at each band.
 
     A filter wheel with an open slot shows the lamp's own spectrum as well. Returns None for a bench
     without a spectroradiometer. Raises DeviceError if a device fails.
@@ -157,19 +151,12 @@ def read_radiances(path: Path, bands_nm: Sequence[float]) -> Radiances | None:
 def transmission_tables(
     found: Radiances | None, lamp: ViewingLight | None
 ) -> tuple[tuple[TransmissionTable, ...], str]:
-    """Return what a white sheet's radiances say of each band, and in words where that is from.
+    """Return what the radiances say of each band, and in words where that is from.
 
-    Parameters
-    ----------
-    found : Radiances or None
-        As measured; None without a spectroradiometer.
-    lamp : ViewingLight or None
-        Spectrum of the lamp on any scale, from elsewhere. The measured one is preferred.
+    Raises UserError if a band's light, or the lamp's at a band, is nothing but noise.
 
-    Raises
-    ------
-    UserError
-        If a band's light, or the lamp's at a band, is nothing but noise.
+    found: as measured; None without a spectroradiometer.
+    lamp: spectrum of the lamp on any scale, from elsewhere. The measured one is preferred.
     """
     if found is None:
         return (), (
@@ -210,7 +197,7 @@ def _relative_transmission(
     light: NDArray[np.float64],
     centres: NDArray[np.float64],
 ) -> NDArray[np.float64] | None:
-    """Return each band's light over the lamp's, the largest being 1; None without a lamp."""
+    """Return each band's light over the lamp's, (bands,), the largest being 1; None if no lamp."""
     if found.lamp is not None:
         known = Spectrum(tuple(found.wavelengths), tuple(found.lamp))
     elif lamp is not None:
@@ -228,7 +215,7 @@ def _relative_transmission(
 
 
 def _source_in_words(found: Radiances, lamp: ViewingLight | None) -> str:
-    """Say in words how a spectral calibration knows the filter's transmission."""
+    """Say in words how the filter's transmission is known."""
     if found.lamp is not None:
         return "radiance of the white sheet in each band, over that through the open slot"
     if lamp is not None:

@@ -1,4 +1,4 @@
-"""Define a spectral calibration's request, which its plan carries."""
+"""What a calibration is asked for, as its plan carries it, and where its bands come from."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from labapp.runs.record.reader import Record
 from labapp.spectral.roles import FLAT
 
 REQUEST_KEY = "spectra_request"
-"""Key of a plan's metadata under which the spectral calibration's request is stored as JSON."""
+"""Key of a plan's metadata under which the request is stored as JSON."""
 
 DEFAULT_PLAN = "coded-snapshot"
 """Bundled plan whose coded pattern is calibrated, and whose bands, if nothing else is asked for."""
@@ -45,12 +45,12 @@ class SpectraRequest(FileModel):
 
     @property
     def wavelengths(self) -> tuple[float, ...]:
-        """Return the wavelengths of the requested spectral bands in metres."""
+        """Return the bands in metres."""
         return tuple(one / 1e9 for one in self.bands_nm)
 
 
 def read_snapshot_plan(name: str | None) -> NamedPlan:
-    """Read the plan whose coded snapshots are to be calibrated; the bundled one if None.
+    """Read the plan whose coded pattern is to be calibrated; the bundled one if None.
 
     Raises UserError if its table [reconstruct] doesn't name a coded pattern.
     """
@@ -87,7 +87,7 @@ def bands_of_plan(found: NamedPlan) -> tuple[float, ...]:
 
 
 def request_of_record(record: Record) -> SpectraRequest:
-    """Return the request of a spectral calibration's record.
+    """Return the request that a record's plan carries.
 
     Raises UserError if the record is of another kind.
     """

@@ -1,4 +1,4 @@
-"""Report a spectral calibration's results as tables, and advise what to do at the bench."""
+"""Results as tables, and advice on what to do at the bench."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MODEL_KEYS = {"psfs_ppm", "neutral_ppm", "covariance", "deviation", "zeroth_ord
 
 
 def spectra_data(file: SpectraFile, paths: tuple[Path, ...]) -> dict[str, Any]:
-    """Return a spectral calibration's report as plain data, without the model's own numbers."""
+    """Return the results as plain data, without the model's own numbers."""
     return file.model_dump(mode="json", exclude=_MODEL_KEYS) | {
         "advice": advice(file),
         "files": [str(one) for one in paths],
@@ -30,7 +30,7 @@ def spectra_data(file: SpectraFile, paths: tuple[Path, ...]) -> dict[str, Any]:
 
 
 def print_spectra(file: SpectraFile, paths: tuple[Path, ...]) -> None:
-    """Print a spectral calibration's report: parameters, bands, advice, and how to use the file."""
+    """Print parameters, bands, advice, and how to use the file."""
     rows = [
         [one.name, *format_estimate(one.value, one.sigma, one.unit), f"{one.nominal:.4g}"]
         for one in file.parameters
@@ -55,7 +55,7 @@ def print_spectra(file: SpectraFile, paths: tuple[Path, ...]) -> None:
 
 
 def band_rows(file: SpectraFile) -> list[list[str]]:
-    """Return the rows of a spectral calibration's table of bands."""
+    """Return a printed row for each band: light of white, share of light, star's residual."""
     return [
         [
             f"{one.wavelength_nm:g} nm",
@@ -68,7 +68,7 @@ def band_rows(file: SpectraFile) -> list[list[str]]:
 
 
 def light_rows(file: SpectraFile) -> list[list[str]]:
-    """Return the rows of a spectral calibration's table of what the spectroradiometer saw."""
+    """Return a printed row for each band on what the spectroradiometer saw."""
     rows = []
     for band, one in zip(file.bands, file.transmission, strict=False):
         known = "not known"
@@ -87,7 +87,7 @@ def light_rows(file: SpectraFile) -> list[list[str]]:
 
 
 def advice(file: SpectraFile) -> list[str]:
-    """Return what a spectral calibration's results advise to do at the bench, in sentences."""
+    """Return what to do at the bench, in sentences."""
     said = []
     wrong = [one for one in file.bands if one.star_residual > _LARGE_RESIDUAL]
     if wrong:

@@ -1,4 +1,4 @@
-"""Build a spectral calibration's file from its fit, with the facts that show if it still holds."""
+"""The content of spectra.json, with the facts that show if it still holds."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _NO_LAMP = (
 def build_spectra_file(
     fit: SpectraFit, transmission: tuple[TransmissionTable, ...], transmission_source: str
 ) -> SpectraFile:
-    """Build a spectral calibration's file; date, devices and bench come from the run's record."""
+    """Build the file's content; date, devices and bench come from the run's record."""
     found, model = fit.found, fit.found.model
     known = bool(transmission) and all(one.relative is not None for one in transmission)
     with Record(fit.path) as record:
@@ -76,7 +76,7 @@ def build_spectra_file(
 
 
 def _nominal_in_words(fit: SpectraFit) -> str:
-    """Say in words what a spectral calibration's nominal model is, and how well it was known."""
+    """Say in words what the nominal model is, and how well it was known."""
     request = fit.request
     star = (
         f"fitted as those of a star of {request.star_diameter_um:g} µm"
@@ -90,7 +90,7 @@ def _nominal_in_words(fit: SpectraFit) -> str:
 
 
 def _nominal_psfs(found: SnapshotCalibration) -> NDArray[np.float64]:
-    """Return the nominal PSFs of a spectral calibration's model, each with its zeroth order."""
+    """Return the model's nominal PSFs, (bands, rows, columns), each with its zeroth order."""
     model = found.model
     order = model.zeroth_order[:, None, None]
     return (order * model.neutral + (1 - order) * model.coded).numpy()
@@ -113,7 +113,6 @@ def _parameter_table(one: CalibratedParameter, wavelengths: Sequence[float]) -> 
 
 
 def _band_tables(fit: SpectraFit) -> tuple[BandTable, ...]:
-    """Build a spectral calibration's table of each band."""
     response = fit.found.response
     return tuple(
         BandTable(
@@ -131,5 +130,5 @@ def _row(values: torch.Tensor) -> tuple[float, ...]:
 
 
 def _round_number(value: float) -> float:
-    """Round a number of a spectral calibration's file to significant digits."""
+    """Round to significant digits."""
     return float(f"{value:.{_DIGITS}g}")

@@ -1,4 +1,4 @@
-"""Studies: the thesis' experiments, repeated on a bench and compared with the published results.
+"""The thesis' experiments, repeated on a bench and compared with the published results.
 
 A study is data and two functions. One function makes a plan, which is run like any other plan;
 the other function evaluates the run's record. To add a study, write a module with the two
@@ -62,4 +62,4 @@ STUDIES: dict[str, StudyEntry] = {
         "psf_designs", "Tab. 4.1, A.1, A.2", "shapes of PSFs that tell spectral bands apart"
     ),
 }
-"""All studies by name. The studies' modules aren't imported here, so that `--help` is fast."""
+"""All studies by name. Their modules aren't imported here, so that `--help` is fast."""

@@ -1,4 +1,4 @@
-"""The refocusing study's bricks at several distances, and the sharpness of their edges."""
+"""Bricks at several distances, and the sharpness of their edges before and after refocusing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BrickRegion = tuple[float, slice, slice]
 
 
 def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
-    """Return where the sensor sees the bricks of the study's simulated scene, the nearest first.
+    """Return where the sensor sees the bricks of the simulated scene, the nearest first.
 
     The list is empty for a real scene, whose layout isn't known.
     """
@@ -45,10 +45,10 @@ def brick_regions(record: Record, camera: Camera) -> list[BrickRegion]:
 def sharpness_rows(
     scenes: Sequence[Picture], regions: Sequence[BrickRegion], near: float
 ) -> list[ResultRow]:
-    """Compare the sharpness of the study's bricks without and with the lens on the SLM.
+    """Compare the sharpness of bricks without and with the lens on the SLM.
 
-    `scenes` are the pictures without and with the lens; `near` is the distance in metres that the
-    lens brings into focus.
+    scenes: the pictures without and with the lens.
+    near: distance that the lens brings into focus, metres.
     """
     rows = []
     for distance, y, x in regions:
@@ -70,7 +70,7 @@ def sharpness_rows(
 
 
 def edge_steepness(picture: Picture) -> float:
-    """Return the steepness of the steepest edges in a study's picture, relative to its range.
+    """Return the steepness of a picture's steepest edges, relative to its range.
 
     This is the 99th percentile of the gradient over the range of the picture's values. The gradient
     is taken over two pixels, which reduces the influence of noise.

@@ -1,4 +1,4 @@
-"""Functions that the studies of multispectral imaging share: their plans and their snapshots."""
+"""Plans and snapshots of multispectral imaging, which several studies share."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ chosen."""
 
 
 def ring_table(settings: PSFStackSettings) -> dict[str, Any]:
-    """Return the plan table of a study's pattern whose PSF is a ring."""
+    """Return the plan table of the pattern whose PSF is a ring."""
     return {
         "kind": "ring",
         "radius_um": settings.radius_um,
@@ -36,7 +36,7 @@ def ring_table(settings: PSFStackSettings) -> dict[str, Any]:
 
 
 def plan_snapshot(study: Study[Any], settings: SnapshotSettings, camera: Camera) -> PlanFile:
-    """Plan a study's coded snapshot: star and scene in all bands, and a white sheet.
+    """Plan a coded snapshot: star and scene in all bands, and a white sheet.
 
     Star and scene are taken with the neutral pattern and with the ring.
     """
@@ -58,7 +58,7 @@ def plan_snapshot(study: Study[Any], settings: SnapshotSettings, camera: Camera)
 def star_blocks(
     settings: PSFStackSettings, patterns: Mapping[str, Any]
 ) -> tuple[dict[str, Any], ...]:
-    """Return blocks of a study's plan: the star in all bands, without a pattern and with each."""
+    """Return plan blocks of the star in all bands, without a pattern and with each."""
     return (
         band_block(settings, ["star"], ["neutral"], settings.star_ms),
         band_block(settings, ["star"], list(patterns), settings.coded_star_ms),
@@ -71,7 +71,7 @@ def band_block(
     patterns: Sequence[str],
     exposures_ms: Sequence[float],
 ) -> dict[str, Any]:
-    """Return a block of a study's plan: targets with each pattern in all bands, after darks."""
+    """Return a plan block of targets with each pattern in all bands, after darks."""
     block = acquisition_block(
         targets, patterns, settings.wavelength_nm, exposures_ms=list(exposures_ms)
     )
@@ -79,16 +79,13 @@ def band_block(
 
 
 def psf_window(settings: PSFStackSettings, camera: Camera) -> int:
-    """Return the pixels along a side of the window of a study's PSFs, an odd number.
-
-    It holds the shape in the longest band, where it is largest.
-    """
+    """Return the odd side in pixels of a window that holds the PSF of the longest band."""
     largest = settings.radius_um * max(settings.bands_nm) / settings.wavelength_nm
     return 2 * round(DARK_MARGIN * largest * 1e-6 / camera.sensor.pitch) + 1
 
 
 def read_problem(record: Record, progress: Progress) -> SpectralProblem:
-    """Read the problem of restoring a study's snapshot from its record, with the true bands."""
+    """Read the restoration problem of a recorded snapshot, with the true bands."""
     roles = choose_roles(record, None, None, None)
     reader = ProblemReader(record, roles, white_target(record, roles, None), None, progress)
     return reader.add_truth(reader.read_problem(None, "unknown"), None)

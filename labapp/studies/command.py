@@ -35,7 +35,7 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """Request a study by its name, with KEY=VALUE settings, on a bench.
+    """Name a study, with KEY=VALUE settings, and the bench to carry it out on.
 
     Where `bench` or `scene` is None, the study's own file is used.
     """
@@ -50,7 +50,7 @@ class StudyRequest:
 
 
 def run_study(request: StudyRequest, folder: Path, manner: ExecutionOptions) -> None:
-    """Acquire a study's record, evaluate it, write its picture and page, and print its table."""
+    """Acquire a record, evaluate it, write its picture and page, and print its table."""
     with interactive_progress(manner) as (progress, ask):
         account = carry_out_study(request, folder, manner, progress, ask)
     _print_results(account, folder, (RECORD, *STUDY_FILES), manner)
@@ -63,7 +63,7 @@ def carry_out_study(
     progress: Progress | None = None,
     ask: AskOperator | None = None,
 ) -> CompletedStudy:
-    """Carry out a study without printing anything: acquire its record and evaluate it.
+    """Acquire a study's record and evaluate it, without printing anything.
 
     The folder gets run.h5, study.png, study.html and study.json. Raises UserError if a setting is
     wrong, a file exists, the folder can't be written, or the bench can't do the study. After
@@ -103,7 +103,7 @@ def carry_out_study(
 
 
 def evaluate_record(name: str, record: Path, folder: Path, manner: ExecutionOptions) -> None:
-    """Evaluate a study's record again, as after a resume; raises as carry_out_study() does."""
+    """Evaluate a record again, as after a resume; raises as carry_out_study() does."""
     found = find_study(name)
     require_free_names(folder, STUDY_FILES, force=manner.force)
     with Record(record) as opened:
@@ -140,7 +140,7 @@ def _evaluate_and_write(
 
 
 def _require_sensor(found: Study[Any], name: str, camera: Camera) -> None:
-    """Raise UserError for a sensor with colour filters, if a study can't evaluate its pictures."""
+    """Raise UserError for colour filters on the sensor, if the evaluation can't take them."""
     if not found.takes_colour:
         require_monochrome_sensor(camera.sensor, f"study {name}")
 

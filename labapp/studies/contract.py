@@ -1,4 +1,4 @@
-"""The data classes of a study: its definition, its settings and its results."""
+"""What a study consists of: its definition, its settings and its results."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ S = TypeVar("S", bound=StudySettings)
 
 @dataclass(frozen=True)
 class ResultRow:
-    """Compare one figure of a study with the published one, or with the one that theory predicts.
+    """Compare one of our figures with the published one, or with what theory predicts.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class ResultRow:
     def of_score(
         cls, name: str, score: Score, published: Mapping[str, str], expected: str = "-"
     ) -> ResultRow:
-        """Make a row of a study's results from the score of a restored picture.
+        """Make a row from the score of a restored picture.
 
         `published` has the published results in words, by the pictures' names.
         """
@@ -70,7 +70,7 @@ class ResultRow:
 
 @dataclass(frozen=True, eq=False)
 class StudyFigure:
-    """Hold a figure of a study's page, with its title and caption."""
+    """Hold a figure of the page, with its title and caption."""
 
     title: str
     figure: Figure
@@ -79,7 +79,7 @@ class StudyFigure:
 
 @dataclass(frozen=True, eq=False)
 class StudyAnimation:
-    """Hold an animation of a study's page; `data` is the content of a GIF file."""
+    """Hold an animation of the page; `data` is the content of a GIF file."""
 
     title: str
     data: bytes
@@ -88,7 +88,7 @@ class StudyAnimation:
 
 @dataclass(frozen=True, eq=False)
 class StudyResults:
-    """Hold the results of a study.
+    """Hold table, figures, animations and notes of an evaluation, and its data for programs.
 
     Attributes
     ----------
@@ -146,11 +146,11 @@ class Study(Generic[S]):
     takes_colour: bool = False
 
     def plan(self, settings: S, camera: Camera) -> PlanFile:
-        """Make the study's plan for the camera of a bench; the caller sets the plan's seed."""
+        """Make the plan for the camera of a bench; the caller sets its seed."""
         plan: PlanFile = import_module(self.module).plan(settings, camera)
         return plan
 
     def evaluate(self, record: Record, settings: S, progress: Progress) -> StudyResults:
-        """Evaluate the study: get its results from the complete record of a run of its plan."""
+        """Get the results from the complete record of a run of the plan."""
         results: StudyResults = import_module(self.module).evaluate(record, settings, progress)
         return results

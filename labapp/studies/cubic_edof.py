@@ -45,7 +45,7 @@ _PUBLISHED = {
 
 
 def plan(settings: CubicEdofSettings, camera: Camera) -> PlanFile:
-    """Plan the study: stars and a scene at two depths, with the open aperture and the cubic phase.
+    """Plan stars and a scene at two depths, with the open aperture and the cubic phase.
 
     The scene is also taken with all of it in focus.
     """
@@ -61,7 +61,7 @@ def plan(settings: CubicEdofSettings, camera: Camera) -> PlanFile:
 
 
 def evaluate(record: Record, settings: CubicEdofSettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: compare PSFs and MTFs in and out of focus, and restore the pictures."""
+    """Compare PSFs and MTFs in and out of focus, and restore the pictures."""
     brackets = merge_all(record, progress.part(0, 0.2))
     camera = record.camera
     psfs = {
@@ -117,7 +117,7 @@ def _restore_pictures(
     settings: CubicEdofSettings,
     progress: Progress,
 ) -> dict[str, Picture]:
-    """Restore the study's pictures in several ways; the sharp picture's white is about 1."""
+    """Restore the pictures in several ways; the sharp picture's white is about 1."""
     wavelength = settings.wavelength_nm * 1e-9
     sharp, still, coded = (
         find_bracket(brackets, target, pattern, wavelength, record.path).rate
@@ -157,7 +157,7 @@ def _to_numpy(image: torch.Tensor) -> Picture:
 
 
 def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return which depth layer of the study's scene each pixel of a frame sees: 0 near, 1 far."""
+    """Return which depth layer of the scene each pixel of a frame sees: 0 near, 1 far."""
     depth = read_grey_picture(bundled_path("studies/cubic-edof-depth.png"), "a map of depth")
     rows, columns = shape[-2:]
     # A pixel of the photograph has this side on the sensor, in sensor pixels. The photograph is
@@ -174,7 +174,7 @@ def frame_layer_indices(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 def _defocus_and_strength(camera: Camera, settings: CubicEdofSettings) -> tuple[float, float]:
-    """Return the study's defocus of the far star in waves, and its cubic phase's strength in rad.
+    """Return the far star's defocus in waves, and the cubic phase's strength in radians.
 
     Both are the values at the edge of the panel on its longer axis.
     """
@@ -185,7 +185,7 @@ def _defocus_and_strength(camera: Camera, settings: CubicEdofSettings) -> tuple[
 
 
 def _depth_invariance_row(psfs: PSFsByStarAndPattern) -> ResultRow:
-    """Compare the PSFs of the study's two stars, in focus and out of focus, by correlation."""
+    """Compare the PSFs of the two stars, in focus and out of focus, by correlation."""
     alike = {
         pattern: correlation(psfs["star", pattern], psfs["star-far", pattern])
         for pattern in ("neutral", "cubic")
@@ -200,7 +200,7 @@ def _depth_invariance_row(psfs: PSFsByStarAndPattern) -> ResultRow:
 
 
 def _zeros_row(waves: float, strength: float) -> ResultRow:
-    """Compare the study's MTFs in and out of focus, for a slit as long as the panel.
+    """Compare MTFs in and out of focus, for a slit as long as the panel.
 
     Frequencies up to half the slit's cut-off frequency are compared.
     """
@@ -222,12 +222,12 @@ def _zeros_row(waves: float, strength: float) -> ResultRow:
 
 
 def _cubic_phase(strength: float) -> Any:
-    """Return the study's cubic phase as a function of the place in the pupil, -1 to 1."""
+    """Return the cubic phase in radians as a function of the place in the pupil, -1 to 1."""
     return lambda x: strength * x**3
 
 
 def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
-    """Compare the study's measured PSF with a separable one, also without its unmodulated light."""
+    """Compare the measured PSF with a separable one, also without its unmodulated light."""
     straight, coded = psfs["star", "neutral"], psfs["star", "cubic"]
     shares = np.linspace(0, 0.1, 41)
     found = [separability_residual(coded - share * straight) for share in shares]
@@ -243,7 +243,7 @@ def _separable_row(psfs: PSFsByStarAndPattern) -> ResultRow:
 
 
 def separability_residual(psf: Picture) -> float:
-    """Return how far a study's PSF is from separable, 0 to 1.
+    """Return how far a PSF is from separable, 0 to 1.
 
     This is the relative L2 distance of the PSF from the nearest product of a column and a row.
     """

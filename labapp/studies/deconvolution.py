@@ -35,7 +35,7 @@ _CODED = "heart"
 
 
 def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
-    """Plan the study: star and photograph, each with the neutral pattern and with the heart."""
+    """Plan star and photograph, each with the neutral pattern and with the heart."""
     nm, patterns = settings.wavelength_nm, ["neutral", _CODED]
     return build_study_plan(
         STUDY,
@@ -46,7 +46,7 @@ def plan(settings: DeconvolutionSettings, camera: Camera) -> PlanFile:
 
 
 def evaluate(record: Record, settings: DeconvolutionSettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: restore the photograph in several ways, and score the results.
+    """Restore the photograph in several ways, and score the results.
 
     The reference is the photograph taken with the neutral pattern.
     """
@@ -132,7 +132,7 @@ def _blind(
 
 
 def _centroid(psf: Picture) -> Picture:
-    """Return the centroid (y, x) of a study's PSF relative to the origin, in pixels.
+    """Return a PSF's centroid (y, x) relative to the origin, in pixels.
 
     Light below a hundredth of the peak is left out as noise.
     """
@@ -142,10 +142,7 @@ def _centroid(psf: Picture) -> Picture:
 
 
 def _statistics(sharp: Picture) -> StudyFigure:
-    """Draw the distribution of gradients in the study's photograph, as in Fig. 2.10 of the thesis.
-
-    Models that are fitted to it are drawn as well.
-    """
+    """Draw the distribution of the photograph's gradients with fitted models (thesis Fig. 2.10)."""
     lengths, density = log_histogram(torch.from_numpy(sharp), 161, 0.6)
     mixture, heavy = (
         fit(torch.from_numpy(sharp)) for fit in (fit_mixture, fit_generalised_gaussian)

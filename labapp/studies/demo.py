@@ -22,7 +22,7 @@ from optics.progress import Progress
 def run_demo(
     folder: Path, *, image: Path | None, seed: int | None, force: bool, as_json: bool
 ) -> None:
-    """Run the demo study: the bundled plan on the bundled bench, with its record and its report."""
+    """Run the bundled plan on the bundled bench, write record and report, and print tables."""
     with terminal_progress() as progress:
         analysis = run_first_light(folder, image=image, seed=seed, force=force, progress=progress)
     if as_json:
@@ -41,7 +41,7 @@ def run_first_light(
     force: bool = False,
     progress: Progress | None = None,
 ) -> RecordAnalysis:
-    """Run the demo study without printing anything: run.h5, report.png, report.html in a folder.
+    """Run the first-light plan without printing: run.h5, report.png, report.html in a folder.
 
     Raises UserError if a file exists already, or the folder can't be written.
     """

@@ -1,4 +1,4 @@
-"""Designs of PSFs in the study of their shapes: drawn, and judged on a computed snapshot."""
+"""Draw PSFs of several designs, and judge each on a computed snapshot."""
 
 from __future__ import annotations
 
@@ -46,22 +46,14 @@ Stack = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class DesignResult:
-    """Hold what PSFs of one design give in the study.
+    """Hold what PSFs of one design give.
 
-    Attributes
-    ----------
-    psfs : Stack, (bands, rows, columns)
-        The PSFs, each of sum 1.
-    power : float or None
-        Dispersion power (Eq. A.1); None for two bands.
-    coverage : float
-        Mean MTF over all frequencies and bands.
-    predicted : float
-        Predicted mean PSNR in dB.
-    levels : tuple of float
-        PSNR of each restored band in dB.
-    bands : NDArray, (bands, rows, columns)
-        The restored bands.
+    psfs: (bands, rows, columns), each of sum 1.
+    power: dispersion power (Eq. A.1); None for two bands.
+    coverage: mean MTF over all frequencies and bands.
+    predicted: predicted mean PSNR, dB.
+    levels: PSNR of each restored band, dB.
+    bands: the restored bands, (bands, rows, columns).
     """
 
     psfs: Stack
@@ -73,14 +65,14 @@ class DesignResult:
 
     @property
     def mean_level(self) -> float:
-        """Return the mean PSNR of the design's restored bands in dB."""
+        """Mean PSNR of the restored bands, dB."""
         return float(np.mean(self.levels))
 
 
 def draw_designs(
     settings: PSFDesignSettings, camera: Camera, wavelengths: Sequence[float]
 ) -> dict[str, Stack]:
-    """Draw ideal PSFs of the study's sizes: ring, spiral, dots and linear dispersion."""
+    """Draw ideal PSFs of the chosen sizes: ring, spiral, dots and linear dispersion."""
     pitch, window = camera.sensor.pitch, psf_window(settings, camera)
     plane, radius = Plane((window, window), (pitch, pitch)), longest_radius(settings)
     share = settings.peak
@@ -95,7 +87,7 @@ def draw_designs(
 
 
 def longest_radius(settings: PSFDesignSettings) -> float:
-    """Return the radius of the study's PSFs in the longest band, metres."""
+    """Return the radius of PSFs in the longest band, metres."""
     return settings.radius_um * 1e-6 * max(settings.bands_nm) / settings.wavelength_nm
 
 
@@ -106,7 +98,7 @@ def judge_design(
     settings: PSFDesignSettings,
     progress: Progress,
 ) -> DesignResult:
-    """Restore the study's computed snapshot with the PSFs of a design, and predict its quality."""
+    """Restore a computed snapshot with a design's PSFs, and predict its quality."""
     spectra = typical_reflectances(wavelengths)
     snapshot = chart_snapshot(psfs, wavelengths, mosaic, settings.side_px, settings.noise)
     restored = restore_spectra(snapshot.observation, torch.from_numpy(spectra), progress=progress)
@@ -132,6 +124,6 @@ def judge_design(
 def chart_snapshot(
     psfs: Stack, wavelengths: Sequence[float], mosaic: Mosaic, side: int, noise: float
 ) -> ComputedSnapshot:
-    """Compute the study's snapshot of a ColorChecker."""
+    """Compute a snapshot of a ColorChecker."""
     truth = chart_cube(wavelengths, side)
     return compute_snapshot(truth, psfs, mosaic, wavelengths, noise=noise, seed=_SEED)

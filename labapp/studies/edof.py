@@ -26,7 +26,7 @@ from optics.progress import Progress
 
 
 def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
-    """Plan the study: stars, prints and objects with each pattern, and all of them in focus."""
+    """Plan stars, prints and objects with each pattern, and all of them in focus."""
     if settings.psf_px > min(camera.sensor.shape):
         raise UserError(
             f"study edof: psf_px is {settings.psf_px}, and the sensor has "
@@ -54,7 +54,7 @@ def plan(settings: EdofSettings, camera: Camera) -> PlanFile:
 
 
 def evaluate(record: Record, settings: EdofSettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: compare PSFs over depth with simulated ones, and decode the pictures."""
+    """Compare PSFs over depth with simulated ones, and decode the pictures."""
     brackets = merge_all(record, progress.part(0, 0.2))
     psfs = compare_psfs(record, brackets, (DESIGNED, RINGS), settings, progress.part(0.2, 0.6))
     sharp = find_sharp_pictures(record, brackets, settings)

@@ -1,4 +1,4 @@
-"""Decode the pictures of the study of extended depth of field, and score them."""
+"""Decode pictures taken behind the patterns for extended depth of field, and score them."""
 
 from __future__ import annotations
 
@@ -45,16 +45,9 @@ Restore = Callable[[torch.Tensor, float], torch.Tensor]
 
 @dataclass(frozen=True, eq=False)
 class NamedDecoder:
-    """Hold a decoder of the study.
+    """A decoder with its name in tables.
 
-    Attributes
-    ----------
-    name : str
-        Name in tables.
-    is_blind : bool or None
-        Whether it isn't told the depth; None for pictures that aren't decoded.
-    restore : callable
-        Restores a picture; see Restore.
+    is_blind: whether it isn't told the depth; None for pictures that aren't decoded.
     """
 
     name: str
@@ -63,7 +56,7 @@ class NamedDecoder:
 
     @property
     def label(self) -> str:
-        """Return the decoder's name for a row of the study, with what it is told."""
+        """The decoder's name for a row, with what it is told."""
         if self.is_blind is None:
             return self.name
         return f"{self.name}, {'blind' if self.is_blind else 'told the depth'}"
@@ -71,17 +64,13 @@ class NamedDecoder:
 
 @dataclass(frozen=True, eq=False)
 class DecodedPicture:
-    """Hold a picture of the study, as taken or decoded, with its scores.
+    """Hold a picture, as taken or decoded, with the scores of its scored part.
 
-    Attributes
-    ----------
-    image : Picture
-        (rows, columns) of the decoded part of the frame; white is 1.
-    psnr, srgb_psnr, ssim : float
-        In dB, in linear light and in sRGB values, with peak 1; SSIM in sRGB values, with range 1.
-        All of the scored part.
-    noise : float
-        Standard deviation of a pixel's noise as taken, where white is 1.
+    image: the decoded part of the frame, (rows, columns); white is 1.
+    psnr: in linear light with peak 1, dB.
+    srgb_psnr: in sRGB values with peak 1, dB.
+    ssim: in sRGB values with range 1.
+    noise: standard deviation of a pixel's noise as taken, where white is 1.
     """
 
     image: Picture
@@ -96,14 +85,14 @@ PictureKey = tuple[str, str, str]
 
 
 def photograph_name(distance: float) -> str:
-    """Return the name of the study's print at a distance in metres."""
+    """Return the target name of the print at a distance in metres."""
     return f"{PRINT}-{distance * 100:.0f}cm"
 
 
 def decoders_of(
     pattern: PupilPattern, camera: Camera, settings: EdofSettings
 ) -> list[NamedDecoder]:
-    """Return the decoders with which the study decodes pictures behind a pattern.
+    """Return the decoders for pictures behind a pattern.
 
     The first one gives pictures back as they are.
     """
@@ -124,7 +113,7 @@ def decoders_of(
 
 
 def bench_protocol(camera: Camera, settings: EdofSettings) -> EdofProtocol:
-    """Return the protocol by which the study's decoders take the camera's PSFs."""
+    """Return the protocol by which decoders take the camera's PSFs."""
     side = decoded_side(camera, settings)
     return replace(
         STRICT,
@@ -139,12 +128,12 @@ def bench_protocol(camera: Camera, settings: EdofSettings) -> EdofProtocol:
 
 
 def decoded_side(camera: Camera, settings: EdofSettings) -> int:
-    """Return the pixels along a side of the part of the frame that the study decodes."""
+    """Return the pixels along a side of the part of the frame that is decoded."""
     return min(settings.frame_px, *camera.sensor.shape)
 
 
 def _build_restore(decoder: BlindDecoder, transfers: torch.Tensor) -> Restore:
-    """Return what a blind decoder of the study restores pictures by, for simulated PSFs."""
+    """Return what a blind decoder restores pictures by, for simulated PSFs."""
     built: dict[float, Callable[[torch.Tensor], torch.Tensor]] = {}
 
     def restore(picture: torch.Tensor, noise: float) -> torch.Tensor:
@@ -158,14 +147,10 @@ def _build_restore(decoder: BlindDecoder, transfers: torch.Tensor) -> Restore:
 
 @dataclass(frozen=True, eq=False)
 class SharpPicture:
-    """Hold what pictures of one kind in the study should be.
+    """Hold what pictures of one kind should be.
 
-    Attributes
-    ----------
-    image : Picture
-        (rows, columns) of the part of the frame that is decoded; white is 1.
-    white : float
-        Electrons per second of a white pixel.
+    image: the part of the frame that is decoded, (rows, columns); white is 1.
+    white: electrons per second of a white pixel.
     """
 
     image: Picture
@@ -175,7 +160,7 @@ class SharpPicture:
 def find_sharp_pictures(
     record: Record, brackets: list[Bracket], settings: EdofSettings
 ) -> dict[str, SharpPicture]:
-    """Find what the study's prints and objects look like in focus; UserError if they are dark."""
+    """Find what prints and objects look like in focus; UserError if they are dark."""
     found = {}
     for kind in (PRINT, OBJECTS) if settings.layered else (PRINT,):
         light = _take_picture(record, brackets, f"{kind}-{SHARP}", NEUTRAL, settings).light
@@ -196,7 +181,7 @@ def decode_pictures(
     settings: EdofSettings,
     progress: Progress,
 ) -> dict[PictureKey, DecodedPicture]:
-    """Decode all pictures of the study's record behind all patterns, and score them.
+    """Decode all recorded pictures behind all patterns, and score them.
 
     Raises UserError if pictures are missing or clipped.
     """
@@ -222,7 +207,7 @@ def _decode_kind(
     truth: SharpPicture,
     settings: EdofSettings,
 ) -> dict[PictureKey, DecodedPicture]:
-    """Decode the study's pictures of one kind, which have one noise, behind one pattern."""
+    """Decode pictures of one kind, which have one noise, behind one pattern."""
     taken = [_take_picture(record, brackets, one, pattern, settings) for one in targets]
     # One filter serves all of them: a noise of its own would tell a decoder something of the depth.
     noise = float(np.sqrt(np.mean([one.variance for one in taken]))) / truth.white
@@ -240,7 +225,7 @@ def _decode_kind(
 def score_picture(
     image: Picture, truth: Picture, noise: float, settings: EdofSettings
 ) -> DecodedPicture:
-    """Score a picture of the study against what it should be; both have white at 1."""
+    """Score a picture against what it should be; both have white at 1."""
     side = min(settings.scored_px, *image.shape)
     seen, wanted = (
         centred_crop(torch.from_numpy(np.asarray(one, np.float64)), (side, side))
@@ -258,7 +243,7 @@ def score_picture(
 
 @dataclass(frozen=True, eq=False)
 class _TakenPicture:
-    """The middle of a picture of the study as taken: electrons per second, and mean variance."""
+    """The middle of a picture as taken: electrons per second, and mean variance."""
 
     light: Picture
     variance: float
@@ -267,7 +252,7 @@ class _TakenPicture:
 def _take_picture(
     record: Record, brackets: list[Bracket], target: str, pattern: str, settings: EdofSettings
 ) -> _TakenPicture:
-    """Cut the part that is decoded out of a picture of the study's record."""
+    """Cut the part that is decoded out of a recorded picture."""
     wavelength = settings.wavelength_nm * 1e-9
     bracket = find_bracket(brackets, target, pattern, wavelength, record.path)
     side = min(settings.frame_px, *bracket.rate.shape)
@@ -287,7 +272,7 @@ def _take_picture(
 def mean_scores(
     found: Mapping[PictureKey, DecodedPicture], pattern: str, label: str
 ) -> list[DecodedPicture]:
-    """Return the study's decoded prints behind a pattern by a decoder, near ones first."""
+    """Return the decoded prints behind a pattern by a decoder, in the order of the distances."""
     return [
         one
         for (target, name, decoder), one in found.items()
@@ -296,5 +281,5 @@ def mean_scores(
 
 
 def labels_of(found: Mapping[PictureKey, DecodedPicture]) -> list[str]:
-    """Return the labels of all decoders of the study, in order."""
+    """Return the labels of all decoders, in order."""
     return list(dict.fromkeys(label for _, name, label in found if name == DESIGNED))

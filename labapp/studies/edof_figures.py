@@ -1,4 +1,4 @@
-"""Figures of the study of extended depth of field."""
+"""Figures of extended depth of field: PSFs over depth, scores and decoded pictures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def draw_results(
     sharp: Mapping[str, SharpPicture],
     settings: EdofSettings,
 ) -> list[StudyFigure]:
-    """Draw the study's figures: PSFs over depth, scores over depth, and decoded pictures."""
+    """Draw PSFs over depth, scores over depth, and decoded pictures."""
     found = [
         _psfs_figure(record, psfs, settings),
         _scores_figure(psfs, pictures, settings),
@@ -36,7 +36,7 @@ def draw_results(
 
 
 def _psfs_figure(record: Record, psfs: PSFs, settings: EdofSettings) -> StudyFigure:
-    """Draw the study's measured and simulated PSFs at all distances, each pattern on one scale."""
+    """Draw measured and simulated PSFs at all distances, each pattern on one scale."""
     distances = settings.distances_m
     figure = Figure(figsize=(2.0 * len(distances) + 3.8, 8.6), dpi=100, layout="constrained")
     widths = [1.8, *[1.0] * len(distances)]
@@ -60,13 +60,13 @@ def _psfs_figure(record: Record, psfs: PSFs, settings: EdofSettings) -> StudyFig
 
 
 def _draw_bright_pattern(axes: Axes, grey: NDArray[np.uint8], title: str) -> None:
-    """Draw a study's pattern that uses a part of the grey levels, from black to white."""
+    """Draw a pattern that uses a part of the grey levels, from black to white."""
     shown = grey.astype(np.float64) * (255 / max(int(grey.max()), 1))
     draw_pattern(axes, shown.round().astype(np.uint8), title)
 
 
 def _scores_figure(psfs: PSFs, pictures: Pictures, settings: EdofSettings) -> StudyFigure:
-    """Draw the study's distances of PSFs, and the PSNR of decoded prints, over depth."""
+    """Draw the distances of PSFs, and the PSNR of decoded prints, over depth."""
     depths = [1 / distance for distance in settings.distances_m]
     figure = Figure(figsize=(13, 4.6), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -100,7 +100,7 @@ def _scores_figure(psfs: PSFs, pictures: Pictures, settings: EdofSettings) -> St
 
 
 def _prints_figure(pictures: Pictures, sharp: SharpPicture, settings: EdofSettings) -> StudyFigure:
-    """Draw the study's prints at three distances, as taken and decoded."""
+    """Draw the prints at three distances, as taken and decoded."""
     distances = sorted(settings.distances_m)
     chosen = sorted({distances[0], distances[len(distances) // 2], distances[-1]})
     shown = {f"{one:g} m": photograph_name(one) for one in chosen}
@@ -113,7 +113,7 @@ def _prints_figure(pictures: Pictures, sharp: SharpPicture, settings: EdofSettin
 
 
 def _objects_figure(pictures: Pictures, sharp: SharpPicture) -> StudyFigure:
-    """Draw the study's objects that hide each other, as taken and decoded."""
+    """Draw the objects that hide each other, as taken and decoded."""
     return StudyFigure(
         "Objects that hide each other",
         _picture_rows(pictures, {OBJECTS: OBJECTS}, sharp, None),
@@ -125,9 +125,10 @@ def _objects_figure(pictures: Pictures, sharp: SharpPicture) -> StudyFigure:
 def _picture_rows(
     pictures: Pictures, targets: Mapping[str, str], sharp: SharpPicture, side: int | None
 ) -> Figure:
-    """Draw pictures of the study: a row for each target, columns for patterns and decoders.
+    """Draw pictures in a row for each target, with columns for patterns and decoders.
 
-    targets: names of the targets by their words in titles. The first column is what they should be.
+    The first column is what the pictures should be.
+    targets: names of the targets by their words in titles.
     """
     columns = [(name, label) for name in PATTERNS for label in labels_of(pictures)]
     size = 2.9 * (len(columns) + 1), 3.5 * len(targets) + 0.3
@@ -145,7 +146,7 @@ def _picture_rows(
 
 
 def _middle(image: Picture, side: int | None) -> Picture:
-    """Cut the middle out of a picture of the study; None leaves it whole."""
+    """Cut the middle out of a picture; None leaves it whole."""
     if side is None or side >= min(image.shape):
         return image
     top, left = ((n - side) // 2 for n in image.shape)

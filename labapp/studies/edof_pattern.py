@@ -1,4 +1,4 @@
-"""The pattern of the study of extended depth of field, and the patterns beside it."""
+"""The designed pattern for extended depth of field, and the patterns beside it."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from optics.edof.pupil_pattern import PupilPattern
 from optics.slm import Modulator
 
 DESIGNED, RINGS, NEUTRAL = "designed", "rings", "neutral"
-"""Names in the study's plan of the designed pattern, of hand-made rings, and of no pattern."""
+"""Names in the plan of the designed pattern, of hand-made rings, and of no pattern."""
 
 PATTERNS = (DESIGNED, RINGS, NEUTRAL)
 
 
 def pattern_tables(settings: EdofSettings) -> dict[str, Any]:
-    """Return the plan tables of the study's patterns; UserError if the design file is missing."""
+    """Return the plan tables of the patterns; UserError if the design file is missing."""
     far, near = DEPTH_RANGE
     return {
         DESIGNED: {"kind": "image", "file": str(design_path(settings))},
@@ -44,7 +44,7 @@ def pattern_tables(settings: EdofSettings) -> dict[str, Any]:
 
 
 def trained_pattern(settings: EdofSettings) -> TrainedPattern:
-    """Return the pattern whose decoder the study takes: its own, or else the bundled one's."""
+    """Return the pattern whose decoder is used: the chosen one, or else the bundled one."""
     path = design_path(settings)
     if not is_design(path) or read_design(path).decoder is None:
         return bundled_trained_pattern()
@@ -52,7 +52,7 @@ def trained_pattern(settings: EdofSettings) -> TrainedPattern:
 
 
 def design_path(settings: EdofSettings) -> Path:
-    """Return the path of the design file that the study shows."""
+    """Return the path of the design file that is shown; UserError if it is missing."""
     path = Path(settings.pattern).expanduser() if settings.pattern else BUNDLED_PATTERN
     if not path.is_file():
         raise UserError(
@@ -63,7 +63,7 @@ def design_path(settings: EdofSettings) -> Path:
 
 
 def shown_pattern(record: Record, name: str, camera: Camera, wavelength: float) -> PupilPattern:
-    """Return what a study's record showed as a pattern in the pupil, by the bench's description.
+    """Return what the record showed as a pattern in the pupil, by the bench's description.
 
     wavelength: metres.
     """
@@ -73,7 +73,7 @@ def shown_pattern(record: Record, name: str, camera: Camera, wavelength: float) 
 def pattern_in_pupil(
     name: str, grey: torch.Tensor, camera: Camera, wavelength: float
 ) -> PupilPattern:
-    """Return what grey levels of a study do to light in the pupil, as far as the panel is known.
+    """Return what grey levels do to light in the pupil, as far as the panel is known.
 
     A panel that is calibrated has a response and a flatness; fringing dims pixels beside a jump of
     the phase.

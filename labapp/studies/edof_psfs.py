@@ -1,4 +1,4 @@
-"""PSFs over depth in the study of extended depth of field: measured ones beside simulated ones."""
+"""Measured PSFs over depth beside simulated ones, behind patterns for extended depth of field."""
 
 from __future__ import annotations
 
@@ -25,19 +25,13 @@ place is known to a pixel."""
 
 @dataclass(frozen=True, eq=False)
 class ComparedPSF:
-    """Hold a measured PSF of the study beside the simulated one.
+    """Hold a measured PSF beside the simulated one, both as shares of the star's light.
 
-    Attributes
-    ----------
-    measured, simulated : Picture
-        (rows, columns): share of the star's light without a pattern. `simulated` is moved by
-        `shift`.
-    shift : tuple of float
-        Pixels (y, x) by which the simulated PSF is moved, at most MOST_SHIFT.
-    difference : float
-        Relative L2 distance of the two.
-    noise : float
-        The part of the difference that the camera's noise makes, as expected from its variance.
+    The light is that without a pattern.
+    measured, simulated: (rows, columns); `simulated` is moved by `shift`.
+    shift: pixels (y, x) by which the simulated PSF is moved, at most MOST_SHIFT.
+    difference: relative L2 distance of the two.
+    noise: the part of the difference that the camera's noise makes, as expected from its variance.
     """
 
     measured: Picture
@@ -48,12 +42,12 @@ class ComparedPSF:
 
     @property
     def beside_noise(self) -> float:
-        """Return the study's difference of two PSFs without the part that noise makes."""
+        """The difference without the part that noise makes."""
         return math.sqrt(max(self.difference**2 - self.noise**2, 0.0))
 
 
 def star_name(distance: float) -> str:
-    """Return the name of the study's star at a distance in metres."""
+    """Return the target name of the star at a distance in metres."""
     return f"star-{distance * 100:.0f}cm"
 
 
@@ -64,7 +58,7 @@ def compare_psfs(
     settings: EdofSettings,
     progress: Progress,
 ) -> dict[tuple[str, float], ComparedPSF]:
-    """Compare the PSFs of the study's patterns at all distances with simulated ones.
+    """Compare the PSFs of patterns at all distances with simulated ones.
 
     Raises UserError if the record doesn't describe its stars.
     """
@@ -79,7 +73,7 @@ def compare_psfs(
 def _compare_star(
     record: Record, brackets: list[Bracket], name: str, distance: float, settings: EdofSettings
 ) -> ComparedPSF:
-    """Compare the PSF of one of the study's patterns at one distance with the simulated one."""
+    """Compare the PSF of one pattern at one distance with the simulated one."""
     roles = Reconstruction(
         star=star_name(distance),
         coded=name,
@@ -96,7 +90,7 @@ def _compare_star(
 
 
 def _noise_norm(record: Record, brackets: list[Bracket], roles: Reconstruction) -> float:
-    """Return the L2 norm that noise has on average in the study's measured PSF."""
+    """Return the L2 norm that noise has on average in a measured PSF."""
     neutral, coded = (
         find_bracket(brackets, roles.star, pattern, roles.wavelength, record.path)
         for pattern in (NEUTRAL, roles.coded)
@@ -109,7 +103,7 @@ def _noise_norm(record: Record, brackets: list[Bracket], roles: Reconstruction) 
 
 
 def fit_shift(measured: Picture, simulated: Picture) -> tuple[float, float]:
-    """Fit the shift (y, x) in pixels that moves a study's simulated PSF onto the measured one.
+    """Fit the shift (y, x) in pixels that moves a simulated PSF onto the measured one.
 
     It is at most MOST_SHIFT along each axis, and the one of the least squared difference.
     """
@@ -122,7 +116,7 @@ def fit_shift(measured: Picture, simulated: Picture) -> tuple[float, float]:
     scale = float(np.abs(product).sum()) or 1.0
 
     def unlike(shift: NDArray[np.float64]) -> float:
-        """Return the negative correlation, whose other terms don't depend on the shift."""
+        """Return the negative correlation; the other terms don't depend on the shift."""
         turned = product * np.exp(2j * np.pi * (fy * shift[0] + fx * shift[1]))
         return -float(turned.real.sum()) / scale
 
@@ -131,14 +125,14 @@ def fit_shift(measured: Picture, simulated: Picture) -> tuple[float, float]:
 
 
 def move_picture(picture: Picture, shift: tuple[float, float]) -> Picture:
-    """Move a study's picture by a shift (y, x) in pixels, as a periodic Fourier series."""
+    """Move a picture by a shift (y, x) in pixels, as a periodic Fourier series."""
     fy, fx = _frequencies(picture.shape)
     turn = np.exp(-2j * np.pi * (fy * shift[0] + fx * shift[1]))
     return np.asarray(np.fft.irfft2(np.fft.rfft2(picture) * turn, picture.shape))
 
 
 def _frequencies(shape: tuple[int, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the frequencies of a study's picture on the grid of rfft2, cycles per pixel."""
+    """Return the frequencies (y, x) of the grid of rfft2, cycles per pixel."""
     rows, columns = shape
     down, along = (
         np.asarray(one, dtype=np.float64)
@@ -148,7 +142,7 @@ def _frequencies(shape: tuple[int, ...]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def likeness_over_depth(psfs: Mapping[tuple[str, float], ComparedPSF], name: str) -> float:
-    """Return the mean correlation of a study's measured PSFs with their mean over depth."""
+    """Return the mean correlation of measured PSFs with their mean over depth."""
     stack = [one.measured.ravel() for (pattern, _), one in psfs.items() if pattern == name]
     mean = np.mean(stack, axis=0)
     cosines = [one @ mean / (np.linalg.norm(one) * np.linalg.norm(mean)) for one in stack]

@@ -1,4 +1,4 @@
-"""Rows and notes of the study of extended depth of field, beside the published figures."""
+"""Rows and notes on extended depth of field, beside the published figures."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ NOTES = (
 
 
 def result_rows(psfs: PSFs, pictures: Pictures, settings: EdofSettings) -> list[ResultRow]:
-    """Return the rows of the study: PSFs, pictures of a print, and objects that hide each other."""
+    """Return all rows: PSFs, pictures of a print, and objects that hide each other."""
     rows = [_psf_row(psfs, name) for name in (DESIGNED, RINGS)]
     rows += [_likeness_row(psfs, name) for name in (DESIGNED, RINGS)]
     labels = labels_of(pictures)
@@ -74,7 +74,7 @@ def result_rows(psfs: PSFs, pictures: Pictures, settings: EdofSettings) -> list[
 
 
 def _psf_row(psfs: PSFs, name: str) -> ResultRow:
-    """Compare the study's PSFs behind a pattern with simulated ones, at the worst depth."""
+    """Compare the PSFs behind a pattern with simulated ones, at the worst depth."""
     own = {distance: one for (pattern, distance), one in psfs.items() if pattern == name}
     worst = max(own, key=lambda distance: own[distance].beside_noise)
     one = own[worst]
@@ -91,7 +91,7 @@ def _psf_row(psfs: PSFs, name: str) -> ResultRow:
 
 
 def _likeness_row(psfs: PSFs, name: str) -> ResultRow:
-    """Return the row on how alike the study's measured PSFs are at all distances."""
+    """Return the row on how alike the measured PSFs are at all distances."""
     value = likeness_over_depth(psfs, name)
     return ResultRow(
         f"{_PATTERN_WORDS[name]}: PSFs at all distances, mean correlation with their mean",
@@ -103,7 +103,7 @@ def _likeness_row(psfs: PSFs, name: str) -> ResultRow:
 
 
 def _print_row(pictures: Pictures, name: str, label: str) -> ResultRow:
-    """Return the row of a decoder's mean score on the study's print behind a pattern."""
+    """Return the row of a decoder's mean score on the print behind a pattern."""
     scores = mean_scores(pictures, name, label)
     linear, coded, ssim = (
         [getattr(one, key) for one in scores] for key in ("psnr", "srgb_psnr", "ssim")
@@ -120,7 +120,7 @@ def _print_row(pictures: Pictures, name: str, label: str) -> ResultRow:
 
 
 def _distance_rows(pictures: Pictures, label: str, settings: EdofSettings) -> list[ResultRow]:
-    """Return the rows of the study's print at each distance behind the designed pattern."""
+    """Return the rows of the print at each distance behind the designed pattern."""
     rows = []
     for distance in settings.distances_m:
         one = pictures[photograph_name(distance), DESIGNED, label]
@@ -138,7 +138,7 @@ def _distance_rows(pictures: Pictures, label: str, settings: EdofSettings) -> li
 
 
 def _objects_row(pictures: Pictures, name: str, label: str) -> ResultRow:
-    """Return the row of a decoder on the study's objects that hide each other."""
+    """Return the row of a decoder on the objects that hide each other."""
     one = pictures[OBJECTS, name, label]
     return ResultRow(
         f"{_PATTERN_WORDS[name]}; {label}: objects at several distances",
@@ -150,7 +150,7 @@ def _objects_row(pictures: Pictures, name: str, label: str) -> ResultRow:
 
 
 def results_as_data(psfs: PSFs, pictures: Pictures) -> dict[str, Any]:
-    """Return the study's PSFs and pictures as numbers for programs."""
+    """Return PSFs and scores of pictures as plain data, for programs."""
     return {
         "psfs": [
             {

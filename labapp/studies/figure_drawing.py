@@ -1,4 +1,4 @@
-"""Functions that draw pictures into the figures of a study, without ticks."""
+"""Draw pictures into figures without ticks, and encode animations of PSFs."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 
 def draw_linear(axes: Axes, picture: NDArray[Any], title: str, white: float | None = None) -> None:
-    """Draw a study's picture on a linear scale up to `white`, or to its 99.8th percentile."""
+    """Draw a picture on a linear scale up to `white`, or to its 99.8th percentile."""
     top = float(np.percentile(picture, 99.8)) if white is None else white
     axes.imshow(picture, cmap="magma", vmin=0, vmax=top or 1, interpolation="nearest")
     _bare(axes, title)
 
 
 def draw_log(axes: Axes, picture: NDArray[Any], title: str, peak: float | None = None) -> None:
-    """Draw a study's picture on a logarithmic scale over four decades below the peak."""
+    """Draw a picture on a logarithmic scale over four decades below the peak."""
     top = max(float(picture.max()) if peak is None else peak, np.finfo(np.float64).tiny)
     floor = top * 1e-4
     shown = np.maximum(picture, floor)
@@ -32,20 +32,20 @@ def draw_log(axes: Axes, picture: NDArray[Any], title: str, peak: float | None =
 
 
 def draw_photograph(axes: Axes, picture: NDArray[Any], title: str, white: float) -> None:
-    """Draw a study's photograph with a screen's gamma of 2.2."""
+    """Draw a photograph with a screen's gamma of 2.2."""
     shown = np.clip(picture / white, 0, 1) ** (1 / 2.2)
     axes.imshow(shown, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
     _bare(axes, title)
 
 
 def draw_pattern(axes: Axes, grey: NDArray[np.uint8], title: str) -> None:
-    """Draw the grey levels of a study's pattern."""
+    """Draw a pattern's grey levels, black at 0 and white at 255."""
     axes.imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
     _bare(axes, title)
 
 
 def encode_gif(pictures: Sequence[NDArray[Any]]) -> bytes:
-    """Encode a study's pictures as a looping GIF: five per second, over four decades of light."""
+    """Encode pictures as a looping GIF: five per second, over four decades of light."""
     peak = max(float(picture.max()) for picture in pictures)
     figure = Figure(figsize=(4.2, 4.2), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1))

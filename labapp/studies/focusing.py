@@ -1,4 +1,4 @@
-"""The refocusing study's measurement of the focus, by the blur of stars at several distances."""
+"""Measure the distance in focus by the blur of stars at several distances."""
 
 from __future__ import annotations
 
@@ -17,18 +17,11 @@ from optics.camera import Camera
 class FocusCurve:
     """Hold the blur of stars by their vergence, and the parabola fitted to it.
 
-    Attributes
-    ----------
-    vergences : sequence of float
-        1 / distance of each star, dioptres.
-    squares : sequence of float
-        Mean square radius of each star's picture, m².
-    best : float
-        Vergence of the parabola's minimum, dioptres.
-    slope : float
-        Coefficient of the parabola's square term, m² per dioptre².
-    least : float
-        Mean square radius at the minimum, m².
+    vergences: 1 / distance of each star, dioptres.
+    squares: mean square radius of each star's picture, m².
+    best: vergence of the parabola's minimum, dioptres.
+    slope: coefficient of the parabola's square term, m² per dioptre².
+    least: mean square radius at the minimum, m².
     """
 
     vergences: Sequence[float]
@@ -41,7 +34,8 @@ class FocusCurve:
 class DefocusedStar:
     """Hold the pictures of a star without and with the SLM's lens, as shares of the star's light.
 
-    Both are centred on the star. `distance` is in metres.
+    Both are centred on the star. Raises UserError if the star is dark.
+    distance: metres.
     """
 
     def __init__(self, distance: float, plain: Picture, coded: Picture) -> None:
@@ -58,7 +52,7 @@ class DefocusedStar:
 
     @property
     def unmodulated_share(self) -> float:
-        """Return which share of the study's picture without the lens is left in that with it.
+        """Share of the picture without the lens that is left in the picture with it, 0 to 1.
 
         Only pixels beside the focus of the lens are compared.
         """
@@ -74,7 +68,7 @@ class DefocusedStar:
 def fit_focus_curve(
     stars: Sequence[DefocusedStar], pictures: Sequence[Picture], camera: Camera
 ) -> FocusCurve:
-    """Fit a parabola in vergence to the mean square radii of the stars in a study's pictures."""
+    """Fit a parabola in vergence to the mean square radii of stars."""
     vergences = [1 / star.distance for star in stars]
     squares = [_mean_square(picture) * camera.sensor.pitch**2 for picture in pictures]
     slope, linear, constant = np.polyfit(vergences, squares, 2)
@@ -85,7 +79,7 @@ def fit_focus_curve(
 
 
 def _mean_square(picture: Picture) -> float:
-    """Return the mean square distance of light in a study's picture from its centroid, pixels²."""
+    """Return the mean square distance of a picture's light from its centroid, pixels²."""
     light = picture / picture.sum()
     y, x = np.indices(picture.shape)
     cy, cx = (y * light).sum(), (x * light).sum()
@@ -93,7 +87,7 @@ def _mean_square(picture: Picture) -> float:
 
 
 def mean_square_pupil_radius(camera: Camera) -> float:
-    """Return the mean of x² + y² in m² over the part of a study's panel within the stop.
+    """Return the mean of x² + y² in m² over the part of the panel within the stop.
 
     Multiplied by the square of the image distance, this gives the mean square radius of a star that
     is one dioptre out of focus.

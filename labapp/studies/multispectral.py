@@ -27,14 +27,14 @@ PUBLISHED_MEAN = 21.5473
 
 
 def plan(settings: MultispectralSettings, camera: Camera) -> PlanFile:
-    """Plan the study: star, scene and white sheet in all bands, without and with the ring."""
+    """Plan star, scene and white sheet in all bands, without and with the ring."""
     # A light that isn't known is refused before anything is acquired.
     find_light(settings.light)
     return plan_snapshot(STUDY, settings, camera)
 
 
 def evaluate(record: Record, settings: MultispectralSettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: restore all bands of the snapshot, and compare them with the truth."""
+    """Restore all bands of the snapshot, and compare them with the truth."""
     light = find_light(settings.light)
     problem = read_problem(record, progress.part(0, 0.4))
     restored = restore_snapshot(problem, light, progress=progress.part(0.4, 0.95))
@@ -59,7 +59,7 @@ def evaluate(record: Record, settings: MultispectralSettings, progress: Progress
 def _rows(
     problem: SpectralProblem, restored: RestoredCube, scores: CubeScores
 ) -> Sequence[ResultRow]:
-    """Return the rows of the study's table: each band, their mean, and the colours."""
+    """Return the table's rows: each band, their mean, and the colours."""
     rows = [
         ResultRow(
             f"band at {format_nanometres(wavelength)}",
@@ -105,11 +105,14 @@ def _rows(
 
 
 def _published_band(wavelength: float) -> str:
-    """Return the published PSNR of a band of the study in words; the wavelength is in metres."""
+    """Return the published PSNR of a band in words.
+
+    wavelength: metres.
+    """
     level = PUBLISHED_BANDS.get(round(wavelength * 1e9))
     return "-" if level is None else f"{level:g} dB in a simulation (Fig. 4.7)"
 
 
 def _finite(value: float) -> float | None:
-    """Return a score of the study, or None for one that isn't known."""
+    """Return a score, or None for one that isn't known."""
     return value if math.isfinite(value) else None

@@ -35,29 +35,26 @@ _SEED = 1000
 
 @dataclass(frozen=True, eq=False)
 class _Restored:
-    """Hold mean PSNRs of restored bands in dB, and the bands of the first.
-
-    `levels` has one number for each seed.
-    """
+    """Hold mean PSNRs of restored bands in dB, one for each seed, and the bands of the first."""
 
     levels: tuple[float, ...]
     bands: np.ndarray
 
     @property
     def mean(self) -> float:
-        """Return the mean over all seeds of the study in dB."""
+        """Mean over all seeds, dB."""
         return float(np.mean(self.levels))
 
 
 def plan(settings: MultispectralNoiseSettings, camera: Camera) -> PlanFile:
-    """Plan the study: star, scene and white sheet in all bands, without and with the ring."""
+    """Plan star, scene and white sheet in all bands, without and with the ring."""
     return plan_snapshot(STUDY, settings, camera)
 
 
 def evaluate(
     record: Record, settings: MultispectralNoiseSettings, progress: Progress
 ) -> StudyResults:
-    """Evaluate the study: restore snapshots with more and more noise, measured and computed."""
+    """Restore snapshots with more and more noise, measured and computed."""
     problem = read_problem(record, progress.part(0, 0.2))
     measured = _restore_measured(problem, settings.noise, progress.part(0.2, 0.5))
     computed = _restore_computed(record, settings, progress.part(0.5, 1))
@@ -88,9 +85,9 @@ def evaluate(
 
 
 def add_noise(problem: SpectralProblem, sigma: float, seed: int) -> SpectralProblem:
-    """Return the problem of a study's snapshot with Gaussian noise.
+    """Return a snapshot's restoration problem with Gaussian noise added.
 
-    `sigma` is relative to white in the brightest channel; without a white sheet, white is the
+    sigma: relative to white in the brightest channel; without a white sheet, white is the
     brightest light of the snapshot.
     """
     if sigma == 0:
@@ -104,7 +101,7 @@ def add_noise(problem: SpectralProblem, sigma: float, seed: int) -> SpectralProb
 def _restore_measured(
     problem: SpectralProblem, sigmas: Sequence[float], progress: Progress
 ) -> dict[float, _Restored]:
-    """Restore the study's snapshot of the bench with each noise."""
+    """Restore the bench's snapshot with each noise."""
     light, found = find_light("E"), dict[float, _Restored]()
     for number, sigma in enumerate(sigmas):
         part = progress.part(number / len(sigmas), (number + 1) / len(sigmas))
@@ -117,7 +114,7 @@ def _restore_measured(
 def _restore_computed(
     record: Record, settings: MultispectralNoiseSettings, progress: Progress
 ) -> dict[float, _Restored]:
-    """Restore the study's computed snapshots with each noise and seed."""
+    """Restore computed snapshots with each noise and seed."""
     wavelengths = tuple(one * 1e-9 for one in settings.bands_nm)
     side = 2 * round(1.5 * settings.ring_px) + 1
     psfs = ring_psfs(
@@ -146,21 +143,21 @@ def _restore_computed(
 
 
 def _row(sigma: float, kind: str, found: _Restored, published: str) -> ResultRow:
-    """Return the row of the study's table for one noise, measured or computed."""
+    """Return the row of one noise, measured or computed."""
     spread = f", {min(found.levels):.1f} to {max(found.levels):.1f}" if found.levels[1:] else ""
     what = f"mean PSNR at a noise of {sigma:g}, {kind}"
     return ResultRow(what, published, "-", f"{found.mean:.1f} dB{spread}", found.mean)
 
 
 def _format_published(sigma: float) -> str:
-    """Return the published PSNR of the study at a noise, in words."""
+    """Return the published PSNR at a noise, in words."""
     return f"{PUBLISHED[sigma]:.1f} dB (Table 4.2)" if sigma in PUBLISHED else "-"
 
 
 def _curves_figure(
     measured: Mapping[float, _Restored], computed: Mapping[float, _Restored]
 ) -> StudyFigure:
-    """Draw the study's PSNR against noise beside the published one."""
+    """Draw PSNR against noise beside the published one."""
     figure = Figure(figsize=(7.5, 4.6), dpi=100, layout="constrained")
     axes = figure.subplots()
     for name, found in (("bench", measured), ("computed", computed)):
@@ -175,7 +172,7 @@ def _curves_figure(
 def _bands_figure(
     measured: Mapping[float, _Restored], computed: Mapping[float, _Restored]
 ) -> StudyFigure:
-    """Draw the study's first and last restored band at each noise."""
+    """Draw the first and the last restored band at each noise."""
     figure = Figure(figsize=(2.9 * max(len(measured), 2), 10.4), dpi=100, layout="constrained")
     columns = figure.subplots(4, len(measured), squeeze=False).T
     for sigma, axes in zip(measured, columns, strict=True):

@@ -23,7 +23,7 @@ from labapp.studies.contract import Study, StudyResults, StudySettings
 class CompletedStudy:
     """Hold a completed study with its settings, record and results.
 
-    `stage_seconds` is the wall-clock time of each stage.
+    stage_seconds: wall-clock time of each stage.
     """
 
     name: str
@@ -42,7 +42,7 @@ class CompletedStudy:
 
 
 def write_study_files(account: CompletedStudy, folder: Path) -> None:
-    """Write a study's picture, page and data; each file gets its name only when it is complete."""
+    """Write picture, page and data; each file gets its name only when it is complete."""
     pictures = [figure_to_png(plate.figure) for plate in account.results.figures]
     write_atomically(folder / STUDY_FILES[0], pictures[0])
     write_atomically(folder / STUDY_FILES[1], study_html(account, pictures).encode())
@@ -51,7 +51,7 @@ def write_study_files(account: CompletedStudy, folder: Path) -> None:
 
 
 def study_html(account: CompletedStudy, pictures: list[bytes]) -> str:
-    """Return a study's page as HTML; `pictures` are its figures as PNG files."""
+    """Return a page as HTML; `pictures` are its figures as PNG files."""
     study, results = account.study, account.results
     rows = [[row.what, row.published, row.expected, row.ours] for row in results.rows]
     plates = [
@@ -88,7 +88,7 @@ def study_html(account: CompletedStudy, pictures: list[bytes]) -> str:
 
 
 def study_as_data(account: CompletedStudy) -> dict[str, Any]:
-    """Return all of a study's results but its figures, as plain data for JSON."""
+    """Return all results but the figures, as plain data for JSON."""
     results = account.results
     return {
         "study": account.name,
@@ -116,6 +116,6 @@ def _settings(account: CompletedStudy) -> list[list[str]]:
 
 
 def _without_infinities(row: dict[str, Any]) -> dict[str, Any]:
-    """Replace a value of a study that isn't finite by None, since JSON can't express it."""
+    """Replace a value that isn't finite by None, since JSON can't express it."""
     value = row["value"]
     return row | {"value": value if value is None or math.isfinite(value) else None}

@@ -51,7 +51,7 @@ _PUBLISHED_TWELVE = 35.4812
 
 
 def plan(settings: PSFDesignSettings, camera: Camera) -> PlanFile:
-    """Plan the study: the star in all bands, without a pattern and with that of each shape."""
+    """Plan the star in all bands, without a pattern and with that of each shape."""
     patterns: dict[str, Any] = {
         shape: _pattern(shape, settings) for shape in dict.fromkeys(settings.shapes)
     }
@@ -59,7 +59,7 @@ def plan(settings: PSFDesignSettings, camera: Camera) -> PlanFile:
 
 
 def _pattern(shape: str, settings: PSFDesignSettings) -> dict[str, Any]:
-    """Return the plan table of the study's pattern whose PSF has a shape."""
+    """Return the plan table of the pattern whose PSF has a shape."""
     if shape == "ring":
         return ring_table(settings)
     more = {"turns": settings.turns} if shape == "spiral" else {"count": settings.dots}
@@ -67,7 +67,7 @@ def _pattern(shape: str, settings: PSFDesignSettings) -> dict[str, Any]:
 
 
 def evaluate(record: Record, settings: PSFDesignSettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: dispersion power, predicted and reached quality of each design."""
+    """Compare dispersion power, predicted quality and reached quality of the designs."""
     wavelengths = tuple(one * 1e-9 for one in settings.bands_nm)
     camera = record.camera
     mosaic = mosaic_of(record) or bundled_mosaic()
@@ -129,7 +129,7 @@ def _measure_psfs(
     wavelengths: Sequence[float],
     progress: Progress,
 ) -> dict[str, Stack]:
-    """Measure the PSFs of each of the study's patterns on the star, each of sum 1."""
+    """Measure the PSFs of each pattern on the star, each of sum 1."""
     brackets = merge_all(record, progress, {"star"})
     window = psf_window(settings, camera)
     return {
@@ -143,7 +143,7 @@ def _measure_psfs(
 
 
 def _power_rows(found: Mapping[str, DesignResult], bands: int) -> list[ResultRow]:
-    """Return the rows of the study's table with the dispersion power of each design."""
+    """Return the rows with the dispersion power of each design."""
     least = f"at least {(bands - 2) / (4 * bands):.2f}, where PSFs don't overlap"
     return [
         ResultRow(
@@ -159,7 +159,7 @@ def _power_rows(found: Mapping[str, DesignResult], bands: int) -> list[ResultRow
 
 
 def _level_rows(found: Mapping[str, DesignResult]) -> list[ResultRow]:
-    """Return the rows of the study's table with the quality of each design."""
+    """Return the rows with the quality of each design."""
     return [
         ResultRow(
             f"mean PSNR of the bands, {name}",
@@ -175,7 +175,7 @@ def _level_rows(found: Mapping[str, DesignResult]) -> list[ResultRow]:
 
 
 def _format_published(numbers: Mapping[str, float], name: str, words: str) -> str:
-    """Return a published number of a design of the study in words."""
+    """Return a published number of a design in words."""
     number = numbers.get(name.split(",")[0])
     return "-" if number is None else words.format(number)
 
@@ -183,7 +183,7 @@ def _format_published(numbers: Mapping[str, float], name: str, words: str) -> st
 def _twelve_row(
     settings: PSFDesignSettings, camera: Camera, mosaic: Mosaic, progress: Progress
 ) -> ResultRow:
-    """Restore twelve bands of the study's chart, with rings and without noise."""
+    """Restore twelve bands of a chart, with rings and without noise."""
     nm = np.linspace(min(settings.bands_nm), max(settings.bands_nm), _TWELVE)
     wavelengths = tuple((nm * 1e-9).tolist())
     pitch, window = camera.sensor.pitch, psf_window(settings, camera)
@@ -211,7 +211,7 @@ def _colours_figure(
     wavelengths: tuple[float, ...],
     settings: PSFDesignSettings,
 ) -> StudyFigure:
-    """Draw the colours of the chart that each of the study's designs restores."""
+    """Draw the colours of the chart that each design restores."""
     light = find_light("D65")
     pictures = {"true": chart_cube(wavelengths, settings.side_px)} | {
         f"{name}, {one.mean_level:.1f} dB": one.bands for name, one in found.items()

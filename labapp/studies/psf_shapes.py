@@ -36,7 +36,7 @@ from optics.progress import Progress
 
 
 def plan(settings: ShapesSettings, camera: Camera) -> PlanFile:
-    """Plan the study: the star with the neutral pattern, and with a pattern for each shape."""
+    """Plan the star with the neutral pattern, and with a pattern for each shape."""
     shapes = dict.fromkeys(settings.shapes)
     names = ["neutral", *shapes]
     return build_study_plan(
@@ -61,7 +61,7 @@ def _sizes(shape: Shape, settings: ShapesSettings, camera: Camera) -> dict[str, 
 
 
 def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: each PSF's light within its shape, correlation and speckle contrast."""
+    """Compare the light within each shape, correlation and speckle contrast with predictions."""
     shapes = list(dict.fromkeys(settings.shapes))
     found = measure_psfs(record, shapes, settings.wavelength_nm, window_px=128, progress=progress)
     rows = [_row(shape, report) for shape, report in found.items()]
@@ -94,7 +94,7 @@ def evaluate(record: Record, settings: ShapesSettings, progress: Progress) -> St
 
 
 def _row(shape: str, report: PSFReport) -> ResultRow:
-    """Return the row for a shape in the study's results: light within it, likeness and speckle."""
+    """Return the row of a shape: light within it, likeness and speckle."""
     ours = _measured_quality(report)
     asked = (
         {} if report.predicted is None else _shape_quality(_predicted_modulated_psf(report), report)
@@ -117,7 +117,7 @@ def _measured_quality(report: PSFReport) -> dict[str, float]:
 def _shape_quality(
     shape: Picture, report: PSFReport, noise: Picture | None = None
 ) -> dict[str, float]:
-    """Rate a study's PSF, from which unmodulated light is removed, against its target's shape.
+    """Rate a PSF, from which unmodulated light is removed, against its target's shape.
 
     "light" is the share of the star's light within the shape; "contrast" is the speckle contrast,
     without the camera's noise where its variance is given.
@@ -147,7 +147,7 @@ def _format_percent(share: float) -> str:
 
 
 def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> ResultRow:
-    """Compare the study's ring with the one that the thesis' authors published, at its radius."""
+    """Compare the ring with the one that the thesis' authors published, at its radius."""
     share = ring_energy_share(report.modulated_psf, camera, settings.wavelength_nm * 1e-9)
     modulated = share / (1 - report.unmodulated)
     published = ", ".join(f"{energy:.3f} after {n}" for n, energy in RING_ENERGY.items())
@@ -161,7 +161,7 @@ def _ring_row(report: PSFReport, camera: Camera, settings: ShapesSettings) -> Re
 
 
 def ring_energy_share(shape: Picture, camera: Camera, wavelength: float) -> float:
-    """Return the light of a study's PSF in the published ring's band, as a share of the star's."""
+    """Return a PSF's light in the published ring's band, as a share of the star's."""
     y, x = (np.indices(shape.shape) - shape.shape[0] // 2) * camera.sensor.pitch
     radius = np.hypot(y, x) / (published_ring_sizes(camera, wavelength)[0] / RING_RADIUS_SAMPLES)
     low, high = RING_BAND

@@ -31,7 +31,7 @@ from optics.progress import Progress
 
 
 def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
-    """Plan the study: an exposure of about a second for each video and for a still pattern.
+    """Plan an exposure of about a second for each video and for a still pattern.
 
     An exposure lasts whole periods of its video.
     """
@@ -50,7 +50,7 @@ def plan(settings: StabilitySettings, camera: Camera) -> PlanFile:
 
 
 def _frames_by_pattern(settings: StabilitySettings) -> dict[str, int]:
-    """Return the number of frames of each of the study's videos; the reference is last but one."""
+    """Return the number of frames of each video; the reference is last but one."""
     counts = {f"frames-{count}": count for count in sorted(set(settings.counts))}
     return counts | {"reference": settings.reference, "joint": settings.joint}
 
@@ -70,8 +70,8 @@ def _acquisition_block(name: str, count: int, settings: StabilitySettings) -> di
 class AveragedVideo:
     """Hold the measured error and speckle contrast of a PSF averaged over a video's frames.
 
-    `error` is the mean square difference from the reference over the reference's mean square,
-    without the part that the camera's noise contributes. `contrast` is the speckle contrast.
+    error: mean square difference from the reference over the reference's mean square, without the
+    part that the camera's noise contributes.
     """
 
     frames: int
@@ -80,7 +80,7 @@ class AveragedVideo:
 
 
 def evaluate(record: Record, settings: StabilitySettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: errors against the longest video, compared with the law of speckle."""
+    """Compare errors against the longest video with the law of speckle."""
     names, window_px = list(_frames_by_pattern(settings)), 96
     found = measure_psfs(record, names, settings.wavelength_nm, window_px, progress.part(0, 0.8))
     noise = psf_noise_variances(
@@ -115,7 +115,7 @@ def _speckle_contrast(report: PSFReport) -> float:
 
 
 def independent_frames_error(frames: int, reference: int) -> float:
-    """Return the error that the study expects of the mean of a video's first frames.
+    """Return the expected error of the mean of a video's first frames.
 
     The frames are taken to be independent. The error is relative to that of one frame against a
     reference of infinitely many frames, and follows from the variance of a mean.

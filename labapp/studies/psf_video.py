@@ -26,11 +26,11 @@ from optics.camera import Camera
 from optics.progress import Progress
 
 _WINDOW = 112
-"""Side in sensor pixels of the window in which the study measures a PSF."""
+"""Side in sensor pixels of the window in which a PSF is measured."""
 
 
 def plan(settings: VideoSettings, camera: Camera) -> PlanFile:
-    """Plan the study: every frame of the video by itself, and the whole video in one exposure."""
+    """Plan every frame of the video by itself, and the whole video in one exposure."""
     share = (1 - settings.smallest) / (settings.moments - 1)
     frames = {
         _name(moment): psf_pattern_table(
@@ -55,7 +55,7 @@ def _name(moment: int) -> str:
 
 
 def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: compare each frame's size with the requested one.
+    """Compare each frame's size with the requested one.
 
     The exposure of the whole video is compared with the mean of the frames.
     """
@@ -133,7 +133,7 @@ def evaluate(record: Record, settings: VideoSettings, progress: Progress) -> Stu
 def _noise_difference(
     record: Record, names: list[str], settings: VideoSettings, progress: Progress
 ) -> float:
-    """Return the L2 difference that noise causes between the study's video and its frames' mean."""
+    """Return the L2 difference that noise causes between the video and its frames' mean."""
     summed = psf_noise_variances(
         record, [*names, "video"], settings.wavelength_nm, _WINDOW, progress
     )
@@ -142,7 +142,7 @@ def _noise_difference(
 
 
 def _psf_within_target(report: PSFReport) -> Picture:
-    """Return a study's measured PSF where its target has light, and zero elsewhere.
+    """Return a measured PSF where its target has light, and zero elsewhere.
 
     Light elsewhere would enter the rms radius by the square of its distance.
     """
@@ -151,14 +151,14 @@ def _psf_within_target(report: PSFReport) -> Picture:
 
 
 def rms_radius(picture: Picture) -> float:
-    """Return the rms distance of the light of a study's PSF from the axis, in pixels."""
+    """Return the rms distance of a PSF's light from the axis, in pixels."""
     y, x = np.indices(picture.shape) - picture.shape[0] // 2
     light = np.clip(picture, 0, None)
     return float(np.sqrt((light * (y**2 + x**2)).sum() / light.sum()))
 
 
 def _filmstrip(frames: list[PSFReport], video: PSFReport, mean: Picture) -> StudyFigure:
-    """Draw the frames of the study's video beside the whole video."""
+    """Draw the frames of the video above the whole video."""
     # The figure shows at most eight frames; the animation shows all.
     count = min(len(frames), 8)
     shown = np.linspace(0, len(frames) - 1, count).round().astype(int)

@@ -33,7 +33,7 @@ Their PSFs are computed as the authors do it, by one Fourier transform of the pa
 
 
 def published_ring_sizes(camera: Camera, wavelength: float) -> tuple[float, float]:
-    """Return the radius and width of the published ring on a study's sensor, in metres.
+    """Return the radius and width of the published ring on the sensor, in metres.
 
     The width is the ring's standard deviation. A sample of the published transform is wavelength x
     image distance / 15.36 mm. On a bench, B of the ray matrix takes the place of the image
@@ -44,8 +44,5 @@ def published_ring_sizes(camera: Camera, wavelength: float) -> tuple[float, floa
 
 
 def read_published_ring() -> NDArray[np.uint8]:
-    """Read the middle of the published ring that a study repeats, 100 x 100 samples.
-
-    This is the thesis' ring after 569 iterations.
-    """
+    """Read the middle of the thesis' ring after 569 iterations, 100 x 100 samples."""
     return read_grey_picture(bundled_path("studies/published-ring.png"), "a pattern")

@@ -31,12 +31,12 @@ from optics.progress import Progress
 
 
 def added_lens_power(settings: RefocusSettings, camera: Camera) -> float:
-    """Return the power in dioptres that the study's SLM must add to refocus, for thin lenses."""
+    """Return the power in dioptres that the SLM must add to refocus, for thin lenses."""
     return 1 / settings.near_m - 1 / panel_to_focus_distance(camera)
 
 
 def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
-    """Plan the study: stars at several distances and bricks, without and with a Fresnel lens."""
+    """Plan stars at several distances and bricks, without and with a Fresnel lens."""
     added = added_lens_power(settings, camera)
     if abs(added) < 1e-6:
         raise UserError(
@@ -53,12 +53,12 @@ def plan(settings: RefocusSettings, camera: Camera) -> PlanFile:
 
 
 def star_target_name(metres: float) -> str:
-    """Return the target name of a study's star at a distance in metres, such as "star-160cm"."""
+    """Return the target name of a star at a distance in metres, such as "star-160cm"."""
     return f"star-{round(100 * metres)}cm"
 
 
 def evaluate(record: Record, settings: RefocusSettings, progress: Progress) -> StudyResults:
-    """Evaluate the study: find the focus without and with the lens, and the bricks' sharpness."""
+    """Find the focus without and with the lens, and the bricks' sharpness."""
     camera = record.camera
     brackets = merge_all(record, progress.part(0, 0.8))
     metres = settings.wavelength_nm * 1e-9
@@ -149,7 +149,7 @@ def _square_radius_at(focus: FocusCurve, vergence: float) -> float:
 
 
 def _halo(share: float, star: DefocusedStar, camera: Camera) -> ResultRow:
-    """Return the study's row on the halo: the light of a star that stays out of focus."""
+    """Return the row on the halo: the light of a star that stays out of focus."""
     return ResultRow(
         f"halo: light of a star at {star.distance:g} m that stays out of focus",
         "a halo around each object (picture only)",

@@ -1,4 +1,4 @@
-"""Figures of the studies of multispectral imaging: bands, colours, snapshots and PSFs."""
+"""Figures of multispectral imaging: bands, colours, snapshots and PSFs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _COLUMN = 2.7
 def overview_figure(
     problem: SpectralProblem, restored: RestoredCube, light: ViewingLight
 ) -> StudyFigure:
-    """Draw a study's snapshot beside the colours of the restored and of the true cube."""
+    """Draw the snapshot beside the colours of the restored and of the true cube."""
     figure = Figure(figsize=(16, 4.4), dpi=100, layout="constrained")
     axes = figure.subplots(1, 3)
     rate = np.nan_to_num(problem.rate)
@@ -44,7 +44,7 @@ def overview_figure(
 
 
 def bands_figure(problem: SpectralProblem, restored: RestoredCube) -> StudyFigure:
-    """Draw each restored band of a study beside the true one, with the PSFs below."""
+    """Draw each restored band beside the true one, with the PSFs below."""
     count = len(problem.wavelengths)
     figure = Figure(figsize=(_COLUMN * max(count, 3), 6.4), dpi=100, layout="constrained")
     columns = figure.subplots(3, count, squeeze=False).T
@@ -59,7 +59,7 @@ def bands_figure(problem: SpectralProblem, restored: RestoredCube) -> StudyFigur
 
 
 def draw_colours(axes: Axes, cube: SpectralCube, light: ViewingLight, title: str) -> None:
-    """Draw the colours of a study's cube in a light, as sRGB."""
+    """Draw a cube's colours in a light, as sRGB."""
     axes.imshow(srgb_levels(cube, light), interpolation="nearest")
     axes.set_title(title, fontsize=11)
     axes.set(xticks=[], yticks=[])
@@ -68,7 +68,7 @@ def draw_colours(axes: Axes, cube: SpectralCube, light: ViewingLight, title: str
 def psf_figure(
     stacks: Mapping[str, NDArray[Any]], wavelengths: tuple[float, ...], caption: str
 ) -> StudyFigure:
-    """Draw the PSFs of a study's designs, a row for each design and a column for each band."""
+    """Draw the PSFs of designs, a row for each design and a column for each band."""
     rows, count = len(stacks), len(wavelengths)
     figure = Figure(figsize=(2.2 * count, 2.4 * rows), dpi=100, layout="constrained")
     axes = figure.subplots(rows, count, squeeze=False)

@@ -1,4 +1,4 @@
-"""Functions that studies of PSFs share: plans with an artificial star, and measured PSFs."""
+"""Plans with an artificial star, and the PSFs that are measured on it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from optics.progress import Progress
 def build_study_plan(
     study: Study[Any], patterns: Mapping[str, Any], *blocks: Mapping[str, Any], **more: Any
 ) -> PlanFile:
-    """Build a study's plan; the pattern "neutral" is added to the study's own patterns."""
+    """Build a plan; the pattern "neutral" is added to the study's own patterns."""
     data = {
         "version": 1,
         "title": study.title,
@@ -30,7 +30,7 @@ def build_study_plan(
 
 
 def psf_pattern_table(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]:
-    """Return the plan table of a study's pattern whose PSF has a shape, from the settings."""
+    """Return the plan table of a pattern whose PSF has a shape, from the settings."""
     return {
         "kind": "psf",
         "target": {"shape": shape, "width_um": settings.width_um, **sizes},
@@ -42,9 +42,10 @@ def psf_pattern_table(settings: Any, shape: str, **sizes: Any) -> dict[str, Any]
 def acquisition_block(
     targets: Sequence[str], patterns: Sequence[str], wavelength_nm: float, **exposures: Any
 ) -> dict[str, Any]:
-    """Return a block of a study's plan: targets with each pattern, after dark frames.
+    """Return a plan block of targets with each pattern, after dark frames.
 
     There are dark frames of every exposure.
+
     `exposures` is `exposures_ms`, or `periods` of videos, as in a block of a plan file.
     """
     return {
@@ -63,7 +64,7 @@ def measure_psfs(
     window_px: int,
     progress: Progress,
 ) -> dict[str, PSFReport]:
-    """Measure every pattern's PSF on a study's star, which was also taken with "neutral"."""
+    """Measure every pattern's PSF on a star, which was also taken with "neutral"."""
     brackets = merge_all(record, progress.part(0, 0.3))
     found = {}
     for number, name in enumerate(patterns):
@@ -80,7 +81,7 @@ def psf_noise_variances(
     window_px: int,
     progress: Progress,
 ) -> dict[str, float]:
-    """Return the noise variance of each PSF that a study measured, summed over its window.
+    """Return the noise variance of each measured PSF, summed over its window.
 
     It is what the camera's noise adds to a squared difference of PSFs, in units of the squared
     light of the neutral star.
@@ -99,11 +100,11 @@ def psf_noise_variances(
 
 
 def requested_psf(report: PSFReport) -> Picture:
-    """Return the requested PSF of a study's pattern; psf_pattern_table() gives one to each."""
+    """Return the PSF that a pattern was made for; psf_pattern_table() gives one to each."""
     assert report.target is not None
     return report.target
 
 
 def correlation(one: Picture, other: Picture) -> float:
-    """Return Pearson's correlation coefficient of two pictures of a study."""
+    """Return Pearson's correlation coefficient of two pictures."""
     return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])

@@ -9,7 +9,7 @@ from labapp.studies.study_lookup import find_study
 
 
 def list_studies(*, as_json: bool) -> None:
-    """Print the studies with their settings, defaults and units."""
+    """Print the names of all studies with their settings, defaults and units."""
     example = "labapp study refocus --out refocus"
     print_list([_list_entry(name) for name in STUDIES], as_json=as_json, example=example)
 

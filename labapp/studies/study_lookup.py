@@ -34,20 +34,20 @@ def find_study(name: str) -> Study[Any]:
 
 
 def read_study_settings(name: str, keys: Sequence[str], *, quick: bool) -> StudySettings:
-    """Read a study's settings from KEY=VALUE; UserError names the key, the value and a remedy."""
+    """Read settings from KEY=VALUE; UserError names the key, the value and a remedy."""
     model: type[StudySettings] = find_study(name).settings
     base = dict(model.QUICK) if quick else {}
     return validate(base | parse_key_values(keys, model), model, f"study {name}")
 
 
 def with_study_metadata(plan: PlanFile, name: str, settings: StudySettings, seed: int) -> PlanFile:
-    """Add the study's name and settings to its plan, so that its record can be evaluated again."""
+    """Add name and settings to a plan, so that its record can be evaluated again."""
     mine = {_NAME_KEY: name, _SETTINGS_KEY: settings.model_dump_json()}
     return plan.model_copy(update={"seed": seed, "metadata": plan.metadata | mine})
 
 
 def settings_from_record(record: Record, name: str) -> StudySettings:
-    """Read a study's settings from its record. Raises UserError if it is of no or another study."""
+    """Read settings from a record. Raises UserError if it is of no or another study."""
     metadata = record.plan.metadata
     if metadata.get(_NAME_KEY) != name:
         known = metadata.get(_NAME_KEY)

@@ -27,35 +27,16 @@ def train_for_command(
     steps: int | None = None,
     minutes: float | None = None,
 ) -> TrainingResult:
-    """Train a task for a command, and print how many steps there are and where the state is kept.
+    """Train a task, and print how many steps there are and where the state is kept.
 
     Ctrl-C, SIGTERM and a closed terminal end the training after the running step, and the state is
-    kept. The caller deletes its file when the result is written.
-
-    Parameters
-    ----------
-    task : TrainingTask
-        What is trained, on what.
-    schedule : TrainingSchedule
-        How long and how fast. Its steps count where neither of the two below is given.
-    path : Path
-        File of the state.
-    processes : Processes
-        The processes that share the samples. The first one prints.
-    steps : int, optional
-        Steps in all.
-    minutes : float, optional
-        Time of which the number of steps is made, unless a kept state has one already.
-
-    Returns
-    -------
-    TrainingResult
-        The averaged weights, and how they were reached.
-
-    Raises
-    ------
-    UserError
-        If the kept state can't be used or written, or the training fails.
+    kept. The caller deletes its file when the result is written. Raises UserError if the kept state
+    can't be used or written, or the training fails.
+    schedule: its steps count where neither `steps` nor `minutes` is given.
+    path: file of the state.
+    processes: share the samples; the first one prints.
+    steps: in all.
+    minutes: time of which the number of steps is made, unless a kept state has one already.
     """
     kept = StateFile(path, "training")
     before = kept.read_steps()
@@ -78,7 +59,7 @@ def train_for_command(
 
 @contextmanager
 def show_progress(processes: Processes) -> Iterator[Progress]:
-    """Show a training's progress in the terminal, once for all processes; signals cancel it."""
+    """Show progress in the terminal, once for all processes; signals cancel it."""
     if processes.is_writer:
         with terminal_progress() as progress:
             yield progress

@@ -17,7 +17,7 @@ from labapp.training.task import VALIDATION_STEP, sample_generator
 from optics.inverse.plug_and_play import Denoiser
 
 STEPS = 24000
-"""Steps of a training unless others are asked for; the bundled weights have had as many. Chosen."""
+"""Steps unless others are asked for; the bundled weights have had as many. Chosen."""
 
 _VALIDATED_PATCHES = 32
 """Patches whose PSNR is the score. Chosen: they take about as long as a step."""
@@ -27,18 +27,12 @@ _VALIDATED_PATCHES = 32
 class DenoiserTrainingSettings:
     """Tune what the denoiser is trained on.
 
-    Attributes
-    ----------
-    noise_levels : tuple of float
-        Lowest and highest standard deviation of the noise, relative to white; the logarithm is
-        drawn evenly between them. Chosen.
-    patches : int
-        Patches of a step. Chosen.
-    side : int
-        Side of a patch in pixels. Chosen.
-    level_power : float
-        The error of a patch is divided by its noise level to this power. Chosen: about as the error
-        of a good denoiser grows, so that all levels count alike.
+    noise_levels: lowest and highest standard deviation of the noise, relative to white; the
+    logarithm is drawn evenly between them. Chosen.
+    patches: of a step. Chosen.
+    side: of a patch, pixels. Chosen.
+    level_power: the error of a patch is divided by its noise level to this power. Chosen: about as
+    the error of a good denoiser grows, so that all levels count alike.
     """
 
     noise_levels: tuple[float, float] = (0.004, 0.25)
@@ -48,25 +42,16 @@ class DenoiserTrainingSettings:
 
 
 def denoiser_schedule(steps: int, seed: int) -> TrainingSchedule:
-    """Return the schedule with which the denoiser is trained. Its rates and decay are chosen."""
+    """Return the denoiser's schedule. Its rates and decay are chosen."""
     return TrainingSchedule(steps, 1e-3, 2e-6, average_decay=0.999, seed=seed)
 
 
 class DenoiserTask:
-    """The training of the denoising network on pictures.
+    """The denoising network, learning from pictures.
 
     The loss of a patch is its mean absolute error, divided by a power of its noise level.
-
-    Parameters
-    ----------
-    pictures : sequence of array, (3, rows, columns), float32
-        Sharp pictures, 0 to 1.
-    seed : int
-        Seed of the first weights and of all random numbers.
-    device : torch.device
-        Where to train.
-    settings : DenoiserTrainingSettings, optional
-        What tunes the training.
+    pictures: sharp ones, each (3, rows, columns), 0 to 1.
+    seed: of the first weights and of all random numbers.
     """
 
     def __init__(
@@ -90,25 +75,25 @@ class DenoiserTask:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """Seed, tuning and a checksum of the pictures that the denoiser is trained on."""
+        """Seed, tuning and a checksum of the pictures."""
         return self._settings
 
     @property
     def module(self) -> torch.nn.Module:
-        """The denoiser in training."""
+        """The denoising network."""
         return self._network
 
     @property
     def samples(self) -> int:
-        """Patches of a step of the denoiser's training."""
+        """Patches of a step."""
         return self._own.patches
 
     def parameter_groups(self) -> list[dict[str, Any]]:
-        """Return all weights of the denoiser, as one group."""
+        """Return all weights, as one group."""
         return [{"params": list(self._network.parameters()), "rate": 1.0}]
 
     def losses(self, step: int, samples: Sequence[int]) -> torch.Tensor:
-        """Return the denoiser's errors in patches of a step, weighted by noise level."""
+        """Return the denoiser's error in each patch of a step, weighted by noise level."""
         clean, noisy, level = self._draw_patches(step, samples)
         errors = (self._network(noisy, level) - clean).abs().mean((1, 2, 3))
         return errors / level**self._own.level_power
@@ -126,7 +111,7 @@ class DenoiserTask:
     def _draw_patches(
         self, step: int, samples: Sequence[int]
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Draw patches of a step for the denoiser: sharp ones, noisy ones and noise levels."""
+        """Draw sharp patches of a step, the same with noise, and the noise levels."""
         drawn = [self._draw_patch(sample_generator(self._seed, step, one)) for one in samples]
         clean, noise, levels = zip(*drawn, strict=True)
         level = torch.tensor(levels, dtype=torch.float32, device=self._device)
@@ -134,7 +119,7 @@ class DenoiserTask:
         return sharp, sharp + level[:, None, None, None] * torch.cat(noise).to(self._device), level
 
     def _draw_patch(self, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor, float]:
-        """Draw a sharp patch for the denoiser, white noise of unit variance, and a noise level."""
+        """Draw a sharp patch, white noise of unit variance, and a noise level."""
         clean = grey_patches(self._pictures, 1, self._own.side, rng)
         low, high = map(math.log, self._own.noise_levels)
         level = math.exp(rng.uniform(low, high))
@@ -143,7 +128,6 @@ class DenoiserTask:
 
 
 def _checksum(pictures: Sequence[Colours]) -> str:
-    """Return a checksum of training pictures."""
     found = hashlib.sha256()
     for picture in pictures:
         found.update(repr(picture.shape).encode())

@@ -27,27 +27,14 @@ def train_denoiser(
 ) -> None:
     """Train the denoising network on pictures, and write its weights.
 
-    The state beside the weights lets interrupted training continue.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-        Folders of pictures, or picture files.
-    weights : Path
-        File of weights to write.
-    steps : int or None
-        Steps in all.
-    minutes : float or None
-        Time of which the number of steps is made once, in the place of `steps`.
-    seed : int
-        Seed of all random numbers.
-    device : {"auto", "cpu", "cuda"}
-        What to compute on.
-
-    Raises
-    ------
-    UserError
-        If pictures, device or kept state can't be used.
+    The state beside the weights lets interrupted training continue. Raises UserError if pictures,
+    device or kept state can't be used.
+    folders: folders of pictures, or picture files.
+    weights: file to write.
+    steps: in all.
+    minutes: time of which the number of steps is made once, in the place of `steps`.
+    seed: of all random numbers.
+    device: "auto", "cpu" or "cuda".
     """
     started = time.process_time()
     with join_processes(device) as processes:
@@ -67,7 +54,7 @@ def train_denoiser(
 
 
 def _write(result: TrainingResult, processes: Processes, weights: Path) -> None:
-    """Write the weights of a trained denoiser, and print what its training reached."""
+    """Write the denoiser's weights, and print what it reached."""
     own = {name: value.cpu() for name, value in result.weights.items()}
     write_atomically(weights, weights_file(own))
     shared = f", shared by {processes.count} processes" if processes.count > 1 else ""

@@ -1,4 +1,4 @@
-"""Read training pictures, and cut random grey patches from them for the denoiser."""
+"""Read photographs for the denoiser, and cut random grey patches from them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Colours = NDArray[np.float32]
 
 
 def read_training_pictures(folders: Sequence[Path]) -> list[Colours]:
-    """Read every training picture of folders and files, (3, rows, columns), 0 to 1.
+    """Read every picture of folders and files, (3, rows, columns), 0 to 1.
 
     Each picture is returned at scales of 1, 0.8 and 0.6. The order is that of the file names,
     whatever the order of the folders. Raises UserError if there is no picture, or a file isn't one.
@@ -56,7 +56,7 @@ def _resize(picture: Colours, scale: float) -> Colours:
 def grey_patches(
     pictures: Sequence[Colours], count: int, side: int, rng: np.random.Generator
 ) -> torch.Tensor:
-    """Return random grey patches of the training pictures, (count, 1, side, side).
+    """Return random grey patches of pictures, (count, 1, side, side).
 
     They are cut, rotated by multiples of 90 degrees and mirrored at random, and their grey is a
     random mixture of the colours. The probability of a picture is proportional to its area. Raises

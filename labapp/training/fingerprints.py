@@ -51,19 +51,15 @@ _LEAST_CONTRAST = 0.05
 less, from rounding."""
 
 _VERSION = 1
-"""Of the file of fingerprints."""
+"""Version of the layout in which fingerprints are written."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fingerprint:
     """What is kept of a test picture: two whitened grey thumbnails, which show its edges only.
 
-    Attributes
-    ----------
-    name : str
-        Of the picture.
-    fine, coarse : numpy.ndarray, int8, (rows, columns)
-        Longest side of 80 and 40 pixels.
+    fine, coarse: (rows, columns), with a longest side of 80 and 40 pixels; `UNITS` levels for one
+    unit of local contrast.
     """
 
     name: str
@@ -74,12 +70,8 @@ class Fingerprint:
 def fingerprint(picture: Colours, name: str) -> Fingerprint:
     """Compute the fingerprint of a test picture.
 
-    Parameters
-    ----------
-    picture : numpy.ndarray, uint8, (3, rows, columns)
-        Colours.
-    name : str
-        Name of the picture, for error messages.
+    picture: colours, (3, rows, columns).
+    name: of the picture, for error messages.
     """
     grey = average_colours(picture)
     fine, coarse = (
@@ -92,15 +84,8 @@ def fingerprint(picture: Colours, name: str) -> Fingerprint:
 def read_test_fingerprints(paths: Sequence[Path]) -> list[Fingerprint]:
     """Compute or read the fingerprints of test pictures.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Pictures, folders of pictures, and files that `write_fingerprints` wrote, which end in .npz.
-
-    Raises
-    ------
-    UserError
-        If one is missing or isn't any of these.
+    Raises UserError if a path is missing or isn't any of these.
+    paths: pictures, folders of pictures, and files of `write_fingerprints`, which end in .npz.
     """
     found = []
     for path in paths:
@@ -113,7 +98,7 @@ def read_test_fingerprints(paths: Sequence[Path]) -> list[Fingerprint]:
 
 
 def write_fingerprints(path: Path, fingerprints: Sequence[Fingerprint]) -> None:
-    """Write fingerprints of test pictures to an .npz file, which `read_test_fingerprints` reads."""
+    """Write fingerprints to an .npz file, which `read_test_fingerprints` reads."""
     arrays: dict[str, NDArray[np.generic]] = {
         "version": np.array(_VERSION),
         "names": np.array([one.name for one in fingerprints]),
@@ -169,7 +154,7 @@ def resize_grey(values: NDArray[np.uint8] | Thumbnail, shape: tuple[int, int]) -
 
 
 def _thumbnail(grey: Thumbnail, side: int) -> Thumbnail:
-    """Return the whitened thumbnail of a picture with a longest side in pixels."""
+    """Return a picture's whitened thumbnail with a longest side in pixels."""
     return whiten(resize_grey(grey, fitted_shape(grey.shape, side)))
 
 
@@ -177,7 +162,7 @@ def whiten(thumbnail: Thumbnail) -> Thumbnail:
     """Return the fine structure of a thumbnail, with nearly the same contrast everywhere."""
 
     def blur(values: Thumbnail, sigma: float) -> Thumbnail:
-        """Return a thumbnail blurred by a Gaussian."""
+        """Blur by a Gaussian with a standard deviation in pixels."""
         smooth = cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
         return np.asarray(smooth, np.float32)
 

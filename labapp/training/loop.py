@@ -1,14 +1,12 @@
-"""Train a task: the one loop for all that is trained.
+"""The one loop that trains every task.
 
 Each step lowers the mean loss of its samples by Adam; the result is the running mean of the
 weights. All random numbers of a step follow from the seed, the step and the sample, so that a
 training that was interrupted ends in the same weights as one that wasn't, bit for bit where as many
 processes with one thread each run on the same kind of machine.
 
-References
-----------
-D. P. Kingma and J. Ba, Adam, arXiv 1412.6980, 2015; for the mean of the weights, B. T. Polyak and
-A. B. Juditsky, SIAM J. Control Optim. 30, 838, 1992, doi 10.1137/0330046.
+Sources: D. P. Kingma and J. Ba, Adam, arXiv 1412.6980, 2015; for the mean of the weights,
+B. T. Polyak and A. B. Juditsky, SIAM J. Control Optim. 30, 838, 1992, doi 10.1137/0330046.
 """
 
 from __future__ import annotations
@@ -29,25 +27,18 @@ from optics.progress import Cancelled, Progress
 from optics.threads import single_threaded
 
 MOST_FAILURES = 5
-"""Steps in a row without a finite loss and gradient after which a training halts; chosen."""
+"""Steps in a row without a finite loss and gradient after which the loop halts; chosen."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingResult:
-    """What a training ended with.
+    """The averaged weights, and how they were reached.
 
-    Attributes
-    ----------
-    weights : dict of str to torch.Tensor
-        Running mean of the weights after the last step, by their names in the module.
-    history : tuple of tuple of (int, float)
-        Step and score of each validation; the last one is of `weights`.
-    steps : int
-        Steps in all, those that were skipped included.
-    skipped : int
-        Steps that were skipped because loss or gradient weren't finite.
-    work : tuple of int
-        Samples that each process computed, since the training was started or continued.
+    weights: running mean of the weights after the last step, by their names in the module.
+    history: step and score of each validation; the last one is of `weights`.
+    steps: in all, those that were skipped included.
+    skipped: steps that were skipped because loss or gradient weren't finite.
+    work: samples that each process computed, since the training was started or continued.
     """
 
     weights: dict[str, torch.Tensor]
@@ -67,37 +58,16 @@ def run_training(
 ) -> TrainingResult:
     """Train a task to the end of its schedule, and return the averaged weights.
 
-    Parameters
-    ----------
-    task : TrainingTask
-        What is trained, on what; its module holds the last weights afterwards.
-    schedule : TrainingSchedule
-        How long and how fast.
-    kept : StateFile, optional
-        File of the state. Training goes on from it if it is there, and writes it at each
-        validation, when it was last written `labapp.files.state_file.WRITE_INTERVAL` seconds ago,
-        and when the training is cancelled. It stays when the training ends.
-    processes : Processes, optional
-        The processes that share the samples; this one alone by default.
-    progress : Progress, optional
-        Receives a report of every step, and can cancel the training after one.
-
-    Returns
-    -------
-    TrainingResult
-        The averaged weights, and how they were reached.
-
-    Raises
-    ------
-    UserError
-        If the kept state is damaged, is of other settings, or can't be written.
-    ValueError
-        If the task doesn't fit the processes or the precision of the loop, or its settings and the
-        schedule contradict each other.
-    FloatingPointError
-        If `MOST_FAILURES` steps in a row have no finite loss and gradient.
-    Cancelled
-        If progress, in any of the processes, asked for it.
+    The task's module holds the last weights afterwards. Raises UserError if the kept state is
+    damaged, is of other settings, or can't be written; ValueError if the task doesn't fit the
+    processes or the precision of the loop, or its settings and the schedule contradict each other;
+    FloatingPointError if `MOST_FAILURES` steps in a row have no finite loss and gradient; Cancelled
+    if progress, in any of the processes, asked for it.
+    kept: file of the state. Training goes on from it if it is there, and writes it at each
+    validation, when it was last written `labapp.files.state_file.WRITE_INTERVAL` seconds ago,
+    and when the training is cancelled. It stays when the training ends.
+    processes: share the samples; this one alone by default.
+    progress: receives a report of every step, and can cancel after one.
     """
     processes, progress = processes or Processes(), progress or Progress()
     settings = describe_training(task, schedule)
@@ -135,7 +105,7 @@ def run_training(
 
 
 def describe_training(task: TrainingTask, schedule: TrainingSchedule) -> dict[str, Any]:
-    """Return everything that the result of a training depends on, as plain data.
+    """Return everything that the result depends on, as plain data.
 
     Raises ValueError if a setting of the task contradicts the schedule's of the same name.
     """
@@ -150,7 +120,7 @@ def describe_training(task: TrainingTask, schedule: TrainingSchedule) -> dict[st
 
 
 def _load(state: TrainingState, kept: StateFile | None, settings: dict[str, Any]) -> None:
-    """Load the kept state of a training if there is one; UserError if it is damaged."""
+    """Load the kept state if there is one; UserError if it is damaged."""
     stored = None if kept is None else kept.read(settings)
     if kept is None or stored is None:
         return
@@ -161,7 +131,7 @@ def _load(state: TrainingState, kept: StateFile | None, settings: dict[str, Any]
 
 
 def _validation_is_due(state: TrainingState, schedule: TrainingSchedule) -> bool:
-    """Whether a training should validate now: it has reached such a step and not done so yet."""
+    """Whether a step for validation is reached, and not validated yet."""
     reached = state.step == schedule.steps or (
         state.step > 0 and state.step % schedule.validation_interval == 0
     )
@@ -171,7 +141,7 @@ def _validation_is_due(state: TrainingState, schedule: TrainingSchedule) -> bool
 def _report(
     progress: Progress, state: TrainingState, schedule: TrainingSchedule, loss: float
 ) -> bool:
-    """Report a training's step, and return whether it may go on.
+    """Report a step, and return whether the loop may go on.
 
     Whether to stop is only returned, because all processes have to stop after the same step.
     """
@@ -188,7 +158,7 @@ def _report(
 
 
 def _describe_failure(state: TrainingState) -> str:
-    """Return the message of a training that halts because its steps fail."""
+    """Return the message of a halt because steps fail."""
     first = state.step - state.failures + 1
     return (
         f"steps {first} to {state.step} of the training had no finite loss and gradient "

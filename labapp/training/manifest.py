@@ -102,12 +102,12 @@ class DataManifest(FileModel):
 
     @property
     def digest(self) -> str:
-        """Checksum of what a training depends on: contents, splits and size of the pictures."""
+        """Checksum of contents, splits and size of the pictures."""
         lines = [f"{one.sha256} {one.split}" for one in self.pictures]
         return hashlib.sha256("\n".join([*lines, str(self.longest_side)]).encode()).hexdigest()
 
     def notes(self) -> list[str]:
-        """Return what a user should know about the training's data, one sentence each."""
+        """Return what a user should know about the data, one sentence each."""
         notes = []
         silent = [one.path for one in self.pictures if one.licence == NOT_STATED]
         if silent:
@@ -129,21 +129,21 @@ class DataManifest(FileModel):
         return notes
 
     def write(self, path: Path) -> None:
-        """Write the list of training pictures as JSON, which `read_manifest` reads."""
+        """Write the list as JSON, which `read_manifest` reads."""
         text = json.dumps(self.model_dump(), indent=1, ensure_ascii=False) + "\n"
         write_atomically(path, text.encode())
 
 
 @dataclass(frozen=True)
 class ListedFile:
-    """A training picture's file, and its entry in the list of the data."""
+    """A picture's file, and its entry in the list."""
 
     file: Path
     entry: ManifestPicture
 
 
 def read_manifest(path: Path) -> DataManifest:
-    """Read the list of training pictures that `DataManifest.write` wrote; UserError if invalid."""
+    """Read a list that `DataManifest.write` wrote; UserError if invalid."""
     return read_file(path, DataManifest)
 
 
@@ -152,25 +152,13 @@ def list_training_files(
 ) -> tuple[list[ListedFile], tuple[LeftOutPicture, ...]]:
     """List the different pictures of folders, with licences, and split them.
 
-    Parameters
-    ----------
-    folders : sequence of Path
-        Folders of pictures. A file `licences.toml` in one states licences: a table from a file's
-        name, its path in the folder or a pattern with * and ? to the licence's text. The first
-        entry that fits counts; a pattern counts only where no name does.
-
-    Returns
-    -------
-    files : list of ListedFile
-        Ordered by checksum, so that neither names nor places of files influence a training.
-    left_out : tuple of LeftOutPicture
-        Files with the same bytes as one that was taken.
-
-    Raises
-    ------
-    UserError
-        If a folder is missing or has no picture, if there is only one picture in all, or if a file
-        of licences is invalid.
+    Returns them ordered by checksum, so that neither names nor places of files influence a
+    training, and the files with the same bytes as one that was taken. Raises UserError if a folder
+    is missing or has no picture, if there is only one picture in all, or if a file of licences is
+    invalid.
+    folders: a file `licences.toml` in one states licences: a table from a file's name, its path in
+    the folder or a pattern with * and ? to the licence's text. The first entry that fits counts; a
+    pattern counts only where no name does.
     """
     if not folders:
         raise UserError("There is no folder of pictures to train on. Name one.")
@@ -195,15 +183,10 @@ def list_training_files(
 
 
 def split_by_checksum(checksums: Iterable[str]) -> dict[str, Split]:
-    """Assign training pictures to training and validation by their checksums alone.
+    """Assign pictures to training and validation by their checksums alone.
 
     One in eight is for validation. A picture therefore stays where it is when others are added,
-    unless it was needed so that neither is empty.
-
-    Raises
-    ------
-    UserError
-        If there are fewer than two pictures.
+    unless it was needed so that neither is empty. Raises UserError for fewer than two pictures.
     """
     ordered = sorted(checksums)
     if len(ordered) < 2:
@@ -227,7 +210,7 @@ class _Licences(RootModel[dict[str, _Text]]):
 
 
 def _describe(folder: Path, file: Path, licence: str) -> ManifestPicture:
-    """Return the entry of a training picture's file, with its split still open."""
+    """Return a picture's entry, with its split still open."""
     data = read_bytes(file)
     if not data:
         raise UserError(f"{file}: is empty. Take it out of the folder, or replace it.")
@@ -242,7 +225,7 @@ def _describe(folder: Path, file: Path, licence: str) -> ManifestPicture:
 
 
 def _read_licences(folder: Path, files: Sequence[Path]) -> dict[Path, str]:
-    """Return the licences of a folder's training pictures."""
+    """Return the licence of each picture of a folder; UserError for a key that fits none."""
     names = {one.name for one in folder.iterdir()}
     source = next((folder / one for one in _LICENCE_FILES if one in names), None)
     table = {} if source is None else read_file(source, _Licences).root

@@ -84,13 +84,7 @@ _SHORTLIST = 3
 
 
 class NearDuplicateFinder:
-    """Compares pictures with the fingerprints of test pictures.
-
-    Parameters
-    ----------
-    fingerprints : sequence of Fingerprint
-        At least one.
-    """
+    """Compares pictures with the fingerprints of test pictures, at least one."""
 
     def __init__(self, fingerprints: Sequence[Fingerprint]) -> None:
         if not fingerprints:
@@ -102,9 +96,7 @@ class NearDuplicateFinder:
     def find(self, picture: Colours) -> str | None:
         """Return the name of the test picture that a picture is a near-duplicate of, or None.
 
-        Parameters
-        ----------
-        picture : numpy.ndarray, uint8, (3, rows, columns)
+        picture: (3, rows, columns).
         """
         scores = self.scores(picture)
         best = int(np.argmax(scores))
@@ -113,9 +105,7 @@ class NearDuplicateFinder:
     def scores(self, picture: Colours) -> NDArray[np.float64]:
         """Return how much a picture resembles each test picture, (test pictures,).
 
-        Parameters
-        ----------
-        picture : numpy.ndarray, uint8, (3, rows, columns)
+        picture: (3, rows, columns).
         """
         grey = average_colours(picture)
         places: list[list[_Place]] = [[] for _ in self.names]
@@ -156,12 +146,9 @@ class NearDuplicateFinder:
 
 
 def refuse_near_duplicates(matches: Sequence[tuple[str, str]]) -> None:
-    """Raise UserError if training pictures were found to be near-duplicates of test pictures.
+    """Raise UserError if there are near-duplicates of test pictures.
 
-    Parameters
-    ----------
-    matches : sequence of (str, str)
-        Names of each training picture, and of the test picture that it resembles.
+    matches: names of each training picture, and of the test picture that it resembles.
     """
     if not matches:
         return
@@ -194,7 +181,7 @@ class _Templates:
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
-        """Shapes of the templates, upright, in rows and columns."""
+        """Shapes of the templates, upright, (rows, columns)."""
         return [(row[0].shape[0], row[0].shape[1]) for row in self._oriented]
 
     def match(
@@ -260,18 +247,18 @@ def _overlap_weights(
 
 
 def _coarse_scales(low: float, high: float) -> NDArray[np.float64]:
-    """Return the scales of a candidate's thumbnails in the first search."""
+    """Return the scales of the first search, about evenly spaced in their logarithm."""
     steps = math.ceil(math.log(high / low) / math.log(_COARSE_STEP))
     return np.geomspace(low, high, steps + 1)
 
 
 def _elongation(shape: tuple[int, ...]) -> float:
-    """Return the longest side of a picture over its shortest."""
+    """Return the longest side over the shortest."""
     return max(shape) / min(shape)
 
 
 def _fine_shapes(coarse: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the shapes of a candidate's thumbnails around one of the first search."""
+    """Return three shapes for the fine search around one of the first search."""
     largest = round(FINE_SIDE * _SCALES[1])
     shapes = []
     for factor in (1 / _FINE_STEP, 1.0, _FINE_STEP):
@@ -290,12 +277,12 @@ def _orientations(thumbnail: Thumbnail) -> Iterator[Thumbnail]:
 
 
 def _summed_area(values: Thumbnail) -> NDArray[np.float64]:
-    """Return sums of a thumbnail's values over all boxes that begin at its first pixel."""
+    """Return sums over all boxes that begin at the first pixel, (rows + 1, columns + 1)."""
     sums = np.zeros((values.shape[0] + 1, values.shape[1] + 1))
     sums[1:, 1:] = values.astype(np.float64).cumsum(0).cumsum(1)
     return sums
 
 
 def _box_sum(sums: NDArray[np.float64], y0: int, y1: int, x0: int, x1: int) -> float:
-    """Return the sum of a thumbnail's values over a box, from its summed areas."""
+    """Return the sum over a box, from summed areas."""
     return float(sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0])

@@ -12,14 +12,10 @@ PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", 
 
 
 def list_pictures(folder: Path) -> list[Path]:
-    """List the picture files of a folder and the folders in it, sorted by path.
+    """List the pictures of a folder and the folders in it, sorted by path.
 
-    Hidden files, such as those that a Mac leaves behind, don't count.
-
-    Raises
-    ------
-    UserError
-        If the folder isn't there, or has no picture.
+    Hidden files, such as those that a Mac leaves behind, don't count. Raises UserError if the
+    folder isn't there, or has no picture.
     """
     if not folder.is_dir():
         raise UserError(f"{folder}: is not a folder. Name a folder of pictures.")
@@ -31,7 +27,7 @@ def list_pictures(folder: Path) -> list[Path]:
 
 
 def _visible_pictures(folder: Path) -> Iterator[Path]:
-    """Yield the picture files of a folder that aren't hidden, in no particular order."""
+    """Yield the pictures of a folder that aren't hidden, in no particular order."""
     for file in folder.rglob("*"):
         hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
         if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file() and not hidden:

@@ -1,4 +1,4 @@
-"""Hold training pictures in memory, and cut random grey patches from them."""
+"""Hold photographs in memory within a limit, and cut random grey patches from them."""
 
 from __future__ import annotations
 
@@ -43,22 +43,13 @@ class TrainingPictures:
     """Cuts random patches from pictures in memory.
 
     A picture's probability is proportional to its area, up to `_AREA_CAP` times the median area.
-
-    Parameters
-    ----------
-    pictures : sequence of numpy.ndarray, uint8, (3, rows, columns)
-        Red, green and blue sRGB values.
-    splits : sequence of {"training", "validation"}
-        What each picture is used for.
-    shortest_edges : tuple of float, default (400, 1600)
-        Range of the pixels of the shortest edge to which a picture is averaged down before a patch
-        is cut. It is drawn uniformly in its logarithm; smaller pictures stay as they are.
-
-    Raises
-    ------
-    UserError
-        If pictures and splits differ in number, a picture has another shape or type, or the
-        shortest edges are out of range.
+    Raises UserError if pictures and splits differ in number, a picture has another shape or type,
+    or the shortest edges are out of range.
+    pictures: red, green and blue sRGB values, each (3, rows, columns).
+    splits: what each picture is used for.
+    shortest_edges: range of the pixels of the shortest edge to which a picture is averaged down
+    before a patch is cut. It is drawn uniformly in its logarithm; smaller pictures stay as they
+    are.
     """
 
     def __init__(
@@ -87,29 +78,14 @@ class TrainingPictures:
         self._cumulative: dict[tuple[Split, int], NDArray[np.float64]] = {}
 
     def patch(self, generator: np.random.Generator, side: int, split: Split = "training") -> Patch:
-        """Cut a random grey patch from a random training picture.
+        """Cut a random grey patch from a random picture, (side, side), sRGB values, 0 to 1.
 
         The cut is averaged down, turned by a multiple of 90 degrees and mirrored at random, and its
-        grey is a random mixture of the colours. Averages are of sRGB values.
-
-        Parameters
-        ----------
-        generator : numpy.random.Generator
-            The only source of random numbers.
-        side : int
-            Pixels along each side of the patch.
-        split : {"training", "validation"}, default "training"
-            Which pictures to cut from.
-
-        Returns
-        -------
-        numpy.ndarray, (side, side), float32
-            sRGB values, 0 to 1.
-
-        Raises
-        ------
-        UserError
-            If no picture is as large as a patch.
+        grey is a random mixture of the colours. Averages are of sRGB values. Raises UserError if no
+        picture is as large as a patch.
+        generator: the only source of random numbers.
+        side: pixels along each side of the patch.
+        split: which pictures to cut from.
         """
         cumulative = self._cumulative_probabilities(side, split)
         index = int(np.searchsorted(cumulative, generator.random(), side="right"))
@@ -122,7 +98,7 @@ class TrainingPictures:
         return np.minimum(np.ascontiguousarray(mirrored), np.float32(1))
 
     def _cut(self, sizes: list[Colours], generator: np.random.Generator, side: int) -> Patch:
-        """Return a random square of a training picture, averaged down, (3, side, side).
+        """Return a random square of a picture, averaged down, (3, side, side).
 
         sizes: the picture, and what halving its sides again and again makes of it.
         """
@@ -165,7 +141,7 @@ class TrainingPictures:
 
 
 def _halve_repeatedly(picture: Colours, edge: float) -> list[Colours]:
-    """Return a training picture, and its means over 2 x 2, 4 x 4, ... pixels.
+    """Return a picture, and its means over 2 x 2, 4 x 4, ... pixels.
 
     They save work where a patch is averaged down a lot. The shortest edge stays above `edge`.
     """
@@ -188,34 +164,16 @@ def read_training_data(
     shortest_edges: tuple[float, float] = SHORTEST_EDGES,
     progress: Progress | None = None,
 ) -> tuple[TrainingPictures, DataManifest]:
-    """Read all pictures of folders for a training, and list them.
+    """Read all pictures of folders into memory, and list them.
 
-    Parameters
-    ----------
-    folders : sequence of Path
-        Folders of pictures, as for `list_training_files`.
-    test_pictures : sequence of Path, optional
-        Pictures, folders of pictures, or files of fingerprints, of what the result will be tested
-        on. Near-duplicates of these among the training's pictures are refused.
-    smallest_side : int, default 128
-        Pixels along each side of the largest patch that will be cut.
-    shortest_edges : tuple of float, default (400, 1600)
-        As for `TrainingPictures`.
-    progress : Progress, optional
-        Told how far the reading is.
-
-    Returns
-    -------
-    pictures : TrainingPictures
-        The pictures, in memory.
-    manifest : DataManifest
-        What they are. Its `notes()` say what the user should know.
-
-    Raises
-    ------
-    UserError
-        If there are no pictures or only one, a file isn't a picture, a picture is smaller than a
-        patch or is a near-duplicate of a test picture.
+    The list's `notes()` say what the user should know. Raises UserError if there are no pictures or
+    only one, a file isn't a picture, a picture is smaller than a patch or is a near-duplicate of a
+    test picture.
+    folders: as for `list_training_files`.
+    test_pictures: pictures, folders of pictures, or files of fingerprints, of what the result will
+    be tested on. Near-duplicates of these among the training's pictures are refused.
+    smallest_side: pixels along each side of the largest patch that will be cut.
+    shortest_edges: as for `TrainingPictures`.
     """
     files, left_out = list_training_files(folders)
     finder = None
@@ -240,7 +198,7 @@ def read_training_data(
 
 
 class _HeldPictures:
-    """Keeps decoded training pictures within the memory limit, by averaging large ones down."""
+    """Keeps decoded pictures within the memory limit, by averaging large ones down."""
 
     def __init__(self, smallest_side: int) -> None:
         self._smallest_side = smallest_side
@@ -248,7 +206,7 @@ class _HeldPictures:
         self.longest_side: int | None = None
 
     def add(self, picture: Colours) -> None:
-        """Take in a training picture, and shrink the largest if all take too much memory."""
+        """Take in a picture, and shrink the largest if all take too much memory."""
         self.pictures.append(self._shrunk(picture))
         while sum(one.nbytes for one in self.pictures) > MEMORY_LIMIT:
             side = self.longest_side
@@ -261,7 +219,7 @@ class _HeldPictures:
             self.pictures = [self._shrunk(one) for one in self.pictures]
 
     def _shrunk(self, picture: Colours) -> Colours:
-        """Return a training picture averaged down to the longest side, if there is one.
+        """Return a picture averaged down to the longest side, if there is one.
 
         Its shortest side stays as large as a patch.
         """
@@ -276,7 +234,7 @@ class _HeldPictures:
 
 
 def _decode_checked(listed: ListedFile, smallest_side: int) -> Colours:
-    """Decode a training picture's file; raise UserError if it is smaller than a patch."""
+    """Decode a picture; raise UserError if it is smaller than a patch."""
     picture = read_screen_colours(listed.file)
     rows, columns = picture.shape[1:]
     if min(rows, columns) < smallest_side:

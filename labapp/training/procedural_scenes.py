@@ -4,10 +4,8 @@ Most are dead leaves: opaque shapes on top of each other, whose sizes follow a p
 power spectrum falls about as that of photographs, with 1 / f², and they have what photographs have:
 edges that hide things, shading, fine texture and plain areas. Some have writing or gratings on top.
 
-References
-----------
-A. B. Lee, D. Mumford, J. Huang, "Occlusion models for natural images", Int. J. Computer Vision 41,
-35, 2001, doi 10.1023/A:1011109015675.
+Source: A. B. Lee, D. Mumford, J. Huang, "Occlusion models for natural images", Int. J. Computer
+Vision 41, 35, 2001, doi 10.1023/A:1011109015675.
 """
 
 from __future__ import annotations
@@ -58,26 +56,12 @@ class ProceduralPictures:
     def patch(
         self, generator: np.random.Generator, side: int, split: Split = "training"
     ) -> Picture:
-        """Make a random grey patch of leaves, writing and gratings.
+        """Make a random grey patch of leaves, writing and gratings, (side, side).
 
-        Parameters
-        ----------
-        generator : numpy.random.Generator
-            The only source of random numbers.
-        side : int
-            Pixels along each side, 8 or more.
-        split : {"training", "validation"}, default "training"
-            Without influence: no picture comes twice.
-
-        Returns
-        -------
-        numpy.ndarray, (side, side), float32
-            sRGB values, 0 to 1.
-
-        Raises
-        ------
-        UserError
-            If the side is below 8 pixels.
+        Its values are sRGB, 0 to 1. Raises UserError if the side is below 8 pixels.
+        generator: the only source of random numbers.
+        side: pixels along each side, 8 or more.
+        split: without influence, as no picture comes twice.
         """
         if side < 8:
             raise UserError(f"A patch of {side} x {side} pixels: give 8 or more along a side.")
@@ -109,7 +93,7 @@ def _draw_leaves(generator: np.random.Generator, side: int) -> Picture:
 
 
 def _draw_radii(generator: np.random.Generator, side: int) -> NDArray[np.float64]:
-    """Draw the radii of a picture's leaves; their density falls with the cube of the radius."""
+    """Draw the radii of leaves in drawn pixels; their density falls with the cube of the radius."""
     least = _SMALLEST_RADII[0] * (_SMALLEST_RADII[1] / _SMALLEST_RADII[0]) ** generator.random()
     high = _LARGEST_RADIUS * side
     low = min(least * _OVERSAMPLING, high / 2)
@@ -125,7 +109,7 @@ def _draw_shapes(
     places: NDArray[np.float64],
     colours: NDArray[np.float64],
 ) -> None:
-    """Draw the ellipses and polygons of a picture of leaves, in place."""
+    """Draw the ellipses and polygons of leaves, in place."""
     count = len(radii)
     turns = np.sort(generator.random((count, 4)), 1) * 2 * math.pi
     corners = radii[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], -1)
@@ -158,7 +142,7 @@ def _draw_colours(
 
 
 def _shade(canvas: Picture, generator: np.random.Generator, side: int) -> Picture:
-    """Return the values of a picture of leaves: level, slopes and texture together."""
+    """Return leaves' values: level, slopes and texture together."""
     along = np.arange(side, dtype=np.float32)
     values = canvas[..., 0] + canvas[..., 1] * along + canvas[..., 2] * along[:, None]
     return values + canvas[..., 3] * _draw_texture(generator, side)
@@ -177,18 +161,11 @@ def _draw_texture(generator: np.random.Generator, side: int) -> Picture:
 def add_writing(
     values: Picture, generator: np.random.Generator, oversampling: int, ink: float
 ) -> None:
-    """Write rows of strokes, like writing, over a part of a training picture, in place.
+    """Write rows of strokes, like writing, over a part of a picture, in place.
 
-    Parameters
-    ----------
-    values : numpy.ndarray, float32, (side, side)
-        The picture, as it is drawn.
-    generator : numpy.random.Generator
-        Source of random numbers.
-    oversampling : int
-        Drawn pixels along each side of a pixel.
-    ink : float
-        Value of the strokes.
+    values: the picture as it is drawn, (side, side).
+    oversampling: drawn pixels along each side of a pixel.
+    ink: value of the strokes.
     """
     side = values.shape[0]
     height = int(generator.integers(7, 25)) * oversampling
@@ -203,7 +180,7 @@ def add_writing(
 
 
 def _add_grating(values: Picture, generator: np.random.Generator) -> None:
-    """Put a disc with a grating of any period on a picture of leaves, in place."""
+    """Put a disc with a grating of any period on leaves, in place."""
     side = values.shape[0]
     period = _OVERSAMPLING * math.exp(generator.uniform(math.log(3), math.log(24)))
     angle, phase = generator.uniform(0, math.pi), generator.uniform(0, 2 * math.pi)

@@ -1,4 +1,4 @@
-"""Train in one process or in several that share the samples of each step."""
+"""Compute in one process or in several that share the samples of each step."""
 
 from __future__ import annotations
 
@@ -14,24 +14,18 @@ from torch import distributed
 from labapp.common.errors import UserError
 
 DEVICES = ("auto", "cpu", "cuda")
-"""What a person may ask training to compute on."""
+"""What a person may ask to compute on."""
 
 
 @dataclass(frozen=True)
 class Processes:
-    """The processes of a training, as one of them sees them.
+    """All processes that share the samples of each step, as one of them sees them.
 
-    Samples are shared out: sample i of a step belongs to the process of rank i modulo `count`. All
-    methods that exchange something must be called by all processes in the same order.
-
-    Attributes
-    ----------
-    rank : int
-        Number of this process, from 0.
-    count : int
-        Number of processes.
-    device : torch.device
-        What this process computes on.
+    Sample i of a step belongs to the process of rank i modulo `count`. All methods that exchange
+    something must be called by all processes in the same order.
+    rank: number of this process, from 0.
+    count: number of processes.
+    device: what this process computes on.
     """
 
     rank: int = 0
@@ -40,7 +34,7 @@ class Processes:
 
     @property
     def is_writer(self) -> bool:
-        """Whether this process writes files and messages, for all processes of the training."""
+        """Whether this process writes files and messages, for all of them."""
         return self.rank == 0
 
     def own_samples(self, samples: int) -> range:
@@ -68,7 +62,7 @@ class Processes:
             gradient.copy_(part.view_as(gradient))
 
     def sum_number(self, number: float) -> float:
-        """Return the sum of a number over all processes of the training."""
+        """Return the sum of a number over all processes."""
         if self.count == 1:
             return number
         total = torch.tensor(number, dtype=torch.float64, device=self.device)
@@ -76,25 +70,18 @@ class Processes:
         return float(total)
 
     def agree(self, wish: bool) -> bool:
-        """Return whether any process of the training wishes something: the same in all of them."""
+        """Return whether any process wishes something: the same in all of them."""
         return self.sum_number(float(wish)) > 0
 
     def take_from_writer(self, number: float) -> float:
-        """Return the number that the writing process of the training passes in."""
+        """Return the number that the writing process passes in."""
         return self.sum_number(number if self.is_writer else 0.0)
 
     def gather(self, values: torch.Tensor) -> torch.Tensor:
-        """Return the values of all samples of a training step, in the order of the samples.
+        """Return the values of all samples of a step, (samples, ...), in the order of the samples.
 
-        Parameters
-        ----------
-        values : torch.Tensor, (own samples, ...)
-            Values of this process' own samples. Gradients don't pass.
-
-        Returns
-        -------
-        torch.Tensor, (samples, ...)
-            Values of all samples; the same in all processes.
+        They are the same in all processes; gradients don't pass.
+        values: of this process' own samples, (own samples, ...).
         """
         own = values.detach()
         if self.count == 1:
@@ -116,22 +103,10 @@ class Processes:
 
 @contextmanager
 def join_processes(device: str = "auto") -> Iterator[Processes]:
-    """Join the processes of a training that torchrun has started, or train in this one alone.
+    """Join the processes that torchrun has started, or compute in this one alone.
 
-    Parameters
-    ----------
-    device : {"auto", "cpu", "cuda"}, optional
-        What to compute on; "auto" takes a GPU where there is one. Each process has its own GPU.
-
-    Yields
-    ------
-    Processes
-        The processes; their connection is closed when the block ends.
-
-    Raises
-    ------
-    UserError
-        If there is no such device.
+    Their connection is closed when the block ends. Raises UserError if there is no such device.
+    device: "auto" takes a GPU where there is one. Each process has its own GPU.
     """
     count = int(os.environ.get("WORLD_SIZE", "1"))
     local = int(os.environ.get("LOCAL_RANK", "0")) if count > 1 else 0
@@ -152,7 +127,7 @@ def join_processes(device: str = "auto") -> Iterator[Processes]:
 
 
 def _find_device(device: str, local_rank: int) -> torch.device:
-    """Return the device that a training process computes on; raise UserError if there is none."""
+    """Return the device that this process computes on; raise UserError if there is none."""
     if device not in DEVICES:
         raise UserError(f"--device {device}: is unknown. Choose {', '.join(DEVICES)}.")
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0

@@ -41,15 +41,11 @@ _BLOB_CELLS = (2, 7)
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """What random scenes are made of.
+    """What random scenes are made of; UserError if a value is out of range.
 
-    Attributes
-    ----------
-    layered_share : float
-        Probability of a scene of several layers, 0 to 1; the others are planes. The default is that
-        of a study in which it restored planes no worse, and layers better, than 0 did.
-    most_layers : int
-        Largest number of layers, 2 or more; 2 to this number are equally likely.
+    layered_share: probability of a scene of several layers, 0 to 1; the others are planes. The
+    default is that of a study in which it restored planes no worse, and layers better, than 0 did.
+    most_layers: largest number of layers, 2 or more; 2 to this number are equally likely.
     """
 
     layered_share: float = 0.5
@@ -71,12 +67,9 @@ class SceneSettings:
 class Scene:
     """A scene of layers, the nearest first; a plane has one.
 
-    Attributes
-    ----------
-    pictures : numpy.ndarray, float32, (layers, side, side)
-        sRGB values, 0 to 1.
-    mattes : numpy.ndarray, float32, (layers, side, side)
-        Share of each pixel that a layer covers, 0 to 1. The farthest layer's is 1.
+    pictures: sRGB values, (layers, side, side), 0 to 1.
+    mattes: share of each pixel that a layer covers, (layers, side, side), 0 to 1. The farthest
+    layer's is 1.
     """
 
     pictures: Layers
@@ -84,12 +77,12 @@ class Scene:
 
 
 class PatchSource(Protocol):
-    """What training patches are cut from: `TrainingPictures` or `ProceduralPictures`."""
+    """What patches are cut from: `TrainingPictures` or `ProceduralPictures`."""
 
     def patch(
         self, generator: np.random.Generator, side: int, split: Split = "training"
     ) -> NDArray[np.float32]:
-        """Return a random grey patch for training, (side, side), sRGB values from 0 to 1."""
+        """Return a random grey patch, (side, side), sRGB values from 0 to 1."""
 
 
 def draw_scene(
@@ -99,30 +92,13 @@ def draw_scene(
     settings: SceneSettings,
     split: Split = "training",
 ) -> Scene:
-    """Draw a random scene to train on: a plane, or layers that hide parts of each other.
+    """Draw a plane, or layers that hide parts of each other; depths aren't part of the scene.
 
-    Parameters
-    ----------
-    pictures : PatchSource
-        Where each layer's picture comes from.
-    generator : numpy.random.Generator
-        The only source of random numbers.
-    side : int
-        Pixels along each side, 8 or more.
-    settings : SceneSettings
-        How many scenes have layers, and how many layers.
-    split : {"training", "validation"}, default "training"
-        Which pictures to draw from.
-
-    Returns
-    -------
-    Scene
-        The scene. Depths aren't part of it.
-
-    Raises
-    ------
-    UserError
-        If the side is below 8 pixels, or no picture is as large.
+    Raises UserError if the side is below 8 pixels, or no picture is as large.
+    pictures: where each layer's picture comes from.
+    generator: the only source of random numbers.
+    side: pixels along each side, 8 or more.
+    split: which pictures to draw from.
     """
     if side < 8:
         raise UserError(f"A scene of {side} x {side} pixels: give 8 or more along a side.")
@@ -137,15 +113,7 @@ def draw_scene(
 
 
 def draw_matte(generator: np.random.Generator, side: int) -> _Mask:
-    """Draw the matte of a layer of random shape, (side, side), with edges about a pixel wide.
-
-    Parameters
-    ----------
-    generator : numpy.random.Generator
-        The only source of random numbers.
-    side : int
-        Pixels along each side.
-    """
+    """Draw the matte of a layer of random shape, (side, side), with edges about a pixel wide."""
     low, high = _COVERAGES
     for _ in range(_ATTEMPTS):
         draw = _SHAPES[int(generator.integers(len(_SHAPES)))]
@@ -156,12 +124,12 @@ def draw_matte(generator: np.random.Generator, side: int) -> _Mask:
 
 
 def _average(mask: _Mask, side: int) -> _Mask:
-    """Return a matte's oversampled drawing of zeros and ones averaged over pixels."""
+    """Average an oversampled drawing of zeros and ones over pixels."""
     return np.asarray(cv2.resize(mask, (side, side), interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _draw_half_plane(generator: np.random.Generator, side: int) -> _Mask:
-    """Draw a matte that covers one side of a line through the scene's middle."""
+    """Cover one side of a line through the scene's middle."""
     angle = generator.uniform(0, 2 * math.pi)
     along = np.arange(side, dtype=np.float32) - side / 2
     above = along * math.cos(angle) + along[:, None] * math.sin(angle) > 0
@@ -169,7 +137,7 @@ def _draw_half_plane(generator: np.random.Generator, side: int) -> _Mask:
 
 
 def _draw_blobs(generator: np.random.Generator, side: int) -> _Mask:
-    """Draw a matte where smooth noise exceeds a level."""
+    """Cover where smooth noise exceeds a level."""
     cells = int(generator.integers(*_BLOB_CELLS))
     noise = generator.standard_normal((cells + 3, cells + 3), dtype=np.float32)
     # The outer cells are cut off, where the interpolation repeats them.
@@ -181,7 +149,7 @@ def _draw_blobs(generator: np.random.Generator, side: int) -> _Mask:
 
 
 def _draw_polygons(generator: np.random.Generator, side: int) -> _Mask:
-    """Draw a matte of one to four polygons with corners around random centres."""
+    """Cover one to four polygons with corners around random centres."""
     mask = np.zeros((side, side), np.float32)
     for _ in range(int(generator.integers(1, 5))):
         count = int(generator.integers(3, 9))
@@ -194,7 +162,7 @@ def _draw_polygons(generator: np.random.Generator, side: int) -> _Mask:
 
 
 def _draw_branches(generator: np.random.Generator, side: int) -> _Mask:
-    """Draw a matte of bars through the scene, some with thinner branches."""
+    """Cover bars through the scene, some with thinner branches."""
     mask = np.zeros((side, side), np.float32)
     for _ in range(int(generator.integers(1, 7))):
         angle = generator.uniform(0, math.pi)
@@ -212,19 +180,19 @@ def _draw_branches(generator: np.random.Generator, side: int) -> _Mask:
 def _draw_bar(
     mask: _Mask, middle: NDArray[np.float64], angle: float, width: float, length: float
 ) -> None:
-    """Draw a bar of a matte around its middle, in place; lengths are in drawn pixels."""
+    """Draw a bar around its middle, in place; lengths are in drawn pixels."""
     half = 0.5 * length * _direction(angle)
     ends = np.rint(np.stack([middle - half, middle + half])).astype(int).tolist()
     cv2.line(mask, ends[0], ends[1], 1.0, max(1, round(width)))
 
 
 def _direction(angle: float) -> NDArray[np.float64]:
-    """Return the unit vector (x, y) along a matte's bar."""
+    """Return the unit vector (x, y) at an angle in radians."""
     return np.array([math.cos(angle), math.sin(angle)])
 
 
 def _draw_writing(generator: np.random.Generator, side: int) -> _Mask:
-    """Draw a matte of a few blocks of strokes, like writing."""
+    """Cover a few blocks of strokes, like writing."""
     mask = np.zeros((side, side), np.float32)
     for _ in range(int(generator.integers(1, 4))):
         add_writing(mask, generator, _OVERSAMPLING, ink=1.0)

@@ -1,4 +1,4 @@
-"""Define how long and how fast a training goes."""
+"""Steps, learning rates and averaging of a training."""
 
 from __future__ import annotations
 
@@ -15,26 +15,15 @@ _EARLY_STEPS = 10
 class TrainingSchedule:
     """How long and how fast a training goes.
 
-    Attributes
-    ----------
-    steps : int
-        Steps in all.
-    first_rate : float
-        Learning rate after the warm-up.
-    last_rate : float
-        Learning rate that half a cosine falls to at the end.
-    warm_up : int, optional
-        Steps over which the rate grows linearly to `first_rate`.
-    average_decay : float, optional
-        Decay of the running mean of the weights per step, 0 to 1. The mean is the result, because
-        it varies less than the last weights.
-    clip : float, optional
-        Largest norm of the gradient over all parameters: longer ones are shortened to it. None
-        leaves them.
-    validation_interval : int, optional
-        Steps between two validations; there is one after the last step in any case.
-    seed : int, optional
-        Seed of the training, not negative.
+    first_rate: learning rate after the warm-up.
+    last_rate: learning rate that half a cosine falls to at the end.
+    warm_up: steps over which the rate grows linearly to `first_rate`.
+    average_decay: decay of the running mean of the weights per step, 0 to 1. The mean is the
+    result, because it varies less than the last weights.
+    clip: largest norm of the gradient over all parameters: longer ones are shortened to it. None
+    leaves them.
+    validation_interval: steps between two validations; there is one after the last step, too.
+    seed: not negative.
     """
 
     steps: int
@@ -64,7 +53,7 @@ class TrainingSchedule:
             raise ValueError(f"seed is {self.seed}; choose 0 or more")
 
     def rate(self, step: int) -> float:
-        """Return the learning rate of a training step, numbered from 0."""
+        """Return the learning rate of a step, numbered from 0."""
         if step < self.warm_up:
             return self.first_rate * (step + 1) / (self.warm_up + 1)
         share = (step - self.warm_up) / (self.steps - self.warm_up)

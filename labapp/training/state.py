@@ -1,4 +1,4 @@
-"""Hold a training's weights, their running mean and the optimiser, and take single steps."""
+"""Weights, their running mean and the optimiser, from which single steps are taken."""
 
 from __future__ import annotations
 
@@ -17,31 +17,14 @@ _PRECISIONS = (torch.float32, torch.float64)
 
 
 class TrainingState:
-    """The state of a training, from which it goes on bit by bit as it would have.
+    """The state from which a training goes on bit by bit as it would have.
 
-    Parameters
-    ----------
-    task : TrainingTask
-        What is trained, on what.
-    schedule : TrainingSchedule
-        How long and how fast.
-    processes : Processes
-        The processes that share the samples.
-
-    Attributes
-    ----------
-    average : dict of str to torch.Tensor
-        Running mean of the weights, by their names in the module.
-    step : int
-        Steps so far, those that were skipped included.
-    skipped : int
-        Steps so far without a finite loss and gradient, which changed nothing.
-    failures : int
-        How many of these were the last ones in a row.
-    history : list of tuple of (int, float)
-        Step and score of each validation.
-    samples_computed : int
-        Samples that this process computed, since the training was started or continued.
+    average: running mean of the weights, by their names in the module.
+    step: steps so far, those that were skipped included.
+    skipped: steps so far without a finite loss and gradient, which changed nothing.
+    failures: how many of these were the last ones in a row.
+    history: step and score of each validation.
+    samples_computed: by this process, since the training was started or continued.
     """
 
     def __init__(
@@ -60,7 +43,7 @@ class TrainingState:
         self.history: list[tuple[int, float]] = []
 
     def take_step(self) -> float:
-        """Take a step of the training, and return its mean loss over the samples of all processes.
+        """Take a step, and return its mean loss over the samples of all processes.
 
         If the loss or the gradient isn't finite, the step is counted as skipped, and the weights
         stay as they are.
@@ -80,14 +63,14 @@ class TrainingState:
         return loss
 
     def validate(self) -> float:
-        """Rate the averaged weights of the training, and note the score in the history."""
+        """Rate the averaged weights, and note the score in the history."""
         with self._averaged_weights(), torch.no_grad():
             score = float(self._task.validate())
         self.history.append((self.step, score))
         return score
 
     def as_data(self) -> dict[str, Any]:
-        """Return the state of the training as tensors in dicts and lists, and plain data."""
+        """Return the state as tensors in dicts and lists, and plain data."""
         return {
             "module": self._task.module.state_dict(),
             "average": self.average,
@@ -100,7 +83,7 @@ class TrainingState:
         }
 
     def load_data(self, data: dict[str, Any]) -> None:
-        """Take over a training's state from `as_data`.
+        """Take over a state from `as_data`.
 
         Raises LookupError, RuntimeError, TypeError or ValueError if it doesn't fit the task.
         """
@@ -115,7 +98,7 @@ class TrainingState:
             self._task.load_extra_state(data["extra"])
 
     def _apply_gradients(self, loss: float) -> None:
-        """Change the weights of the training by the gradients, unless they or the loss fail."""
+        """Change the weights by the gradients, unless they or the loss fail."""
         longest = self._schedule.clip or math.inf
         norm = torch.nn.utils.clip_grad_norm_(self._parameters, longest, foreach=False)
         if not (math.isfinite(loss) and math.isfinite(norm.item())):
@@ -130,7 +113,7 @@ class TrainingState:
         self._update_average()
 
     def _update_average(self) -> None:
-        """Move the running mean of the training's weights towards the new ones."""
+        """Move the running mean of the weights towards the new ones."""
         decay = self._schedule.decay(self.step + 1 - self.skipped)
         for name, value in self._task.module.state_dict().items():
             if value.is_floating_point():
@@ -140,7 +123,7 @@ class TrainingState:
 
     @contextmanager
     def _averaged_weights(self) -> Iterator[None]:
-        """Put the averaged weights into the training's module while the block runs."""
+        """Put the averaged weights into the module while the block runs."""
         module = self._task.module
         own = _copy_weights(module)
         module.load_state_dict(self.average)
@@ -151,12 +134,12 @@ class TrainingState:
 
 
 def _copy_weights(module: torch.nn.Module) -> dict[str, torch.Tensor]:
-    """Return a copy of a trained module's weights, by name."""
+    """Return a copy of a module's weights, by name."""
     return {name: value.detach().clone() for name, value in module.state_dict().items()}
 
 
 def _require_suitable(task: TrainingTask, processes: Processes) -> None:
-    """Raise ValueError if a training task has too few samples, or weights in half precision."""
+    """Raise ValueError for too few samples, or for weights in half precision."""
     if task.samples < processes.count:
         raise ValueError(
             f"samples is {task.samples} for {processes.count} processes; start fewer processes, so "

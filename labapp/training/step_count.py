@@ -1,4 +1,4 @@
-"""Find how many steps of a training fit into the time that a person gives it."""
+"""Find how many steps fit into the time that a person gives a training."""
 
 from __future__ import annotations
 
@@ -23,26 +23,12 @@ _TIMED_STEPS = 5
 def count_steps(
     task: TrainingTask, schedule: TrainingSchedule, minutes: float, processes: Processes
 ) -> int:
-    """Return how many steps of a training fit into some minutes, its validations included.
+    """Return how many steps fit into some minutes, validations included; at least 1.
 
-    A few steps and a validation are timed; the task is as before afterwards. The number depends on
-    how busy the machine is then, and nothing makes the training end in time later.
-
-    Parameters
-    ----------
-    task : TrainingTask
-        What is trained, on what.
-    schedule : TrainingSchedule
-        How fast; its number of steps is left out of account.
-    minutes : float
-        Minutes of the training.
-    processes : Processes
-        The processes that share the samples.
-
-    Returns
-    -------
-    int
-        Number of steps, at least 1; the same in all processes.
+    A few steps and a validation are timed; the task is as before afterwards. The number is the same
+    in all processes. It depends on how busy the machine is then, and nothing makes the training end
+    in time later.
+    schedule: its number of steps is left out of account.
     """
     with _keep_unchanged(task):
         state = TrainingState(task, replace(schedule, steps=_TIMED_STEPS + 1), processes)
@@ -54,7 +40,7 @@ def count_steps(
 
 @contextmanager
 def _keep_unchanged(task: TrainingTask) -> Iterator[None]:
-    """Undo all changes of a training task's module and memory after the block."""
+    """Undo all changes of a task's module and memory after the block."""
     weights = copy.deepcopy(task.module.state_dict())
     extra = copy.deepcopy(task.extra_state()) if isinstance(task, RememberingTask) else None
     try:
@@ -67,7 +53,7 @@ def _keep_unchanged(task: TrainingTask) -> Iterator[None]:
 
 
 def _time(work: Callable[[], object]) -> float:
-    """Return the seconds that a piece of training takes."""
+    """Return the seconds that a call takes."""
     started = time.perf_counter()
     work()
     return time.perf_counter() - started

@@ -1,4 +1,4 @@
-"""Define what a training task offers to the training loop, and where its random numbers are from.
+"""What a task offers to the loop that trains it, and where its random numbers are from.
 
 A task is what is trained, on what: the denoiser on photographs, or a pattern with its decoder on
 scenes. `labapp.training.loop` trains every task in the same way.
@@ -28,8 +28,8 @@ class TrainingTask(Protocol):
     def settings(self) -> Mapping[str, Any]:
         """Everything that the result depends on besides the schedule, as plain data.
 
-        A training that was interrupted goes on only with the same settings. Name data by their
-        content, for instance by a checksum of the pictures.
+        An interrupted training goes on only with the same settings. Name data by their content, for
+        instance by a checksum of the pictures.
         """
 
     @property
@@ -43,29 +43,18 @@ class TrainingTask(Protocol):
     def parameter_groups(self) -> list[dict[str, Any]]:
         """Return the groups of parameters with their learning rates.
 
-        Returns
-        -------
-        list of dict
-            "params" is a list of parameters, "rate" the factor of the schedule's learning rate;
-            further entries, such as "betas", go to torch.optim.Adam.
+        "params" is a list of parameters, "rate" the factor of the schedule's learning rate; further
+        entries, such as "betas", go to torch.optim.Adam.
         """
 
     def losses(self, step: int, samples: Sequence[int]) -> torch.Tensor:
-        """Return the losses of samples of a training step.
+        """Return the losses of samples of a step, (len(samples),).
 
-        Parameters
-        ----------
-        step : int
-            Number of the step, from 0.
-        samples : sequence of int
-            Numbers of the samples, from 0 to below `samples`: those that this process computes.
-            The random numbers of each come from `sample_generator` alone, so that the result
-            depends neither on the number of processes nor on interruptions.
-
-        Returns
-        -------
-        torch.Tensor, (len(samples),)
-            The loss of each sample. The step lowers the mean over all samples of all processes.
+        The step lowers the mean over all samples of all processes. The random numbers of each
+        sample come from `sample_generator` alone, so that the result depends neither on the number
+        of processes nor on interruptions.
+        step: number of the step, from 0.
+        samples: numbers of the samples that this process computes, from 0 to below `self.samples`.
         """
 
     def validate(self) -> float:
@@ -77,7 +66,7 @@ class TrainingTask(Protocol):
 
 @runtime_checkable
 class RememberingTask(Protocol):
-    """A training task that keeps more than its module from step to step.
+    """A task that keeps more than its module from step to step.
 
     What it keeps must be the same in all processes (`Processes.gather` makes it so), and finite
     even where a loss isn't: a step that is skipped leaves it as it is.
@@ -91,20 +80,11 @@ class RememberingTask(Protocol):
 
 
 def sample_generator(seed: int, step: int, sample: int) -> np.random.Generator:
-    """Return the source of all random numbers of one sample of a training step.
+    """Return the source of all random numbers of one sample of a step.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the training, not negative.
-    step : int
-        Number of the step, or `VALIDATION_STEP`.
-    sample : int
-        Number of the sample in the step.
-
-    Returns
-    -------
-    numpy.random.Generator
-        A new generator, always in the same state for the same numbers.
+    It is a new generator, always in the same state for the same numbers.
+    seed: not negative.
+    step: number of the step, or `VALIDATION_STEP`.
+    sample: number of the sample in the step.
     """
     return np.random.default_rng((seed, step, sample))

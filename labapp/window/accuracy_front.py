@@ -1,4 +1,4 @@
-"""The small plot in the window's tab "Accuracy": predicted error against time, and the choice."""
+"""Plot of predicted error against time in the tab "Accuracy", with the choice marked."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class AccuracyFront(QWidget):
         fill_layout(QVBoxLayout(self), self._plot)
 
     def show_forecast(self, forecast: AccuracyForecast) -> None:
-        """Plot the window's forecast of what each tolerance costs."""
+        """Plot what each tolerance is predicted to cost."""
         good = [one for one in forecast.points if one.error is not None and one.each_seconds]
         self._all.setData(*_places(good))
         self._chosen.setData(*_places([one for one in good if one.chosen]))
@@ -76,19 +76,19 @@ class AccuracyFront(QWidget):
         )
 
     def show_present(self, point: AccuracyPoint | None) -> None:
-        """Mark the window's present setting in the plot; None takes the mark away."""
+        """Mark the present setting; None removes the mark."""
         shown = [] if point is None or point.error is None or not point.each_seconds else [point]
         self._present.setData(*_places(shown))
 
     @property
     def present_place(self) -> tuple[float, float] | None:
-        """Return where the window marks the present setting: powers of ten of seconds and error."""
+        """Return where the present setting is marked: log10 of its seconds and of its error."""
         x, y = self._present.getData()
         return None if x is None or not len(x) else (float(x[0]), float(y[0]))
 
 
 def _places(points: list[AccuracyPoint]) -> tuple[list[float], list[float]]:
-    """Return the powers of ten of seconds and errors at which the window plots points."""
+    """Return log10 of the points' seconds and of their errors."""
     return (
         [math.log10(one.each_seconds or 1.0) for one in points],
         [math.log10(max(one.error or 0.0, _LEAST)) for one in points],
@@ -98,7 +98,7 @@ def _places(points: list[AccuracyPoint]) -> tuple[list[float], list[float]]:
 def _step(
     here: tuple[float, float], there: tuple[float, float]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the corner points of the window's front between two of its settings."""
+    """Return the corner points of the front's step from one setting to the next."""
     return here, (there[0], here[1])
 
 

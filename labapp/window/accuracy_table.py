@@ -1,4 +1,4 @@
-"""The table in the window's tab "Accuracy": what each tolerance costs, one row for each decade."""
+"""The table in the tab "Accuracy": what each tolerance costs, one row for each decade."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _COLUMNS = {
 
 @dataclass(frozen=True)
 class ToleranceRow:
-    """What the window says of one tolerance, as text, and why it can't be kept if so."""
+    """Texts about one tolerance, and why it can't be kept if so."""
 
     cells: tuple[str, ...]
     failure: str = ""
 
 
 class AccuracyModel(RowsModel):
-    """Hold one row of the window's accuracy table for each tolerance."""
+    """Hold one row for each tolerance."""
 
     rows: Sequence[ToleranceRow]
 
@@ -45,7 +45,6 @@ class AccuracyModel(RowsModel):
         super().__init__(_COLUMNS, parent)
 
     def show_rows(self, rows: Sequence[ToleranceRow]) -> None:
-        """Show new rows in the window's accuracy table."""
         self.beginResetModel()
         self.rows = rows
         self.endResetModel()
@@ -76,7 +75,7 @@ class AccuracyTable(RowsTable):
         self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
 
     def show_forecast(self, forecast: AccuracyForecast) -> None:
-        """Show the window's forecast of what each tolerance costs."""
+        """Show what each tolerance is predicted to cost."""
         live = {one.tol: one for one in forecast.live}
         rows = []
         for tol in forecast.tolerances:
@@ -99,12 +98,12 @@ class AccuracyTable(RowsTable):
 
 
 def format_decade(tol: float) -> str:
-    """Format a tolerance of a whole decade for the window: 1e-1, 1e-2."""
+    """Format a tolerance of a whole decade: 1e-1, 1e-2."""
     return f"1e{round(math.log10(tol))}"
 
 
 def _prediction_texts(point: AccuracyPoint | None) -> tuple[str, str, str, str]:
-    """Return what the window shows of a predicted PSF: error, both times, and memory."""
+    """Return a predicted PSF's error, both times, and memory as texts."""
     if point is None:
         return "–", "–", "–", "–"
     return (

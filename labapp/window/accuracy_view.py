@@ -1,4 +1,4 @@
-"""The window's tab "Accuracy": a slider from fast to exact, and what each setting costs."""
+"""The tab "Accuracy": a slider from fast to exact, and what each setting costs."""
 
 from __future__ import annotations
 
@@ -98,18 +98,18 @@ class AccuracyView(QWidget):
 
     @property
     def tolerance(self) -> float | None:
-        """Return the relative error chosen in the window; None for what is usual."""
+        """Return the chosen relative error; None for what is usual."""
         return None if self._is_usual else self._decade
 
     @property
     def is_measuring(self) -> bool:
-        """Return whether the window waits for the full measurement."""
+        """Return whether the full measurement is under way."""
         return self._job == MEASUREMENT
 
     def open_bench(self, scene_tolerance: float | None) -> None:
-        """Begin as usual with a newly opened bench of the window.
+        """Begin as usual with a newly opened bench.
 
-        `scene_tolerance` is the relative error of its simulated pictures, or None.
+        scene_tolerance: relative error of its simulated pictures, or None.
         """
         self._open, self._scene_tolerance = True, scene_tolerance
         self._show_job("")
@@ -118,19 +118,19 @@ class AccuracyView(QWidget):
         self.make_outdated()
 
     def close_bench(self) -> None:
-        """Show in the window that there is no engine to predict or measure anything."""
+        """Show that there is no engine to predict or measure anything."""
         self._open = False
         self._show_job("")
         self.note.setText("The engine is not running.")
 
     def make_outdated(self) -> None:
-        """Predict anew for the window: at once if the tab is visible, else when it is shown."""
+        """Predict anew: at once if the tab is visible, else when it is shown."""
         self._is_outdated = True
         if self.isVisible():
             self._request_forecast()
 
     def set_measuring_allowed(self, on: bool) -> None:
-        """Enable the window's full measurement while no run or other job uses the machine."""
+        """Enable the full measurement while no run or other job uses the machine."""
         self.measure.setEnabled(on and not self._job)
 
     def show_forecast(self, forecast: AccuracyForecast) -> None:
@@ -144,12 +144,12 @@ class AccuracyView(QWidget):
         self._show_present()
 
     def start_measurement(self) -> None:
-        """Show in the window that the full measurement has begun."""
+        """Show that the full measurement has begun."""
         self.link.setText("")
         self._show_job(MEASUREMENT, "measuring …")
 
     def show_progress(self, progress: JobProgress) -> None:
-        """Show the progress of a job of this tab in the window, with the time that is left."""
+        """Show the progress of a job of this tab, with the time that is left."""
         if progress.job != self._job:
             return
         left = ""
@@ -159,14 +159,14 @@ class AccuracyView(QWidget):
         self.bar.setFormat(f"{progress.message}{left}")
 
     def show_job_end(self, job: str) -> None:
-        """Show in the window that a job of this tab is over."""
+        """Show that a job of this tab is over."""
         if job == self._job:
             self._show_job("")
             if self._is_outdated and self.isVisible():
                 self._request_forecast()
 
     def show_measured(self, report: AccuracyMeasured) -> None:
-        """Show a link to the page in the window."""
+        """Show a link to the page of measured costs."""
         counts = f"{report.measured} of {report.operations} operations"
         done = f" (cancelled after {counts})" if report.cancelled else ""
         url = QUrl.fromLocalFile(str(report.page.absolute())).toString()
@@ -241,7 +241,7 @@ class AccuracyView(QWidget):
         self._show_present()
 
     def _effect_text(self) -> str:
-        """Say in the window what the slider acts on now."""
+        """Say what the slider acts on now."""
         predictions = f"Predicted PSFs are within {format_decade(self._decade)} of the exact ones."
         scene = self._scene_tolerance
         if scene is None:

@@ -1,4 +1,4 @@
-"""The top of the window: menus beside the simulation badge, and buttons for the actions."""
+"""Menus beside the simulation badge at the window's top, and buttons for the actions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TOOL_GROUPS = (
 
 
 class ActionBar(QWidget):
-    """Show the window's menus, its action buttons and the badge, which must never be hidden.
+    """Show the menus, the action buttons and the badge, which must never be hidden.
 
     It is no QToolBar: a person can hide a QToolBar, and it hides the buttons that don't fit.
     Buttons that don't fit beside the others go to a second row.

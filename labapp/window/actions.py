@@ -1,4 +1,4 @@
-"""The window's actions, declared once; menus, buttons and shortcuts use the same ones.
+"""The actions, declared once; menus, buttons and shortcuts use the same ones.
 
 Menus show an action's text and its shortcut; buttons show both as the action's icon text. An action
 that begins something first sets what is typed, and waits where a field refuses its text.
@@ -17,9 +17,9 @@ from labapp.window.commit_fields import finish_typing
 
 @dataclass(frozen=True)
 class ActionSpec:
-    """Describe an action of the window by its button text, its shortcut and its tool tip.
+    """An action's button text, shortcut and tool tip.
 
-    `begins` tells that it starts something that uses what the window's fields hold.
+    begins: whether it starts something that uses what the fields hold.
     """
 
     name: str
@@ -31,7 +31,7 @@ class ActionSpec:
 
 
 class Action(QAction):
-    """Do something in the window; `performed` is emitted once it goes ahead.
+    """Emit `performed` once the action goes ahead.
 
     `triggered` comes before that, also where a field's refused text keeps the action from going on.
     """
@@ -95,18 +95,18 @@ ACTION_SPECS = (
     ActionSpec("reset", "Reset layout", "", "Put every panel back where it was"),
     ActionSpec("quit", "Quit", "Ctrl+Q", "Close the window, and leave the bench safe"),
 )
-"""The window's actions. Each has a place in labapp.window.menus, and many a button, too."""
+"""All actions. Each has a place in labapp.window.menus, and many a button, too."""
 
 
 def make_actions(window: QMainWindow) -> dict[str, Action]:
-    """Create the actions of the window and return them by name."""
+    """Create all actions, by name."""
     actions = {declared.name: _make(declared, window) for declared in ACTION_SPECS}
     window.addActions(list(actions.values()))
     return actions
 
 
 def retitle(action: QAction, text: str) -> None:
-    """Change the text of a window's action, in menus and on buttons; its shortcut stays."""
+    """Change an action's text in menus and on buttons; its shortcut stays."""
     key = action.shortcut().toString()
     action.setText(text)
     # Combinations of keys are long; menus and tips have them.

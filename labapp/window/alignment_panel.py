@@ -1,4 +1,4 @@
-"""The window's panel for finding, focusing, exposing and keeping what the live picture shows."""
+"""Panel for finding, focusing, exposing and keeping what the live picture shows."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LEVEL = 60.0
 noise, and away from clipping by more than any lamp flickers."""
 
 ROWS = {"Star": "star", "Photo": "photograph"}
-"""Names of the window's brackets, as they are shown and as they are called."""
+"""Names of the brackets, as they are shown and as they are called."""
 
 
 class AlignmentPanel(QScrollArea):
@@ -96,18 +96,18 @@ class AlignmentPanel(QScrollArea):
         self._allow()
 
     def set_allowed(self, *, exposes: bool, proposes: bool) -> None:
-        """Set whether the window may try exposures now, and take those of a proposal."""
+        """Set whether exposures may be tried now, and those of a proposal taken."""
         self._exposes, self._proposes = exposes, proposes
         self._allow()
 
     def show_busy(self, text: str) -> None:
-        """Show in the window which exposure is tried."""
+        """Show which exposure is tried."""
         self._busy = True
         self.said.setText(text)
         self._allow()
 
     def show_job_end(self) -> None:
-        """Show in the window that no more exposures are tried."""
+        """Show that no more exposures are tried."""
         if self._busy:
             self._busy = False
             if self.said.text().startswith("trial frame"):
@@ -117,9 +117,9 @@ class AlignmentPanel(QScrollArea):
     def show_measured(
         self, measured: PictureMeasured, cross: tuple[float, float] | None = None
     ) -> None:
-        """Show what was measured in a live picture of the window, as numbers and as curves.
+        """Show what was measured in a live picture, as numbers and as curves.
 
-        `cross` is the place of the cross-hair, (row, column), from which the star's is told.
+        cross: place of the cross-hair, (row, column), from which the star's is told.
         """
         region = measured.region
         if region is not None:
@@ -130,7 +130,7 @@ class AlignmentPanel(QScrollArea):
         self.profile.show_line(measured.line)
 
     def show_exposure(self, found: ExposureFound) -> None:
-        """Show in the window which exposure was set, and whether it reaches the level."""
+        """Show which exposure was set, and whether it reaches the level."""
         level, wanted = 100 * found.level, 100 * found.wanted
         text = (
             f"{found.exposure * 1e3:.6g} ms: the brightest pixel is at {level:.0f} % of full "
@@ -142,23 +142,23 @@ class AlignmentPanel(QScrollArea):
         self.said.setText(text)
 
     def show_proposal(self, proposal: BracketProposal) -> None:
-        """Show a proposed bracket in the window, until it is used or another one comes."""
+        """Show a proposed bracket until it is used or another one comes."""
         self._proposal = proposal
         self.row.setCurrentText(next(t for t, name in ROWS.items() if name == proposal.row))
         self.said.setText(_proposal_text(proposal))
         self._allow()
 
     def show_said(self, text: str) -> None:
-        """Show in the window how something ended that this panel was asked for."""
+        """Show how something ended that this panel was asked for."""
         self.said.setText(text)
 
     def forget_course(self) -> None:
-        """Forget the window's course of width and score, as for another lens or target."""
+        """Forget the course of width and score, as for another lens or target."""
         self.history.clear()
         self.plots.show_history(self.history)
 
     def show_marks(self) -> None:
-        """Show only those readings in the window whose mark is on the picture."""
+        """Show only those readings whose mark is on the picture."""
         for part in (self.statistics, self.star, self.focus, self.plots, self.restart):
             part.setVisible(self.region.isChecked())
         self.profile.setVisible(self.line.isChecked())
@@ -203,7 +203,7 @@ class AlignmentPanel(QScrollArea):
         self.accept.setEnabled(self._proposal is not None)
 
     def _show_course(self, region: RegionReading) -> None:
-        """Show focus score and its share of the best in the window, and both curves."""
+        """Show the focus score and its share of the best, and both curves."""
         self.plots.show_history(self.history)
         best_fwhm, best = self.history.best_fwhm, self.history.best_focus
         if region.focus is None:
@@ -215,7 +215,7 @@ class AlignmentPanel(QScrollArea):
 
 
 def _switch(text: str, tip: str) -> QToolButton:
-    """Return a button of the window that stays pressed as long as a mark is on the picture."""
+    """Return a button that stays pressed as long as a mark is on the picture."""
     made = QToolButton()
     made.setText(text)
     made.setCheckable(True)
@@ -235,7 +235,7 @@ def _statistics_text(region: RegionReading) -> str:
 
 
 def _star_text(star: StarReading | None, no_star: str, cross: tuple[float, float] | None) -> str:
-    """Describe the star in the window's region; or say why there is none."""
+    """Describe the star in the region, or say why there is none."""
     if star is None:
         return f"star: {no_star}"
     clipped = f"\n{star.saturated} px saturated: it looks too wide" if star.saturated else ""
@@ -251,7 +251,7 @@ def _star_text(star: StarReading | None, no_star: str, cross: tuple[float, float
 
 
 def _proposal_text(proposal: BracketProposal) -> str:
-    """Describe a proposed bracket in the window, beside the ladder that does the same quickest."""
+    """Describe a proposed bracket, beside the ladder that does the same quickest."""
     low, high = proposal.electrons_per_s
     count = proposal.metering_frames
     frames = "1 frame" if count == 1 else f"{count} frames"

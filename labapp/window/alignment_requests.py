@@ -1,4 +1,4 @@
-"""Requests from the window's panel of alignment to the engine, and what comes back."""
+"""Requests from the panel of alignment to the engine, and what comes back."""
 
 from __future__ import annotations
 
@@ -57,20 +57,20 @@ class AlignmentRequests(QObject):
         panel.cancel_requested.connect(self._cancel)
 
     def open_bench(self, bench: BenchOpened) -> None:
-        """Begin with the pictures of a bench that the window has opened."""
+        """Begin with the pictures of a newly opened bench."""
         self.marks.adopt_shape(bench.camera_shape)
         self._panel.forget_course()
         self._asked = MeasurePictures(None, None)
         self._measure()
 
     def show_measured(self, measured: PictureMeasured) -> None:
-        """Show what was measured for the window, and a ring around the star."""
+        """Show what was measured, and a ring around the star."""
         cross = self.marks.cross if self._panel.cross.isChecked() else None
         self._panel.show_measured(measured, cross)
         self.marks.show_star(measured.region.star if measured.region else None)
 
     def show_star(self, found: StarFound) -> None:
-        """Put the window's region around the star that was found, or say why there is none."""
+        """Put the region around the star that was found, or say why there is none."""
         if found.place is None:
             self._panel.show_said(f"No star: {found.why_not}.")
             return
@@ -80,22 +80,22 @@ class AlignmentRequests(QObject):
         self._panel.show_said(f"A star at x {x:.1f}, y {y:.1f}. Its width is measured below.")
 
     def show_exposure(self, found: ExposureFound) -> None:
-        """Show the exposure that was found in the window, and take it over into its field."""
+        """Show the exposure that was found, and take it over into its field."""
         self._panel.show_exposure(found)
         self._settings.note_exposure(found.exposure)
 
     def show_progress(self, progress: JobProgress) -> None:
-        """Show in the window which exposure is tried, if it is a job of this panel."""
+        """Show which exposure is tried, if it is a job of this panel."""
         if progress.job in _TRIAL_JOBS:
             self._panel.show_busy(progress.message)
 
     def show_job_end(self, ended: JobEnded) -> None:
-        """Note for the window that no more exposures are tried."""
+        """Note that no more exposures are tried."""
         if ended.job in _TRIAL_JOBS:
             self._panel.show_job_end()
 
     def _measure(self) -> None:
-        """Ask for measurements where the window's marks are now, if they have moved."""
+        """Ask for measurements where the marks are now, if they have moved."""
         asked = MeasurePictures(self.marks.region, self.marks.line)
         if asked != self._asked:
             self._asked = asked
@@ -106,7 +106,7 @@ class AlignmentRequests(QObject):
         self._send(ProposeBracket(row, fields.snr.value(), fields.decades.value()))
 
     def _use_proposal(self, proposal: BracketProposal) -> None:
-        """Take a proposed bracket over into its row of the window."""
+        """Take a proposed bracket over into its row of fields."""
         why = f"proposed on {proposal.target} with {proposal.pattern}"
         getattr(self._window.run, proposal.row).propose(ProposedBracket(proposal.exposures_ms, why))
         self._panel.show_said("Taken over. F6 puts the bracket in line.")

@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 def main(**options: Unpack[BenchOptions]) -> int:
     """Run the window on a bench until it is closed, and return the exit status.
 
-    It is 0 only if the bench was left safe.
-
-    Without a bench file, the window opens on the virtual bench.
+    It is 0 only if the bench was left safe. Without a bench file, the window opens on the virtual
+    bench.
     """
     application, _window, connection = open_window(**options)
     code = application.exec()
@@ -36,11 +35,11 @@ def main(**options: Unpack[BenchOptions]) -> int:
 def open_window(
     **options: Unpack[BenchOptions],
 ) -> tuple[QApplication, MainWindow, EngineConnection]:
-    """Start the window's engine, load the window meanwhile, and show it.
+    """Start the engine, load the window meanwhile, and show it.
 
-    `options` are the files of the bench, of the scene, of the image, and of faults that are
-    injected into simulated devices, and the memory for simulated pictures. Only the engine's
-    process imports heavy libraries. Raises UserError if there is no display.
+    Only the engine's process imports heavy libraries. Raises UserError if there is no display.
+    options: files of the bench, of the scene, of the image, and of faults that are injected into
+        simulated devices, and the memory for simulated pictures.
     """
     _require_display()
     # Ctrl-C in the terminal ends the window at once; the engine then makes the bench safe.
@@ -67,7 +66,7 @@ def open_window(
 
 
 def _require_display() -> None:
-    """Raise UserError if the window has no display; Qt would abort the process without a hint."""
+    """Raise UserError if there is no display; Qt would abort the process without a hint."""
     known = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
     if sys.platform == "linux" and not any(os.environ.get(name) for name in known):
         raise UserError(

@@ -1,4 +1,4 @@
-"""The window's view of a photograph before and after reconstruction, with a divider to drag."""
+"""A photograph before and after reconstruction, with a divider to drag."""
 
 from __future__ import annotations
 
@@ -37,10 +37,7 @@ class BeforeAfterView(PictureView):
             caption.hide()
 
     def show_before_after(self, before: NDArray[np.uint8], after: NDArray[np.uint8]) -> None:
-        """Show two pictures of one shape in the window, with a divider in the middle.
-
-        The pictures are (rows, columns) uint8, or (rows, columns, 3) in colour.
-        """
+        """Show two pictures of one shape, (rows, columns[, 3]) uint8, beside a divider."""
         columns = before.shape[1]
         self._before, self._after = before, after
         with QSignalBlocker(self.divider):
@@ -53,14 +50,14 @@ class BeforeAfterView(PictureView):
         self.fit()
 
     def show_single(self, picture: NDArray[np.uint8]) -> None:
-        """Show one picture in the window that hasn't been restored, (rows, columns) uint8."""
+        """Show one picture that hasn't been restored, (rows, columns) uint8."""
         self.show_before_after(picture, picture)
         self.divider.hide()
         for caption in self.captions:
             caption.hide()
 
     def show_only_before(self, on: bool) -> None:
-        """Show only the picture before reconstruction in the window, or both pictures again."""
+        """Show only the picture before reconstruction, or both pictures again."""
         self._only_before = on
         self._redraw()
 

@@ -1,4 +1,4 @@
-"""What the window's engine opens a bench with."""
+"""What the engine opens a bench with."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import TypedDict
 
 
 class BenchOptions(TypedDict, total=False):
-    """Files of the bench that the window opens, and the memory for its simulated pictures.
+    """Files of the bench to open, and the memory for its simulated pictures.
 
-    `bench`, `scene`, `image` and `faults` are files; `memory` is in bytes. Each may be None, for
-    what is usual.
+    Each may be None, for what is usual.
+    bench, scene, image, faults: files.
+    memory: bytes.
     """
 
     bench: Path | None

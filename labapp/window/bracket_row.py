@@ -1,4 +1,4 @@
-"""The window's fields for an exposure bracket: a ladder's, or the signal-to-noise ratio's."""
+"""Fields for an exposure bracket: a ladder's, or the signal-to-noise ratio's."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class BracketRow(QObject):
         return ExposureBracket(self.shortest.value(), self.ratio.value(), self.count.value())
 
     def propose(self, bracket: ProposedBracket) -> None:
-        """Request a proposed bracket in the window, until a field of this row is changed."""
+        """Request a proposed bracket until a field of this row is changed."""
         self.chosen.setChecked(False)
         self._proposed = bracket
         self._update()

@@ -1,4 +1,4 @@
-"""The palettes of the window's maps, and the scale that says which value has which colour."""
+"""Palettes of maps, and the scale that says which value has which colour."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ _GAP = 6
 
 
 def rising_palette() -> NDArray[np.uint8]:
-    """Return the window's palette for maps of values from 0 upwards, (256, 3)."""
+    """Return the palette for values from 0 upwards, (256, 3)."""
     return _interpolate(_RISING)
 
 
 def signed_palette() -> NDArray[np.uint8]:
-    """Return the window's palette for maps of values around 0, (256, 3); the middle is dark."""
+    """Return the palette for values around 0, (256, 3); the middle is dark."""
     return _interpolate(_SIGNED)
 
 
 class ColourScale(QWidget):
-    """Show a palette of the window as a bar between the values of its ends, with their unit."""
+    """Show a palette as a bar between the values of its ends."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -42,7 +42,7 @@ class ColourScale(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Preferred)
 
     def show_scale(self, palette: NDArray[np.uint8], lowest: float, highest: float) -> None:
-        """Show a palette of the window, whose ends stand for two values."""
+        """Show a palette whose ends stand for two values."""
         data = np.ascontiguousarray(palette)
         # QImage only refers to the array, which is freed on return, so the image is copied.
         self._image = QImage(data.data, len(data), 1, 3 * len(data), QImage.Format.Format_RGB888)
@@ -77,7 +77,7 @@ class ColourScale(QWidget):
 
 
 def _interpolate(colours: tuple[tuple[int, int, int], ...]) -> NDArray[np.uint8]:
-    """Interpolate some colours evenly to a palette of the window, (256, 3)."""
+    """Interpolate some colours evenly to a palette, (256, 3)."""
     at = np.linspace(0, 255, len(colours))
     channels = [np.interp(np.arange(256), at, one) for one in np.transpose(colours)]
     return np.rint(np.stack(channels, axis=1)).astype(np.uint8)

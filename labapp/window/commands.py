@@ -17,7 +17,7 @@ PatternTable = dict[str, Any]
 
 
 class Command:
-    """Base class of the commands that the window sends to its engine."""
+    """What the window may ask of its engine."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ class ShowPatternAgain(Command):
 class AcquireBracket(Command):
     """Queue a run of exposure brackets of star and photograph; its record goes to `folder`.
 
-    `ticket` identifies the request, and begins the record's name; without one, the engine takes
-    the time.
+    ticket: identifies the request, and begins the record's name; without one, the engine takes the
+        time.
     """
 
     pattern: PatternTable
@@ -126,7 +126,8 @@ class KeptRequest:
 class RestoreQueue(Command):
     """Queue the runs of kept requests again, held: none begins until a person says so.
 
-    A run whose record was begun takes the frames that it lacks. `reason` is why they are held.
+    A run whose record was begun takes the frames that it lacks.
+    reason: why they are held.
     """
 
     requests: tuple[KeptRequest, ...]
@@ -161,7 +162,7 @@ class PauseRun(Command):
 class AnswerPrompt(Command):
     """Confirm that a person has done what the run's prompt of this number asks for.
 
-    `alternative` tells that the person chose the prompt's other answer.
+    alternative: whether the person chose the prompt's other answer.
     """
 
     number: int
@@ -186,9 +187,9 @@ class OpenRecord(Command):
 class ReconstructRun(Command):
     """Restore the blurred photograph of a record.
 
-    `method` is one of optics.inverse.method_names, or DECODER. `budget` is the processor time
-    in seconds; with None, the method takes its usual time. `grey` asks for one band of a sensor
-    with colour filters.
+    method: one of optics.inverse.method_names, or DECODER.
+    budget: processor time, s; None for the method's usual time.
+    grey: whether one band of a sensor with colour filters is asked for.
     """
 
     path: Path
@@ -247,10 +248,7 @@ class Cancel(Command):
 
 @dataclass(frozen=True)
 class SetView(Command):
-    """Tell the engine what the window shows of live frames, and how often its screen is redrawn.
-
-    `refresh_interval` is in seconds.
-    """
+    """Tell what is shown of live frames, and the seconds between the screen's redraws."""
 
     view: FrameView
     refresh_interval: float
@@ -260,7 +258,8 @@ class SetView(Command):
 class AcknowledgeFrame(Command):
     """Acknowledge that a live frame is on the screen, so that the engine sends the next one.
 
-    `slot` is that of the frame in shared memory. The window no longer needs earlier frames.
+    The window no longer needs earlier frames.
+    slot: that of the frame in shared memory.
     """
 
     slot: int

@@ -1,8 +1,8 @@
-"""Fields of the window that set hardware: a value counts only once the person has set it.
+"""Fields that set hardware: a value counts only once the person has set it.
 
-Stepping, scrolling and typing only propose a value, which is shown as pending. Enter, a click on
-an arrow, or a click on an item of the open list sets it. Esc, leaving the field and a drag take
-it back.
+Stepping, scrolling and typing only propose a value, which is shown as pending. Enter, a click on an
+arrow, or a click on an item of the open list sets it. Esc, leaving the field and a drag take it
+back.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ _ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 
 
 class _CommitInput(QWidget if TYPE_CHECKING else object):  # type: ignore[misc]
-    """Let keys and wheel only propose a value in a field of the window; Enter sets it.
+    """Let keys and wheel only propose a value; Enter sets it.
 
     Stands before a Qt class among the bases. Esc and leaving the field take the value back.
     """
 
     @property
     def is_pending(self) -> bool:
-        """Return whether the window's field shows a value that isn't set."""
+        """Return whether the field shows a value that isn't set."""
         raise NotImplementedError
 
     def take_back(self) -> None:
-        """Show the value that is set in the window again, in place of a pending one."""
+        """Show the value that is set again, in place of a pending one."""
         raise NotImplementedError
 
     def _enter(self) -> None:
-        """Set what the window's field shows."""
+        """Set what the field shows."""
         raise NotImplementedError
 
     def _proposing(self) -> AbstractContextManager[None]:
-        """Return the block in which changes only propose a value in the window."""
+        """Return the block in which changes only propose a value."""
         raise NotImplementedError
 
     def event(self, event: QEvent) -> bool:
@@ -94,18 +94,16 @@ class CommitSpinBox(_CommitInput, NumberBox):
 
     @property
     def is_pending(self) -> bool:
-        """Return whether the window's field shows a number that isn't set."""
         return self._typed or self.value() != self.set_value
 
     def show_value(self, value: float) -> None:
-        """Show a number in the window as the one that is set."""
+        """Show a number as the one that is set."""
         self._typed = False
         self.setValue(value)
         self.set_value = self.value()
         self._mark()
 
     def take_back(self) -> None:
-        """Show the number that is set in the window again, in place of a pending one."""
         self.show_value(self.set_value)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
@@ -160,7 +158,7 @@ class CommitSpinBox(_CommitInput, NumberBox):
         self._mark()
 
     def set_proposal(self) -> bool:
-        """Set the number that the window's field shows; return False if its text is refused."""
+        """Set the number that the field shows; return False if its text is refused."""
         if self._typed and self.fault:
             self.refuse(self.lineEdit().text())
             self.take_back()
@@ -202,17 +200,15 @@ class CommitComboBox(_CommitInput, QComboBox):
 
     @property
     def is_pending(self) -> bool:
-        """Return whether the window's field shows an item that isn't set."""
         return self.currentText() != self.set_text
 
     def show_text(self, text: str) -> None:
-        """Show an item in the window as the one that is set; without such an item, none is."""
+        """Show an item as the one that is set; without such an item, none is."""
         self.setCurrentIndex(self.findText(text))
         self.set_text = self.currentText()
         self._mark()
 
     def take_back(self) -> None:
-        """Show the item that is set in the window again, in place of a pending one."""
         self.show_text(self.set_text)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
@@ -268,10 +264,9 @@ def leave_field(field: QWidget) -> None:
 
 
 def finish_typing(window: QWidget, *, proposals: bool = False) -> bool:
-    """Set what is typed into the window's fields.
+    """Set what is typed into a window's fields; return False if a field has refused its text.
 
-    Numbers that hardware obeys are set only where `proposals` asks for it, as by Enter. Returns
-    whether that is done; if not, a field has refused its text.
+    Numbers that hardware obeys are set only with `proposals`, as by Enter.
     """
     is_done = True
     for field in number_fields(window):
@@ -283,16 +278,13 @@ def finish_typing(window: QWidget, *, proposals: bool = False) -> bool:
 
 
 def was_dragged(pressed_at: QPoint, event: QMouseEvent) -> bool:
-    """Return whether the mouse has moved over the window from a press to this release.
-
-    `pressed_at` is the place of the press on the screen, in pixels.
-    """
+    """Return whether the mouse moved from a press, in pixels of the screen, to this release."""
     moved = event.globalPosition().toPoint() - pressed_at
     return moved.manhattanLength() >= QApplication.startDragDistance()
 
 
 def _takes_escape(field: _CommitInput, event: QEvent) -> bool:
-    """Accept Esc for a field of the window that has something to take back."""
+    """Accept Esc for a field that has something to take back."""
     if not isinstance(event, QKeyEvent) or event.key() != Qt.Key.Key_Escape:
         return False
     if not field.is_pending:
@@ -302,7 +294,7 @@ def _takes_escape(field: _CommitInput, event: QEvent) -> bool:
 
 
 def _show_pending(field: CommitField, before: bool) -> bool:
-    """Mark a field of the window whose value isn't set, and return whether it isn't."""
+    """Mark a field whose value isn't set, and return whether it isn't."""
     pending = field.is_pending
     mark_property(field, "pending", pending)
     if pending != before:

@@ -1,4 +1,4 @@
-"""A restored cube in words, for the person at the window."""
+"""Words that describe a restored cube to a person."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from labapp.window.spectral_messages import CubeColours, CubeQuality, SpectralRe
 
 
 def describe_cube(result: SpectralResult, colours: CubeColours) -> str:
-    """Describe a restored cube in a few sentences for the person at the window."""
+    """Describe a restored cube in a few sentences."""
     return (
         f"{result.source}: {len(result.wavelengths)} bands by {result.method}, "
         f"{result.iterations} iterations in {result.cpu_seconds:.2f} s of processor time. White is "
@@ -18,7 +18,7 @@ def describe_cube(result: SpectralResult, colours: CubeColours) -> str:
 
 
 def _describe_scores(quality: CubeQuality | None, colours: CubeColours) -> str:
-    """Describe how far a cube in the window is from the true one; nothing if that isn't known."""
+    """Describe how far a cube is from the true one; nothing if that isn't known."""
     if quality is None:
         return ""
     words = [

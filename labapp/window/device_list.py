@@ -1,4 +1,4 @@
-"""The window's list of the bench's devices, with their models, states and last values."""
+"""List of the bench's devices, with their models, states and last values."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class DeviceList(WrappingPanel):
         fill_layout(self._layout, self._empty, 1, margins=PANEL_MARGINS, spacing=4)
 
     def clear(self, text: str) -> None:
-        """Remove all devices from the window's list, and show the reason instead."""
+        """Remove all devices, and show the reason instead."""
         for row in self.rows.values():
             self._layout.removeWidget(row)
             row.deleteLater()
@@ -81,7 +81,7 @@ class DeviceList(WrappingPanel):
         self.set_locked(self._locked)
 
     def set_locked(self, on: bool) -> None:
-        """Disable the window's Reconnect buttons, as in a run or while the settings are locked."""
+        """Disable the Reconnect buttons, as in a run or while the settings are locked."""
         self._locked = on
         for row in self.rows.values():
             row.reconnect.setEnabled(not on)

@@ -1,4 +1,4 @@
-"""Scroll areas for the window's docks, so that a small screen cuts no panel."""
+"""Scroll areas for docks, so that a small screen cuts no panel."""
 
 from __future__ import annotations
 

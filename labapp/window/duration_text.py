@@ -1,4 +1,4 @@
-"""Durations as short texts for the window."""
+"""Durations as short texts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from labapp.common.time_text import format_short_time
 
 
 def format_duration(seconds: float) -> str:
-    """Format a duration as a short text for the window."""
+    """Format a duration in seconds as a short text."""
     if seconds < 1:
         return "under 1 s"
     if seconds < 90:
@@ -17,7 +17,7 @@ def format_duration(seconds: float) -> str:
 
 
 def format_processor_time(seconds: float | None) -> str:
-    """Format a short time for the window with two digits: 0.12 ms, 3.4 ms, 1.2 s, 3 min."""
+    """Format a short time with two digits: 0.12 ms, 3.4 ms, 1.2 s, 3 min."""
     if seconds is None:
         return "–"
     if seconds >= 120:

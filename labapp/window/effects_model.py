@@ -1,4 +1,4 @@
-"""The data of the window's table of simulated effects: levels, errors and reasons."""
+"""Levels, errors and reasons of simulated effects, as data of their table."""
 
 from __future__ import annotations
 
@@ -31,10 +31,7 @@ class EffectsModel(RowsModel):
         super().__init__(_COLUMNS, parent)
 
     def show_rows(self, rows: tuple[EffectInfo, ...]) -> None:
-        """Show new rows in the window's table of effects.
-
-        If the effects are the same as before, the scroll position stays.
-        """
+        """Show new rows; if the effects are the same as before, the scroll position stays."""
         if [row.name for row in rows] != [row.name for row in self.rows]:
             self.beginResetModel()
             self.rows = rows
@@ -51,7 +48,7 @@ class EffectsModel(RowsModel):
 
 
 def format_share(number: float) -> str:
-    """Format a relative change of a picture for the window: 0.18, 4e-3, 1.2e-5, 0."""
+    """Format a relative change of a picture: 0.18, 4e-3, 1.2e-5, 0."""
     if number == 0 or number >= 0.1:
         return f"{number:.2g}"
     digits, power = f"{number:.1e}".split("e")
@@ -59,14 +56,14 @@ def format_share(number: float) -> str:
 
 
 def error_text(row: EffectInfo) -> str:
-    """Return an effect's error as the window's table shows it."""
+    """Return an effect's error as text."""
     if row.error is None:
         return "no limit known"
     return format_share(row.error) if row.error else "nothing"
 
 
 def reason_text(row: EffectInfo) -> str:
-    """Return the window's sentence on why an effect has its level, with the estimated error."""
+    """Return the sentence on why an effect has its level, with the estimated error."""
     forced = "forced by the scene; " if row.forced else ""
     about = f"about {format_share(row.error_estimate)}: " if row.error_estimate else ""
     return _sentence(f"{forced}{about}{row.why}")

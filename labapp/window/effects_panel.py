@@ -1,4 +1,4 @@
-"""The window's panel "Why": what the simulator does for the picture on the screen, and why."""
+"""The panel "Why": what the simulator does for the picture on the screen, and why."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class EffectsPanel(WrappingPanel):
         self.clear(_EMPTY)
 
     def clear(self, text: str) -> None:
-        """Remove all effects from the window's panel, and show the reason instead."""
+        """Remove all effects, and show the reason instead."""
         self.setting.hide()
         self.summary.setText(text)
         self.table.show_effects((), 0.0)
 
     def show_bench(self, devices: tuple[DeviceInfo, ...]) -> None:
-        """Show in the window what a newly opened bench simulates, until its first picture comes."""
+        """Show what a newly opened bench simulates, until its first picture comes."""
         simulated = {device.name for device in devices if device.simulated}
         self.clear(_EMPTY if "camera" in simulated else _REAL_CAMERA if simulated else _REAL)
 
@@ -66,5 +66,5 @@ def _summary(report: EffectsReport) -> str:
 
 
 def _percent(part: float) -> str:
-    """Format a share of the simulator's work for the window: two digits, "all" from 99.5 % on."""
+    """Format a share of the simulator's work: two digits, "all" from 99.5 % on."""
     return f"{100 * part:.2g} %" if part < 0.995 else "all"

@@ -1,4 +1,4 @@
-"""The window's table of simulated effects: level and error in a line, the reason below it."""
+"""Table of simulated effects: level and error in a line, the reason below it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _WRAPPED = Qt.TextFlag.TextWordWrap | Qt.AlignmentFlag.AlignTop | Qt.AlignmentFl
 class EffectsTable(RowsTable):
     """Show the simulated effects in the order in which they act on the light.
 
-    `tol` is the tolerance: the picture's relative error that all levels together may cause.
+    tol: tolerance, the picture's relative error that all levels together may cause.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -52,7 +52,7 @@ class EffectsTable(RowsTable):
 
     @property
     def line_height(self) -> int:
-        """Return how far below a row's top its sentence begins in the window's table, in pixels."""
+        """Return how far below a row's top its sentence begins, pixels."""
         return self.fontMetrics().lineSpacing() + 6
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -60,7 +60,7 @@ class EffectsTable(RowsTable):
         self._fit_rows()
 
     def _fit_rows(self) -> None:
-        """Fit the row heights of the window's table to its text, which wraps at its width."""
+        """Fit the row heights to the text, which wraps at the table's width."""
         room = QRect(0, 0, self.viewport().width() - 2 * MARGIN, 1000)
         for number, row in enumerate(self.effects.rows):
             needed = self.fontMetrics().boundingRect(room, _WRAPPED, reason_text(row))
@@ -68,7 +68,7 @@ class EffectsTable(RowsTable):
 
 
 class _EffectPainter(QStyledItemDelegate):
-    """Paint an effect's row in the table: a line of cells, and a sentence below all columns."""
+    """Paint an effect's row: a line of cells, and a sentence below all columns."""
 
     def __init__(self, table: EffectsTable) -> None:
         super().__init__(table)
@@ -97,10 +97,7 @@ class _EffectPainter(QStyledItemDelegate):
 
 
 def _bar(painter: QPainter, place: QRect, row: EffectInfo, tol: float) -> None:
-    """Paint an effect's error in the window's table as a bar, with number and tolerance.
-
-    The bar's scale is logarithmic, and a line marks the tolerance.
-    """
+    """Paint an effect's error as a logarithmic bar, with number and a line at the tolerance."""
     paint_bar(painter, place, _bar_position(row.error), QColor(effect_colour(row)).darker(250))
     mark = place.left() + round((place.width() - 1) * _bar_position(tol))
     painter.drawLine(mark, place.top(), mark, place.bottom())
@@ -113,7 +110,7 @@ def _elide_text(painter: QPainter, text: str, width: int) -> str:
 
 
 def _bar_position(share: float | None) -> float:
-    """Return where an error lies on its bar in the window, 0 to 1; an unknown one is at 1."""
+    """Return where an error lies on its bar, 0 to 1; an unknown one is at 1."""
     if share is None:
         return 1.0
     if share <= _BAR_MINIMUM:

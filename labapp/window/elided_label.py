@@ -1,4 +1,4 @@
-"""Labels of the window whose text is shortened where it doesn't fit."""
+"""Labels whose text is shortened where it doesn't fit."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ElidedLabel(QLabel):
 
     @property
     def is_elided(self) -> bool:
-        """Return whether the window shows less than the whole text."""
+        """Return whether less than the whole text is shown."""
         return super().text().replace("\n", " ").strip() != " ".join(self._whole.split())
 
     def sizeHint(self) -> QSize:
@@ -54,7 +54,7 @@ class ElidedLabel(QLabel):
         self._fit()
 
     def _frame_size(self) -> QSize:
-        """Return what margins and the style sheet's padding take of the label in the window."""
+        """Return what margins and the style sheet's padding take of the label."""
         return super().sizeHint() - QFontMetrics(self.font()).size(0, super().text() or "x")
 
     def _fit(self) -> None:
@@ -66,7 +66,7 @@ class ElidedLabel(QLabel):
 
 
 def shorten(text: str, font: QFont, width: int, lines: int) -> str:
-    """Break a text of the window into at most `lines` lines of `width` pixels, the last elided.
+    """Break a text into at most `lines` lines of `width` pixels, the last one elided.
 
     Blanks and line breaks of the text count as one blank each.
     """

@@ -1,4 +1,4 @@
-"""The window's connection to its engine process: start it, exchange messages, notice its end."""
+"""Connection to the engine process: start it, exchange messages, notice its end."""
 
 from __future__ import annotations
 
@@ -24,18 +24,14 @@ from labapp.window.started_engine import StartedEngine, start_engine
 
 @dataclass(frozen=True)
 class EngineConnectionSettings:
-    """Set how the window's connection reads messages and handles the end of its engine process.
+    """Tune how messages are read and how the engine's end is handled.
 
-    Attributes
-    ----------
-    turn : float
-        Seconds of reading after which the window's event loop has its turn, before anything is
+    turn: seconds of reading after which the window's event loop has its turn, before anything is
         reported. Chosen: some messages hold pictures.
-    kept_characters : int
-        Characters of the last line of the engine's error output that are kept for the message
-        about its end. Chosen.
-    reading_time : float
-        Seconds to wait for the rest of the error output of an engine that has ended. Chosen.
+    kept_characters: characters of the last line of the engine's error output that are kept for the
+        message about its end. Chosen.
+    reading_time: seconds to wait for the rest of the error output of an engine that has ended.
+        Chosen.
     """
 
     turn: float = 5e-3
@@ -49,11 +45,12 @@ _SETTINGS = EngineConnectionSettings()
 class EngineConnection(QObject):
     """Run the engine in a child process and exchange messages with it; only close() waits.
 
-    `options` are the files of the bench, the scene, the image and the faults, where given, and the
-    memory for simulated pictures. `engine` was started with them, if it was already.
     `report_received` is emitted with every report; of live frames that arrive together, only the
     newest is emitted. `engine_died` is emitted with an explanation if the engine ended without
     being told to.
+    options: files of the bench, the scene, the image and the faults, where given, and the memory
+        for simulated pictures.
+    engine: one that was started with these options, if it was already.
     """
 
     report_received = Signal(object)
@@ -80,17 +77,17 @@ class EngineConnection(QObject):
 
     @property
     def bench_name(self) -> str:
-        """Return the path of the bench's file, by which the window keeps its runs apart."""
+        """Return the path of the bench's file, by which runs on several benches are kept apart."""
         file = self._options.get("bench")
         return str(file.absolute()) if file else "virtual bench"
 
     @property
     def process_id(self) -> int:
-        """Return the process id of the window's engine; 0 if there is none."""
+        """Return the engine's process id; 0 if there is none."""
         return self._process.pid if self._process else 0
 
     def start(self) -> None:
-        """Listen to the window's engine; start one, after closing the one that is running."""
+        """Listen to the engine; start one, after closing the one that is running."""
         self.close()
         self._last_words = ""
         engine, self._engine = self._engine, None
@@ -115,19 +112,16 @@ class EngineConnection(QObject):
             self._notifiers.append(notifier)
 
     def send(self, command: Command) -> None:
-        """Send a command of the window to its engine.
-
-        If no engine is running, the command is lost; the window shows that the engine is gone.
-        """
+        """Send a command; it is lost if no engine is running, which the window shows."""
         if self._process is not None:
             self._waiting.put(command)
 
     def acknowledge_frame(self) -> None:
-        """Tell the engine that the last frame is on the window's screen: the next one may come."""
+        """Tell the engine that the last frame is on the screen: the next one may come."""
         self.send(AcknowledgeFrame(self._slot))
 
     def close(self) -> None:
-        """End the window's engine process, which leaves the bench safe when it is disconnected."""
+        """End the engine process, which leaves the bench safe when it is disconnected."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -143,7 +137,7 @@ class EngineConnection(QObject):
         self.has_failed = process.exit_code() != 0
 
     def _read(self) -> None:
-        """Read messages of the window's engine, and report them unless that has taken its time.
+        """Read the engine's messages, and report them unless that has taken its time.
 
         What isn't read stays in the socket, which calls again.
         """
@@ -160,7 +154,7 @@ class EngineConnection(QObject):
         self._report()
 
     def _read_rest(self, process: ChildProcess) -> None:
-        """Read all that the window's engine had sent when it ended, large messages too."""
+        """Read all that the engine had sent when it ended, large messages too."""
         waiting = select.poll()
         waiting.register(process.line.fileno(), select.POLLIN)
         with contextlib.suppress(EOFError, OSError):
@@ -184,7 +178,7 @@ class EngineConnection(QObject):
                 self.report_received.emit(self._frames.read(message))
 
     def _forward_stderr(self, end: int) -> None:
-        """Pass on the error output of the window's engine, in a thread of its own."""
+        """Pass on the engine's error output, in a thread of its own."""
         with open(end, errors="replace") as printed:
             for line in printed:
                 self._note(line)
@@ -196,7 +190,7 @@ class EngineConnection(QObject):
             self._last_words = line.strip()[: _SETTINGS.kept_characters]
 
     def _end(self) -> None:
-        """Report to the window that its engine ended by itself, after reading its last messages."""
+        """Report that the engine ended by itself, after reading its last messages."""
         process = self._process
         if process is None:
             return
@@ -214,6 +208,6 @@ class EngineConnection(QObject):
 
 
 def _send(process: ChildProcess, waiting: SimpleQueue[Command | None]) -> None:
-    """Send the window's commands from a thread, so that a hung engine doesn't block the window."""
+    """Send commands from a thread, so that a hung engine doesn't block the window."""
     while (command := waiting.get()) is not None:
         process.send(command)

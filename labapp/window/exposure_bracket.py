@@ -1,4 +1,4 @@
-"""Exposure brackets that the window requests: a ladder of exposure times, or ones to be chosen."""
+"""Exposure brackets: a ladder of exposure times, or exposures to be chosen."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ DARK_FRAMES, STAR_FRAMES = 4, 2
 
 @dataclass(frozen=True)
 class ExposureBracket:
-    """Describe `count` exposures from `shortest_ms` milliseconds, each `ratio` times the last."""
+    """`count` exposures from `shortest_ms` milliseconds, each `ratio` times the last."""
 
     shortest_ms: float
     ratio: float
@@ -20,10 +20,7 @@ class ExposureBracket:
 
     @property
     def exposures_ms(self) -> tuple[float, ...]:
-        """Return the exposures that the window requests, in ms, rounded to microseconds.
-
-        Cameras expose for whole microseconds.
-        """
+        """Return the exposures in ms, rounded to the whole microseconds of cameras."""
         return tuple(round(self.shortest_ms * self.ratio**n, 3) for n in range(self.count))
 
 
@@ -31,7 +28,8 @@ class ExposureBracket:
 class SNRBracket:
     """Ask for exposures that reach a signal-to-noise ratio over some decades of light.
 
-    The run meters its targets, and chooses them. snr_db: 20 log10, of each merged pixel.
+    The run meters its targets, and chooses them.
+    snr_db: 20 log10, of each merged pixel.
     """
 
     snr_db: float
@@ -39,7 +37,7 @@ class SNRBracket:
 
     @property
     def exposures_ms(self) -> tuple[float, ...]:
-        """Return the exposures that the window knows: none before the light is metered."""
+        """Return none: the exposures aren't known before the light is metered."""
         return ()
 
 
@@ -55,12 +53,12 @@ class ProposedBracket:
 
     @property
     def count(self) -> int:
-        """Return the number of frames that the window requests at each setting."""
+        """Return the number of frames at each setting."""
         return len(self.exposures_ms)
 
 
 def list_exposures(exposures_ms: Sequence[float]) -> str:
-    """Return a bracket's exposures for the window, as "1  8 (3 times)  64 ms"; empty for none."""
+    """List a bracket's exposures, as "1  8 (3 times)  64 ms"; empty for none."""
     groups = Counter(exposures_ms)
     listed = (f"{ms:.6g}" + (f" ({n} times)" if n > 1 else "") for ms, n in groups.items())
     return "  ".join(listed) + " ms" if groups else ""

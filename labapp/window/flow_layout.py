@@ -1,4 +1,4 @@
-"""A layout of the window that fills rows from left to right, and begins a new one when needed."""
+"""A layout that fills rows from left to right, and begins a new one when needed."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class FlowLayout(QLayout):
         return size + QSize(margins.left() + margins.right(), margins.top() + margins.bottom())
 
     def _arrange(self, rect: QRect, *, move: bool) -> int:
-        """Return the height that the window's widgets need in this width; `move` places them."""
+        """Return the height that the widgets need in this width; `move` places them."""
         margins = self.contentsMargins()
         room = rect.marginsRemoved(margins)
         x, y, height = room.x(), room.y(), 0

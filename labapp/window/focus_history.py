@@ -1,4 +1,4 @@
-"""The course of focus score and star width over time, as the window's plots show it."""
+"""The course of focus score and star width over time, as plots show it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ _STEADY = 5
 
 @dataclass(frozen=True)
 class FocusPoint:
-    """One measurement of the window: seconds of the engine's clock, star width and focus score.
+    """One measurement; None where there is no value.
 
-    fwhm: pixels. focus: 1/pixel². None where there is none.
+    taken_at: s, on the engine's clock.
+    fwhm: star width, pixels.
+    focus: score, 1/pixel².
     """
 
     taken_at: float
@@ -40,11 +42,11 @@ class FocusHistory:
 
     @property
     def points(self) -> tuple[FocusPoint, ...]:
-        """Return the window's measurements, the earliest first."""
+        """Return the measurements, the earliest first."""
         return tuple(self._points)
 
     def add(self, measured: PictureMeasured) -> None:
-        """Add a measurement of the window; begin anew at another target, wavelength or region."""
+        """Add a measurement; begin anew at another target, wavelength or region."""
         region = measured.region
         if region is None:
             return
@@ -63,19 +65,19 @@ class FocusHistory:
 
     @property
     def best_fwhm(self) -> float | None:
-        """Return the least width in pixels that the window saw steadily; None without any."""
+        """Return the least width in pixels that was seen steadily; None without any."""
         return _best([point.fwhm for point in self._points], min)
 
     @property
     def best_focus(self) -> float | None:
-        """Return the highest focus score that the window saw steadily; None without any."""
+        """Return the highest focus score that was seen steadily; None without any."""
         return _best([point.focus for point in self._points], max)
 
 
 def _best(
     values: Sequence[float | None], choose: Callable[[Sequence[float]], float]
 ) -> float | None:
-    """Return the best of the medians of neighbouring values in the window's course."""
+    """Return the best of the medians of neighbouring values."""
     known = [value for value in values if value is not None]
     medians = [
         statistics.median(known[first : first + _STEADY])

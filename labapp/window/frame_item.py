@@ -13,7 +13,7 @@ from labapp.window.frame_reduction import ReducedFrame
 
 
 class FrameItem(pg.GraphicsObject):  # type: ignore[misc]
-    """Paint what the window shows of a frame where its pixels lie in the view.
+    """Paint what is shown of a frame where its pixels lie in the view.
 
     A picture that was reduced for the present view is painted without scaling. Any other one is
     scaled without smoothing. `painted` is emitted after each painting.
@@ -31,10 +31,7 @@ class FrameItem(pg.GraphicsObject):  # type: ignore[misc]
     def show_reduced(
         self, shown: ReducedFrame, shape: tuple[int, int], palette: NDArray[np.uint8]
     ) -> None:
-        """Show a reduced frame in the window; the whole frame has `shape` (rows, columns).
-
-        The palette is (256, 3) colours.
-        """
+        """Show a reduced frame of a whole one of `shape` (rows, columns), in (256, 3) colours."""
         if shape != self._shape:
             self.prepareGeometryChange()
             self._shape = shape
@@ -69,7 +66,7 @@ class FrameItem(pg.GraphicsObject):  # type: ignore[misc]
         self.painted.emit()
 
     def _coloured_image(self, indices: NDArray[np.uint8]) -> QImage:
-        """Return the window's picture in the screen's colours, converted once for each picture."""
+        """Return the picture in the screen's colours, converted once for each picture."""
         if self._image is None:
             rows, columns = indices.shape
             data = np.ascontiguousarray(indices)
@@ -81,6 +78,6 @@ class FrameItem(pg.GraphicsObject):  # type: ignore[misc]
 
 
 def _fits(image: QImage, place: QRectF, density: float) -> bool:
-    """Return whether the window's picture has as many pixels as its place on the screen."""
+    """Return whether the picture has as many pixels as its place on the screen."""
     wide, high = place.width() * density, place.height() * density
     return abs(image.width() - wide) < 1 and abs(image.height() - high) < 1

@@ -1,4 +1,4 @@
-"""Memory that the engine and the window share, in which live frames are handed over.
+"""Shared memory in which the engine hands live frames over to the window.
 
 It is the memory of the line between both. It has no name, so that nothing remains when either
 process is killed, and what the window has mapped stays readable after the engine's end.
@@ -20,10 +20,12 @@ SLOT_COUNT = 3
 
 @dataclass(frozen=True)
 class SlotHeader:
-    """Announce to the window an object whose large arrays are in shared memory.
+    """Announce an object whose large arrays are in shared memory.
 
-    `body` is the pickled object without its arrays, whose bytes begin at `offset` and are as long
-    as `sizes` say, one after the other. `length` is that of the whole memory.
+    body: the pickled object without its arrays.
+    offset: where the arrays' bytes begin.
+    sizes: how long each array's bytes are, one after the other.
+    length: that of the whole memory.
     """
 
     slot: int
@@ -34,7 +36,7 @@ class SlotHeader:
 
 
 class FrameMemoryWriter:
-    """Write objects with large arrays into slots of the memory that the engine shares."""
+    """Write objects with large arrays into slots of the shared memory."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -42,10 +44,7 @@ class FrameMemoryWriter:
         self._start = self._capacity = 0
 
     def reserve(self, capacity: int) -> None:
-        """Make each slot of the engine's memory at least `capacity` bytes large.
-
-        Slots in use keep their place, since the new ones lie behind them.
-        """
+        """Make slots of at least `capacity` bytes, behind those in use, which keep their place."""
         if capacity <= self._capacity:
             return
         self._start = os.fstat(self._descriptor).st_size
@@ -54,7 +53,7 @@ class FrameMemoryWriter:
         self._memory, self._capacity = mmap.mmap(self._descriptor, length), capacity
 
     def write(self, slot: int, thing: Any) -> SlotHeader:
-        """Write an object for the window into a slot, and return its header."""
+        """Write an object into a slot, and return its header."""
         parcel = pack(thing)
         sizes = tuple(memoryview(part).nbytes for part in parcel.buffers)
         self.reserve(sum(sizes))
@@ -67,14 +66,14 @@ class FrameMemoryWriter:
 
 
 class FrameMemoryReader:
-    """Read objects from the slots of the memory that the window shares with its engine."""
+    """Read objects from the slots of the shared memory."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = os.dup(descriptor)
         self._memory: mmap.mmap | None = None
 
     def close(self) -> None:
-        """Close the window's descriptor; arrays that were read stay valid."""
+        """Close the descriptor; arrays that were read stay valid."""
         os.close(self._descriptor)
 
     def read(self, header: SlotHeader) -> Any:

@@ -15,7 +15,7 @@ _MOST_FRAMES = 240
 
 
 class FrameRate:
-    """Count the window's live frames, and describe their rate, which ages when none comes."""
+    """Count live frames, and describe their rate, which ages when none comes."""
 
     def __init__(self) -> None:
         self._arrivals: deque[float] = deque(maxlen=_MOST_FRAMES)
@@ -25,7 +25,7 @@ class FrameRate:
         self._arrivals.append(now)
 
     def describe(self, now: float) -> str:
-        """Return the rate of the window's live frames at a time in seconds, or their age."""
+        """Return the rate of frames at a time in seconds, or their age."""
         if not self._arrivals:
             return ""
         age = now - self._arrivals[-1]

@@ -1,4 +1,4 @@
-"""Reduce a raw frame to what a screen shows of it: indices of a palette, marks and a histogram."""
+"""Reduction of a raw frame to what a screen shows of it: palette indices, marks, a histogram."""
 
 from __future__ import annotations
 
@@ -19,16 +19,11 @@ Region = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class FrameView:
-    """Say what part of live frames the window shows, how large, and with which contrast.
+    """What part of live frames is visible, how large, and with which contrast.
 
-    Attributes
-    ----------
-    region : tuple of int, or None
-        The part that is visible, in pixels of the frame; None for all of it.
-    size : tuple of int
-        Rows and columns of screen pixels that the region covers.
-    levels : tuple of float, or None
-        Contrast levels (black, white) in DN; None for levels that follow every frame.
+    region: visible part, pixels of the frame; None for all of it.
+    size: rows and columns of screen pixels that the region covers.
+    levels: contrast levels (black, white), DN; None for levels that follow every frame.
     """
 
     region: Region | None = None
@@ -38,25 +33,16 @@ class FrameView:
 
 @dataclass(frozen=True, eq=False)
 class ReducedFrame:
-    """Hold what a screen shows of a raw frame.
+    """What a screen shows of a raw frame.
 
-    Attributes
-    ----------
-    view : FrameView
-        The view that the frame was reduced for.
-    indices : ndarray of uint8, shape (rows, columns)
-        Palette indices of the region: one for each screen pixel where the region is reduced, one
-        for each frame pixel where it is magnified.
-    region : tuple of int
-        The part of the frame that `indices` show.
-    counts : ndarray of float32
-        Histogram of all pixels of the frame.
-    bin_width : float
-        Width of a bin of the histogram in DN.
-    levels : tuple of float
-        Contrast levels (black, white) in DN.
-    saturated : int
-        Saturated pixels in the whole frame.
+    view: what the frame was reduced for.
+    indices: palette indices of the region, (rows, columns): one for each screen pixel where the
+        region is reduced, one for each frame pixel where it is magnified.
+    region: part of the frame that `indices` show.
+    counts: histogram of all pixels of the frame.
+    bin_width: DN.
+    levels: contrast levels (black, white), DN.
+    saturated: saturated pixels in the whole frame.
     """
 
     view: FrameView
@@ -69,25 +55,11 @@ class ReducedFrame:
 
 
 def reduce_frame(image: NDArray[np.uint16], view: FrameView, scale: DigitalScale) -> ReducedFrame:
-    """Reduce a raw frame to the window's view of it.
+    """Reduce a raw frame in DN, (rows, columns), to a view; a region beyond the frame is clipped.
 
     A reduced pixel shows the mean of the pixels under it. It is marked as saturated if any of them
-    is, so that every single saturated pixel is seen, and as zero only if all of them are.
-    Histogram and count are of all pixels of the frame, whatever the view shows.
-
-    Parameters
-    ----------
-    image : ndarray of uint16, shape (rows, columns)
-        The raw frame in DN.
-    view : FrameView
-        What the window shows. A region beyond the frame is clipped.
-    scale : DigitalScale
-        The camera's range of digital numbers.
-
-    Returns
-    -------
-    ReducedFrame
-        The picture, and what was counted.
+    is, so that every single saturated pixel is seen, and as zero only if all of them are. Histogram
+    and count are of all pixels of the frame, whatever the view shows.
     """
     counts, width = histogram(image, scale)
     levels = view.levels or auto_levels(counts, width)
@@ -106,7 +78,7 @@ def reduce_frame(image: NDArray[np.uint16], view: FrameView, scale: DigitalScale
 
 
 def _clip(region: Region | None, shape: tuple[int, ...]) -> Region:
-    """Return the part of a region of the window's view that lies in a frame; all if none does."""
+    """Return the part of a region that lies in a frame; the whole frame if none does."""
     if region is None:
         return 0, 0, shape[0], shape[1]
     row, column, rows, columns = region
@@ -118,9 +90,9 @@ def _clip(region: Region | None, shape: tuple[int, ...]) -> Region:
 
 
 def _picture_size(pixels: tuple[int, int], screen: tuple[int, int]) -> tuple[int, int]:
-    """Return rows and columns of the window's picture of some rows and columns of a frame.
+    """Return rows and columns of the picture of some rows and columns of a frame.
 
-    A magnified picture has the frame's own pixels, which the window enlarges.
+    A magnified picture has the frame's own pixels, which the view enlarges.
     """
     if screen[0] >= pixels[0] or screen[1] >= pixels[1]:
         return pixels
@@ -128,11 +100,11 @@ def _picture_size(pixels: tuple[int, int], screen: tuple[int, int]) -> tuple[int
 
 
 def _reduce_mean(part: NDArray[np.uint16], size: tuple[int, int]) -> NDArray[np.uint16]:
-    """Reduce the window's part of a frame to the means of neighbouring pixels.
+    """Reduce a part of a frame to the means of neighbouring pixels.
 
-    Halving by exact means of 2 x 2 pixels and interpolating the rest takes an eighth of the time
-    of exact means over fractions of pixels (measured, 5 megapixels). A last odd row or column is
-    left out in halving.
+    Halving by exact means of 2 x 2 pixels and interpolating the rest takes an eighth of the time of
+    exact means over fractions of pixels (measured, 5 megapixels). A last odd row or column is left
+    out in halving.
     """
     rows, columns = size
     while part.shape[0] >= 2 * rows and part.shape[1] >= 2 * columns:
@@ -146,7 +118,7 @@ def _reduce_mean(part: NDArray[np.uint16], size: tuple[int, int]) -> NDArray[np.
 
 
 def _reduce_marks(clipped: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Reduce the window's marks of saturated pixels, so that none is lost.
+    """Reduce marks of saturated pixels, so that none is lost.
 
     Marks are 255, the palette index of saturated pixels, or 0. Each one spreads over the pixels of
     the frame that OpenCV's nearest neighbour may take for the reduced pixel in which it lies: those
@@ -161,5 +133,5 @@ def _reduce_marks(clipped: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[
 
 
 def _spread(reduction: float) -> int:
-    """Return over how many pixels a mark of the window spreads, for pixels per reduced pixel."""
+    """Return over how many pixels a mark spreads, for pixels per reduced pixel."""
     return round(reduction) if reduction == round(reduction) else math.ceil(reduction) + 1

@@ -105,13 +105,13 @@ class HelpWindow(QDialog):
         QTimer.singleShot(0, self._show_first_page)
 
     def show_topic(self, name: str) -> None:
-        """Show the guide's page on a topic in the help window, if there is one."""
+        """Show the guide's page on a topic, if there is one."""
         for row, one in enumerate(self._pages):
             if one.name == name:
                 self.topics.setCurrentRow(row)
 
     def _show_first_page(self) -> None:
-        """Show the help window's first page, if no other was asked for; keys choose topics."""
+        """Show the first page, if no other was asked for; keys choose topics."""
         if self.topics.currentRow() < 0:
             self.topics.setCurrentRow(0)
         self.topics.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -120,7 +120,7 @@ class HelpWindow(QDialog):
         self.page.show_page(self._pages[row].text)
 
     def _follow(self, link: QUrl) -> None:
-        """Open a link: the guide's pages in the help window, web addresses in the browser."""
+        """Open a link: the guide's pages here, web addresses in the browser."""
         if link.scheme() in ("http", "https"):
             QDesktopServices.openUrl(link)
         elif link.fileName().endswith(".md"):

@@ -1,4 +1,4 @@
-"""The live view's logarithmic histogram of the full frame, with contrast levels to drag."""
+"""Logarithmic histogram of a full live frame, with contrast levels to drag."""
 
 from __future__ import annotations
 
@@ -41,10 +41,7 @@ class HistogramView(QWidget):
         fill_layout(QVBoxLayout(self), self.plot)
 
     def show_counts(self, counts: NDArray[np.float32], width: float) -> None:
-        """Plot the window's histogram from counts per bin of `width` DN, in at most 512 bins.
-
-        If there are more, neighbouring bins are summed.
-        """
+        """Plot counts per bin of `width` DN, summed with their neighbours to at most 512 bins."""
         joined = -(-len(counts) // 512)
         padded = np.pad(counts, (0, -len(counts) % joined))
         columns = padded.reshape(-1, joined).sum(axis=1)
@@ -54,7 +51,7 @@ class HistogramView(QWidget):
         self.plot.setRange(xRange=(0, edges[-1]), yRange=(0, top), padding=0.02)
 
     def show_levels(self, low: float, high: float) -> None:
-        """Show a live picture's levels in the window, unless a person has a handle in the hand."""
+        """Show contrast levels, DN, unless a person has a handle in the hand."""
         # Once the mouse is pressed on a handle, it must not move away before the drag begins.
         if self.plot.scene().clickEvents:
             return
@@ -63,7 +60,7 @@ class HistogramView(QWidget):
         self._levels.blockSignals(False)
 
     def handle_position(self, index: int) -> QPoint:
-        """Return where the window's plot has the handle of the black (0) or white (1) level."""
+        """Return where the handle of the black (0) or white (1) level is."""
         view = self.plot.getViewBox()
         place = QPointF(self._levels.getRegion()[index], view.viewRange()[1][1] / 2)
         return self.plot.mapFromScene(view.mapViewToScene(place))

@@ -1,4 +1,4 @@
-"""A guard that keeps stray wheel turns, letters and drags from acting on the window's widgets."""
+"""A guard that keeps stray wheel turns, letters and drags from acting on widgets."""
 
 from __future__ import annotations
 
@@ -125,6 +125,6 @@ def _leave(field: QWidget | None) -> None:
 
 
 def _always_clicks(button: QAbstractButton) -> bool:
-    """Return whether a button of the window stops something, or is an action's, which may wait."""
+    """Return whether a button stops something, or is an action's, which may wait."""
     of_action = isinstance(button, QToolButton) and isinstance(button.defaultAction(), Action)
     return of_action or bool(button.property(STOPS))

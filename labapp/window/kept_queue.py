@@ -1,4 +1,4 @@
-"""The runs that the window asked for and that haven't ended, kept in a file over crashes."""
+"""Requested runs that haven't ended, kept in a file over crashes."""
 
 from __future__ import annotations
 
@@ -30,16 +30,11 @@ _BRACKETS: dict[str, type[RequestedBracket]] = {"ladder": ExposureBracket, "snr"
 class KeptQueue:
     """Keep each request for a run from the moment it is made until its run has ended.
 
-    Every change is in the file before the engine hears of it, so that a window or an engine that
-    is killed at any moment loses none. Of several windows that share the file, the first one has
-    it. Another one keeps its queue over crashes of its engine only.
-
-    Parameters
-    ----------
-    file : Path
-        The file; its folder is made.
-    bench : str
-        Name of the bench, whose runs are given back on it alone.
+    Every change is in the file before the engine hears of it, so that a window or an engine that is
+    killed at any moment loses none. Of several windows that share the file, the first one has it.
+    Another one keeps its queue over crashes of its engine only.
+    file: its folder is made.
+    bench: name of the bench, whose runs are given back on it alone.
     """
 
     def __init__(self, file: Path, bench: str) -> None:
@@ -53,24 +48,24 @@ class KeptQueue:
             self._read()
 
     def new_ticket(self) -> str:
-        """Return a name for a new run of the window: the present second, and a number if needed."""
+        """Return a name for a new run: the present second, and a number if needed."""
         stamp = f"{datetime.now():%Y-%m-%d_%H%M%S}"
         self._count = self._count + 1 if stamp == self._last_stamp else 1
         self._last_stamp = stamp
         return stamp if self._count == 1 else f"{stamp}-{self._count}"
 
     def add(self, request: RunRequest) -> None:
-        """Keep a request of the window, which is about to be sent to the engine."""
+        """Keep a request that is about to be sent to the engine."""
         self._kept[request.ticket] = KeptRequest(request)
         self._write()
 
     def drop(self, ticket: str) -> None:
-        """Forget a request that the window's engine has refused."""
+        """Forget a request that the engine has refused."""
         if self._kept.pop(ticket, None) is not None:
             self._write()
 
     def follow(self, queue: QueueState) -> None:
-        """Note where the window's runs are written, and forget those that ended or were removed."""
+        """Note where runs are written, and forget those that ended or were removed."""
         before = dict(self._kept)
         for run in queue.runs:
             if run.ticket not in self._kept:
@@ -87,7 +82,7 @@ class KeptQueue:
             self._write()
 
     def forget_engine(self) -> None:
-        """Note that the window's engine has ended: that its runs are gone says nothing of them."""
+        """Note that the engine has ended: that its runs are gone says nothing of them."""
         self._seen = set()
 
     def close(self) -> None:
@@ -98,7 +93,7 @@ class KeptQueue:
 
     @property
     def requests(self) -> tuple[KeptRequest, ...]:
-        """Return the kept requests of the window in the order in which they were made."""
+        """Return the kept requests in the order in which they were made."""
         return tuple(self._kept.values())
 
     def _read(self) -> None:
@@ -128,7 +123,7 @@ class KeptQueue:
 
 
 def _lock(file: Path) -> int | None:
-    """Lock the window's file of the queue as long as this process lives; None if it is taken."""
+    """Lock the file as long as this process lives; None if it is taken."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -147,7 +142,7 @@ def _lock(file: Path) -> int | None:
 
 
 def _to_table(kept: KeptRequest) -> dict[str, Any]:
-    """Return a request of the window as plain data."""
+    """Return a request as plain data."""
     request = kept.request
     table: dict[str, Any] = {"ticket": request.ticket, "path": str(kept.path or "")}
     if isinstance(request, AcquireBracket):
@@ -169,7 +164,7 @@ def _to_table(kept: KeptRequest) -> dict[str, Any]:
 
 
 def _from_table(table: dict[str, Any]) -> KeptRequest:
-    """Return the window's request that is kept in a table; KeyError or ValueError if it is none."""
+    """Return the request that is kept in a table; KeyError or ValueError if it is none."""
     ticket, kind = str(table["ticket"]), table["kind"]
     path = Path(table["path"]) if table["path"] else None
     request: RunRequest

@@ -1,4 +1,4 @@
-"""The window dimmed or in red light, for eyes that are adapted to a dark laboratory.
+"""Dimmed or red windows, for eyes that are adapted to a dark laboratory.
 
 Red light spares the rods of the eye, which see in the dark and hardly respond beyond 620 nm (CIE
 1951 scotopic luminosity function).
@@ -16,7 +16,7 @@ _DIM = 0.45
 
 
 class LightFilter(QObject):
-    """Multiply all that the application's windows show by a colour, pictures and dialogues too.
+    """Multiply all that the application shows by a colour, pictures and dialogues too.
 
     `dim` takes away light of all colours, and `red` leaves red alone. Colours that differ by their
     green and blue only look alike in red light; signs and words tell them apart.

@@ -1,4 +1,4 @@
-"""The view of live frames, which knows what part of a frame it shows, and how large."""
+"""A view of live frames, which knows what part of a frame it shows, and how large."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class LivePictureView(PictureView):
         self.box.sigResized.connect(self.view_changed)
 
     def set_frame_shape(self, shape: tuple[int, int]) -> None:
-        """Make room for frames of some rows and columns; another shape is fitted to the window."""
+        """Make room for frames of some rows and columns; another shape is fitted to the view."""
         if shape != self._shape:
             self._shape = shape
             self.fit()
@@ -42,13 +42,13 @@ class LivePictureView(PictureView):
     def show_reduced(
         self, shown: ReducedFrame, shape: tuple[int, int], palette: NDArray[np.uint8]
     ) -> None:
-        """Show what is visible of a frame in the window; the whole frame has `shape`."""
+        """Show what is visible of a frame; the whole one has `shape` (rows, columns)."""
         self._frame.show_reduced(shown, shape, palette)
         self.set_frame_shape(shape)
 
     @property
     def visible_region(self) -> tuple[Region | None, tuple[int, int]]:
-        """Return the part of the frame that the window shows, and its size in screen pixels.
+        """Return the visible part of the frame, and its size in screen pixels.
 
         The part is None if it is the whole frame, or if there is no frame.
         """

@@ -1,4 +1,4 @@
-"""The window's live view: the picture, its settings, its pixel values and its histogram."""
+"""The live picture with its settings, its pixel values and its histogram."""
 
 from __future__ import annotations
 
@@ -20,21 +20,15 @@ from labapp.window.widgets import fill_layout, make_label
 
 @dataclass(frozen=True)
 class LiveViewSettings:
-    """Set how often the live view draws what a person can't read faster, and how long it waits.
+    """Tune how often things are drawn that a person can't read faster, and how long to wait.
 
-    Attributes
-    ----------
-    histogram_interval : float
-        Least seconds between drawings of the histogram. The picture's contrast follows every
-        frame. Chosen.
-    rate_interval : int
-        Milliseconds between the descriptions of the frame rate. Chosen.
-    patience : int
-        Milliseconds that a changed view waits for a frame that the engine reduced to it, before
-        the window reduces the frame that it has. Chosen: two frames at 30 frames a second.
-    painting_time : int
-        Milliseconds after which a frame counts as shown although nothing was painted, as under
-        another window. Chosen.
+    histogram_interval: least seconds between drawings of the histogram. The picture's contrast
+        follows every frame. Chosen.
+    rate_interval: milliseconds between the descriptions of the frame rate. Chosen.
+    patience: milliseconds that a changed view waits for a frame that the engine reduced to it,
+        before the window reduces the frame that it has. Chosen: two frames at 30 frames a second.
+    painting_time: milliseconds after which a frame counts as shown although nothing was painted, as
+        under another window. Chosen.
     """
 
     histogram_interval: float = 0.1
@@ -95,15 +89,12 @@ class LiveView(QWidget):
 
     @property
     def view(self) -> FrameView:
-        """Return what the window shows of live frames."""
+        """Return what is shown of live frames."""
         return self._view
 
     @property
     def frame(self) -> LiveFrame | None:
-        """Return the raw frame that the window shows; copy its image to keep it.
-
-        It is None as long as no camera has taken what is shown.
-        """
+        """Return the raw frame shown, to be copied if kept; None if no camera has taken it."""
         picture = self._picture
         return None if picture is None or picture.is_prediction else picture.frame
 
@@ -111,18 +102,18 @@ class LiveView(QWidget):
         self._scale = scale
 
     def set_auto_contrast(self, on: bool) -> None:
-        """Set whether the contrast of the window's live view follows every frame or stays."""
+        """Set whether the contrast follows every frame or stays."""
         self._auto = on
         self._change_view()
 
     def set_clipping_marks(self, on: bool) -> None:
-        """Set whether the window's live view shows saturated and black pixels in colour."""
+        """Set whether saturated and black pixels are shown in colour."""
         self._palette = tone_mapping.build_palette(mark_clipping=on)
         if self._picture is not None:
             self._show(self._picture.shown)
 
     def set_live(self, on: bool, *, in_run: bool = False) -> None:
-        """Set whether the window's live view is on, and whether a run is taking frames.
+        """Set whether live view is on, and whether a run is taking frames.
 
         Without either, no picture comes, and the last one is marked "STOPPED". One that was on its
         way changes nothing about that.
@@ -134,7 +125,7 @@ class LiveView(QWidget):
             self._describe(self._picture)
 
     def show_picture(self, picture: LivePicture) -> None:
-        """Show a live frame that the engine has reduced to the window's view."""
+        """Show a live frame that the engine has reduced to the present view."""
         self._picture = picture
         if picture.request >= self._awaited_request and not picture.is_prediction:
             self.awaited.hide()
@@ -150,7 +141,7 @@ class LiveView(QWidget):
             self._patience.start()
 
     def show_awaited(self, awaited: PictureAwaited) -> None:
-        """Say over the window's picture that it isn't that of the settings any more."""
+        """Say over the picture that it isn't that of the settings any more."""
         shown = 0 if self._picture is None else self._picture.request
         if not self._is_live or shown >= awaited.request:
             return
@@ -168,7 +159,7 @@ class LiveView(QWidget):
         self.awaited.show()
 
     def _make_caption(self, text: str, look: str = "caption") -> QLabel:
-        """Create a text over the window's picture, which the mouse doesn't feel."""
+        """Create a text over the picture, which the mouse doesn't feel."""
         caption = make_label(self.picture, text, look=look)
         caption.ensurePolished()
         caption.adjustSize()
@@ -185,7 +176,7 @@ class LiveView(QWidget):
         self._ageing.start()
 
     def _change_view(self) -> None:
-        """Tell the engine what is visible in the window now, and with which contrast."""
+        """Tell the engine what is visible now, and with which contrast."""
         region, size = self.picture.visible_region
         view = FrameView(region, size, None if self._auto else self.levels)
         if view != self._view:
@@ -194,7 +185,7 @@ class LiveView(QWidget):
             self._patience.start()
 
     def _reduce_again(self) -> None:
-        """Reduce the frame that the window has to a changed view: the next one may be far off."""
+        """Reduce the present frame to a changed view: the next one may be far off."""
         picture = self._picture
         if picture is not None and picture.shown.view != self._view:
             shown = reduce_frame(picture.frame.image, self._view, self._scale)
@@ -215,7 +206,7 @@ class LiveView(QWidget):
             self.histogram.show_levels(*self.levels)
 
     def _note_painted(self) -> None:
-        """Note that the window's newest frame is on the screen."""
+        """Note that the newest frame is on the screen."""
         if self._is_painting:
             self._is_painting = False
             self._painting.stop()
@@ -224,10 +215,7 @@ class LiveView(QWidget):
             self.frame_shown.emit()
 
     def _describe(self, picture: LivePicture) -> None:
-        """Write the live frame's settings over the window's picture, and its saturation below.
-
-        The saturation is the share of saturated pixels.
-        """
+        """Write the frame's settings over the picture, and its share of saturated pixels below."""
         frame = picture.frame
         self.caption.setText(
             f"{frame.target}  ·  {frame.pattern}  ·  {frame.wavelength * 1e9:.2f} nm  ·  "
@@ -243,7 +231,7 @@ class LiveView(QWidget):
         self._describe_rate()
 
     def _describe_rate(self) -> None:
-        """Write how often frames come to the window's screen, and how many it doesn't get to see.
+        """Write how often frames come to the screen, and how many it doesn't get to see.
 
         The text stands over the picture, where it takes no room from the readings on small screens.
         """
@@ -260,7 +248,7 @@ class LiveView(QWidget):
 
     @property
     def shown_number(self) -> int | None:
-        """Return the camera's number of the picture that the window shows; None without one."""
+        """Return the camera's number of the picture that is shown; None without one."""
         return None if self.frame is None else self.frame.number
 
     def set_levels(self, low: float, high: float) -> None:
@@ -280,6 +268,6 @@ class LiveView(QWidget):
         self.cursor_reading.setText(f"x {column}  y {row}   {value} DN   {share:.1f} %")
 
     def _is_inside(self, row: int, column: int) -> bool:
-        """Return whether the window's live frame has this pixel; frame sizes differ by bench."""
+        """Return whether the live frame has this pixel; frame sizes differ by bench."""
         rows, columns = self.frame.image.shape if self.frame is not None else (0, 0)
         return 0 <= row < rows and 0 <= column < columns

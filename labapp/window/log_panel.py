@@ -1,4 +1,4 @@
-"""The window's log: every message and error since it opened, each with its time."""
+"""The log: every message and error since the window opened, each with its time."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class LogPanel(QWidget):
 
     @property
     def lines(self) -> list[str]:
-        """Return what the window's log shows, line by line."""
+        """Return what the log shows, line by line."""
         return self.view.toPlainText().splitlines()
 
     def add_message(self, text: str, is_error: bool) -> None:
-        """Add a message or an error of the window to its log, with the time of day."""
+        """Add a message or an error, with the time of day."""
         sign = ERROR_SIGN if is_error else "·"
         entry = f"{datetime.now():%H:%M:%S} {sign} {' '.join(text.split())}", is_error
         self._entries = [*self._entries[1 - _KEPT :], entry]

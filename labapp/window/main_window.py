@@ -157,7 +157,7 @@ class MainWindow(QMainWindow):
         self.setFocus()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Ask before the window gives up a run, then save its settings and end its engine."""
+        """Ask before a run is given up, then save the settings and end the engine."""
         if (question := self._question()) and not self._confirm(question):
             event.ignore()
             return
@@ -170,15 +170,12 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def show_reconstruction(self) -> None:
-        """Show the window's tab "Reconstruction", unless the person views "Side by side"."""
+        """Show the tab "Reconstruction", unless the person views "Side by side"."""
         if self.tabs.currentWidget() is not self.side_by_side:
             self.tabs.setCurrentWidget(self.reconstruction)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Let Enter confirm a run's prompt, unless an input field of the window has the focus.
-
-        Esc says no to a question.
-        """
+        """Let Enter confirm a run's prompt unless an input field has the focus, and Esc say no."""
         if event.key() == Qt.Key.Key_Escape:
             self.question.decline()
         if (
@@ -194,7 +191,7 @@ class MainWindow(QMainWindow):
             self.prompt_bar.done_button.click()
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Leave the window's field that has the keyboard, for a click on nothing.
+        """Leave the field that has the keyboard, for a click on nothing.
 
         Buttons and menus take their clicks, and act on what is typed in the field.
         """
@@ -202,11 +199,11 @@ class MainWindow(QMainWindow):
         super().mousePressEvent(event)
 
     def show_queue(self) -> None:
-        """Show the window's tab of the run queue, which shares its place with "Why"."""
+        """Show the tab of the run queue, which shares its place with "Why"."""
         _bring_to_front(self._queue_dock)
 
     def _show_help(self) -> None:
-        """Show the help window, which is created once and then keeps its page and its place."""
+        """Show the guide, which is created once and then keeps its page and its place."""
         if self.help is None:
             self.help = HelpWindow(self)
         self.help.show()
@@ -214,7 +211,7 @@ class MainWindow(QMainWindow):
         self.help.activateWindow()
 
     def _show_keys(self) -> None:
-        """Show the list of the window's keys, which stays open beside the window."""
+        """Show the list of keys, which stays open beside the window."""
         if self.keys is None:
             self.keys = ShortcutList(self.actions_.values(), self)
         self.keys.show()
@@ -232,13 +229,13 @@ class MainWindow(QMainWindow):
         return dock
 
     def _list_docks(self) -> None:
-        """List the docks in the window's menu, so that a closed one can be opened again."""
+        """List the docks in a menu, so that a closed one can be opened again."""
         for number, dock in enumerate(self.docks.values(), 1):
             self.bar.menus.menus["Panels"].addAction(dock.toggleViewAction())
             QShortcut(f"Ctrl+{number}", self, partial(_go_to, dock))
 
     def _tab_docks(self) -> None:
-        """Put the window's docks "Queue", "Find and align", "Why" and "Log" into one place as tabs.
+        """Put the docks "Queue", "Find and align", "Why" and "Log" into one place as tabs.
 
         All are tall, and a person reads only one of them at a time.
         """
@@ -260,11 +257,11 @@ class MainWindow(QMainWindow):
         self._mark_why()
 
     def _mark_why(self) -> None:
-        """Check the window's action "Why" as long as its dock is visible, in a tab or alone."""
+        """Check the action "Why" as long as its dock is visible, in a tab or alone."""
         self.actions_["why"].setChecked(not self._why_dock.visibleRegion().isEmpty())
 
     def _fit_to_screen(self) -> None:
-        """Give the window its first size, and the whole of a screen that is smaller than that."""
+        """Give the window its first size, and the whole of a screen that isn't larger than that."""
         room = self.screen().availableGeometry()
         self.resize(_SIZE.boundedTo(room.size()))
         if room.width() <= _SIZE.width() or room.height() <= _SIZE.height():
@@ -287,7 +284,7 @@ class MainWindow(QMainWindow):
         self._arrange_docks()
 
     def _question(self) -> str:
-        """Return the question to ask before the window closes; empty if no run would be lost."""
+        """Return the question to ask before closing; empty if no run would be lost."""
         queue = self.session.queue
         if queue.current_run is not None:
             return (
@@ -332,7 +329,7 @@ class MainWindow(QMainWindow):
         return fields
 
     def _restore(self) -> None:
-        """Restore layout, fields, views and last run of the window as the person left them."""
+        """Restore layout, fields, views and last run as the person left them."""
         remembered = self._remembered
         remembered.restore_fields(self._remembered_fields())
         self.session.first_target = remembered.text("target")
@@ -355,7 +352,7 @@ class MainWindow(QMainWindow):
                 self.tabs.setCurrentIndex(index)
 
     def _watch_changes(self) -> None:
-        """Keep the window's settings soon after each change, not only when it closes."""
+        """Keep the settings soon after each change, not only on closing."""
         for field in [*self._remembered_fields().values(), self.settings.target]:
             if (changed := changes(field)) is not None:
                 changed.connect(self.keep_settings)
@@ -367,7 +364,7 @@ class MainWindow(QMainWindow):
                 moved.connect(self.keep_settings)
 
     def keep_settings(self) -> None:
-        """Keep the window's settings in a moment, once nothing changes any more."""
+        """Keep the settings in a moment, once nothing changes any more."""
         self._keeping.start()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -394,13 +391,13 @@ class MainWindow(QMainWindow):
 
 
 def _bring_to_front(dock: QDockWidget) -> None:
-    """Show a dock of the window, also where it was closed or is behind another tab."""
+    """Show a dock also where it was closed or is behind another tab."""
     dock.show()
     dock.raise_()
 
 
 def _go_to(dock: QDockWidget) -> None:
-    """Bring a dock of the window to the front, and give its first field the keyboard."""
+    """Bring a dock to the front, and give its first field the keyboard."""
     _bring_to_front(dock)
     for widget in dock.widget().findChildren(QWidget):
         if widget.focusPolicy() & Qt.FocusPolicy.TabFocus and widget.isVisibleTo(dock):
@@ -409,7 +406,6 @@ def _go_to(dock: QDockWidget) -> None:
 
 
 def _application() -> QApplication:
-    """Return the application that the window belongs to."""
     application = QApplication.instance()
     assert isinstance(application, QApplication)
     return application

@@ -1,4 +1,4 @@
-"""The window's plots of star width and focus score over time, and of numbers along a line."""
+"""Plots of star width and focus score over time, and of numbers along a line."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEAST_SPAN = 10.0
 
 
 class SmallPlot(QWidget):
-    """Plot one quantity of the window in a little room, under a title; None leaves a gap."""
+    """Plot one quantity in a little room, under a title; None leaves a gap."""
 
     def __init__(self, title: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -48,24 +48,23 @@ class SmallPlot(QWidget):
         fill_layout(QVBoxLayout(self), self.title, self._plot, spacing=1)
 
     def show_curve(self, x: Sequence[float], y: Sequence[float | None]) -> None:
-        """Show a curve of the window."""
         values = np.array([np.nan if one is None else one for one in y], dtype=np.float64)
         self._curve.setData(np.asarray(x, dtype=np.float64), values)
 
     def show_best(self, value: float | None) -> None:
-        """Show the window's best value as a dashed line; None shows none."""
+        """Show the best value as a dashed line; None shows none."""
         self._best.setVisible(value is not None)
         if value is not None:
             self._best.setValue(value)
 
     @property
     def values(self) -> list[float]:
-        """Return the values of the curve that the window shows, without gaps."""
+        """Return the values of the curve, without gaps."""
         y = self._curve.getData()[1]
         return [] if y is None else [float(one) for one in y if np.isfinite(one)]
 
     def show_span(self, low: float, high: float) -> None:
-        """Set the ends of the axis along which the window's curve runs."""
+        """Set the ends of the axis along which the curve runs."""
         self._plot.setXRange(low, high, padding=0)
 
 
@@ -79,7 +78,7 @@ class FocusPlots(QWidget):
         fill_layout(QVBoxLayout(self), self.fwhm, self.focus, spacing=4)
 
     def show_history(self, history: FocusHistory) -> None:
-        """Show the course of the window's measurements, the last one at the right."""
+        """Show the course of measurements, the last one at the right."""
         points = history.points
         last = points[-1].taken_at if points else 0.0
         times = [point.taken_at - last for point in points]
@@ -99,7 +98,7 @@ class ProfilePlot(SmallPlot):
         super().__init__("Digital numbers along the line, over pixels from its start", parent)
 
     def show_line(self, line: LineReading | None) -> None:
-        """Show the numbers along the window's line; None clears the plot."""
+        """Show the numbers along a line; None clears the plot."""
         if line is None:
             self.show_curve([], [])
             return

@@ -1,4 +1,4 @@
-"""Messages between the window and its engine for finding, focusing, exposing and keeping.
+"""Messages between window and engine for finding, focusing, exposing and keeping.
 
 All is measured in the engine, on the camera's own numbers: only these few travel.
 """
@@ -37,7 +37,8 @@ class FindStar(Command):
 class FindExposure(Command):
     """Set the exposure that brings the brightest pixel of a region to a level.
 
-    `level` is a share of the range from the black level to full scale. None is the whole picture.
+    level: share of the range from the black level to full scale.
+    region: None for the whole picture.
     """
 
     level: float
@@ -48,8 +49,8 @@ class FindExposure(Command):
 class ProposeBracket(Command):
     """Propose a bracket for the light that the camera sees now, as `labapp bracket` does.
 
-    `row` is the window's bracket that it is meant for. The ratio is 20 log10 of each merged pixel,
-    over decades below the brightest pixels.
+    The ratio is 20 log10 of each merged pixel, over decades below the brightest pixels.
+    row: the bracket that it is meant for.
     """
 
     row: str
@@ -70,10 +71,12 @@ class KeepPicture(Command):
 
 @dataclass(frozen=True)
 class StarReading:
-    """Tell the window place and width of a star; (y, x) are row and column in the picture.
+    """Place and width of a star.
 
-    Widths are full ones at half maximum, along the long and the short axis, in pixels. `peak` is in
-    DN above the background, `angle` in radians from the columns' direction towards the rows'.
+    y, x: row and column in the picture.
+    fwhm_major, fwhm_minor: full widths at half maximum along the long and the short axis, pixels.
+    peak: DN above the background.
+    angle: radians from the columns' direction towards the rows'.
     """
 
     y: float
@@ -86,16 +89,17 @@ class StarReading:
 
     @property
     def fwhm(self) -> float:
-        """Return the geometric mean of both widths that the window shows."""
+        """Return the geometric mean of both widths."""
         return float(np.sqrt(self.fwhm_major * self.fwhm_minor))
 
 
 @dataclass(frozen=True)
 class RegionReading:
-    """Tell the window the statistics of a region in DN, and its focus score in 1/pixel².
+    """Statistics of a region in DN, and its focus score in 1/pixel².
 
-    `region` is the part within the picture. `no_focus` says why there is no score, `no_star` why
-    there is no star.
+    region: the part within the picture.
+    no_focus: why there is no score.
+    no_star: why there is no star.
     """
 
     region: PixelRegion
@@ -113,7 +117,7 @@ class RegionReading:
 
 @dataclass(frozen=True, eq=False)
 class LineReading:
-    """Tell the window the numbers along a line: pixels from its start, and DN."""
+    """Numbers along a line: pixels from its start, and DN."""
 
     distances: NDArray[np.float64]
     values: NDArray[np.float64]
@@ -121,10 +125,11 @@ class LineReading:
 
 @dataclass(frozen=True, eq=False)
 class PictureMeasured:
-    """Tell the window what was measured in the live picture of a number.
+    """What was measured in the live picture of a number.
 
-    `target` and `wavelength`, in metres, are what the picture was taken of: measurements of
-    different ones don't compare. `taken_at` is in seconds of the engine's clock.
+    target, wavelength: what the picture was taken of, m; measurements of different ones don't
+        compare.
+    taken_at: s, on the engine's clock.
     """
 
     number: int
@@ -137,7 +142,7 @@ class PictureMeasured:
 
 @dataclass(frozen=True)
 class StarFound:
-    """Tell the window where a star was found, (row, column), or why there is none."""
+    """Where a star was found, (row, column), or why there is none."""
 
     place: tuple[float, float] | None
     why_not: str = ""
@@ -145,10 +150,11 @@ class StarFound:
 
 @dataclass(frozen=True)
 class ExposureFound:
-    """Tell the window the exposure that was set, and what level it reaches.
+    """The exposure that was set, and what level it reaches.
 
-    `exposure` is in seconds; levels are shares of the range to full scale. `limit` says which end
-    of the camera's range keeps the level from being reached; it is empty if none does.
+    exposure: s.
+    level, wanted: shares of the range to full scale.
+    limit: end of the camera's range that keeps the level from being reached; empty if none does.
     """
 
     exposure: float
@@ -160,11 +166,12 @@ class ExposureFound:
 
 @dataclass(frozen=True)
 class BracketProposal:
-    """Tell the window a proposed bracket, and what it was proposed for.
+    """A proposed bracket, and what it was proposed for.
 
-    `exposures_ms` has each frame's, the shortest first. `electrons_per_s` is the range, the lower
-    rate first. `seconds` are those of the bracket with read-out, `ladders` those of the ladders
-    that reach the same, by name.
+    exposures_ms: each frame's, the shortest first.
+    electrons_per_s: range, the lower rate first.
+    seconds: those of the bracket with read-out.
+    ladders: seconds of the ladders that reach the same, by name.
     """
 
     row: str

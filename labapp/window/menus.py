@@ -1,4 +1,4 @@
-"""The window's menus, declared once as lists of its actions."""
+"""Menus, declared once as lists of actions."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ MENUS: Mapping[str, tuple[str, ...]] = {
     "P&anels": ("reset", SEPARATOR),
     "&Help": ("help", "keys"),
 }
-"""Names of the actions of each menu. Every action of the window is in one of them."""
+"""Names of the actions of each menu. Every action is in one of them."""
 
 
 class MenuBar(QMenuBar):
-    """Show the window's menus; `menus` has them by their titles, without the underlined letter."""
+    """Show the menus; `menus` has them by their titles, without the underlined letter."""
 
     def __init__(self, actions: Mapping[str, QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -1,4 +1,4 @@
-"""The message line at the bottom of the window: what happens, and beside it the last error."""
+"""The line at the bottom of the window: what happens, and beside it the last error."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class MessageLine(QWidget):
 
     @property
     def text(self) -> str:
-        """Return the error that stands, or else the last message of the window."""
+        """Return the error that stands, or else the last message."""
         return self._last_error if self.is_error else self.message
 
     @property
@@ -66,7 +66,7 @@ class MessageLine(QWidget):
         self.said.emit(text, False)
 
     def show_error(self, text: str, *, restart: bool = False) -> None:
-        """Show an error in the window until it is acknowledged; `restart` offers a new engine."""
+        """Show an error until it is acknowledged; `restart` offers a new engine."""
         self._errors += 1
         before = f"({self._errors - 1} before it: see the log)  " if self._errors > 1 else ""
         self._last_error = text

@@ -18,10 +18,7 @@ from labapp.window.frame_reduction import ReducedFrame
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """Describe a device of the bench to the window: its model, its state and its last value.
-
-    `error` says what is wrong with the device if its state is "failed" or "unplugged".
-    """
+    """A device's model, state and last value; `error` says why it has failed or is unplugged."""
 
     name: str
     model: str
@@ -33,12 +30,15 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class BenchOpened:
-    """Tell the window what the bench can do, after the bench was opened.
+    """What the bench can do, told once it is open.
 
-    Ranges are in metres and seconds, shapes are (rows, columns), and `full_scale` is in DN.
-    `virtual` tells whether the bench's clock takes no real time. `scene_tolerance` is the relative
-    error of simulated pictures, and None where the camera is real. `targets_by_hand` tells whether
-    a person places the targets.
+    wavelength_range: m.
+    exposure_range: s.
+    camera_shape: (rows, columns).
+    full_scale: DN.
+    virtual: whether the bench's clock takes no real time.
+    scene_tolerance: relative error of simulated pictures; None where the camera is real.
+    targets_by_hand: whether a person places the targets.
     """
 
     name: str
@@ -55,14 +55,16 @@ class BenchOpened:
 
 @dataclass(frozen=True)
 class BenchState:
-    """Tell the window the devices' settings as read back; for a dead device, the last known one.
+    """The devices' settings as read back; for a dead device, the last known one.
 
-    `wavelength` is in metres, `exposure` in seconds. `live` tells whether live view is running,
-    `in_run` whether a run is under way, and `waiting` whether it waits for a person, who may set
-    exposure and live view meanwhile.
-    `target` is empty as long as a person has confirmed none, and `target_doubt` says how the first
-    picture after that doesn't fit the target. `pattern_number` counts the patterns
-    that the window has shown, from 0 for the one at the opening.
+    target: empty as long as a person has confirmed none.
+    wavelength: m.
+    exposure: s.
+    live: whether live view is running.
+    in_run: whether a run is under way.
+    waiting: whether that run waits for a person, who may set exposure and live view meanwhile.
+    target_doubt: how the first picture after a person confirmed the target doesn't fit it.
+    pattern_number: counts the patterns that were shown, from 0 for the one at the opening.
     """
 
     devices: tuple[DeviceInfo, ...]
@@ -78,13 +80,13 @@ class BenchState:
 
     @property
     def failed_devices(self) -> set[str]:
-        """Return the names of the bench's devices that the window shows as failed or unplugged."""
+        """Return the names of the devices that have failed or are unplugged."""
         return {device.name for device in self.devices if device.error}
 
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """Hold a raw picture in DN, with the settings that it was really taken with."""
+    """A raw picture in DN, with the settings that it was really taken with."""
 
     image: NDArray[np.uint16]
     target: str
@@ -96,25 +98,18 @@ class LiveFrame:
 
 @dataclass(frozen=True, eq=False)
 class LivePicture:
-    """Send the window what it shows of a frame, and the frame itself.
+    """What is shown of a frame, and the frame itself.
 
-    Arrays are views of memory that the engine writes again once the window has acknowledged a
-    later frame; who keeps one copies it.
+    Arrays are views of memory that the engine writes again once the window has acknowledged a later
+    frame; who keeps one copies it.
 
-    Attributes
-    ----------
-    frame : LiveFrame
-        The raw frame.
-    shown : ReducedFrame
-        The part that the window shows, as its screen shows it.
-    request : int
-        Number of the person's last change of a setting that the frame was taken after.
-    dropped, missed : int
-        Frames since live view began that were taken but not shown, and that the camera counted
-        but didn't deliver.
-    is_prediction : bool
-        Whether no camera took the frame: it is a coarse prediction, shown until the exact picture
-        is simulated.
+    frame: raw.
+    shown: the visible part, as the screen shows it.
+    request: number of the person's last change of a setting that the frame was taken after.
+    dropped, missed: frames since live view began that were taken but not shown, and that the camera
+        counted but didn't deliver.
+    is_prediction: whether no camera took the frame: it is a coarse prediction, shown until the
+        exact picture is simulated.
     """
 
     frame: LiveFrame
@@ -127,19 +122,13 @@ class LivePicture:
 
 @dataclass(frozen=True)
 class PictureAwaited:
-    """Tell the window that its picture isn't that of the settings any more, and what is done.
+    """Tell that the picture isn't that of the settings any more, and what is done.
 
-    Attributes
-    ----------
-    request : int
-        Number of the person's last change of a setting. Pictures of it and of later ones are
+    request: number of the person's last change of a setting; pictures of it and of later ones are
         what the window waits for.
-    activity : str
-        What is done for the picture, such as "computing the picture".
-    elapsed : float
-        Seconds since the change.
-    seconds_left : float or None
-        Seconds until the picture is expected; None if that isn't known.
+    activity: what is done for the picture, such as "computing the picture".
+    elapsed: seconds since the change.
+    seconds_left: until the picture is expected; None if that isn't known.
     """
 
     request: int
@@ -150,31 +139,17 @@ class PictureAwaited:
 
 @dataclass(frozen=True)
 class EffectInfo:
-    """Tell the window at which level the simulator computes an effect in a picture, and why.
+    """The level at which the simulator computes an effect in a picture, and why.
 
-    Attributes
-    ----------
-    name : str
-        The effect.
-    level : str
-        The effect's level as text.
-    on : bool
-        Whether the effect takes part.
-    forced : bool
-        Whether the scene file prescribes the level.
-    error : float or None
-        Change of the picture between this level and the finest, relative to the picture: at most,
-        or likely. None if it isn't known.
-    error_estimate : float
-        Typical value of that change.
-    why : str
-        The reason for the level: how much of the effect there is in this picture.
-    physics : str
-        What the effect does to the light or to the picture.
-    source : str
-        Reference for the effect's model.
-    error_source : str
-        Where the error comes from.
+    on: whether the effect takes part.
+    forced: whether the scene file prescribes the level.
+    error: change of the picture between this level and the finest, relative to the picture: at
+        most, or likely. None if it isn't known.
+    error_estimate: typical value of that change.
+    why: reason for the level: how much of the effect there is in this picture.
+    physics: what the effect does to the light or to the picture.
+    source: reference for the effect's model.
+    error_source: where the error comes from.
     """
 
     name: str
@@ -191,25 +166,18 @@ class EffectInfo:
 
 @dataclass(frozen=True)
 class EffectsReport:
-    """Tell the window what the simulator computes for pictures at these settings.
+    """What the simulator computes for pictures at these settings.
 
-    Attributes
-    ----------
-    target, pattern : str
-        Names of the target and of the pattern on the SLM.
-    wavelength, exposure : float
-        Wavelength in metres and exposure time in seconds.
-    effects : tuple of EffectInfo
-        The effects in the order in which they act on the light.
-    tol : float
-        The tolerance: the picture's relative error that all levels together may cause.
-    error : float or None
-        The picture's relative difference from one with all effects at their finest: at most, or
+    target, pattern: names, the second of the pattern on the SLM.
+    wavelength: m.
+    exposure: s.
+    effects: in the order in which they act on the light.
+    tol: tolerance, the picture's relative error that all levels together may cause.
+    error: the picture's relative difference from one with all effects at their finest: at most, or
         likely. None if it isn't known.
-    work : float
-        Work for the picture, as a share of the work with all effects at their finest.
-    is_estimated : bool
-        Whether estimates decided, so that all errors are likely ones; else they are bounds.
+    work: for the picture, as a share of the work with all effects at their finest.
+    is_estimated: whether estimates decided, so that all errors are likely ones; else they are
+        bounds.
     """
 
     target: str
@@ -225,9 +193,10 @@ class EffectsReport:
 
 @dataclass(frozen=True, eq=False)
 class PatternPreview:
-    """Send the window a pattern's grey levels at reduced size, and its PSF on sensor pixels.
+    """A pattern's grey levels at reduced size, and its PSF on sensor pixels.
 
-    The PSF is scaled to a peak of 1; `peak` is the share of the light in its brightest pixel.
+    psf: scaled to a peak of 1.
+    peak: share of the light in the PSF's brightest pixel.
     """
 
     pattern: PatternTable
@@ -239,9 +208,10 @@ class PatternPreview:
 
 @dataclass(frozen=True)
 class JobProgress:
-    """Tell the window the progress of a job of the engine.
+    """How far a job of the engine is.
 
-    `fraction` is from 0 to 1; `seconds_left` is None as long as it can't be estimated.
+    fraction: 0 to 1.
+    seconds_left: None as long as it can't be estimated.
     """
 
     job: str
@@ -252,41 +222,26 @@ class JobProgress:
 
 @dataclass(frozen=True)
 class CancelAcknowledged:
-    """Tell the window that the engine has received Cancel; the end of the job or run follows."""
+    """The engine has received Cancel; the end of the job or run follows."""
 
 
 @dataclass(frozen=True)
 class RunInfo:
-    """Describe a run of the engine's queue to the window.
+    """The state of one run of the queue.
 
-    Attributes
-    ----------
-    number : int
-        Counts the runs, and identifies this one in commands.
-    title : str
-        Title of the run's plan.
-    path : Path
-        The run's record.
-    state : State
-        State of the run.
-    message : str
-        What the run is doing, or why it is paused or failed.
-    stored_frames, planned_frames : int
-        Frames that the record has, and frames of the plan.
-    fraction : float
-        Share of the work that is done, from 0 to 1.
-    expected_bench_seconds : float
-        Time on the bench's clock that the run is expected to take.
-    bench_seconds : float
-        Time on the bench's clock that the run took, 0 until it has ended.
-    elapsed_seconds : float
-        Real time that the run has taken.
-    seconds_left : float or None
-        Real time that is left; None if the run has ended, or nothing like it was measured yet.
-    pause_requested : bool
-        Whether a person or a failed device asks for a pause that lasts until a person ends it.
-    ticket : str
-        Ticket of the request that the run was made for.
+    number: counts the runs, and identifies this one in commands.
+    title: that of the run's plan.
+    path: the run's record.
+    message: what the run is doing, or why it is paused or failed.
+    stored_frames, planned_frames: frames that the record has, and frames of the plan.
+    fraction: share of the work that is done, 0 to 1.
+    expected_bench_seconds: time on the bench's clock that the run is expected to take.
+    bench_seconds: time on the bench's clock that the run took, 0 until it has ended.
+    elapsed_seconds: real time that the run has taken.
+    seconds_left: real time; None if the run has ended, or nothing like it was measured yet.
+    pause_requested: whether a person or a failed device asks for a pause that lasts until a person
+        ends it.
+    ticket: that of the request that the run was made for.
     """
 
     number: int
@@ -307,9 +262,11 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Prompt:
-    """Ask a person at the window to do something for a run; `number` counts the prompts.
+    """What a run asks a person to do.
 
-    `done` is the answer that Enter gives, and `alternative` another one, if there is one.
+    number: counts the prompts.
+    done: the answer that Enter gives.
+    alternative: another answer, if there is one.
     """
 
     number: int
@@ -320,10 +277,10 @@ class Prompt:
 
 @dataclass(frozen=True)
 class QueueState:
-    """Tell the window all runs of the queue in their order.
+    """All runs of the queue in their order.
 
-    `hold_reason` says why no further run begins; it is empty while no run is held back. `prompt`
-    is the prompt that a run is waiting for.
+    hold_reason: why no further run begins; empty while no run is held back.
+    prompt: what a run is waiting for.
     """
 
     runs: tuple[RunInfo, ...]
@@ -336,20 +293,21 @@ class QueueState:
 
     @property
     def waiting_count(self) -> int:
-        """Return how many runs of the window's queue are waiting."""
+        """Return how many runs are waiting."""
         return sum(run.state is State.WAITING for run in self.runs)
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a run of the window's queue is using the bench, or is about to."""
+        """Return whether a run is using the bench, or is about to."""
         return self.current_run is not None or (self.waiting_count > 0 and not self.hold_reason)
 
 
 @dataclass(frozen=True)
 class RunEnded:
-    """Tell the window how a run ended; `path` is the record, None if nothing was written.
+    """How a run ended.
 
-    `bench_seconds` is the time that the run took on the bench's clock.
+    path: the record; None if nothing was written.
+    bench_seconds: time that the run took on the bench's clock.
     """
 
     path: Path | None
@@ -361,32 +319,28 @@ class RunEnded:
 
 @dataclass(frozen=True)
 class RequestRefused:
-    """Tell the window that no run was queued for a request; a FailureReport says why."""
+    """No run was queued for a request; a FailureReport says why."""
 
     ticket: str
 
 
 @dataclass(frozen=True)
 class DeviceReconnected:
-    """Tell the window that a failed device of the bench is open again."""
+    """A failed device is open again."""
 
     device: str
 
 
 @dataclass(frozen=True, eq=False)
 class RecordOpened:
-    """Tell the window what a record holds, and whether its photograph can be restored.
+    """What a record holds, and whether its photograph can be restored.
 
-    Attributes
-    ----------
-    path : Path
-        The record.
-    summary, frame : str
-        What the record holds, and which of its frames `picture` is.
-    picture : ndarray of uint8, shape (rows, columns), or None
-        A raw frame with the grey values of a screen; None if the record has none.
-    why_not_restored : str
-        Why the photograph can't be restored as it is; empty if it can.
+    path: the record.
+    summary: what the record holds.
+    frame: which of its frames `picture` is.
+    picture: raw frame with the grey values of a screen, (rows, columns) uint8; None if the record
+        has none.
+    why_not_restored: why the photograph can't be restored as it is; empty if it can.
     """
 
     path: Path
@@ -398,41 +352,23 @@ class RecordOpened:
 
 @dataclass(frozen=True, eq=False)
 class ReconstructionResult:
-    """Send the window a photograph before and after restoration, with figures on its quality.
+    """A photograph before and after restoration, with figures on its quality.
 
-    Attributes
-    ----------
-    path : Path
-        The record that the photograph is from.
-    source : str
-        The photograph's name within the record.
-    before, after : ndarray of uint8, shape (rows, columns) or (rows, columns, 3)
-        The photograph and the restored picture, with the values of a screen: grey, or sRGB.
-    neutral : ndarray of uint8, of the same shape, or None
-        The photograph taken with the neutral pattern, if the record has it.
-    psf : ndarray of float32, shape (rows, columns)
-        The PSF that the restoration used.
-    scores : tuple of two tuples, or None
-        PSNR in dB and SSIM against the neutral photograph, before and after restoration.
-    method : str
-        The restoration method.
-    noise : float
-        Standard deviation of a pixel's noise, in `unit`.
-    noise_source : str
-        How the noise is known, in words.
-    unit : str
-        Unit of the noise.
-    weight : float or None
-        Regularisation weight.
-    iterations : int or None
-        Iterations of the solver; None for a decoder.
-    residual : float or None
-        The photograph less the blurred estimate, rms, over the noise; None for a decoder, which
-        doesn't know the depth by which to blur.
-    verdict : str
-        Judgement of the residual, in words; remarks on the photograph for a decoder.
-    cpu_seconds : float
-        Processor time of the restoration.
+    path: the record that the photograph is from.
+    source: the photograph's name within the record.
+    before, after: photograph and restored picture with the values of a screen: grey, (rows,
+        columns) uint8, or sRGB, (rows, columns, 3).
+    neutral: photograph taken with the neutral pattern, of the same shape, if the record has it.
+    psf: what the restoration used, (rows, columns).
+    scores: PSNR in dB and SSIM against the neutral photograph, before and after restoration.
+    noise: standard deviation of a pixel's noise, in `unit`.
+    noise_source: how the noise is known, in words.
+    weight: regularisation weight.
+    iterations: of the solver; None for a decoder.
+    residual: the photograph less the blurred estimate, rms, over the noise; None for a decoder,
+        which doesn't know the depth by which to blur.
+    verdict: judgement of the residual, in words; remarks on the photograph for a decoder.
+    cpu_seconds: processor time of the restoration.
     """
 
     path: Path
@@ -455,26 +391,16 @@ class ReconstructionResult:
 
 @dataclass(frozen=True)
 class AccuracyPoint:
-    """Tell the window what a method's account predicts for a PSF at a tolerance.
+    """What a method's account predicts for a PSF at a tolerance.
 
-    Attributes
-    ----------
-    method : str
-        The method.
-    tol : float
-        The tolerance that is asked for.
-    error : float or None
-        Predicted relative error; None if the method refuses.
-    first_seconds, each_seconds : float or None
-        Predicted processor time of the first answer, planning included, and of each further one.
-    memory : int or None
-        Bytes.
-    chosen : bool
-        Whether the method is the automatic choice for the tolerance.
-    on_front : bool
-        Whether no other point is both faster and more exact.
-    failure : str
-        Why the method refuses; empty if it doesn't.
+    tol: the tolerance that is asked for.
+    error: predicted relative error; None if the method refuses.
+    first_seconds, each_seconds: predicted processor time of the first answer, planning included,
+        and of each further one.
+    memory: bytes.
+    chosen: whether the method is the automatic choice for the tolerance.
+    on_front: whether no other point is both faster and more exact.
+    failure: why the method refuses; empty if it doesn't.
     """
 
     method: str
@@ -490,9 +416,10 @@ class AccuracyPoint:
 
 @dataclass(frozen=True)
 class LivePrediction:
-    """Tell the window what a tolerance costs in a live picture of the virtual bench.
+    """What a tolerance costs in a live picture of the virtual bench.
 
-    `error` is the likely relative error, and None if it isn't known. `seconds` is processor time.
+    error: likely relative error; None if it isn't known.
+    seconds: processor time.
     """
 
     tol: float
@@ -502,9 +429,10 @@ class LivePrediction:
 
 @dataclass(frozen=True)
 class AccuracyForecast:
-    """Tell the window what each tolerance costs; `live` is empty where the camera is real.
+    """What each tolerance costs.
 
-    `wavelength` is in metres.
+    wavelength: m.
+    live: empty where the camera is real.
     """
 
     wavelength: float
@@ -513,19 +441,19 @@ class AccuracyForecast:
     live: tuple[LivePrediction, ...]
 
     def chosen_point(self, tol: float) -> AccuracyPoint | None:
-        """Return the automatic choice that the window shows for a tolerance; None if all refuse."""
+        """Return the automatic choice for a tolerance; None if all methods refuse."""
         return next((one for one in self.points if one.chosen and one.tol == tol), None)
 
     def failure(self, tol: float) -> str:
-        """Return why no method that the window could show keeps a tolerance."""
+        """Return why no method keeps a tolerance."""
         return next((o.failure for o in reversed(self.points) if o.tol == tol and o.failure), "")
 
 
 @dataclass(frozen=True)
 class AccuracyMeasured:
-    """Tell the window that the accuracy page is written, with how many of all operations.
+    """The accuracy page is written, with how many of all operations.
 
-    `cancelled` tells whether a person stopped it; otherwise the page says what it lacks and why.
+    cancelled: whether a person stopped it; otherwise the page says what it lacks and why.
     """
 
     page: Path
@@ -536,21 +464,21 @@ class AccuracyMeasured:
 
 @dataclass(frozen=True)
 class PictureSaved:
-    """Tell the window that the restored photograph was saved."""
+    """The restored photograph was saved."""
 
     path: Path
 
 
 @dataclass(frozen=True)
 class JobEnded:
-    """Tell the window that a job of the engine is over: finished, cancelled or failed."""
+    """A job of the engine is over: finished, cancelled or failed."""
 
     job: str
 
 
 @dataclass(frozen=True)
 class FailureReport:
-    """Tell the window what went wrong and what to do; `device` names the device that failed."""
+    """What went wrong and what to do; `device` names the device that failed."""
 
     message: str
     device: str = ""
@@ -558,6 +486,6 @@ class FailureReport:
 
 @dataclass(frozen=True)
 class OpeningFailed:
-    """Tell the window that the bench couldn't be opened and that the engine ends."""
+    """The bench couldn't be opened, and the engine ends."""
 
     message: str

@@ -1,7 +1,7 @@
-"""Fields of the window for numbers, which are read and shown alike under every desktop language.
+"""Fields for numbers, which are read and shown alike under every desktop language.
 
-A text that is no number, or one that the field can't hold, isn't set: the field says why, and
-shows the value that it had.
+A text that is no number, or one that the field can't hold, isn't set: the field says why, and shows
+the value that it had.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ else:
 
 
 class _NumberInput(_Spin):
-    """Read what is typed into a field of the window by the one parser of typed numbers.
+    """Read what is typed into a field by the one parser of typed numbers.
 
     Stands before a Qt class among the bases. `refused` is emitted with a sentence for each text
     that isn't set.
@@ -64,13 +64,13 @@ class _NumberInput(_Spin):
 
     @property
     def places(self) -> int:
-        """Return how many digits after the decimal sign the window's field has."""
+        """Return how many digits the field has after the decimal sign."""
         decimals: int = self.decimals()
         return decimals
 
     @property
     def fault(self) -> str:
-        """Say why the text in the window's field can't be set; "" if it can."""
+        """Say why the field's text can't be set; "" if it can."""
         try:
             self.read_text(self.lineEdit().text())
         except ValueError as error:
@@ -78,7 +78,7 @@ class _NumberInput(_Spin):
         return ""
 
     def read_text(self, text: str) -> Decimal:
-        """Return the number in a text, exactly as the window's field can hold it.
+        """Return the number in a text, exactly as the field can hold it.
 
         Raises ValueError with a sentence for a text that is no number, has more digits after the
         decimal sign than the field, or lies beyond its range.
@@ -124,7 +124,7 @@ class _NumberInput(_Spin):
         return text
 
     def finish_typing(self) -> bool:
-        """Set what is typed into the window's field; return False if the text is refused."""
+        """Set what is typed; return False if the text is refused."""
         fault = self._fresh_text and bool(self.fault)
         if self._fresh_text:
             self.interpretText()
@@ -132,7 +132,7 @@ class _NumberInput(_Spin):
         return not fault
 
     def refuse(self, text: str) -> None:
-        """Say beside the window's field why a text isn't set, and what the value stays."""
+        """Say beside the field why a text isn't set, and what the value stays."""
         self._fresh_text = False
         try:
             self.read_text(text)
@@ -141,7 +141,7 @@ class _NumberInput(_Spin):
             self.say(f"{error}. It stays {self.prefix()}{kept}{self.suffix()}.")
 
     def say(self, sentence: str) -> None:
-        """Show a sentence beside the window's field, and tell it to who listens."""
+        """Show a sentence beside the field, and tell it to who listens."""
         mark_property(self, "refused", True)
         self._sentence = sentence
         # Qt hides tips when the focus changes, as it does after Enter.
@@ -170,7 +170,7 @@ class _NumberInput(_Spin):
 
 
 class NumberBox(_NumberInput, QDoubleSpinBox):
-    """Let the person type a number in the window."""
+    """Let the person type a number."""
 
     refused = Signal(str)
 
@@ -180,7 +180,7 @@ class NumberBox(_NumberInput, QDoubleSpinBox):
 
 
 class WholeNumberBox(_NumberInput, QSpinBox):
-    """Let the person type a whole number in the window."""
+    """Let the person type a whole number."""
 
     refused = Signal(str)
 

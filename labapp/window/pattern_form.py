@@ -1,4 +1,4 @@
-"""The window's form for a pattern: a page for each kind, with the keys of a plan file."""
+"""Form for a pattern: a page for each kind, with the keys of a plan file."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ class PatternForm(QWidget):
 
     @property
     def file(self) -> QLineEdit:
-        """Return the window's field for the file of a picture that is used as a pattern."""
+        """Return the field for the file of a picture that is used as a pattern."""
         return self.texts["image", "file"]
 
     @property
     def missing_input(self) -> str:
-        """Return what the person must still enter in the window's pattern form, or ""."""
+        """Return what the person must still enter, or ""."""
         kind = self._selected_kind
         for field in kind.fields:
             if isinstance(field, NumberField):
@@ -77,14 +77,11 @@ class PatternForm(QWidget):
 
     @property
     def needs_file(self) -> bool:
-        """Return whether the pattern chosen in the window comes from a file."""
+        """Return whether the chosen pattern comes from a file."""
         return any(isinstance(field, FileField) for field in self._selected_kind.fields)
 
     def pattern_table(self, wavelength_nm: float) -> PatternTable:
-        """Return the pattern chosen in the window as a table of a plan file.
-
-        The pattern is designed for the given wavelength.
-        """
+        """Return the chosen pattern as a table of a plan file, designed for this wavelength."""
         kind = self._selected_kind
         table = kind.build_table({field.key: self._value(kind, field) for field in kind.fields})
         return (

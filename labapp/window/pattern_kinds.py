@@ -1,4 +1,4 @@
-"""The kinds of patterns that the window offers: all kinds of a plan file that have a title."""
+"""Kinds of patterns to choose from: all kinds of a plan file that have a title."""
 
 from __future__ import annotations
 
@@ -19,10 +19,7 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True)
 class NumberField:
-    """Describe a field of the window's pattern form for a number between two limits.
-
-    A whole number has no decimals.
-    """
+    """A field for a number between two limits; a whole number has no decimals."""
 
     key: str
     label: str
@@ -35,7 +32,7 @@ class NumberField:
 
 @dataclass(frozen=True)
 class TextField:
-    """Describe a field of the window's pattern form for a line of text."""
+    """A field for a line of text."""
 
     key: str
     label: str
@@ -45,7 +42,7 @@ class TextField:
 
 @dataclass(frozen=True)
 class FileField:
-    """Describe a field of the window's pattern form for the path of a picture."""
+    """A field for the path of a picture."""
 
     key: str
     hint: str
@@ -56,11 +53,11 @@ PatternField = NumberField | TextField | FileField
 
 @dataclass(frozen=True)
 class PatternKind:
-    """Describe a kind of pattern that the window offers.
+    """A kind of pattern to choose.
 
-    The window saves the kind's fields under `name` and shows `title`. `build_table` turns the
-    fields' values into the pattern's table of a plan file. `needs_wavelength` tells whether the
-    pattern is designed for a wavelength.
+    name: what the kind's fields are saved under.
+    build_table: turns the fields' values into the pattern's table of a plan file.
+    needs_wavelength: whether the pattern is designed for a wavelength.
     """
 
     name: str
@@ -75,7 +72,7 @@ _ABERRATIONS = {"defocus": (2, 0), "astigmatism": (2, 2), "coma": (3, 1), "spher
 
 
 def _kind(table: type[Table]) -> PatternKind:
-    """Describe a kind of pattern for the window: a field for each key that has a label."""
+    """Describe a kind of pattern: a field for each key that has a label."""
     if table is ZernikePattern:
         return PatternKind("zernike", table.title, tuple(_orders()), _aberrations)
     fields = tuple(_field(key, kind, told) for key, kind, told in keys_of(table) if told.label)
@@ -90,7 +87,7 @@ def _kind(table: type[Table]) -> PatternKind:
 
 
 def _field(key: str, kind: type[Any], key_info: Key) -> PatternField:
-    """Describe the window's input field for a key of a pattern."""
+    """Describe the input field for a key of a pattern."""
     if key == "file":
         return FileField(key, key_info.label)
     if kind is str:
@@ -127,4 +124,4 @@ _TABLES: tuple[type[Table], ...] = (
 )
 
 PATTERN_KINDS: tuple[PatternKind, ...] = tuple(_kind(one) for one in _TABLES if one.title)
-"""The kinds in the window's order: neutral, PSF shapes, formulas, and files."""
+"""The kinds in the order of their list: neutral, PSF shapes, formulas, and files."""

@@ -1,4 +1,4 @@
-"""The window's pattern chooser, with previews of the grey levels on the SLM and of the PSF."""
+"""The pattern chooser, with previews of the grey levels on the SLM and of the PSF."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ class PatternPanel(QWidget):
         return self.form.pattern_table(self._wavelength_nm)
 
     def set_wavelength(self, nanometres: float) -> None:
-        """Design the window's patterns for this wavelength from now on; the SLM's pattern stays."""
+        """Design patterns for this wavelength from now on; the SLM's pattern stays."""
         if nanometres != self._wavelength_nm:
             self._wavelength_nm = nanometres
             self.schedule_preview()
 
     def set_showing_allowed(self, on: bool) -> None:
-        """Enable the window's "Show on SLM" if the bench is free and the pattern is complete.
+        """Enable "Show on SLM" if the bench is free and the pattern is complete.
 
         A file must have been read for a preview. The next pattern can be chosen in any case.
         """
@@ -71,7 +71,7 @@ class PatternPanel(QWidget):
         self.show_button.setEnabled(on and known)
 
     def schedule_preview(self) -> None:
-        """Request a preview from the window's engine when no setting has changed for a moment.
+        """Request a preview when no setting has changed for a moment.
 
         Until it comes, the preview before is faint. A pattern that isn't complete has none.
         """
@@ -85,7 +85,7 @@ class PatternPanel(QWidget):
         self._pause.start()
 
     def show_preview(self, preview: PatternPreview) -> None:
-        """Show a pattern's preview in the window, unless another one has been chosen since."""
+        """Show a pattern's preview, unless another pattern has been chosen since."""
         if preview.pattern != self.pattern_table():
             return
         self._chosen = preview.name
@@ -101,7 +101,7 @@ class PatternPanel(QWidget):
         )
 
     def show_no_preview(self) -> None:
-        """Clear the window's preview of an earlier pattern, as the requested one didn't come."""
+        """Clear the preview of an earlier pattern, as the requested one didn't come."""
         if self.note.text().startswith("computing"):
             self.note.setText("no preview")
             self._clear_preview()
@@ -111,14 +111,14 @@ class PatternPanel(QWidget):
         self._compare()
 
     def _compare(self) -> None:
-        """Name the SLM's pattern in the window; sign and colour tell if it isn't the chosen one."""
+        """Name the SLM's pattern; sign and colour tell if it isn't the chosen one."""
         differs = self._chosen not in ("", self._on_panel)
         sign = f"{DIFFERS_SIGN} " if differs else ""
         self.displayed_label.setText(f"{sign}On the SLM: {self._on_panel}")
         mark_difference(self.displayed_label, differs)
 
     def _mark_outdated(self) -> None:
-        """Show the window's preview faintly, as that of the pattern before."""
+        """Show the preview faintly, as that of the pattern before."""
         self._has_preview = False
         self.set_showing_allowed(self._showing_allowed)
         for thumbnail in (self.grey, self.psf):

@@ -46,7 +46,7 @@ class PictureMarks(QObject):
             roi.sigRegionChangeFinished.connect(lambda _: self.changed.emit())
 
     def adopt_shape(self, shape: tuple[int, int]) -> None:
-        """Put the window's marks where they begin in pictures of (rows, columns)."""
+        """Put the marks where they begin in pictures of (rows, columns)."""
         self._shape = shape
         rows, columns = shape
         self.place_region((rows / 2, columns / 2))
@@ -58,7 +58,7 @@ class PictureMarks(QObject):
         self._cross[1].setValue(columns // 2 + 0.5)
 
     def place_region(self, centre: tuple[float, float], side: int = _FIRST_REGION) -> None:
-        """Put the window's region around a place (row, column), within the picture."""
+        """Put the region around a place (row, column), within the picture."""
         sizes = [min(side, n) for n in self._shape]
         top, left = (
             min(max(round(c - size / 2), 0), n - size)
@@ -68,23 +68,23 @@ class PictureMarks(QObject):
         self._region.setSize((sizes[1], sizes[0]), finish=True)
 
     def show_region(self, on: bool) -> None:
-        """Show or hide the window's region, which is measured as long as it is shown."""
+        """Show or hide the region, which is measured as long as it is shown."""
         self._region.setVisible(on)
         self._star.setVisible(on)
         self.changed.emit()
 
     def show_line(self, on: bool) -> None:
-        """Show or hide the window's line, along which numbers are measured while it is shown."""
+        """Show or hide the line, along which numbers are measured while it is shown."""
         self._line.setVisible(on)
         self.changed.emit()
 
     def show_cross(self, on: bool) -> None:
-        """Show or hide the window's cross-hair, which begins on the axis and can be dragged."""
+        """Show or hide the cross-hair, which begins on the axis and can be dragged."""
         for line in self._cross:
             line.setVisible(on)
 
     def show_star(self, star: StarReading | None) -> None:
-        """Show a ring as wide as the star that was measured in the window's region."""
+        """Show a ring as wide as the star that was measured in the region."""
         if star is None:
             self._star.setData([], [])
         else:
@@ -92,7 +92,7 @@ class PictureMarks(QObject):
 
     @property
     def region(self) -> PixelRegion | None:
-        """Return the window's region, in whole pixels; None while it is hidden."""
+        """Return the region in whole pixels; None while it is hidden."""
         if not self._region.isVisible():
             return None
         place, size = self._region.pos(), self._region.size()
@@ -101,7 +101,7 @@ class PictureMarks(QObject):
 
     @property
     def line(self) -> PixelLine | None:
-        """Return both ends of the window's line; None while it is hidden."""
+        """Return both ends of the line; None while it is hidden."""
         if not self._line.isVisible():
             return None
         # Between pixels, the picture's coordinates are half a pixel beyond those of their centres.
@@ -110,5 +110,5 @@ class PictureMarks(QObject):
 
     @property
     def cross(self) -> tuple[float, float]:
-        """Return where the window's cross-hair is, (row, column); pixel centres are whole."""
+        """Return where the cross-hair is, (row, column); pixel centres are whole."""
         return self._cross[0].value() - 0.5, self._cross[1].value() - 0.5

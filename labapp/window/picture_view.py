@@ -1,4 +1,4 @@
-"""A view of a picture in the window that can be zoomed and moved, without smoothing."""
+"""A view of a picture that can be zoomed and moved, without smoothing."""
 
 from __future__ import annotations
 
@@ -45,9 +45,10 @@ class PictureView(QWidget):
         return QSize(320, 200)
 
     def show_indices(self, indices: NDArray[np.uint8], palette: NDArray[np.uint8]) -> None:
-        """Show a picture of palette indices, (rows, columns) uint8, in the window.
+        """Show a picture of palette indices, (rows, columns) uint8.
 
-        The palette is (256, 3) colours. A picture of (rows, columns, 3) has colours of its own.
+        A picture of (rows, columns, 3) has colours of its own.
+        palette: colours, (256, 3).
         """
         lut = palette if indices.ndim == 2 else None
         self._item.setImage(indices, levels=(0, 255), lut=lut, autoLevels=False)
@@ -69,22 +70,22 @@ class PictureView(QWidget):
 
     @property
     def reduction(self) -> int:
-        """Return how many picture pixels share a pixel of the window along an axis, at least 1."""
+        """Return how many picture pixels share a pixel of the screen along an axis, at least 1."""
         width, height = self.box.viewPixelSize()
         # The tolerance of 0.01 gives a picture at its own size 1, despite rounding errors.
         return max(1, math.ceil(max(width, height) - 0.01))
 
     def link(self, other: PictureView) -> None:
-        """Link this picture of the window to another one: both zoom and move together."""
+        """Link this picture to another one: both zoom and move together."""
         self.box.setXLink(other.box)
         self.box.setYLink(other.box)
 
     def mark_pixel(self, row: int, column: int) -> None:
-        """Draw a cross on a pixel of the window's picture, in the place of an earlier one."""
+        """Draw a cross on a pixel, in the place of an earlier one."""
         self._mark.setData([column + 0.5], [row + 0.5])
 
     def pixel_position(self, row: int, column: int) -> QPointF:
-        """Return where the centre of a picture's pixel is on this widget of the window."""
+        """Return where the centre of a picture's pixel is on this widget."""
         scene = self.box.mapViewToScene(QPointF(column + 0.5, row + 0.5))
         return QPointF(self._view.mapFromScene(scene))
 

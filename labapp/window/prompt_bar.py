@@ -1,4 +1,4 @@
-"""The window's bar for a run that waits for a person: its prompt, or why it is paused."""
+"""Bar for a run that waits for a person: its prompt, or why it is paused."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class PromptBar(QWidget):
 
     @property
     def is_asking(self) -> bool:
-        """Return whether the window's bar shows a prompt, which Enter confirms."""
+        """Return whether a prompt is shown, which Enter confirms."""
         return self.isVisible() and self.done_button.isVisible()
 
     def show_queue(self, queue: QueueState) -> None:

@@ -1,4 +1,4 @@
-"""The window's bar for a question of its own, which only a click or Ctrl+Enter answers with yes."""
+"""Bar for a question that only a click or Ctrl+Enter answers with yes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from labapp.window.widgets import STOPS, fill_layout, make_label, make_tool_butt
 
 @dataclass(frozen=True)
 class Question:
-    """Describe a question of the window, and what follows from the answers.
+    """A question, and what follows from the answers.
 
-    `subject` names what it is about, `yes` and `no` are the words on the buttons.
+    subject: what it is about.
+    yes, no: the words on the buttons.
     """
 
     subject: str
@@ -56,20 +57,20 @@ class QuestionBar(QWidget):
 
     @property
     def subject(self) -> str:
-        """Return what the window's question is about; empty if nothing is asked."""
+        """Return what the question is about; empty if nothing is asked."""
         return self._question.subject if self._question else ""
 
     def ask(self, question: Question) -> None:
-        """Ask the person at the window; an open question is declined."""
+        """Ask a question; one that is open is declined."""
         self.decline()
         self._show(question)
 
     def decline(self) -> None:
-        """Answer the window's question with no, if one is open."""
+        """Answer the question with no, if one is open."""
         self._answer(False)
 
     def withdraw(self, subject: str) -> None:
-        """Take the window's question about a subject back without an answer."""
+        """Take the question about a subject back without an answer."""
         if self.subject == subject:
             self._show(None)
 

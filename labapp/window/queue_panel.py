@@ -1,4 +1,4 @@
-"""The window's panel of the run queue, with buttons to remove, clear and release runs."""
+"""Panel of the run queue, with buttons to remove, clear and release runs."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class QueuePanel(WrappingPanel):
 
     @property
     def resumable_run(self) -> RunInfo | None:
-        """Return the run selected in the window if it can be resumed, else None."""
+        """Return the selected run if it can be resumed, else None."""
         ended = (State.CANCELLED, State.FAILED)
         return next((run for run in self.table.selected_runs if run.state in ended), None)
 

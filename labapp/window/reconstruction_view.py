@@ -1,4 +1,4 @@
-"""The window's view of a reconstruction: how to restore, then a photograph, or a spectral cube."""
+"""A reconstruction: how to restore, then a photograph, or a spectral cube."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ METHODS = {
     "Automatic": AUTO,
     **{one.title[0].upper() + one.title[1:]: name for name, one in RESTORATIONS.items()},
 }
-"""Names of the restoration methods in the engine, by their titles in the window."""
+"""Names of the restoration methods in the engine, by the titles that are shown."""
 
 DECODER_TITLE = "Depth of field: decoder"
 """The title of the choice that decodes a photograph behind a trained pattern."""
@@ -108,10 +108,7 @@ class ReconstructionView(QWidget):
 
     @property
     def choices(self) -> tuple[str, float | None, bool]:
-        """Return method, processor seconds and whether grey is chosen in the window.
-
-        The seconds are None for the usual time.
-        """
+        """Return method, processor seconds, None for the usual time, and whether grey is chosen."""
         title, grey = self.method.currentText(), self.grey.isChecked()
         if title == DECODER_TITLE:
             return DECODER, None, grey
@@ -126,7 +123,7 @@ class ReconstructionView(QWidget):
 
     @property
     def shows_cube(self) -> bool:
-        """Return whether the window shows a spectral cube, and not a restored photograph."""
+        """Return whether a spectral cube is shown, and not a restored photograph."""
         return self._pages.currentWidget() is self.spectra
 
     def show_result(self, result: ReconstructionResult) -> None:
@@ -138,7 +135,7 @@ class ReconstructionView(QWidget):
         self._enable_buttons()
 
     def show_record(self, record: RecordOpened) -> None:
-        """Show a record in the window as it is: a raw frame, and what else it holds."""
+        """Show a record as it is: a raw frame, and what else it holds."""
         if record.picture is not None:
             self.picture.show_single(record.picture)
         shown = f" Shown: {record.frame}." if record.frame else ""
@@ -154,7 +151,7 @@ class ReconstructionView(QWidget):
         self._enable_buttons()
 
     def show_bands(self, found: RecordBands) -> None:
-        """Show the bands of a record in the window, and say where they can be restored."""
+        """Show the bands of a record, and say where they can be restored."""
         several = len(found.wavelengths) > 1
         listed = ", ".join(f"{one * 1e9:.4g}" for one in found.wavelengths)
         self.band_list.setPlaceholderText(f"all: {listed} nm" if several else _ALL_BANDS)
@@ -169,7 +166,7 @@ class ReconstructionView(QWidget):
         self.note.setText(self._described + self._hint)
 
     def _allow_decoder(self, decoder: str) -> None:
-        """Offer the window's decoder, of the design file of this name; "" offers none."""
+        """Offer the decoder of the design file of this name; "" offers none."""
         index = self.method.findText(DECODER_TITLE)
         model = self.method.model()
         assert isinstance(model, QStandardItemModel)
@@ -179,11 +176,11 @@ class ReconstructionView(QWidget):
             self.method.setCurrentIndex(0)
 
     def _choose_decoder(self, title: str) -> None:
-        """Disable the window's field for the time where a decoder is chosen, which has one time."""
+        """Disable the field for the time where a decoder is chosen, which has one time."""
         self.budget.setEnabled(title != DECODER_TITLE)
 
     def _choose_bands(self, on: bool) -> None:
-        """Show the fields of the window that count for a cube, or those for a photograph."""
+        """Show the fields that count for a cube, or those for a photograph."""
         self.band_list.setVisible(on)
         for field in self._photograph_fields:
             field.setVisible(not on)
@@ -208,7 +205,7 @@ class ReconstructionView(QWidget):
 
 
 def describe_result(result: ReconstructionResult) -> str:
-    """Describe a reconstruction in a few sentences for the person at the window."""
+    """Describe a reconstruction in a few sentences."""
     weight = "" if result.weight is None else f", weight {result.weight:.3g}"
     scores = ""
     if result.scores is not None:

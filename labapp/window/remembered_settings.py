@@ -1,4 +1,4 @@
-"""The settings that the window saves from one session to the next."""
+"""Settings that are kept from one session to the next."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _TICKED = "ticked"
 
 
 def default_settings_file() -> Path:
-    """Return the path of the person's settings file of the window."""
+    """Return the path of the person's settings file."""
     where = QStandardPaths.StandardLocation.GenericConfigLocation
     return Path(QStandardPaths.writableLocation(where)) / "labapp" / "window.ini"
 
 
 class RememberedSettings:
-    """Keep the window's fields and layout in a file, which may be missing, old or broken.
+    """Keep fields and layout in a file, which may be missing, old or broken.
 
     Nothing in the file can keep the window from opening: values that can't be used are ignored.
     """
@@ -35,7 +35,7 @@ class RememberedSettings:
 
     @property
     def queue_file(self) -> Path:
-        """Return the file beside the window's settings that keeps its queue."""
+        """Return the file beside the settings that keeps the queue."""
         return Path(self._settings.fileName()).with_name("queue.json")
 
     def text(self, key: str) -> str:
@@ -50,7 +50,7 @@ class RememberedSettings:
         self._settings.setValue(key, value)
 
     def restore_fields(self, fields: dict[str, QWidget]) -> None:
-        """Set every field of the window to its saved value; ignore values that don't fit."""
+        """Set every field to its saved value; ignore values that don't fit."""
         for key, field in fields.items():
             text = self.text(key)
             if not text:
@@ -65,14 +65,14 @@ class RememberedSettings:
             self._settings.setValue(key, _get(field))
 
     def save(self) -> None:
-        """Write the file of the window's settings; if that isn't possible, log a warning."""
+        """Write the settings file; if that isn't possible, log a warning."""
         self._settings.sync()
         if self._settings.status() != QSettings.Status.NoError:
             log.warning("%s: the settings could not be kept", self._settings.fileName())
 
 
 def changes(field: QWidget) -> SignalInstance | None:
-    """Return the signal of a field of the window that tells of a change; None if it has none."""
+    """Return the signal of a field that tells of a change; None if it has none."""
     if isinstance(field, NumberField):
         return field.valueChanged
     if isinstance(field, QLineEdit):
@@ -83,7 +83,7 @@ def changes(field: QWidget) -> SignalInstance | None:
 
 
 def _set(field: QWidget, text: str) -> None:
-    """Set a field of the window to its saved value."""
+    """Set a field to its saved value."""
     if isinstance(field, NumberField):
         field.set_from_text(text)
     elif isinstance(field, QLineEdit):
@@ -95,7 +95,7 @@ def _set(field: QWidget, text: str) -> None:
 
 
 def _get(field: QWidget) -> str:
-    """Return the value of a field of the window, to be saved."""
+    """Return the value of a field, to be saved."""
     if isinstance(field, CommitSpinBox):
         # What is only proposed in it isn't set yet.
         return str(field.set_value)

@@ -1,4 +1,4 @@
-"""Show the engine's reports on the panels of the window."""
+"""Display of the engine's reports on the panels."""
 
 from __future__ import annotations
 
@@ -88,11 +88,11 @@ class ReportDisplay:
         }
 
     def show_report(self, report: object) -> None:
-        """Show a report of the window's engine where it belongs."""
+        """Show a report where it belongs."""
         self._show[type(report)](report)
 
     def show_engine_death(self, how: str) -> None:
-        """Show in the window that its engine ended by itself; clear what is no longer known."""
+        """Show that the engine ended by itself; clear what is no longer known."""
         window = self._window
         window.bar.badge.show_bench_closed()
         window.settings.clear_read_back()
@@ -196,14 +196,14 @@ class ReportDisplay:
         self._window.message.show_message(f"{name} is open again. Live view starts with F5.")
 
     def _reconstruction_result(self, report: ReconstructionResult) -> None:
-        """Show a reconstruction's result in the window, and bring its tab to the front."""
+        """Show a reconstruction's result, and bring its tab to the front."""
         window = self._window
         window.reconstruction.show_result(report)
         window.side_by_side.show_result(report)
         self._end_reconstruction(report.path)
 
     def _spectral_result(self, report: SpectralResult) -> None:
-        """Show a restored cube in the window, and bring its tab to the front."""
+        """Show a restored cube, and bring its tab to the front."""
         window = self._window
         window.reconstruction.show_cube(report)
         # A cube has no pictures side by side.
@@ -211,7 +211,7 @@ class ReportDisplay:
         self._end_reconstruction(report.path)
 
     def _end_reconstruction(self, path: Path) -> None:
-        """Tell the person at the window that a record's reconstruction is shown."""
+        """Say that a record's reconstruction is shown."""
         window = self._window
         self._session.on_job_ended()
         window.run.show_end("reconstructed", done=True)
@@ -227,7 +227,7 @@ class ReportDisplay:
 
 
 def _rest(report: RunEnded) -> str:
-    """Describe for the window what an incomplete run left on disk, and the bench's state."""
+    """Describe what an incomplete run left on disk, and the bench's state."""
     if report.path is None:
         return "Nothing was moved or written."
     return (

@@ -1,4 +1,4 @@
-"""The window's panel for acquisition: brackets, the folder of records, and a run's progress."""
+"""Panel for acquisition: brackets, the folder of records, and a run's progress."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class RunPanel(WrappingPanel):
         self.message.setText(message)
 
     def show_run(self, run: RunInfo) -> None:
-        """Show in the window how the run under way proceeds, or how the last one ended."""
+        """Show how the run under way proceeds, or how the last one ended."""
         under_way = run.state.is_under_way
         shown = under_way or run.state is State.COMPLETE
         # Frames on the disk are what counts; what is prepared before the first one is none.
@@ -122,7 +122,7 @@ class RunPanel(WrappingPanel):
         fill_layout(QVBoxLayout(self), *asked, *told, margins=PANEL_MARGINS, spacing=5)
 
     def _sum_up(self) -> None:
-        """Say in the window how many frames the requested brackets have, and their size."""
+        """Say how many frames the requested brackets have, and their size."""
         star, photograph = self.star.bracket, self.photograph.bracket
         if isinstance(star, SNRBracket) or isinstance(photograph, SNRBracket):
             self.summary.setText(
@@ -149,7 +149,7 @@ class RunPanel(WrappingPanel):
 
 
 def _describe(run: RunInfo) -> str:
-    """Describe for the window what a run of its queue is doing now."""
+    """Describe what a run of the queue is doing now."""
     if run.state is State.PAUSED:
         return "paused"
     return f"pausing after this frame: {run.message}" if run.pause_requested else run.message

@@ -1,4 +1,4 @@
-"""Requests about runs from the window to the engine: to queue, pause, resume and remove them."""
+"""Requests about runs to the engine: to queue, pause, resume and remove them."""
 
 from __future__ import annotations
 
@@ -65,11 +65,11 @@ class RunRequests(QObject):
             )
 
     def forget_engine(self) -> None:
-        """Keep the window's runs although the queue of its engine is gone."""
+        """Keep the runs although the queue of the engine is gone."""
         self._kept.forget_engine()
 
     def refuse(self, refused: RequestRefused) -> None:
-        """Forget a request of the window for which its engine queued no run."""
+        """Forget a request for which the engine queued no run."""
         self._kept.drop(refused.ticket)
 
     def show_queue(self, queue: QueueState) -> None:

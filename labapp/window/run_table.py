@@ -1,4 +1,4 @@
-"""The window's table of queued runs: title and record, state and time, and stored frames."""
+"""Table of queued runs: title and record, state and time, and stored frames."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _EMPTY = "Runs wait here in line: acquire (F6), run a plan (Ctrl+P), resume a ru
 
 
 class RunModel(RowsModel):
-    """Hold the runs of the queue as rows of a table; rows that stay keep their selection."""
+    """Hold the runs of the queue as rows; rows that stay keep their selection."""
 
     rows: Sequence[RunInfo]
 
@@ -36,7 +36,7 @@ class RunModel(RowsModel):
         super().__init__(dict.fromkeys(_COLUMNS, ""), parent)
 
     def show_runs(self, runs: tuple[RunInfo, ...]) -> None:
-        """Update the window's table of runs: drop rows of removed runs, and append new ones."""
+        """Drop rows of removed runs, update the others, and append new ones."""
         numbers = {run.number for run in runs}
         kept = list(self.rows)
         for row in reversed(range(len(kept))):
@@ -121,7 +121,7 @@ class RunTable(RowsTable):
 
 
 def _time(run: RunInfo) -> str:
-    """Return the time of a run as the window's table shows it."""
+    """Return the time of a run as text."""
     if run.state is State.WAITING:
         return "" if run.seconds_left is None else f"takes {format_duration(run.seconds_left)}"
     if run.state is State.PAUSED:
@@ -139,7 +139,7 @@ def _two_lines(
     *,
     bold: bool = False,
 ) -> None:
-    """Paint two lines in the window's table of runs, each a text with its colour.
+    """Paint two lines, each a text with its colour.
 
     A second line that is too long loses its middle, where names of records differ least.
     """
@@ -157,7 +157,7 @@ def _two_lines(
 
 
 def _bar(painter: QPainter, place: QRect, run: RunInfo, colour: QColor) -> None:
-    """Paint a bar in the window's table of runs: stored frames as a share of the planned ones."""
+    """Paint a bar of stored frames as a share of the planned ones."""
     bar = QRect(place.left(), place.top(), place.width(), painter.fontMetrics().height() + 3)
     bar.moveCenter(place.center())
     share = run.stored_frames / run.planned_frames if run.planned_frames else 0.0

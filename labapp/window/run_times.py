@@ -1,4 +1,4 @@
-"""The window's line on a run's times, all by the clock on the wall: elapsed, left, and its end."""
+"""A line on a run's times, all by the clock on the wall: elapsed, left, and its end."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class RunTimes(QLabel):
         self._timer.timeout.connect(self._update)
 
     def set_virtual(self, on: bool) -> None:
-        """Set whether the window's bench has a virtual clock, which runs faster than real time."""
+        """Set whether the bench has a virtual clock, which runs faster than real time."""
         self._clock = "the virtual bench's clock" if on else "the bench's clock"
 
     def show_run(self, run: RunInfo) -> None:

@@ -1,4 +1,4 @@
-"""The window's tabs, whose pages scroll where the window is too small for them."""
+"""Tabs whose pages scroll where there is too little room for them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class ScrolledTabs(QTabWidget):
     """
 
     def add_scrolled_tab(self, page: QWidget, title: str) -> None:
-        """Add a page to the window's tabs, with scroll bars where it has too little room."""
+        """Add a page, with scroll bars where it has too little room."""
         area = QScrollArea(self)
         area.setWidgetResizable(True)
         area.setFrameShape(QFrame.Shape.NoFrame)
@@ -22,7 +22,7 @@ class ScrolledTabs(QTabWidget):
         self.addTab(area, title)
 
     def page(self, index: int) -> QWidget | None:
-        """Return the page of the window's tabs at an index; None where there is no tab."""
+        """Return the page at an index; None where there is no tab."""
         shown = self.widget(index)
         return shown.widget() if isinstance(shown, QScrollArea) else shown
 

@@ -1,4 +1,4 @@
-"""The window's session with its engine: the person's requests, and which are possible now."""
+"""The person's requests to the engine, and which of them are possible now."""
 
 from __future__ import annotations
 
@@ -50,8 +50,9 @@ _CUBE_KINDS = "Cube (*.h5 *.hdr);;Colours (*.png)"
 class Session(QObject):
     """Turn the panels' signals into commands to the engine, and enable only what is possible.
 
-    `job` is "reconstruction" or "accuracy" while one is under way, else "". `queue` holds the runs.
-    `first_target` is the target of the last session, which is placed when the bench opens.
+    job: "reconstruction" or "accuracy" while one is under way, else "".
+    queue: the runs.
+    first_target: target of the last session, which is placed when the bench opens.
     """
 
     def __init__(self, window: MainWindow, connection: EngineConnection) -> None:
@@ -78,11 +79,11 @@ class Session(QObject):
 
     @property
     def is_run_active(self) -> bool:
-        """Return whether a run of the window is using the bench, or is about to."""
+        """Return whether a run is using the bench, or is about to."""
         return self.queue.is_busy
 
     def on_bench_opened(self, bench: BenchOpened) -> None:
-        """Send the window's settings to a newly opened bench, and start live view."""
+        """Send the chosen settings to a newly opened bench, and start live view."""
         window = self._window
         self._open = True
         window.settings.adopt_bench_ranges(
@@ -103,30 +104,30 @@ class Session(QObject):
 
     @property
     def last_run(self) -> Path | None:
-        """Return the record that F7 reconstructs in the window; None if there is none yet."""
+        """Return the record that F7 reconstructs; None if there is none yet."""
         return self._last_run
 
     def restore_last_run(self, run: Path) -> None:
-        """Take over the last session's run in the window, if its record is still there."""
+        """Take over the last session's run, if its record is still there."""
         if is_file(run):
             self._last_run = run
             self._window.run.show_last_run(run)
 
     def note_waiting(self, waiting: bool) -> None:
-        """Note whether a run waits for the person at the window, who may look and expose."""
+        """Note whether a run waits for the person, who may look and expose."""
         if waiting != self._waiting:
             self._waiting = waiting
             self._allow()
 
     def on_run_completed(self, run: Path) -> None:
-        """Note a complete run's record, so that the person can reconstruct it in the window."""
+        """Note a complete run's record, so that the person can reconstruct it."""
         self._last_run = run
         self._window.keep_settings()
         self._connection.send(ListBands(run))
         self._allow()
 
     def on_job_ended(self) -> None:
-        """Note that the engine's job is over, and enable the window's actions again."""
+        """Note that the engine's job is over, and enable the actions again."""
         measured, self.job = self.job == MEASUREMENT, ""
         if measured:
             self._window.question.withdraw(_RUN)
@@ -160,7 +161,7 @@ class Session(QObject):
         window.live_view.auto_contrast_changed.connect(window.actions_["contrast"].setChecked)
 
     def _send_view(self, view: FrameView) -> None:
-        """Tell the engine what the window shows of live frames, and how often its screen does."""
+        """Tell the engine what is shown of live frames, and how often the screen is redrawn."""
         self._connection.send(SetView(view, 1 / max(self._window.screen().refreshRate(), 1.0)))
 
     def _connect_accuracy(self) -> None:
@@ -171,7 +172,7 @@ class Session(QObject):
         view.cancel_requested.connect(lambda job: send(CancelJob(job)))
 
     def _set_tolerance(self, tol: float | None) -> None:
-        """Send the tolerance chosen in the window, and predict the pattern's PSF within it."""
+        """Send the chosen tolerance, and predict the pattern's PSF within it."""
         self._connection.send(SetTolerance(tol))
         self._window.pattern.schedule_preview()
 
@@ -180,7 +181,7 @@ class Session(QObject):
         self._connection.send(ForecastAccuracy(wavelength, exposure))
 
     def _measure(self) -> None:
-        """Start the window's full measurement, while live view rests."""
+        """Start the full measurement, while live view rests."""
         window = self._window
         self._live_before = window.actions_["live"].isChecked()
         self._connection.send(SetLive(False))
@@ -209,7 +210,7 @@ class Session(QObject):
             actions[name].performed.connect(change)
 
     def _allow(self) -> None:
-        """Enable the window's actions that are possible now, and disable the others."""
+        """Enable the actions that are possible now, and disable the others."""
         window, free = self._window, self._open and not self.job
         idle = free and not self.is_run_active
         # What is locked neither moves nor begins; a run under way can still be stopped.
@@ -254,7 +255,7 @@ class Session(QObject):
             self._allow()
 
     def show_record(self, record: RecordOpened) -> None:
-        """Show a record that the person has opened in the window, and restore it if it can be."""
+        """Show a record that the person has opened, and restore it if it can be."""
         window = self._window
         window.reconstruction.show_record(record)
         window.show_reconstruction()
@@ -282,14 +283,14 @@ class Session(QObject):
         self._connection.send(self._restoration_of(path))
 
     def _restoration_of(self, path: Path) -> Command:
-        """Return the command that restores a record as the person has chosen in the window."""
+        """Return the command that restores a record as the person has chosen."""
         view = self._window.reconstruction
         if (bands := view.wanted_bands) is not None:
             return RestoreCube(path, bands, view.spectra.light.currentText())
         return ReconstructRun(path, *view.choices)
 
     def _ask_to_cancel(self) -> None:
-        """Ask before a run or a measurement of the window is given up; end other jobs at once.
+        """Ask before a run or a measurement is given up; end other jobs at once.
 
         What an hour took isn't lost to one key. A second Esc says no.
         """

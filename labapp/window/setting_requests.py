@@ -1,4 +1,4 @@
-"""Requests for settings of the bench from the window: set, undo, redo, and lock them."""
+"""Requests for settings of the bench: set, undo, redo, and lock them."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ class SettingRequests(QObject):
 
     @property
     def is_locked(self) -> bool:
-        """Return whether the person has locked the window's settings."""
+        """Return whether the person has locked the settings."""
         return self._window.actions_["lock"].isChecked()
 
     def on_bench_opened(self, bench: BenchOpened) -> None:
-        """Begin with a bench that has just opened, and request the window's settings from it."""
+        """Begin with a bench that has just opened, and request all settings from it."""
         self._by_hand = bench.targets_by_hand
         self._newest_pattern = 0
         self._target_doubt = ""
@@ -69,13 +69,13 @@ class SettingRequests(QObject):
         self._window.settings.request_all_settings()
 
     def on_bench_closed(self) -> None:
-        """Forget what was set on a bench that the window has lost."""
+        """Forget what was set on a bench that is lost."""
         for subject in (_TARGET, _DOUBT):
             self._window.question.withdraw(subject)
         self._history.clear()
 
     def show_state(self, state: BenchState) -> None:
-        """Note a new pattern on the SLM of the window's bench, and send what waits for live view.
+        """Note a new pattern on the SLM, and send what waits for live view.
 
         A pattern counts once it is shown, since it may take a while to compute.
         """
@@ -92,10 +92,7 @@ class SettingRequests(QObject):
         self._update()
 
     def _ask_about_target(self, target: str) -> None:
-        """Ask the person at the window whether a target is in place that the picture doesn't show.
-
-        If it isn't, the person is asked to place it again.
-        """
+        """Ask if a target is in place that the picture doesn't show; if not, to place it again."""
         if not self._target_doubt or self._run_active:
             return
         self._window.question.ask(
@@ -110,9 +107,9 @@ class SettingRequests(QObject):
         )
 
     def allow(self, is_open: bool, *, run_active: bool, waiting: bool) -> None:
-        """Enable the window's settings that may be changed now, and disable the others.
+        """Enable the settings that may be changed now, and disable the others.
 
-        `waiting` tells whether a run waits for the person, who may expose meanwhile.
+        waiting: whether a run waits for the person, who may expose meanwhile.
         """
         self._open, self._run_active, self._waiting = is_open, run_active, waiting
         window, free = self._window, is_open and not self.is_locked
@@ -132,13 +129,13 @@ class SettingRequests(QObject):
             action.setToolTip(_describe(name, change))
 
     def note_exposure(self, exposure: float) -> None:
-        """Show and note an exposure in seconds that the engine has found and set for the window."""
+        """Show and note an exposure in seconds that the engine has found and set."""
         self._show("exposure", exposure)
         self._history.note("exposure", exposure)
         self._update()
 
     def send_pending_wavelength(self) -> None:
-        """Send the wavelength chosen in the window during a run, once live view runs again."""
+        """Send the wavelength chosen during a run, once live view runs again."""
         if (
             self._wavelength_pending
             and not self._run_active
@@ -157,14 +154,14 @@ class SettingRequests(QObject):
             self._set("wavelength", wavelength)
 
     def _request_target(self, target: str) -> None:
-        """Place the target that the window requests, or ask a person to place it."""
+        """Place a target, or ask a person to place it."""
         if self._by_hand:
             self._ask_to_place(target, lambda: self._set("target", target))
         else:
             self._set("target", target)
 
     def _ask_to_place(self, target: str, confirm: Callable[[], None]) -> None:
-        """Ask the person at the window to place a target; `confirm` is called once it stands."""
+        """Ask the person to place a target; `confirm` is called once it stands."""
         settings = self._window.settings
 
         def end() -> None:
@@ -185,7 +182,7 @@ class SettingRequests(QObject):
         self._send(AskForTarget(target))
 
     def _end_asking(self) -> None:
-        """End the window's request for a target that the person hasn't placed."""
+        """End the request for a target that the person hasn't placed."""
         settings = self._window.settings
         if settings.asked_target:
             settings.target.show_text(self._history.values.get("target", ""))
@@ -193,7 +190,7 @@ class SettingRequests(QObject):
             self._send(AskForTarget(""))
 
     def _set(self, name: str, value: Any) -> None:
-        """Send a setting of the window, and note it for undo."""
+        """Send a setting, and note it for undo."""
         self._history.note(name, value)
         self._send_value(name, value)
         self._update()
@@ -220,7 +217,7 @@ class SettingRequests(QObject):
         self._update()
 
     def _confirm_step(self, change: SettingChange, value: str, step: Callable[[], object]) -> None:
-        """Note that a person has placed the target that the window's undo or redo asked for."""
+        """Note that a person has placed the target that undo or redo asked for."""
         if change in (self._history.next_undo, self._history.next_redo):
             step()
             self._send_value("target", value)
@@ -232,7 +229,7 @@ class SettingRequests(QObject):
         self.allow(self._open, run_active=self._run_active, waiting=self._waiting)
 
     def _show(self, name: str, value: Any) -> None:
-        """Show the value of a setting in its field of the window; a pattern has none."""
+        """Show the value of a setting in its field; a pattern has none."""
         window = self._window
         if name == "exposure":
             window.settings.exposure.show_value(value * 1e3)
@@ -255,7 +252,7 @@ class SettingRequests(QObject):
 
 
 def _describe(name: str, change: SettingChange | None) -> str:
-    """Describe for the window what undo or redo would do, by the action's name."""
+    """Describe what undo or redo would do, by the action's name."""
     key = {"undo": "(Ctrl+Z)", "redo": "(Ctrl+Y)"}[name]
     if change is None:
         return f"Nothing to {name}  {key}"

@@ -1,4 +1,4 @@
-"""The history of the bench's settings in the window, for undo and redo."""
+"""The history of the bench's settings, for undo and redo."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ class SettingChange:
 class SettingsHistory:
     """Keep the changes of the bench's settings in their order, as the person made them.
 
-    `values` has the present value of each setting. A setting that the history doesn't know yet
-    begins with the first value that is noted, and with no change.
+    A setting that the history doesn't know yet begins with the first value that is noted, and with
+    no change.
+    values: present value of each setting.
     """
 
     def __init__(self) -> None:
@@ -35,16 +36,16 @@ class SettingsHistory:
 
     @property
     def next_undo(self) -> SettingChange | None:
-        """Return the change of a setting that undo() would take back; None if there is none."""
+        """Return the change that undo() would take back; None if there is none."""
         return self._done[-1] if self._done else None
 
     @property
     def next_redo(self) -> SettingChange | None:
-        """Return the change of a setting that redo() would make again; None if there is none."""
+        """Return the change that redo() would make again; None if there is none."""
         return self._undone[-1] if self._undone else None
 
     def clear(self) -> None:
-        """Forget all changes and values of settings, since the bench may have any other now."""
+        """Forget all changes and values, since the bench may have any other now."""
         self.values.clear()
         self._done.clear()
         self._undone.clear()
@@ -60,7 +61,7 @@ class SettingsHistory:
         self._undone.clear()
 
     def undo(self) -> SettingChange | None:
-        """Take back the last change of a setting: the caller sets its value before."""
+        """Take back the last change: the caller sets its value before."""
         if not self._done:
             return None
         change = self._done.pop()
@@ -69,7 +70,7 @@ class SettingsHistory:
         return change
 
     def redo(self) -> SettingChange | None:
-        """Make the change of a setting again that was undone last: the caller sets its value."""
+        """Make the change again that was undone last: the caller sets its value."""
         if not self._undone:
             return None
         change = self._undone.pop()

@@ -1,4 +1,4 @@
-"""The window's panel of target, wavelength and exposure, each as set and as read back."""
+"""Panel of target, wavelength and exposure, each as set and as read back."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _READ_BACK = "read back"
 class SettingsPanel(QWidget):
     """Let the person set target, wavelength and exposure; its signals are in metres and seconds.
 
-    `range_told` is emitted with a sentence where a bench's range doesn't hold a value.
-    Targets that a person places by hand can't be read back: they are asked for, then confirmed.
-    `asked_target` is the one that the person was asked to place and hasn't confirmed yet.
+    `range_told` is emitted with a sentence where a bench's range doesn't hold a value. Targets that
+    a person places by hand can't be read back: they are asked for, then confirmed.
+    asked_target: the one that the person was asked to place and hasn't confirmed yet.
     """
 
     target_requested = Signal(str)
@@ -64,7 +64,7 @@ class SettingsPanel(QWidget):
             field.pending_changed.connect(self._show_hint)
 
     def adopt_bench_ranges(self, bench: BenchOpened, target: str) -> None:
-        """Give the window's fields the bench's ranges and targets; choose `target` if it exists.
+        """Give the fields the bench's ranges and targets; choose `target` if it exists.
 
         Targets that a person places are left open, since nobody has placed one yet.
         """
@@ -97,7 +97,7 @@ class SettingsPanel(QWidget):
         return self.wavelength.set_value * 1e-9, self.exposure.set_value * 1e-3
 
     def request_all_settings(self) -> None:
-        """Request every setting in the window from a bench that has just opened."""
+        """Request every setting from a bench that has just opened."""
         if not self._by_hand:
             self.target_requested.emit(self.target.set_text)
         wavelength, exposure = self.set_values
@@ -105,7 +105,7 @@ class SettingsPanel(QWidget):
         self.exposure_requested.emit(exposure)
 
     def set_enabled(self, on: bool, *, run_active: bool, waiting: bool) -> None:
-        """Enable the window's fields, but in a run only the wavelength, for what follows it.
+        """Enable the fields, but in a run only the wavelength, for what follows it.
 
         While a run waits for the person, who looks at live pictures, the exposure is free, too.
         """
@@ -114,12 +114,12 @@ class SettingsPanel(QWidget):
         self.exposure.setEnabled(on and (waiting or not run_active))
 
     def take_back_pending(self) -> None:
-        """Take back what the person has proposed in the window's fields and not set."""
+        """Take back what the person has proposed in the fields and not set."""
         for field in (self.target, self.wavelength, self.exposure):
             field.take_back()
 
     def ask_for_target(self, name: str) -> None:
-        """Show in the window that a person is asked to place a target; "" ends that."""
+        """Show that a person is asked to place a target; "" ends that."""
         self.asked_target = name
         self._show_target(self._confirmed, doubt=False)
 
@@ -143,7 +143,7 @@ class SettingsPanel(QWidget):
             _read(read, "–", False)
 
     def _show_target(self, target: str, *, doubt: bool) -> None:
-        """Show the window's target: as read back, or as a person was asked and has confirmed."""
+        """Show the target: as read back, or as a person was asked and has confirmed."""
         differs = doubt or target != self.target.set_text
         if self._by_hand:
             text = f"confirmed: {target}" if target else "not confirmed"
@@ -184,6 +184,6 @@ class SettingsPanel(QWidget):
 
 
 def _read(value_label: QLabel, text: str, differs: bool) -> None:
-    """Show a value read back in the window; sign and colour tell if it isn't the one set."""
+    """Show a value read back; sign and colour tell if it isn't the one set."""
     value_label.setText(f"{DIFFERS_SIGN} {text}" if differs else text)
     mark_difference(value_label, differs)

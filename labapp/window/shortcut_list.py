@@ -1,4 +1,4 @@
-"""The list of the window's keys, made from its actions."""
+"""The list of keys, made from the actions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _OTHER_KEYS = (
 
 
 class ShortcutList(QDialog):
-    """List every key of the window beside what it does."""
+    """List every key beside what it does."""
 
     def __init__(self, actions: Iterable[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)

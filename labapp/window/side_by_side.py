@@ -1,4 +1,4 @@
-"""The window's side-by-side view of neutral, coded and reconstructed photographs."""
+"""Neutral, coded and reconstructed photographs side by side."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class SideBySide(QWidget):
             self._show_last()
 
     def _show_last(self) -> None:
-        """Show the window's last results; not before anybody looks, as large ones take long."""
+        """Show the last results; not before anybody looks, as large ones take long."""
         self._is_outdated = False
         result = self._last_results[-1]
         dark = np.zeros_like(result.before)

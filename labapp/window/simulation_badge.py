@@ -1,4 +1,4 @@
-"""The window's badge, always visible, that tells simulated devices from real ones."""
+"""A badge, always visible, that tells simulated devices from real ones."""
 
 from __future__ import annotations
 

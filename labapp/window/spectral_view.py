@@ -1,4 +1,4 @@
-"""The window's view of a spectral cube: colours, bands, spectra, and maps of what is wrong."""
+"""A spectral cube: colours, bands, spectra, and maps of what is wrong."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LIGHTS = {
     "LED-B3": "LED lamp",
     "E": "equal energy at all wavelengths",
 }
-"""CIE illuminants that the window offers, and what they are in words."""
+"""CIE illuminants to choose from, and what they are in words."""
 
 _HIGHEST = 99.9
 """Percentile of a cube's values that the plot of spectra has room for, but at least white. Chosen:
@@ -83,7 +83,7 @@ class SpectralView(QWidget):
         self._connect()
 
     def show_result(self, result: SpectralResult) -> None:
-        """Show a restored cube in the window, in its middle band and at its middle pixel."""
+        """Show a restored cube, in its middle band and at its middle pixel."""
         self._result, self._held = result, False
         bands, rows, columns = result.values.shape
         for box in (self.band, self.map):
@@ -115,19 +115,18 @@ class SpectralView(QWidget):
         self._show_colours()
 
     def show_only_snapshot(self, on: bool) -> None:
-        """Show the snapshot in the place of the cube's colours in the window, or these again."""
+        """Show the snapshot in the place of the cube's colours, or these again."""
         self._snapshot_only = on
         self._show_colours()
 
     def show_only_truth(self, on: bool) -> None:
-        """Show the true cube in the window in the place of the restored one, or this one again."""
+        """Show the true cube in the place of the restored one, or this one again."""
         self._truth_only = on
         self._show_colours()
         self._show_band()
 
     @property
     def _pictures(self) -> tuple[PictureView, PictureView, PictureView]:
-        """Return the pictures of the window's spectral view."""
         return self.colour_picture, self.band_picture, self.map_picture
 
     def _arrange(self) -> None:
@@ -161,7 +160,7 @@ class SpectralView(QWidget):
             caption.hide()
 
     def _title(self, text: str, field: QWidget) -> QLabel:
-        """Return the title of a field of the window; its Alt key moves the focus to the field."""
+        """Return the title of a field; its Alt key moves the focus to the field."""
         label = make_label(self, text)
         label.setBuddy(field)
         return label
@@ -183,7 +182,7 @@ class SpectralView(QWidget):
             self.light_requested.emit(name)
 
     def _fill_maps(self, result: SpectralResult) -> None:
-        """Offer the maps of a cube in the window; the chosen one stays if there is one like it."""
+        """Offer the maps of a cube; the chosen one stays if there is one like it."""
         before = self.map.currentText()
         self.map.clear()
         for one in result.maps:
@@ -192,7 +191,7 @@ class SpectralView(QWidget):
         self.map.setCurrentIndex(max(self.map.findText(before), 0))
 
     def _show_axes(self, result: SpectralResult) -> None:
-        """Set the range of the window's plot, in which all cubes of a result have room."""
+        """Set the range of the plot, in which all cubes of a result have room."""
         known = [one for one in (result.values, result.truth) if one is not None]
         highest = max(1.0, *(float(np.percentile(one, _HIGHEST)) for one in known))
         nanometres = np.round(1e9 * np.array(result.wavelengths), 3)
@@ -252,7 +251,7 @@ class SpectralView(QWidget):
             self._show_pixel()
 
     def _hold(self, row: int, column: int) -> None:
-        """Hold the window's spectrum at a pixel, or let it follow the mouse again."""
+        """Hold the spectrum at a pixel, or let it follow the mouse again."""
         if self._result is None:
             return
         self._held, self._pixel = not self._held, (row, column)
@@ -276,14 +275,13 @@ class SpectralView(QWidget):
             picture.mark_pixel(row, column)
 
     def _write(self, caption: QLabel, words: str) -> None:
-        """Write a caption over a picture of the window."""
         caption.setText(words)
         caption.adjustSize()
         caption.show()
 
 
 def _tile(body: QWidget, height: int, *head: LayoutPart | tuple[LayoutPart, int] | int) -> QWidget:
-    """Put a row of fields, of some height, above a picture or a plot of the window."""
+    """Put a row of fields, `height` pixels high, above a picture or a plot."""
     made = QWidget()
     row = fill_layout(QHBoxLayout(), *head, spacing=6)
     row.addStrut(height)

@@ -1,4 +1,4 @@
-"""The window's plot of a pixel's restored spectrum, with its error, beside the true spectrum."""
+"""A pixel's restored spectrum, with its error, beside the true spectrum."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class SpectrumPlot(QWidget):
     def show_axes(
         self, nanometres: NDArray[np.float64], highest: float, *, truth: bool, error: bool
     ) -> None:
-        """Set the bands, the largest share of white, and which curves the window's plot has."""
+        """Set the bands, the largest share of white, and which curves the plot has."""
         self._nm = nanometres
         ticks = [(one, f"{one:g}") for one in nanometres]
         self._plot.getAxis("bottom").setTicks([ticks] if len(ticks) <= _MOST_TICKS else None)
@@ -76,7 +76,7 @@ class SpectrumPlot(QWidget):
     def show_spectrum(
         self, restored: Spectrum, truth: Spectrum | None, error: Spectrum | None
     ) -> None:
-        """Plot a pixel's spectra in the window, (bands,) each, in shares of white."""
+        """Plot a pixel's spectra, (bands,) each, in shares of white."""
         self._restored.setData(self._nm, restored)
         self._truth.setData(*(([], []) if truth is None else (self._nm, truth)))
         self._error.setVisible(error is not None)
@@ -90,12 +90,12 @@ class SpectrumPlot(QWidget):
 
     @property
     def restored_spectrum(self) -> NDArray[np.float64]:
-        """Return the restored spectrum that the window plots, (bands,)."""
+        """Return the restored spectrum that is plotted, (bands,)."""
         return np.asarray(self._restored.getData()[1])
 
     @property
     def true_spectrum(self) -> NDArray[np.float64]:
-        """Return the true spectrum that the window plots, (bands,); empty if it isn't known."""
+        """Return the true spectrum that is plotted, (bands,); empty if it isn't known."""
         values = self._truth.getData()[1]
         return np.zeros(0) if values is None else np.asarray(values)
 

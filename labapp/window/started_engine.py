@@ -1,4 +1,4 @@
-"""The process of the window's engine, as it is started, before the window itself is loaded."""
+"""The process of the engine, as it is started, before the window itself is loaded."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _GRACE = 10.0
 
 @dataclass(frozen=True)
 class StartedEngine:
-    """The window's engine, which ends by itself when this process does.
+    """An engine that ends by itself when this process does.
 
-    `error_output` is the descriptor from which its error output is read, until its end.
+    error_output: descriptor from which its error output is read, until its end.
     """
 
     process: ChildProcess
@@ -26,7 +26,7 @@ class StartedEngine:
 
 
 def start_engine(options: BenchOptions) -> StartedEngine:
-    """Start the window's engine on a bench; OSError if no process can be started.
+    """Start an engine on a bench; OSError if no process can be started.
 
     It imports for seconds, while the window loads on another core.
     """

@@ -1,4 +1,4 @@
-"""Base classes of the window's tables of runs and of effects, which paint their own rows."""
+"""Base classes of the tables of runs and of effects, which paint their own rows."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _NOWHERE = QModelIndex()
 
 
 class RowsModel(QAbstractTableModel):
-    """Hold the rows of a table in the window, and its headings with their tool tips."""
+    """Hold the rows of a table, and its headings with their tool tips."""
 
     def __init__(self, headings: dict[str, str], parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -59,7 +59,7 @@ class RowsModel(QAbstractTableModel):
 
 
 class RowsTable(QTableView):
-    """Show the rows of a RowsModel in the window."""
+    """Show the rows of a RowsModel."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -73,9 +73,10 @@ class RowsTable(QTableView):
     def set_up(
         self, model: RowsModel, painter: QAbstractItemDelegate, wide: int, widths: dict[int, int]
     ) -> None:
-        """Attach model and painter to a table of the window, and set the widths of its columns.
+        """Attach model and painter, and set the widths of the columns.
 
-        The column `wide` takes the room that is left; `widths` are the others' widths in pixels.
+        wide: column that takes the room that is left.
+        widths: those of the others, pixels.
         """
         self.setModel(model)
         self.setItemDelegate(painter)
@@ -93,10 +94,7 @@ class RowsTable(QTableView):
 
 
 def paint_bar(painter: QPainter, place: QRect, share: float, colour: QColor) -> None:
-    """Paint a bar in a table of the window: a frame, filled from the left to a share of its width.
-
-    The painter's pen is left at the colour of text.
-    """
+    """Paint a frame filled from the left to a share of its width; the pen is left as for text."""
     painter.fillRect(place, QColor(PANEL))
     painter.fillRect(place.adjusted(0, 0, round(place.width() * share) - place.width(), 0), colour)
     painter.setPen(QColor(EDGE))

@@ -1,4 +1,4 @@
-"""The window's colours for a dark laboratory.
+"""Colours for a dark laboratory.
 
 Nothing is brighter than the picture, and red is reserved for errors and saturated pixels.
 """
@@ -116,7 +116,7 @@ QToolTip {{ background: {PANEL}; color: {TEXT}; border: 1px solid {EDGE}; }}
 
 
 def apply_theme(application: QApplication) -> None:
-    """Give the window its theme: palette, font and style sheet."""
+    """Give the application its palette, font and style sheet."""
     application.setStyle("Fusion")
     palette = QPalette()
     role = QPalette.ColorRole

@@ -1,4 +1,4 @@
-"""A small grey picture in the window that keeps its aspect ratio."""
+"""A small grey picture that keeps its aspect ratio."""
 
 from __future__ import annotations
 
@@ -11,17 +11,14 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from labapp.window.theme import EDGE, FIELD
 
 PSF_DECADES = 4
-"""Decades below its peak over which the window shows a PSF."""
+"""Decades below its peak over which a PSF is shown."""
 
 _OUTDATED = 0.25
 """Opacity of a picture that is no longer of what is chosen. Chosen."""
 
 
 class Thumbnail(QWidget):
-    """Show a grey picture, (rows, columns) uint8, as large as its place in the window allows.
-
-    `size` is the least size.
-    """
+    """Show a grey picture, (rows, columns) uint8, as large as its place, at least `size`."""
 
     def __init__(self, size: QSize, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -43,12 +40,12 @@ class Thumbnail(QWidget):
         self.set_outdated(False)
 
     def show_decades(self, psf: NDArray[np.float32], decades: int) -> None:
-        """Show a PSF's logarithm as a thumbnail in the window, down to `decades` below the peak."""
+        """Show a PSF's logarithm, down to `decades` below the peak."""
         share = np.maximum(psf / psf.max(), 10.0**-decades)
         self.show_grey(np.rint(255 * (np.log10(share) / decades + 1)).astype(np.uint8))
 
     def set_outdated(self, on: bool) -> None:
-        """Set whether the window's picture is of what was chosen before; it is faint then."""
+        """Set whether the picture is of what was chosen before; it is faint then."""
         self._outdated = on
         self.update()
 

@@ -1,8 +1,7 @@
-"""Map the raw digital numbers of live frames to colours of the window, with clipping marked.
+"""Mapping of live frames' raw digital numbers to colours, with clipping marked.
 
-A raw picture becomes a picture of palette indices: 0 is clipped at zero, 255 is saturated, and
-the indices between are greys. The marks depend on the raw numbers alone, not on the contrast
-levels.
+A raw picture becomes a picture of palette indices: 0 is clipped at zero, 255 is saturated, and the
+indices between are greys. The marks depend on the raw numbers alone, not on the contrast levels.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ _BLACK_INDEX, _WHITE_INDEX = 1, 254
 
 @dataclass(frozen=True)
 class DigitalScale:
-    """Hold the camera's range of digital numbers; a pixel at `full_scale` is saturated."""
+    """The camera's range of digital numbers; a pixel at `full_scale` is saturated."""
 
     full_scale: int = 4095
 
@@ -38,20 +37,14 @@ class DigitalScale:
 
 
 def histogram(image: NDArray[np.uint16], scale: DigitalScale) -> tuple[NDArray[np.float32], float]:
-    """Return the window's histogram of a live frame: pixels per bin, and a bin's width in DN.
-
-    The bins cover the whole range of digital numbers.
-    """
+    """Return a frame's histogram over the whole range: pixels per bin, and a bin's width in DN."""
     bins = min(4096, scale.numbers)
     counts = cv2.calcHist([image], [0], None, [bins], [0, scale.numbers])
     return np.asarray(counts, dtype=np.float32).ravel(), scale.numbers / bins
 
 
 def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float]:
-    """Return automatic contrast levels, (black, white) in DN, for the window's live view.
-
-    The darkest 0.5 % and the brightest 0.01 % of the pixels lie outside them.
-    """
+    """Return levels (black, white) in DN; 0.5 % dark and 0.01 % bright pixels lie outside."""
     share = np.cumsum(counts)
     total = float(share[-1])
     low = float(np.searchsorted(share, 0.005 * total)) * width
@@ -61,10 +54,7 @@ def auto_levels(counts: NDArray[np.float32], width: float) -> tuple[float, float
 
 
 def index_table(levels: tuple[float, float], scale: DigitalScale) -> NDArray[np.uint8]:
-    """Return the window's palette index of every digital number at contrast levels.
-
-    The levels are (black, white) in DN.
-    """
+    """Return the palette index of every digital number at levels (black, white) in DN."""
     low, high = levels
     numbers = np.arange(scale.numbers, dtype=np.float32)
     share = np.clip((numbers - low) / max(high - low, 1e-6), 0, 1)
@@ -75,10 +65,7 @@ def index_table(levels: tuple[float, float], scale: DigitalScale) -> NDArray[np.
 
 
 def build_palette(*, mark_clipping: bool) -> NDArray[np.uint8]:
-    """Return the window's palette for pictures, (256, 3), with clipped pixels marked or not.
-
-    Clipped pixels are black and white if they aren't marked.
-    """
+    """Return the palette, (256, 3), in which clipped pixels are marked, or black and white."""
     grey = np.zeros(256)
     grey[_BLACK_INDEX : _WHITE_INDEX + 1] = np.linspace(0, 255, _WHITE_INDEX - _BLACK_INDEX + 1)
     grey[SATURATED_INDEX] = 255

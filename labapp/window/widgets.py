@@ -1,4 +1,4 @@
-"""The base of the window's panels, and functions for their labels, buttons and layouts."""
+"""The base of all panels, and functions for their labels, buttons and layouts."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ class WrappingPanel(QWidget):
 def make_label(
     parent: QWidget, text: str = "", *, look: str = "", wrap: bool = False, rich: bool = False
 ) -> QLabel:
-    """Create a label of the window; `look` is a name of the theme's style sheet, as "faint".
+    """Create a label; its text is shown as it is.
 
-    Its text is shown as it is. In a rich label it is HTML, in which names must be escaped.
+    look: name of the theme's style sheet, as "faint".
+    rich: whether the text is HTML, in which names must be escaped.
     """
     made = QLabel(parent)
     made.setTextFormat(Qt.TextFormat.RichText if rich else Qt.TextFormat.PlainText)
@@ -49,14 +50,14 @@ def make_label(
 
 
 def plain_tip(text: str) -> str:
-    """Return a tip of the window that shows a text as it is; Qt takes some texts for HTML."""
+    """Return a tip that shows a text as it is; Qt takes some texts for HTML."""
     if "<" not in text:
         return text
     return f'<span style="white-space: pre-wrap">{escape(text)}</span>'
 
 
 def mark_property(widget: QWidget, name: str, on: bool) -> None:
-    """Set a property of a widget in the window by which the style sheet changes its look."""
+    """Set a property of a widget by which the style sheet changes its look."""
     if bool(widget.property(name)) != on:
         widget.setProperty(name, on)
         widget.style().unpolish(widget)
@@ -64,16 +65,16 @@ def mark_property(widget: QWidget, name: str, on: bool) -> None:
 
 
 def mark_difference(value_label: QLabel, differs: bool) -> None:
-    """Colour a label of the window if its value differs from the requested one."""
+    """Colour a label if its value differs from the requested one."""
     mark_property(value_label, "differs", differs)
 
 
 def make_tool_button(
     parent: QWidget, action: QAction, *, wide: bool = False, look: str = ""
 ) -> QToolButton:
-    """Create a button for one of the window's actions; a wide one takes all the width it can.
+    """Create a button for an action; a wide one takes all the width it can.
 
-    `look` is a name of the theme's style sheet: "flat" is no higher than a line of text.
+    look: name of the theme's style sheet: "flat" is no higher than a line of text.
     """
     made = QToolButton(parent)
     made.setObjectName(look)
@@ -89,7 +90,7 @@ def fill_layout(
     margins: Margins = (0, 0, 0, 0),
     spacing: int | None = None,
 ) -> QBoxLayout:
-    """Put widgets and layouts into a row or a column of a panel in the window.
+    """Put widgets and layouts into a row or a column.
 
     A part may come with a stretch factor; a number alone is empty room with that factor.
     """

@@ -1,4 +1,4 @@
-"""Find, open, monitor and close a camera through Aravis."""
+"""Find, open, monitor and close a camera."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 class _GigeRegister(IntEnum):
-    """Name GigE Vision's bootstrap registers by their addresses."""
+    """Addresses of GigE Vision's bootstrap registers."""
 
     HEARTBEAT = 0x0938
     """Milliseconds after which the camera forgets a silent controller."""
@@ -30,14 +30,10 @@ class _GigeRegister(IntEnum):
 class ControlTiming:
     """Tune how quickly a lost camera is noticed.
 
-    Attributes
-    ----------
-    poll_interval : float
-        Seconds between checks of whether this process still controls the camera. Chosen.
-    silence_limit : float
-        Seconds that the camera leaves a question unanswered after which it counts as lost. Chosen.
-    heartbeat_ms : int
-        Milliseconds after the death of its controller until a camera may be opened again. Chosen.
+    poll_interval: seconds between checks of whether this process still controls the camera. Chosen.
+    silence_limit: seconds that a question stays unanswered after which the camera is lost. Chosen.
+    heartbeat_ms: milliseconds after the death of its controller until a camera may be opened again.
+    Chosen.
     """
 
     poll_interval: float = 0.2
@@ -52,7 +48,7 @@ HELD_BY_OTHER = "somebody else has it open"
 
 
 def _controller_place(device: Any) -> str:
-    """Return where the program is that controls an Aravis camera; empty if it isn't told."""
+    """Return where the program is that controls a camera; empty if it isn't told."""
     with contextlib.suppress(Exception):
         address = device.read_register(_GigeRegister.CONTROLLER_ADDRESS) & 0xFFFFFFFF
         port = device.read_register(_GigeRegister.CONTROLLER_PORT) & 0xFFFF
@@ -62,10 +58,10 @@ def _controller_place(device: Any) -> str:
 
 
 class CameraControl:
-    """Open one camera, and monitor whether this process still controls it. aravis: the library.
+    """Open one camera, and monitor whether this process still controls it.
 
-    camera, device: Aravis' objects of the open camera. lost: why the camera is lost; empty while
-    it isn't.
+    aravis: the library. camera, device: its objects of the open camera. lost: why the camera is
+    lost; empty while it isn't.
     """
 
     def __init__(self, aravis: Any) -> None:
@@ -76,7 +72,7 @@ class CameraControl:
         self._silent_since: float | None = None
 
     def find(self) -> list[dict[str, str]]:
-        """List the GenICam cameras that Aravis finds, with their addresses."""
+        """List the GenICam cameras that are found, with their addresses."""
         a = self.aravis
         a.update_device_list()
         return [
@@ -92,7 +88,7 @@ class CameraControl:
         ]
 
     def open(self, address: str) -> None:
-        """Open an Aravis camera by id, serial number, IP or USB address; the first if empty."""
+        """Open a camera by id, serial number, IP or USB address; the first if empty."""
         if address and address.count(".") != 3:
             for one in self.find():
                 if address in (one["serial"], one["address"], one["id"]):
@@ -122,7 +118,7 @@ class CameraControl:
             time.sleep(_TIMING.poll_interval)
 
     def check_control(self) -> None:
-        """Check that this process still controls the Aravis camera; otherwise note it as lost."""
+        """Check that this process still controls the camera; otherwise note it as lost."""
         if self.camera is None:
             return
         gige = self.camera.is_gv_device()
@@ -134,14 +130,14 @@ class CameraControl:
             self._control_lost(self.device)
 
     def lost_reason(self) -> str:
-        """Return why the Aravis camera counts as lost; empty while it doesn't."""
+        """Return why the camera counts as lost; empty while it doesn't."""
         limit, since = _TIMING.silence_limit, self._silent_since
         if not self.lost and self.camera and since and time.monotonic() - since > limit:
             self.lost = f"no word from it for {limit:g} s"
         return self.lost
 
     def close(self) -> None:
-        """Give up control of the Aravis camera, so that other programs can open it."""
+        """Give up control of the camera, so that other programs can open it."""
         if self.camera is not None:
             with contextlib.suppress(Exception):
                 self.device.leave_control()

@@ -96,11 +96,11 @@ class CameraState:
         self._selectors = Selectors(owner)
 
     def missing_features(self, names: list[str]) -> list[str]:
-        """Return which of these features the Aravis camera doesn't have."""
+        """Return which of these features the camera doesn't have."""
         return [name for name in names if not self._owner.device.get_feature(name)]
 
     def neutralise(self, kept: list[str]) -> tuple[list[list[str]], list[list[str]]]:
-        """Set an Aravis camera's features so that pixels stay as the sensor gave them.
+        """Set features so that pixels stay as the sensor gave them.
 
         kept: features that are left as they are. Returns the features that were changed, and those
         that can't be, each with its old value.
@@ -125,7 +125,7 @@ class CameraState:
         return changed, [one for one in stubborn if not (off and one[0] == "Gamma")]
 
     def note_state(self) -> dict[str, str]:
-        """Note how an Aravis camera's features stand; `changes` compares with them."""
+        """Note how the features stand; `changes` compares with them."""
         self._known.clear()
         for name in self._selectors.with_entries((*WATCHED, *NEUTRAL)):
             if self._find(name):
@@ -135,13 +135,13 @@ class CameraState:
         return {name: _in_words(value) for name, value in self._known.items()}
 
     def note_features(self, *names: str) -> None:
-        """Note an Aravis camera's features that this program has just changed."""
+        """Note features that this program has just changed."""
         for name in names:
             if name in self._known and (value := self._read_or_none(name)) is not None:
                 self._known[name] = value
 
     def changes(self) -> list[list[str]]:
-        """Return the Aravis camera's features that changed by themselves: name, then and now."""
+        """Return the features that changed by themselves: name, then and now."""
         late, names = time.monotonic() + _CHECK_SECONDS, list(self._known)
         first = names[:_FIRST]
         rest = names[_FIRST:]

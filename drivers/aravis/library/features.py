@@ -1,4 +1,4 @@
-"""Read and set the GenICam features of a camera through Aravis."""
+"""Read and set GenICam features."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class CameraFeatures:
         self._owner = owner
 
     def facts(self) -> dict[str, Any]:
-        """Return the Aravis camera's identity, ranges, available formats and triggers."""
+        """Return the camera's identity, ranges, available formats and triggers."""
         c = self._owner.camera
         facts: dict[str, Any] = {
             "vendor": c.get_vendor_name(),
@@ -65,7 +65,7 @@ class CameraFeatures:
         return _pair(self._owner.camera.get_binning())
 
     def average_binned_pixels(self) -> str:
-        """Let the Aravis camera average the pixels that it bins; return the mode if it can't.
+        """Let the camera average the pixels that it bins; return the mode if it can't.
 
         A camera that doesn't tell the mode is believed: GenICam's SFNC 2.7, BinningHorizontalMode.
         """
@@ -79,7 +79,7 @@ class CameraFeatures:
         return ""
 
     def set_region(self, x: int, y: int, width: int, height: int) -> list[int]:
-        """Set the Aravis camera's region; the whole sensor if width or height is 0."""
+        """Set the region in pixels; the whole sensor if width or height is 0."""
         c = self._owner.camera
         with contextlib.suppress(Exception):
             c.set_region(0, 0, -1, -1)
@@ -95,7 +95,7 @@ class CameraFeatures:
         return float(self._owner.camera.get_frame_rate())
 
     def set_trigger(self, source: str) -> str:
-        """Set the Aravis camera's trigger source; let the camera run freely if it is empty."""
+        """Set the trigger source; let the camera run freely if it is empty."""
         if source:
             self._owner.camera.set_trigger(source)
             return str(self._owner.camera.get_trigger_source())
@@ -103,7 +103,7 @@ class CameraFeatures:
         return ""
 
     def set_packet_size(self, size: int) -> int:
-        """Set the Aravis camera's packet size in bytes, or negotiate it if 0; return the size.
+        """Set the packet size in bytes, or negotiate it if 0; return the size.
 
         The result is 0 for a camera without packets.
         """

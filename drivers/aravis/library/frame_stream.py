@@ -1,4 +1,4 @@
-"""Receive an Aravis camera's frames in memory that is shared with the parent process."""
+"""Receive frames in memory that is shared with the parent process."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FrameStream:
         self._size.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
 
     def set_chunks(self) -> bool:
-        """Have the Aravis camera report each frame's exposure; return whether it will."""
+        """Have the camera report each frame's exposure; return whether it will."""
         try:
             self._owner.camera.set_chunks("ExposureTime")
             self._parser = self._owner.camera.create_chunk_parser()
@@ -38,7 +38,7 @@ class FrameStream:
         return self._parser is not None
 
     def start(self, buffers: int) -> dict[str, int]:
-        """Start an Aravis frame stream on a new port, so that frames in transit never reach it."""
+        """Start a stream on a new port, so that frames in transit never reach it."""
         self.stop()
         size = int(self._owner.camera.get_payload())
         slot = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
@@ -72,13 +72,13 @@ class FrameStream:
             self._buffers.clear()
 
     def trigger(self) -> float:
-        """Trigger an Aravis frame by software; return the time.monotonic() just before."""
+        """Trigger a frame by software; return the time.monotonic() just before."""
         began = time.monotonic()
         self._owner.camera.software_trigger()
         return began
 
     def drain(self) -> list[int]:
-        """Discard the frames that wait in the Aravis stream's queue; return their numbers."""
+        """Discard the frames that wait in the queue; return their numbers."""
         ids = []
         while (buffer := self._stream.try_pop_buffer()) is not None:
             ids.append(buffer.get_frame_id())
@@ -86,7 +86,7 @@ class FrameStream:
         return ids
 
     def pop(self, seconds: float, back: int = -1) -> dict[str, Any] | None:
-        """Return a note on the Aravis stream's next frame; None if none comes in time.
+        """Return a note on the next frame; None if none comes in time.
 
         back: the place of a frame that was read, whose buffer is returned to the stream.
         """
@@ -119,7 +119,7 @@ class FrameStream:
         return note
 
     def counts(self) -> dict[str, int]:
-        """Return the frame statistics that Aravis has counted over all streams."""
+        """Return the frame statistics, summed over all streams."""
         counts, stream = dict(self._totals), self._stream
         if stream is None:
             return counts

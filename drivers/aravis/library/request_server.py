@@ -1,4 +1,4 @@
-"""Serve the parent's requests to a camera in Aravis' child process, one by one."""
+"""Serve the parent's requests to a camera, one by one."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _RequestServer:
                 self._send(capture_result(self._execute, request.name, request.arguments))
 
     def _execute(self, name: str, given: Sequence[Any]) -> Any:
-        """Carry out a request in the Aravis process; return the library's answer.
+        """Carry out a request; return the library's answer.
 
         ConnectionError if the camera is lost, RuntimeError if the library refuses the request.
         """
@@ -77,14 +77,14 @@ class _RequestServer:
                 self._line.send(answer)
 
     def _report_loss(self) -> None:
-        """Report the loss of the Aravis camera once; this also answers a pending request."""
+        """Report the loss of the camera once; this also answers a pending request."""
         with self._lock:
             if not self._loss_reported:
                 self._loss_reported, self._reply_pending = True, False
                 self._line.send(capture_result(self._require_camera))
 
     def _watch(self) -> None:
-        """Wait in the Aravis process for the loss of the camera, and report it."""
+        """Wait for the loss of the camera, and report it."""
         while not self._loss_reported:
             time.sleep(0.05)
             if self._camera.lost_reason():
@@ -93,7 +93,7 @@ class _RequestServer:
 
 
 def main(line: MessageSocket) -> None:
-    """Serve requests to the Aravis camera until the parent hangs up.
+    """Serve requests until the parent hangs up.
 
     The frames are written to the memory that `line` shares with the parent.
     """

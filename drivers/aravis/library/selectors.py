@@ -1,4 +1,4 @@
-"""Features of a camera that exist several times, behind a selector, as the gain of each tap.
+"""Features that exist several times, behind a selector, as the gain of each tap.
 
 One behind another entry than the selector shows is named with that entry, as
 "TestPattern[ImageProcessor]". The selector is put back after each use.
@@ -25,13 +25,13 @@ _SELECTOR_OF = {name: one for one, names in SELECTORS.items() for name in names}
 
 
 class Selectors:
-    """Go through the entries of an Aravis camera's selectors."""
+    """Go through the entries of a camera's selectors."""
 
     def __init__(self, owner: CameraControl) -> None:
         self._owner = owner
 
     def with_entries(self, names: Iterable[str]) -> Iterator[str]:
-        """Yield features of the Aravis camera, each with those behind its selector's entries."""
+        """Yield features, each with those behind its selector's entries."""
         for name in names:
             yield name
             if selector := _SELECTOR_OF.get(name):
@@ -39,7 +39,7 @@ class Selectors:
 
     @contextlib.contextmanager
     def at_entry(self, name: str) -> Iterator[str]:
-        """Let the Aravis camera show a feature's entry, if it names one, and give the bare name."""
+        """Have the camera show a feature's entry, if it names one, and give the bare name."""
         bare, _, entry = name.removesuffix("]").partition("[")
         if not entry:
             yield name

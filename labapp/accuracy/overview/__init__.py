@@ -1,1 +1,1 @@
-"""Measure what accuracy costs in every operation of labapp, and write it as one page."""
+"""What accuracy costs in every operation of labapp, measured and written as one page."""

@@ -23,39 +23,24 @@ from simulator.situation import Situation
 
 @dataclass(frozen=True)
 class OverviewSettings:
-    """Set how much the accuracy page measures. All values are chosen so that it takes minutes.
+    """Set how much is measured. All values are chosen so that the page takes minutes.
 
-    Attributes
-    ----------
-    operation_s : float
-        Seconds after which the rest of an operation is cut.
-    least_tolerance : float
-        Smallest tolerance that is asked for.
-    window : int
-        Sensor pixels along a side of the PSFs.
-    chain_window : int
-        The same for a panel apart from its lens.
-    chain_panel : str
-        That panel: rows, columns and micrometres, as for `labapp accuracy chain`. It makes the
-        thesis' camera as much smaller as it is narrower.
-    field_size : int
-        Samples along a side of the field that propagates.
-    picture_size : int
-        Pixels along a side of the photograph that is restored.
-    edof_panel : str
-        Panel for which patterns with an extended depth of field are designed, as for
-        `labapp accuracy edof`.
-    edof_steps : int
-        Largest number of steps of these designs.
-    retrieval_s : float
-        Processor seconds that one setting of phase retrieval may take.
-    most_products : float
-        Products that an exact integral may take. The thesis' camera takes 5.4e11, which were
-        measured to take two minutes.
-    defocus : float
-        Distance of the object over that of the plane in focus.
-    far : float
-        Distance of the object in focal lengths, where the plane in focus lies at infinity.
+    operation_s: seconds after which the rest of an operation is cut.
+    least_tolerance: smallest tolerance that is asked for.
+    window: sensor pixels along a side of the PSFs.
+    chain_window: the same for a panel apart from its lens.
+    chain_panel: that panel: rows, columns and micrometres, as for `labapp accuracy chain`. It makes
+    the thesis' camera as much smaller as it is narrower.
+    field_size: samples along a side of the field that propagates.
+    picture_size: pixels along a side of the photograph that is restored.
+    edof_panel: panel for which patterns with an extended depth of field are designed, as for
+    `labapp accuracy edof`.
+    edof_steps: largest number of steps of these designs.
+    retrieval_s: processor seconds that one setting of phase retrieval may take.
+    most_products: that an exact integral may take. The thesis' camera takes 5.4e11, which were
+    measured to take two minutes.
+    defocus: distance of the object over that of the plane in focus.
+    far: distance of the object in focal lengths, where the plane in focus lies at infinity.
     """
 
     operation_s: float = 75.0
@@ -75,9 +60,10 @@ class OverviewSettings:
 
 @dataclass(frozen=True)
 class Scope:
-    """What the accuracy page is measured for.
+    """What the page is measured for.
 
-    `camera` is None for the bundled cases; `budget` holds the machine's speed.
+    budget: with the machine's speed.
+    camera: None for the bundled cases.
     """
 
     budget: Budget
@@ -90,7 +76,7 @@ _PITCH = 3.45e-6
 
 
 def lens_case(scope: Scope) -> LensCase:
-    """Return the accuracy page's lens: the camera's, with an object out of focus."""
+    """Return a lens with an object out of focus: the camera's lens, or a bundled one."""
     size = scope.settings.window
     if scope.camera is None:
         plane = Plane((size, size), (_PITCH, _PITCH))
@@ -99,7 +85,7 @@ def lens_case(scope: Scope) -> LensCase:
 
 
 def panel_case(scope: Scope) -> chain.ChainCase:
-    """Return the accuracy page's panel in the plane of its lens.
+    """Return a panel in the plane of its lens.
 
     Raises UserError for a camera whose panel stands apart from its lens.
     """
@@ -110,7 +96,7 @@ def panel_case(scope: Scope) -> chain.ChainCase:
 
 
 def chain_case(scope: Scope) -> chain.ChainCase:
-    """Return the accuracy page's panel apart from its lens, with light on whole pixels.
+    """Return a panel apart from its lens, with light on whole pixels.
 
     Raises UserError for a camera whose panel stands in the plane of its lens.
     """
@@ -123,7 +109,7 @@ def chain_case(scope: Scope) -> chain.ChainCase:
 
 
 def _small_thesis_camera(panel: str) -> Camera:
-    """Return the camera of the thesis for the accuracy page, smaller, with its angles.
+    """Return the thesis' camera, smaller, with its angles.
 
     Panel, lens and their distance shrink alike. The whole camera's exact integral takes minutes,
     and that of random phases hours.
@@ -137,7 +123,7 @@ def _small_thesis_camera(panel: str) -> Camera:
 
 
 def _describe(case: LensCase, scope: Scope) -> chain.ChainCase:
-    """Return the accuracy page's case of a camera, with a pattern whose exact light is found soon.
+    """Return a camera's case with a pattern whose exact light is found soon.
 
     Random phases are the hardest pattern, but their exact integral through the large panel of a
     camera and a distance takes hours. A cubic phase is a product of functions of y and x.
@@ -164,7 +150,7 @@ def _camera_case(camera: Camera, scope: Scope, size: int) -> LensCase:
 
 
 def field_case(scope: Scope) -> propagate.FieldCase:
-    """Return the accuracy page's field, smooth and through 50 mm of free space."""
+    """Return a smooth field that propagates through 50 mm of free space."""
     plane = Plane((scope.settings.field_size,) * 2, (8e-6, 8e-6))
     return propagate.field_case_from_options(
         "smooth", plane, plane, 0.05, _WAVELENGTH, paraxial=False
@@ -172,13 +158,13 @@ def field_case(scope: Scope) -> propagate.FieldCase:
 
 
 def retrieval_goal(scope: Scope) -> tuple[RetrievalGoal, str]:
-    """Return the accuracy page's target of phase retrieval, a ring, and its name."""
+    """Return a ring as the target of phase retrieval, and its name."""
     spec = read_psf("ring", [], 1e9 * _WAVELENGTH, {})
     return retrieval.goal_for_camera(spec, scope.camera or read_camera(None))
 
 
 def depth_of_field_case(scope: Scope) -> edof_case.EdofCase:
-    """Return the accuracy page's camera whose depth of field is extended: the thesis' by default.
+    """Return the camera whose depth of field is extended: the thesis' by default.
 
     Raises UserError for a panel that can't be read.
     """
@@ -189,7 +175,7 @@ def depth_of_field_case(scope: Scope) -> edof_case.EdofCase:
 
 
 def simulated_situation(progress: Progress) -> Situation:
-    """Return the situation of the accuracy page's simulated picture: a star, on few pixels."""
+    """Return the situation of a simulated picture: a star, on few pixels."""
     asked = PictureRequest(target="star")
     with prepare_bench_scene(small_bench_setup(None), asked, progress) as staged:
         return staged.situation

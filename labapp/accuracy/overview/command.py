@@ -1,4 +1,4 @@
-"""`labapp accuracy` without a name: measure all operations, and write the accuracy page."""
+"""`labapp accuracy` without a name: measures all operations, and writes the page."""
 
 from __future__ import annotations
 
@@ -23,9 +23,10 @@ def accuracy_page(
 ) -> None:
     """Measure what accuracy costs in every operation, write the page, and print its summary.
 
-    `camera` is the file of the camera that is measured; None for the bundled cases. `settings` say
-    how much is measured. The process ends with exit code 130 if it was cancelled after something
-    was measured; that is written all the same.
+    camera: file of the camera that is measured; None for the bundled cases.
+    settings: how much is measured.
+    The process ends with exit code 130 if it was cancelled after something was measured; that is
+    written all the same.
     """
     described = None if camera is None else read_camera(camera)
     scope = "Bundled cases" if camera is None else f"The camera of {camera.name}"
@@ -45,7 +46,7 @@ def accuracy_page(
 
 
 def _print_summary(outcome: Outcome) -> None:
-    """Print the cheapest settings of the accuracy page, and what isn't on it."""
+    """Print the cheapest settings, and what wasn't measured."""
     rows = [
         [one.title, kind.name.partition(":")[0], cheapest_sentence(one.rows, kind)]
         for one in outcome.operations

@@ -1,4 +1,4 @@
-"""What was measured of an operation for the accuracy page, and as plain data for its JSON."""
+"""What was measured of an operation, in marks, rows and plain data for the page and its JSON."""
 
 from __future__ import annotations
 
@@ -24,22 +24,13 @@ from labapp.accuracy.work_precision import CUT, Row
 
 @dataclass(frozen=True)
 class MeasuredOperation:
-    """What was measured of one operation for the accuracy page.
+    """What was measured of one operation.
 
-    Attributes
-    ----------
-    name, title : str
-        Name in JSON, and heading.
-    what : str
-        What is computed and how the diagram is read, in a few sentences.
-    case : str
-        The case that was measured, in words.
-    error_name : str
-        What error was measured.
-    rows : sequence of Row
-        The rows.
-    seconds : float
-        Wall-clock time that measuring took.
+    name, title: name in JSON, and heading.
+    what: what is computed and how the diagram is read, in a few sentences.
+    case: the case that was measured, in words.
+    error_name: what error was measured.
+    seconds: wall-clock time that measuring took.
     """
 
     name: str
@@ -56,7 +47,7 @@ class MeasuredOperation:
 
     @property
     def table_rows(self) -> list[Row]:
-        """Return the accuracy page's rows of the table: automatic choices, and the cheapest.
+        """The rows of the page's table: automatic choices, and the cheapest.
 
         Without tolerances, the rows on the front are in the table as well.
         """
@@ -75,7 +66,7 @@ class MeasuredOperation:
         return sorted(found, key=lambda row: row.cpu_s or 0)
 
     def marks(self, row: Row) -> str:
-        """Return the marks of a row in the accuracy page's table, in words."""
+        """Return a row's marks in words: the cheapest, and automatic choices."""
         starred = [kind for kind in self.kinds if highlighted_row(self.rows, kind) is row]
         words = []
         if starred:
@@ -91,7 +82,7 @@ class MeasuredOperation:
         return "; ".join(words)
 
     def as_data(self) -> dict[str, Any]:
-        """Return what the accuracy page shows of the operation, and all rows, as plain data."""
+        """Return what the page shows of the operation, and all rows, as plain data."""
         return {
             "name": self.name,
             "title": self.title,
@@ -125,7 +116,7 @@ def _short_name(kind: TimeKind) -> str:
 
 
 def _row_data(row: Row) -> dict[str, Any]:
-    """Return a row of the accuracy page as plain data; JSON has no infinity, which becomes null."""
+    """Return a row as plain data; JSON has no infinity, which becomes null."""
     return {name: _finite(value) for name, value in asdict(row).items()}
 
 

@@ -1,4 +1,4 @@
-"""Measure all operations for the accuracy page, and write the page and its data."""
+"""Measures all operations, and writes the page and its data."""
 
 from __future__ import annotations
 
@@ -32,28 +32,12 @@ def measure_all(
     settings: OverviewSettings | None = None,
     operations: Sequence[Operation] = OPERATIONS,
 ) -> Outcome:
-    """Measure every operation for the accuracy page.
+    """Measure every operation.
 
     What was measured before the progress is cancelled is kept; an operation that is under way then
-    is left out.
-
-    Parameters
-    ----------
-    camera : Camera or None
-        Camera that the cases are for; None for the bundled cases.
-    scope : str
-        The camera in words.
-    progress : Progress
-        Receives reports, and can cancel the work.
-    settings : OverviewSettings, optional
-        How much is measured.
-    operations : sequence of Operation, optional
-        What is measured; everything by default.
-
-    Raises
-    ------
-    Cancelled
-        If it is cancelled before anything was measured.
+    is left out. Raises Cancelled if it is cancelled before anything was measured.
+    camera: that the cases are for; None for the bundled cases.
+    scope: the camera in words.
     """
     began, settings = time.monotonic(), settings or OverviewSettings()
     speed = machine_speed(progress.part(0.0, 0.05))
@@ -78,7 +62,6 @@ def measure_all(
 
 
 def _measure(one: Operation, scope: Scope, progress: Progress) -> MeasuredOperation:
-    """Measure one operation of the accuracy page."""
     began = time.monotonic()
     named = Progress(lambda part, words: progress.report(part, f"{one.title}: {words}"))
     deadline = Deadline.after(scope.settings.operation_s)
@@ -89,7 +72,7 @@ def _measure(one: Operation, scope: Scope, progress: Progress) -> MeasuredOperat
 
 
 def write_outcome(outcome: Outcome, folder: Path) -> None:
-    """Write the accuracy page and its JSON to a folder, which is made if it doesn't exist."""
+    """Write the page and its JSON to a folder, which is made if it doesn't exist."""
     make_folder(folder)
     page, data = (folder / name for name in ACCURACY_FILES)
     text = json.dumps(outcome.as_data(), indent=1, allow_nan=False, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""The operations on the accuracy page: what each computes, and how it is measured."""
+"""All operations that are measured: what each computes, and how it is measured."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ Measured = tuple[str, Sequence[Row]]
 
 @dataclass(frozen=True)
 class Operation:
-    """An operation of the accuracy page.
+    """An operation of the page.
 
-    `measure` returns the case in words and the rows. It raises UserError or ValueError with the
+    measure: returns the case in words and the rows. It raises UserError or ValueError with the
     reason if the operation can't be measured for a camera.
     """
 
@@ -82,7 +82,7 @@ def _measure_chain(scope: Scope, progress: Progress, deadline: Deadline) -> Meas
 
 
 def _measure_camera(case: chain.ChainCase, scope: Scope, progress: Progress) -> Measured:
-    """Measure the accuracy of the PSF methods of a camera with a panel."""
+    """Measure the PSF methods of a camera with a panel."""
     progress.report(0.0, "the exact integral")
     reference = chain.build_reference(case.problem)
     truth = reference.exact_samples
@@ -167,7 +167,7 @@ def _measure_simulation(scope: Scope, progress: Progress, deadline: Deadline) ->
 
 
 def _simulation_row(row: simulate.SimulationRow, name: str) -> Row:
-    """Return a simulated picture's cost as a row of the accuracy page.
+    """Return a simulated picture's cost as a row.
 
     The first answer includes the effect plan, which later pictures of the same scene share.
     """
@@ -183,7 +183,7 @@ def _simulation_row(row: simulate.SimulationRow, name: str) -> Row:
 
 
 def _in_turn(candidates: Iterable[Candidate], settings: OverviewSettings) -> list[Candidate]:
-    """Return an accuracy page's candidates from the largest tolerance to the least.
+    """Sort candidates from the largest tolerance to the least.
 
     What is cut at the deadline is then the most exact, and slowest.
     """
@@ -286,4 +286,4 @@ OPERATIONS = (
         _measure_spectra,
     ),
 )
-"""All operations of the accuracy page, in its order."""
+"""All operations, in the page's order."""

@@ -1,4 +1,4 @@
-"""The outcome of measuring for the accuracy page: operations, and what was left out."""
+"""All that was measured for the page, and what was left out."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from labapp.accuracy.overview.measured import MeasuredOperation
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An operation that isn't on the accuracy page, and why."""
+    """An operation that wasn't measured, and why."""
 
     name: str
     title: str
@@ -21,20 +21,12 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Outcome:
-    """All that was measured for the accuracy page.
+    """All that was measured.
 
-    Attributes
-    ----------
-    machine, scope : str
-        The machine, and the camera that was measured, in words.
-    operations : sequence of MeasuredOperation
-        What was measured.
-    left_out : sequence of LeftOut
-        What wasn't.
-    seconds : float
-        Wall-clock time of the whole.
-    cancelled : bool
-        Whether a person stopped it.
+    machine, scope: the machine, and the camera that was measured, in words.
+    left_out: operations that weren't measured.
+    seconds: wall-clock time of the whole.
+    cancelled: whether a person stopped it.
     """
 
     machine: str
@@ -45,7 +37,7 @@ class Outcome:
     cancelled: bool
 
     def as_data(self) -> dict[str, Any]:
-        """Return all that was measured for the accuracy page as plain data for JSON."""
+        """Return everything as plain data for JSON."""
         return {
             "version": labapp.__version__,
             "machine": self.machine,

@@ -1,4 +1,4 @@
-"""Write the accuracy page: one HTML file with diagrams as inline SVG, and nothing to load."""
+"""Writes one HTML file with diagrams as inline SVG, and nothing to load."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ _ALL_COLUMNS = (
 
 
 def page_html(outcome: Outcome) -> str:
-    """Return the accuracy page of all measured operations as HTML."""
+    """Return all measured operations as an HTML page."""
     title = "What accuracy costs"
     links = " ".join(f'<a href="#{one.name}">{escape(one.title)}</a>' for one in outcome.operations)
     parts = [
@@ -82,7 +82,7 @@ def page_html(outcome: Outcome) -> str:
 
 
 def _warning(outcome: Outcome) -> str:
-    """Name what isn't on the accuracy page, and why."""
+    """Name what wasn't measured, and why."""
     lines = [f"<li>{escape(one.title)}: {escape(one.why)}.</li>" for one in outcome.left_out]
     cancelled = "<p><b>Measuring was cancelled.</b></p>" if outcome.cancelled else ""
     if not lines:
@@ -91,7 +91,7 @@ def _warning(outcome: Outcome) -> str:
 
 
 def _summary(operations: Sequence[MeasuredOperation]) -> str:
-    """Return the accuracy page's table of the cheapest settings of all operations."""
+    """Return a table of the cheapest settings of all operations."""
     rows = [
         [one.title, kind.name.partition(":")[0], cheapest_sentence(one.rows, kind)]
         for one in operations
@@ -121,7 +121,7 @@ def _lower(sentence: str) -> str:
 
 
 def _next_decimals(one: MeasuredOperation) -> str:
-    """Say on the accuracy page what each further decimal costs."""
+    """Say what each further decimal costs."""
     lines = [
         f"<li>{escape(kind.name.partition(':')[0])}: {escape('; '.join(said))}.</li>"
         for kind in one.kinds
@@ -148,7 +148,7 @@ def _upper(sentence: str) -> str:
 
 
 def _columns(one: MeasuredOperation) -> list[str]:
-    """Return the headings of the accuracy page's table, without columns that would be empty."""
+    """Return the table's headings, without columns that would be empty."""
     rows = [_cells(one, row) for row in one.table_rows]
     return [
         name for k, name in enumerate(_ALL_COLUMNS) if not rows or any(cells[k] for cells in rows)
@@ -162,7 +162,7 @@ def _table(one: MeasuredOperation) -> list[list[str]]:
 
 
 def _cells(one: MeasuredOperation, row: Row) -> list[str]:
-    """Return a row of the accuracy page's table as text."""
+    """Return a row of the table as text."""
     return [
         curve_name(row),
         setting_name(row),
@@ -182,7 +182,7 @@ def _error(value: float | None) -> str:
 
 
 def _all_rows(one: MeasuredOperation) -> str:
-    """Return all rows of an operation, folded away on the accuracy page."""
+    """Return all rows of an operation, folded away."""
     good = [row for row in one.rows if not row.failure]
     rows = [_cells(one, row) for row in good]
     table = html_table(_ALL_COLUMNS, rows)
@@ -192,7 +192,7 @@ def _all_rows(one: MeasuredOperation) -> str:
 
 
 def inline_svg(figure: Figure, name: str) -> str:
-    """Return a diagram of the accuracy page as SVG inside HTML; `name` makes its ids unique."""
+    """Return a diagram as SVG inside HTML; `name` makes its ids unique."""
     buffer = io.StringIO()
     show_plain_text(figure)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):

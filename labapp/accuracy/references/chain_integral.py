@@ -1,4 +1,4 @@
-"""Compute the light on the sensor behind a panel apart from its lens, by direct quadrature.
+"""The light on the sensor behind a panel apart from its lens, by direct quadrature.
 
 This is the slow reference of the fast chain engines. It shares no code with them and none of
 their approximations. It follows thesis Eq. 5.1 to 5.7, with their slips corrected: a point's wave
@@ -44,23 +44,15 @@ Field = NDArray[np.complex128]
 class ChainQuadratureSettings:
     """Tune the quadrature over the stop of a chain.
 
-    Attributes
-    ----------
-    cell_phase : float
-        Most radians by which the phase of the integrand changes over half a cell. Chosen.
-    nodes_per_cell : int
-        Nodes in a cell. A polynomial of 34 terms approximates exp(i w t) to (e w / 68)^34.
-    reach_margin : float
-        Share of the extent of the stop by which the cells reach beyond it. Chosen.
-    lines_at_once : int
-        Lines across the stop that are summed at a time. Chosen.
-    places_at_once : int
-        Positions at the lens for which the light of all pixels is computed at a time. Chosen.
-    max_sums : float
-        Most complex numbers of cumulative sums over cells that are kept in memory. Chosen.
-    phase_degree : int
-        Degree of the polynomials that approximate the phase of aberrations, and of a stigmatic
-        lens, along a line. Chosen.
+    cell_phase: most radians by which the phase of the integrand changes over half a cell. Chosen.
+    nodes_per_cell: a polynomial of 34 terms approximates exp(i w t) to (e w / 68)^34.
+    reach_margin: share of the extent of the stop by which the cells reach beyond it. Chosen.
+    lines_at_once: lines across the stop that are summed at a time. Chosen.
+    places_at_once: positions at the lens for which the light of all pixels is computed at a time.
+    Chosen.
+    max_sums: most complex numbers of cumulative sums over cells that are kept in memory. Chosen.
+    phase_degree: degree of the polynomials that approximate the phase of aberrations, and of a
+    stigmatic lens, along a line. Chosen.
     """
 
     cell_phase: float = 16.0
@@ -83,26 +75,13 @@ def chain_density(
     *,
     margin: float = NODE_MARGIN,
 ) -> Array:
-    """Compute the slow reference of `labapp accuracy chain`: the share of light per square metre.
+    """Return the share of light per square metre, (modulations, y, x), 1/m².
 
     The share is relative to the light that panel and stop would pass if they stood in one plane,
     for a point on the axis.
-
-    Parameters
-    ----------
-    chain : ImagingChain
-        Camera, point and wavelength.
-    modulations : sequence of Field
-        Complex modulations of the pixels of the panel, each (rows, columns).
-    y, x : Array
-        Positions in metres from the geometric image.
-    margin : float
-        Factor by which nodes are denser than needed.
-
-    Returns
-    -------
-    Array
-        (modulations, y, x), 1/m².
+    modulations: complex, of the pixels of the panel, each (rows, columns).
+    y, x: positions in metres from the geometric image.
+    margin: factor by which nodes are denser than needed.
     """
     field = chain_field(chain, modulations, y, x, margin=margin)
     panel = chain.camera.panel
@@ -119,7 +98,7 @@ def chain_field(
     *,
     margin: float = NODE_MARGIN,
 ) -> Field:
-    """Compute the complex field at the sensor for the slow reference of `labapp accuracy chain`.
+    """Return the complex field at the sensor, (modulations, y, x).
 
     The wave on the panel has an amplitude of 1. The arguments are those of `chain_density`.
     """
@@ -136,20 +115,16 @@ def chain_field(
 
 
 def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Estimate how many lines and nodes the slow reference of `labapp accuracy chain` takes.
-
-    The lines lie across the stop. The second number is that of the nodes on each line.
-    """
+    """Estimate how many lines across the stop, and nodes on each line, are summed."""
     down, across = (NODE_MARGIN * slope for slope in _slopes(chain, y, x))
     cells = math.ceil(across * chain.stop_extent / chain.radius / SETTINGS.cell_phase)
     return math.hypot(down, across) * np.pi / 4 + 40, cells * SETTINGS.nodes_per_cell
 
 
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Bound the phase slopes in the lens plane that the `labapp accuracy chain` reference resolves.
+    """Bound the integrand's phase slopes along y and x at the lens, in radians per stop radius.
 
-    The result holds the integrand's steepest slopes along y and x, in radians per stop radius. They
-    include the light from the edges of the pixels and the undeflected light.
+    They include the light from the edges of the pixels and the undeflected light.
     """
     lens, wavelength, z1 = chain.lens, chain.wavelength, chain.camera.separation
     # The phase of the light from an edge begins to change within a Fresnel zone of its shadow.
@@ -177,10 +152,10 @@ def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
 
 
 def _sensor_kernel(chain: ImagingChain, positions: Array, places: Array) -> Field:
-    """Return the kernel from lens to sensor in the slow reference of `labapp accuracy chain`.
+    """Return lens and Fresnel integral to the sensor along one axis, (positions, places).
 
-    The kernel combines the lens with the Fresnel integral along one axis. `positions` on the sensor
-    and `places` at the lens are in metres; the kernel is (positions, places).
+    positions: on the sensor, metres.
+    places: at the lens, metres.
     """
     lens, wavelength, z2 = chain.lens, chain.wavelength, chain.lens.image_distance
     path = (positions[:, None] - places) ** 2 / z2 - places**2 / lens.focal_length
@@ -216,7 +191,7 @@ class _LineSum:
         self._fit = degrees * legendre.legvander(self._t, self._node_count - 1).T * self._w
 
     def _field_from_panel(self) -> Field:
-        """Return the panel's light at the nodes of the accuracy reference, (nodes, ranks).
+        """Return the panel's light at the nodes, (nodes, ranks).
 
         There is one value for each column of the factored panel. The values are computed in pieces,
         because there are many columns and many nodes.
@@ -230,10 +205,10 @@ class _LineSum:
         return np.concatenate(found)
 
     def _cumulative_sums(self) -> Field | None:
-        """Sum the slow reference of `labapp accuracy chain` over the cells up to each edge.
+        """Return sums over the cells up to each edge, (edges, ranks, x).
 
-        The sums are (edges, ranks, x). All lines share them where the phase of the lens separates
-        along y and x. None if the sums take too much memory.
+        All lines share them where the phase of the lens separates along y and x. None if the sums
+        take too much memory.
         """
         cells, ranks, places = self._edges.size - 1, self._panel_field.shape[1], self._x.size
         if cells * ranks * places > SETTINGS.max_sums:
@@ -261,7 +236,7 @@ class _LineSum:
     def _node_by_node(
         self, lines: list[StopLine], rows: Field, coefficients: Array | None
     ) -> Field:
-        """Sum the slow reference of `labapp accuracy chain` over the nodes of fully open cells."""
+        """Sum over the nodes of fully open cells."""
         whole = np.stack([self._open_cell_nodes(line) for line in lines])
         passed = np.where(whole, self._lens_factor(coefficients, self._nodes), 0)
         parts = self._factors.parts
@@ -281,18 +256,12 @@ class _LineSum:
         return found
 
     def _whole_cells(self, low: float, high: float) -> tuple[int, int]:
-        """Return the first and last cell edge in an open piece, for `labapp accuracy chain`.
-
-        Both are indices. The piece is a part of a line across the stop.
-        """
+        """Return the indices of the first and last cell edge in an open piece of a line."""
         first = np.searchsorted(self._edges, low)
         return int(first), int(np.searchsorted(self._edges, high, side="right")) - 1
 
     def _open_cell_nodes(self, line: StopLine) -> NDArray[np.bool_]:
-        """Return a mask of the nodes in fully open cells, for the slow accuracy reference.
-
-        A cell is fully open if it lies entirely in an open piece of the line.
-        """
+        """Return a mask of the nodes in cells that lie entirely in an open piece of the line."""
         found = np.zeros(self._nodes.size, dtype=bool)
         for low, high in line.open:
             first, last = self._whole_cells(low, high)
@@ -300,7 +269,7 @@ class _LineSum:
         return found
 
     def _partial_cells(self, line: StopLine) -> Iterator[tuple[int, float, float]]:
-        """Yield the open parts of a line outside fully open cells, for `labapp accuracy chain`.
+        """Yield the open parts of a line outside fully open cells.
 
         Each item is the index of the cell, and the ends of the part in stop radii.
         """
@@ -317,11 +286,10 @@ class _LineSum:
     def _partial_cell_weights(
         self, lines: list[StopLine], coefficients: Array | None
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Field]:
-        """Return the quadrature weights of partly open cells, for `labapp accuracy chain`.
+        """Return line, cell and quadrature weights of every open part of a partly open cell.
 
-        The result holds the line, the cell and the weights of every open part of such a cell. The
-        weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate the
-        polynomial through these values.
+        The weights, (pieces, x, nodes), multiply the wave at the nodes of the cell. They integrate
+        the polynomial through these values.
         """
         pieces = [
             (n, *piece) for n, line in enumerate(lines) for piece in self._partial_cells(line)
@@ -343,12 +311,11 @@ class _LineSum:
         return number, cell, (onward * passed[:, None]) @ between
 
     def _phase_coefficients(self, heights: Array) -> Array | None:
-        """Return Chebyshev coefficients of the lens's phase for `labapp accuracy chain`.
+        """Return Chebyshev coefficients of the lens's phase along each line.
 
-        There is one set of coefficients for each line. The phase is what differs from that of a
-        thin lens without aberrations: the aberrations, and the difference between a stigmatic and a
-        thin lens. Along a line it is a polynomial, or well approximated by one. None for a lens
-        whose phase is quadratic.
+        The phase is what differs from that of a thin lens without aberrations: the aberrations, and
+        the difference between a stigmatic and a thin lens. Along a line it is a polynomial, or well
+        approximated by one. None for a lens whose phase is quadratic.
         """
         chain, lens = self._chain, self._chain.lens
         if lens.has_quadratic_phase:
@@ -364,10 +331,9 @@ class _LineSum:
         return np.asarray(chebyshev.chebvander(nodes / self._edges[-1], SETTINGS.phase_degree))
 
     def _lens_factor(self, coefficients: Array | None, nodes: Array) -> Field | Array:
-        """Return the lens factor in the slow reference of `labapp accuracy chain`, (lines, nodes).
+        """Return the lens's factor without its quadratic phase, (lines, nodes).
 
-        The factor leaves out the quadratic phase of the lens. `nodes` are common to all lines,
-        (nodes,), or differ from line to line, (lines, nodes).
+        nodes: common to all lines, (nodes,), or different from line to line, (lines, nodes).
         """
         if coefficients is None:
             return np.ones((1, nodes.shape[-1]))

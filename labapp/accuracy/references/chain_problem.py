@@ -1,4 +1,4 @@
-"""Pose a PSF problem for a camera whose panel may stand apart from its lens, with its reference.
+"""A PSF problem for a camera whose panel may stand apart from its lens, with its reference.
 
 The reference is the exact light on some of the samples.
 """
@@ -24,12 +24,8 @@ Array = NDArray[np.float64]
 class ChainProblem(PSFProblem):
     """A PSF problem for a camera whose panel may stand apart from its lens.
 
-    Attributes
-    ----------
-    off_axis : tuple of float
-        Position (y, x) of the point's image on the sensor, in metres from the axis.
-    sphere : bool
-        Whether the wave of the point is an exact sphere instead of a parabola.
+    off_axis: position (y, x) of the point's image on the sensor, from the axis, metres.
+    sphere: whether the wave of the point is an exact sphere instead of a parabola.
     """
 
     off_axis: tuple[float, float] = (0.0, 0.0)
@@ -56,7 +52,7 @@ class ChainProblem(PSFProblem):
 
     @property
     def description(self) -> str:
-        """Describe the problem of `labapp accuracy chain` in one line, for reports."""
+        """The problem in one line, for reports."""
         camera, lens, pixels = self.camera, self.lens, self.pixels
         rows, columns = camera.panel.shape
         return (
@@ -79,7 +75,7 @@ class ChainReference(PSFReference):
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the slow reference of `labapp accuracy chain` takes."""
+        """Estimated number of products that the exact light takes."""
         # Costs of a Fresnel integral, of an exponential, and of a line besides both, as the number
         # of products that take the same time.
         fresnel_cost, exponential_cost, line_cost = 1000, 500, 2e6
@@ -101,20 +97,13 @@ class ChainReference(PSFReference):
         return lines * line + nodes * columns * place
 
     def _modulations(self) -> list[NDArray[np.complex128]]:
-        """Return the panel modulations in the slow reference of `labapp accuracy chain`.
-
-        The first one is the pattern's. The second one stands for unmodulated light, if there is
-        any.
-        """
+        """Return the pattern's modulation, and then that of unmodulated light, if there is any."""
         assert self._problem.phase is not None
         shown = np.exp(1j * self._problem.phase)
         return [shown, np.ones_like(shown)] if self._problem.camera.panel.unmodulated else [shown]
 
     def density(self, y: Array, x: Array) -> Array:
-        """Return the slow reference of `labapp accuracy chain` at y and x, (y, x), per m².
-
-        The values are exact shares of the light.
-        """
+        """Return exact shares of the light at y and x, (y, x), per m²."""
         share = self._problem.camera.panel.unmodulated
         found = chain_density(self._problem.chain, self._modulations(), y, x)
         return np.asarray((1 - share) * found[0] + share * found[-1])

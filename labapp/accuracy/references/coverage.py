@@ -1,4 +1,4 @@
-"""Compute how much of each cell of a grid a stop leaves open, by quadrature over heights."""
+"""How much of each cell of a grid a stop leaves open, by quadrature over heights."""
 
 from __future__ import annotations
 
@@ -21,23 +21,12 @@ Array = NDArray[np.float64]
 
 
 def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
-    """Return the share of each cell that a stop leaves open, for references of `labapp accuracy`.
+    """Return the share of each sample's cell that a stop leaves open, (rows, columns), 0 to 1.
 
-    Each cell surrounds one sample of the plane.
-
-    Parameters
-    ----------
-    stop : Stop
-        Shapes in units of `radius`.
-    radius : float
-        Radius of the stop in metres.
-    plane : Plane
-        Plane whose samples are the centres of the cells; a cell is as large as the pitch.
-
-    Returns
-    -------
-    Array
-        (rows, columns), 0 to 1, within 1e-9 for stops of circles and straight edges.
+    It is within 1e-9 for stops of circles and straight edges.
+    stop: shapes in units of `radius`.
+    radius: of the stop, metres.
+    plane: its samples are the centres of the cells; a cell is as large as the pitch.
     """
     (top, left), (height, width) = _edges(plane, radius), plane.pitch
     area = np.zeros(plane.shape)
@@ -62,7 +51,7 @@ def open_area_shares(stop: Stop, radius: float, plane: Plane) -> Array:
 
 
 def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
-    """Return the edges of an accuracy reference's cells along y and x, in stop radii."""
+    """Return the cells' edges along y and x, in stop radii."""
     found = []
     for axis in (0, 1):
         middles, half = sample_positions(plane, axis), plane.pitch[axis] / 2
@@ -71,10 +60,7 @@ def _edges(plane: Plane, radius: float) -> tuple[Array, Array]:
 
 
 def _open_lengths(stop: Stop, height: float, left: Array) -> Array:
-    """Return a line's open length in every cell, for references of `labapp accuracy`.
-
-    The line is horizontal at `height`. All lengths are in stop radii.
-    """
+    """Return the open length of a horizontal line at `height` in every cell, in stop radii."""
     length = np.zeros(left.size - 1)
     for low, high in open_intervals(stop, height):
         length += np.clip(np.minimum(high, left[1:]) - np.maximum(low, left[:-1]), 0, None)

@@ -1,4 +1,4 @@
-"""Propagate a field through free space exactly, by direct sums over nodes on the source plane.
+"""Propagates a field through free space exactly, by direct sums over nodes on the source plane.
 
 The scalar model is the first Rayleigh-Sommerfeld integral (section 3.5 of Goodman), the paraxial
 one the Fresnel integral (section 4.2 of Goodman). Gauss-Legendre nodes fill the pieces in which the
@@ -21,9 +21,9 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Places:
-    """Positions (y, x) in metres at which the propagated field is computed.
+    """Positions (y, x) in metres at which the field is computed.
 
-    They lie at `distance` in metres from the source plane; a negative distance goes back.
+    distance: from the source plane, metres; a negative one goes back.
     """
 
     y: Real
@@ -36,8 +36,10 @@ class Places:
 class Gaussian:
     """A Gaussian beam in the source plane, tilted by a spatial frequency.
 
-    Its field is strength exp(-|(u - middle) / width|² + 2 pi i frequency (u - middle)). `middle`
-    (y, x) and `width` are in metres, `frequency` (y, x) in cycles per metre.
+    Its field is strength exp(-|(u - middle) / width|² + 2 pi i frequency (u - middle)).
+    middle: (y, x), metres.
+    frequency: (y, x), cycles per metre.
+    width: metres.
     """
 
     strength: complex
@@ -46,7 +48,7 @@ class Gaussian:
     width: float
 
     def factor_along(self, axis: int, where: Real) -> Complex:
-        """Return a test beam's factor along one axis, for `labapp accuracy propagate`."""
+        """Return the field's factor along one axis, without the strength."""
         away = where - self.middle[axis]
         wave = 2j * np.pi * self.frequency[axis] * away
         return np.asarray(np.exp(wave - (away / self.width) ** 2))
@@ -71,18 +73,12 @@ class SmoothLight:
         return self.on(*(self.plane.coordinates(axis).numpy() for axis in (0, 1)))
 
     def smooth_pieces(self, axis: int) -> Real:
-        """Return the ends of a test field's smooth pieces, for `labapp accuracy propagate`.
-
-        The ends are in metres, (pieces, 2). The whole plane is one piece.
-        """
+        """Return the ends of the smooth pieces in metres, (pieces, 2): the whole plane is one."""
         where = self.plane.coordinates(axis).numpy()
         return np.array([[where[0], where[-1]]])
 
     def spatial_frequency(self, axis: int) -> float:
-        """Return a test field's highest spatial frequency, for `labapp accuracy propagate`.
-
-        The frequency is along one axis, in cycles per metre.
-        """
+        """Return the highest spatial frequency along one axis, in cycles per metre."""
         return max(abs(g.frequency[axis]) + 1 / (math.pi * g.width) for g in self.gaussians)
 
 
@@ -112,21 +108,11 @@ Light = SmoothLight | CellLight
 
 
 def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
-    """Compute the slow reference field of `labapp accuracy propagate`, without the factor exp(ikz).
+    """Return the field at some places, (places,), without the factor exp(ikz).
 
-    Parameters
-    ----------
-    light : Light
-        Field on the source plane.
-    places : Places
-        Positions, at most some hundred: in the scalar model each takes a sum over all nodes.
-    paraxial : bool
-        Whether the Fresnel kernel is used instead of the Rayleigh-Sommerfeld kernel.
-
-    Returns
-    -------
-    Complex
-        (places,), within about 1e-10 of the integral.
+    It is within about 1e-10 of the integral.
+    places: at most some hundred: in the scalar model each takes a sum over all nodes.
+    paraxial: whether the Fresnel kernel is used instead of the Rayleigh-Sommerfeld kernel.
     """
     (y, wy), (x, wx) = (_quadrature_rule(light, places, axis, paraxial=paraxial) for axis in (0, 1))
     if paraxial:
@@ -147,7 +133,7 @@ def exact_field(light: Light, places: Places, *, paraxial: bool) -> Complex:
 
 
 def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
-    """Return how many kernel values the reference of `labapp accuracy propagate` computes."""
+    """Return how many kernel values are computed."""
     counts = [
         sum(_node_counts(light, places, axis, paraxial=paraxial))
         * light.smooth_pieces(axis).shape[0]
@@ -159,10 +145,9 @@ def product_count(light: Light, places: Places, *, paraxial: bool) -> float:
 def _quadrature_rule(
     light: Light, places: Places, axis: int, *, paraxial: bool
 ) -> tuple[Real, Real]:
-    """Return quadrature nodes and weights for the reference of `labapp accuracy propagate`.
+    """Return quadrature nodes and weights along one axis of the source plane.
 
-    They are along one axis of the source plane. All pieces have the density of nodes that the piece
-    with the steepest phase needs.
+    All pieces have the density of nodes that the piece with the steepest phase needs.
     """
     pieces = light.smooth_pieces(axis)
     counts = _node_counts(light, places, axis, paraxial=paraxial)
@@ -172,10 +157,7 @@ def _quadrature_rule(
 
 
 def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> list[int]:
-    """Return the node counts of a piece's parts in the reference of `labapp accuracy propagate`.
-
-    Every piece of the field is cut into the same parts.
-    """
+    """Return the node counts of a piece's parts; every piece is cut into the same parts."""
     # A part holds at most 6 cycles and has 24 nodes, whose remainder is (e pi 6 / 96)^48, 1e-14.
     # A piece of a single part may have fewer nodes, but at least 4.
     max_cycles, full_count, least_count = 6.0, 24, 4
@@ -198,9 +180,9 @@ def _node_counts(light: Light, places: Places, axis: int, *, paraxial: bool) -> 
 
 
 def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
-    """Return Gauss-Legendre nodes and weights for the reference of `labapp accuracy propagate`.
+    """Return Gauss-Legendre nodes and weights of each part.
 
-    Each item is the rule of one part. The parts are equally long and together span -1 to 1.
+    The parts are equally long and together span -1 to 1.
     """
     found = []
     for number, count in enumerate(counts):
@@ -211,7 +193,7 @@ def _composite_rule(counts: list[int]) -> list[tuple[Real, Real]]:
 
 
 def _fresnel(away: Real, places: Places) -> Complex:
-    """Return the Fresnel kernel along one axis for the slow reference of `labapp accuracy`.
+    """Return the Fresnel kernel along one axis.
 
     The product of both axes is exp(i pi r² / (wavelength z)) / (i wavelength z).
     """
@@ -221,7 +203,7 @@ def _fresnel(away: Real, places: Places) -> Complex:
 
 
 def _rayleigh_sommerfeld(y: Real, x: Real, places: Places) -> Complex:
-    """Return the Rayleigh-Sommerfeld kernel for the slow reference of `labapp accuracy`.
+    """Return the Rayleigh-Sommerfeld kernel.
 
     The kernel is z / (2 pi r²) (1 / r - ik) exp(ik(r - z)), without the factor exp(ikz), or the
     conjugate of this for propagation back.

@@ -1,4 +1,4 @@
-"""Compute the PSF of a lens by direct quadrature over lines across its stop.
+"""The PSF of a lens by direct quadrature over lines across its stop.
 
 This is the slow reference of the fast PSF engines, and shares no code with them. The stop is cut
 into horizontal lines. On each line the open intervals follow from the shapes themselves, and
@@ -38,8 +38,9 @@ NODE_MARGIN = 1.3
 class StopLine:
     """A horizontal line across a stop, in stop radii.
 
-    `height` is its position, `weight` its weight in an integral over heights, and `open` lists its
-    open intervals.
+    height: its position.
+    weight: in an integral over heights.
+    open: its open intervals.
     """
 
     height: float
@@ -50,10 +51,9 @@ class StopLine:
 def lens_psf(
     lens: Lens, distance: float, wavelength: float, pixels: Plane, progress: Progress | None = None
 ) -> Array:
-    """Return a lens's slow reference PSF, with which `labapp accuracy` compares methods.
+    """Return the share of a point's light on each sample of a plane.
 
-    Each value is the share of a point's light on one sample of a plane: the density at the sample
-    times the area of a pixel.
+    It is the density at the sample times the area of a pixel.
     """
     y, x = (sample_positions(pixels, axis) for axis in (0, 1))
     density = lens_psf_density(lens, distance, wavelength, y, x, progress)
@@ -68,10 +68,10 @@ def lens_psf_density(
     x: Array,
     progress: Progress | None = None,
 ) -> Array:
-    """Return a lens's slow reference PSF for `labapp accuracy`, as light per square metre.
+    """Return the share of a point's light per square metre, (y, x).
 
-    The positions y and x are in metres; the result is (y, x). The Fraunhofer integral over the stop
-    (thesis Eq. 3.1) is summed directly along both axes.
+    The positions y and x are in metres. The Fraunhofer integral over the stop (thesis Eq. 3.1) is
+    summed directly along both axes.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     tilt = 2 * np.pi * radius / scale
@@ -94,10 +94,9 @@ def lens_psf_density(
 
 
 def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) -> float:
-    """Estimate how many nodes the slow reference of `labapp accuracy` takes for a window.
+    """Estimate how many nodes `lens_psf_density` takes.
 
-    The estimate is for `lens_psf_density`. `farthest` is the distance in metres from the axis to
-    the farthest sample.
+    farthest: distance from the axis to the farthest sample, metres.
     """
     radius, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     slope = NODE_MARGIN * (
@@ -107,10 +106,7 @@ def node_count(lens: Lens, distance: float, wavelength: float, farthest: float) 
 
 
 def sample_positions(plane: Plane, axis: int) -> Array:
-    """Return a plane's sample positions along an axis, for references of `labapp accuracy`.
-
-    The positions are in metres.
-    """
+    """Return a plane's sample positions along an axis, in metres."""
     index = np.arange(plane.shape[axis]) - plane.shape[axis] // 2
     return np.asarray(index * plane.pitch[axis] + float(plane.centre[axis]))
 
@@ -120,10 +116,9 @@ def _farthest(y: Array, x: Array) -> float:
 
 
 def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
-    """Yield the lines across a stop that references of `labapp accuracy` integrate along.
+    """Yield the lines across a stop whose weighted sum of integrals is that over the stop.
 
-    The weighted sum of integrals along the lines is the integral over the stop. `slope` is the
-    steepest phase slope in radians per stop radius.
+    slope: steepest phase slope in radians per stop radius.
     """
     for low, high in pairwise(break_heights(stop)):
         if high - low < 1e-13:
@@ -142,10 +137,9 @@ def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
 
 
 def _interval_end_speed(stop: Stop, low: float, high: float) -> float:
-    """Bound how fast the ends of open intervals move, for references of `labapp accuracy`.
+    """Bound how far ends of open intervals move along x per angle of the height, by samples.
 
-    The speed is the distance that an end moves along x per angle of the height. Ends on nearly
-    horizontal edges move far in a small step of the angle.
+    Ends on nearly horizontal edges move far in a small step of the angle.
     """
     angles = np.linspace(-np.pi / 2, np.pi / 2, 65)[1:-1]
     heights = (low + high) / 2 + (high - low) / 2 * np.sin(angles)
@@ -167,10 +161,7 @@ def _interval_rule(low: float, high: float, slope: float) -> tuple[Array, Array]
 
 
 def open_intervals(stop: Stop, height: float) -> list[Interval]:
-    """Return a stop's open intervals on a horizontal line, for references of `labapp accuracy`.
-
-    All lengths are in stop radii.
-    """
+    """Return a stop's open intervals on a horizontal line, in stop radii."""
     found = _intervals(stop.opening, height)
     for shape in stop.obscurations:
         for low, high in _intervals(shape, height):
@@ -204,10 +195,7 @@ def _edges(polygon: Polygon) -> list[tuple[tuple[float, float], tuple[float, flo
 
 
 def break_heights(stop: Stop) -> list[float]:
-    """Return the heights at which `labapp accuracy` cuts its integral over a stop, in rising order.
-
-    Open intervals of the stop begin, end or meet at these heights.
-    """
+    """Return the heights at which open intervals begin, end or meet, in rising order."""
     shapes: Sequence[Shape] = (stop.opening, *stop.obscurations)
     found = [height for shape in shapes for height in _extremes(shape)]
     for a, b in combinations(shapes, 2):
@@ -217,10 +205,7 @@ def break_heights(stop: Stop) -> list[float]:
 
 
 def vertical_line_crossings(stop: Stop, x: float) -> list[float]:
-    """Return where a stop's outlines cross a vertical line, for references of `labapp accuracy`.
-
-    The line is at x, and the result holds heights. All lengths are in stop radii.
-    """
+    """Return the heights at which outlines cross the vertical line at x, all in stop radii."""
     low, high = break_heights(stop)[0] - 1, break_heights(stop)[-1] + 1
     found: list[float] = []
     for shape in (stop.opening, *stop.obscurations):
@@ -240,7 +225,7 @@ def _extremes(shape: Shape) -> list[float]:
 
 
 def _outline_crossings(a: Shape, b: Shape) -> list[float]:
-    """Return the heights at which two outlines cross, for references of `labapp accuracy`."""
+    """Return the heights at which two outlines cross."""
     if isinstance(a, Circle) and isinstance(b, Circle):
         return _circle_crossings(a, b)
     if isinstance(a, Circle) and isinstance(b, Polygon):
@@ -279,11 +264,10 @@ def _segment_crossings(
 
 
 def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Array) -> Array:
-    """Return the pupil phase in radians for references of `labapp accuracy`.
+    """Return the phase of defocus and aberrations at one height y and many x, in radians.
 
-    The phase includes defocus and aberrations at one height y and many x. Positions are in stop
-    radii; distances, wavelength and aberrations are in metres. The references have their own code
-    for it, so that they are independent of the methods that they test.
+    Positions are in stop radii; distances, wavelength and aberrations are in metres. The code is
+    independent of that of the methods that it tests.
     """
     rho2 = y * y + x * x
     r2 = rho2 * (lens.stop_diameter / 2) ** 2
@@ -301,10 +285,9 @@ def pupil_phase(lens: Lens, distance: float, wavelength: float, y: float, x: Arr
 
 
 def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
-    """Return a Zernike polynomial with an rms of 1, for references of `labapp accuracy`.
+    """Return a Zernike polynomial with an rms of 1.
 
-    The polynomial is computed as the textbook sum of factorials, which is accurate to a degree of
-    about twenty.
+    It is the textbook sum of factorials, which is accurate to a degree of about twenty.
     """
     k = abs(m)
     radial = sum(
@@ -320,10 +303,9 @@ def _zernike(n: int, m: int, r: Array, angle: Array) -> Array:
 
 @functools.lru_cache(maxsize=64)
 def steepest_phase_slope(lens: Lens, distance: float, wavelength: float) -> float:
-    """Estimate the steepest slope of the pupil phase for references of `labapp accuracy`.
+    """Estimate the pupil phase's steepest slope, in radians per stop radius.
 
-    The slope is in radians per stop radius. It is estimated from samples of the phase along many
-    lines.
+    It is estimated from samples of the phase along many lines.
     """
     found = 0.0
     x = np.linspace(-1, 1, 801)

@@ -1,4 +1,4 @@
-"""Compute the light of the pixels of a panel at a lens behind it, for the slow chain reference.
+"""The light of the pixels of a panel at a lens behind it, for the slow chain reference.
 
 This is the Fresnel integral from panel to lens (thesis Eq. 5.1 to 5.4). For a square pixel of one
 modulation under a parabolic wave it has a closed form: the product of Fresnel integrals C + iS
@@ -28,20 +28,11 @@ Field = NDArray[np.complex128]
 class ImagingChain:
     """A point, the camera that images it, and the position of its image on the sensor; SI units.
 
-    Attributes
-    ----------
-    camera : Camera
-        Panel, lens and sensor.
-    distance : float
-        Distance from the point to the panel in metres.
-    wavelength : float
-        Wavelength in metres.
-    field : tuple of float
-        Position (y, x) of the geometric image from the axis. In the paraxial approximation the
-        object is at -field (distance + separation) / image distance.
-    sphere : bool
-        Whether the wave of the point over the panel is the sphere of thesis Eq. 5.1, of amplitude
-        distance / r; else it is a parabola of amplitude 1.
+    distance: from the point to the panel.
+    field: position (y, x) of the geometric image from the axis. In the paraxial approximation the
+    object is at -field (distance + separation) / image distance.
+    sphere: whether the wave of the point over the panel is the sphere of thesis Eq. 5.1, of
+    amplitude distance / r; else it is a parabola of amplitude 1.
     """
 
     camera: Camera
@@ -60,39 +51,29 @@ class ImagingChain:
 
     @property
     def stop_extent(self) -> float:
-        """Return how far the stop reaches from the axis, for the `labapp accuracy chain` reference.
-
-        The extent is the stop's largest distance from the axis along y or x, in metres.
-        """
+        """The stop's largest distance from the axis along y or x, in metres."""
         return self.radius * _shape_extent(self.lens.stop.opening)
 
     @property
     def shadow_magnification(self) -> float:
-        """Return how much larger the panel's shadow is at the lens, for `labapp accuracy chain`."""
+        """Size of the panel's shadow at the lens over that of the panel."""
         return 1 + self.camera.separation / self.distance
 
     def tilt(self, axis: int) -> float:
-        """Return the tilt of a point's light at the panel for `labapp accuracy chain`.
-
-        The tilt is the tangent of the light's angle along an axis, at the centre of the panel.
-        """
+        """Return the tangent of the light's angle along an axis, at the centre of the panel."""
         return self.field[axis] / self.lens.image_distance * self.shadow_magnification
 
     def edges(self, axis: int) -> Array:
-        """Return the edges of panel pixels for the reference of `labapp accuracy chain`.
-
-        The result holds both edges of each pixel along an axis, (pixels, 2), in metres.
-        """
+        """Return both edges of each panel pixel along an axis, (pixels, 2), in metres."""
         panel = self.camera.panel
         half = panel.active_side / 2
         return sample_positions(panel.plane, axis)[:, None] + np.array([-half, half])
 
     @property
     def nodes_per_pixel(self) -> int:
-        """Return how many nodes a panel pixel needs in the reference of `labapp accuracy chain`.
+        """Gauss-Legendre nodes across a panel pixel.
 
-        The Gauss-Legendre nodes across the pixel resolve the wave on its way to the far side of the
-        stop.
+        They resolve the wave on its way to the far side of the stop.
         """
         half = self.camera.panel.active_side / 2
         far = max(np.abs(self.edges(axis)).max() for axis in (0, 1))
@@ -114,20 +95,15 @@ class ParabolicWavePixels:
         self._chain = chain
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the field on the panel that the reference of `labapp accuracy chain` propagates.
-
-        The field is the modulation itself, because `propagation_matrix` includes the wave of the
-        point.
-        """
+        """Return the modulation itself: `propagation_matrix` includes the wave of the point."""
         return modulation
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return every panel pixel's light at the lens for `labapp accuracy chain`.
+        """Return every panel pixel's light at the lens, the factor of one axis, (places, pixels).
 
-        The matrix, (places, pixels), is the factor of one axis. The object is at -field (d + z1) /
-        z2. With its wave, the Fresnel kernel has the exponent i pi / wavelength times (M / z1) (p -
-        c)² + x² / z1 - (M / z1) c², where p is a position on the panel and c = x / M - z1 field /
-        z2. An infinitely far object is the limit.
+        The object is at -field (d + z1) / z2. With its wave, the Fresnel kernel has the exponent
+        i pi / wavelength times (M / z1) (p - c)² + x² / z1 - (M / z1) c², where p is a position on
+        the panel and c = x / M - z1 field / z2. An infinitely far object is the limit.
         """
         chain, wavelength, z1 = self._chain, self._chain.wavelength, self._chain.camera.separation
         spread = chain.shadow_magnification
@@ -155,18 +131,13 @@ class SphericalWavePixels:
         self._weights = half * weights
 
     def source_field(self, modulation: Field) -> Field:
-        """Return the weighted wave at the nodes behind the panel, for `labapp accuracy chain`.
-
-        The weights are the nodes' quadrature weights.
-        """
+        """Return the wave at the nodes behind the panel, times their quadrature weights."""
         down, along = (np.tile(self._weights, n) for n in modulation.shape)
         divided = modulation.repeat(self._count, 0).repeat(self._count, 1)
         return np.asarray(divided * np.outer(down, along) * self._spherical_wave())
 
     def _spherical_wave(self) -> Field:
-        """Return the spherical wave at the nodes for `labapp accuracy chain` (thesis Eq. 5.1).
-
-        The wave leaves out a common phase.
+        """Return the wave at the nodes but for a common phase (thesis Eq. 5.1).
 
         The chief ray goes through the middle of the lens, and its direction has the sines s = field
         / z2. It meets the panel at a distance r0 = d / sqrt(1 - s²) from the point. At an offset p
@@ -184,10 +155,7 @@ class SphericalWavePixels:
         return np.asarray(cosine / ratio * np.exp(2j * np.pi / chain.wavelength * path))
 
     def propagation_matrix(self, axis: int, places: Array) -> Field:
-        """Return the Fresnel kernel from every node to the lens, for `labapp accuracy chain`.
-
-        The kernel is that of one axis, (places, nodes).
-        """
+        """Return the Fresnel kernel of one axis from every node to the lens, (places, nodes)."""
         chain, z1 = self._chain, self._chain.camera.separation
         path = (places[:, None] - (self._y, self._x)[axis]) ** 2 / z1
         kernel = np.exp(1j * np.pi / chain.wavelength * path)
@@ -197,8 +165,9 @@ class SphericalWavePixels:
 class LowRankModulations:
     """Several modulations of a panel, each factored into two matrices of low rank where possible.
 
-    `left` has the shape (rows, ranks). `parts` are the slices of its columns that belong to each
-    modulation; they hold for the columns of `apply_right_factors` as well.
+    left: (rows, ranks).
+    parts: slices of its columns that belong to each modulation; they hold for the columns of
+    `apply_right_factors` as well.
     """
 
     def __init__(self, modulations: Sequence[Field]) -> None:
@@ -209,18 +178,14 @@ class LowRankModulations:
         self.parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def apply_right_factors(self, kernel: Field) -> Field:
-        """Multiply a kernel by the panel's right factors, for the slow accuracy reference.
-
-        The kernel is (places, columns), and the product is (places, ranks).
-        """
+        """Multiply a kernel, (places, columns), by the right factors: (places, ranks)."""
         return np.concatenate([kernel if r is None else kernel @ r for r in self._right], axis=1)
 
 
 def _low_rank_factors(modulation: Field) -> tuple[Field, Field | None]:
-    """Factor a panel modulation to speed up the slow reference of `labapp accuracy chain`.
+    """Factor a modulation into (rows, rank) and (columns, rank).
 
-    The factors are (rows, rank) and (columns, rank). The second factor is None where factoring
-    saves nothing; it stands for the identity.
+    The second factor is None where factoring saves nothing; it stands for the identity.
     """
     rows, columns = modulation.shape
     corner = modulation[:20, :20]

@@ -1,4 +1,4 @@
-"""Compute the PSF behind a panel in its lens' plane, and its gradient, as products of matrices."""
+"""The PSF behind a panel in its lens' plane, and its gradient, as products of matrices."""
 
 from __future__ import annotations
 
@@ -22,20 +22,15 @@ many change the light by less than 1e-12."""
 
 
 class PanelMatrices:
-    """Computes PSFs at pixels' centres for `labapp accuracy edof`, slowly, in double precision.
+    """PSFs at pixels' centres, computed slowly and in double precision.
 
     The wave of an object under a thin lens is a parabola, a product along y and x. The integral
     over every panel pixel is one, too, and the PSF's field is the panel's modulation between two
     matrices. They hold the integrals of all pixels, by a sum over nodes.
 
-    Parameters
-    ----------
-    camera : Camera
-        The camera; its panel stands at its thin lens. Unmodulated light isn't added.
-    distance, wavelength : float
-        Metres.
-    pixels : Plane
-        Where the light is computed.
+    camera: its panel stands at its thin lens. Unmodulated light isn't added.
+    distance, wavelength: metres.
+    pixels: where the light is computed.
     """
 
     def __init__(self, camera: Camera, distance: float, wavelength: float, pixels: Plane) -> None:
@@ -50,7 +45,7 @@ class PanelMatrices:
 
     @cached_property
     def _matrices(self) -> tuple[Field, Field]:
-        """The integrals over panel pixels of this accuracy reference, (samples, pixels) each."""
+        """The integrals over panel pixels along y and x, (samples, pixels) each."""
         return self._integrals(0), self._integrals(1)
 
     def _integrals(self, axis: int) -> Field:
@@ -68,24 +63,15 @@ class PanelMatrices:
         return found
 
     def light(self, phase: Array) -> Array:
-        """Compute the reference PSF of a phase in radians, (rows, columns): shares of the light."""
+        """Return the PSF of a phase in radians, (rows, columns): shares of the light."""
         field = self._field(self._modulation(phase))
         return np.asarray(self._factor * (field.real**2 + field.imag**2))
 
     def gradient(self, phase: Array, weights: Array) -> Array:
-        """Compute the gradient in the phase of the sum of weights times the reference PSF.
+        """Return the gradient in the phase of the sum of weights times the PSF, (rows, columns).
 
-        Parameters
-        ----------
-        phase : array, (rows, columns)
-            Radians on the panel.
-        weights : array, (rows, columns)
-            Weights of the window's pixels.
-
-        Returns
-        -------
-        array, (rows, columns)
-            The gradient on the panel.
+        phase: on the panel, (rows, columns), radians.
+        weights: of the window's pixels, (rows, columns).
         """
         y, x = self._matrices
         modulation = self._modulation(phase)

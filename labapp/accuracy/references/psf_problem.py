@@ -1,4 +1,4 @@
-"""Pose a PSF problem for a lens, or for a panel in the plane of its lens, with its reference.
+"""A PSF problem for a lens, or for a panel in the plane of its lens, with its reference.
 
 The reference is the exact light on some of the samples.
 """
@@ -33,20 +33,12 @@ Array = NDArray[np.float64]
 class PSFProblem:
     """A PSF problem that methods are compared on.
 
-    Attributes
-    ----------
-    optics : Camera or Lens
-        A camera whose panel stands in the plane of its lens, or a lens alone.
-    distance, wavelength : float
-        Metres.
-    pixels : Plane
-        Window on the sensor.
-    integrate : bool
-        Whether the light is integrated over pixels, or taken at their centres.
-    tol : float
-        Requested relative L2 error.
-    phase : Array or None
-        Phase on the panel in radians; None for a lens alone.
+    optics: a camera whose panel stands in the plane of its lens, or a lens alone.
+    distance, wavelength: metres.
+    pixels: window on the sensor.
+    integrate: whether the light is integrated over pixels, or taken at their centres.
+    tol: requested relative L2 error.
+    phase: on the panel, radians; None for a lens alone.
     """
 
     optics: Camera | Lens
@@ -74,22 +66,18 @@ class PSFProblem:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Return the names of the PSF methods that `labapp accuracy` measures on the problem."""
+        """Names of the methods that are measured."""
         return PANEL_METHODS if isinstance(self.optics, Camera) else METHODS
 
     def light(self, operator: PSFOperator) -> Array:
-        """Return the PSF that an operator computes for this problem of `labapp accuracy`.
-
-        The PSF is in double precision.
-        """
+        """Return the PSF that an operator computes, in double precision."""
         answer: Any = operator(None if self.phase is None else torch.from_numpy(self.phase))
         return np.asarray(answer, dtype=np.float64)
 
     def build_reference(self, light: Array) -> PSFReference:
-        """Return the slow reference with which `labapp accuracy` compares methods.
+        """Return the exact light on some samples, drawn more often where `light` is bright.
 
-        `light` is an approximate PSF. The reference draws its samples more often where this PSF is
-        bright.
+        light: an approximate PSF.
         """
         return PSFReference(self, light)
 
@@ -112,7 +100,7 @@ class PSFReference:
         self._columns, self._column_weight = draw_samples(rng, np.abs(light).sum(0), count)
 
     def _pixel_quadrature_nodes(self) -> Array:
-        """Return the nodes along an axis of a sensor pixel for an accuracy reference, in pixels."""
+        """Return the nodes along an axis of a sensor pixel, in pixels."""
         if not self._problem.integrate:
             return np.zeros(1)
         lens, pitch = self._problem.lens, max(self._problem.pixels.pitch)
@@ -121,7 +109,7 @@ class PSFReference:
 
     @property
     def product_count(self) -> float:
-        """Estimate how many products the slow reference PSF of `labapp accuracy` takes."""
+        """Estimated number of products that the exact light takes."""
         problem, side = self._problem, self._columns.size * self._nodes.size
         if isinstance(problem.optics, Camera):
             shape = problem.optics.panel.shape
@@ -131,17 +119,16 @@ class PSFReference:
         return node_count(problem.lens, problem.distance, problem.wavelength, corner) * side
 
     def error(self, light: Array) -> float:
-        """Return the relative L2 error that `labapp accuracy` prints for a PSF, (rows, columns)."""
+        """Return the relative L2 error of a PSF, (rows, columns)."""
         return float(
             np.linalg.norm(self.weighted_samples(light) - self.exact_samples)
             / np.linalg.norm(self.exact_samples)
         )
 
     def weighted_samples(self, light: Array) -> Array:
-        """Return the weighted samples of a PSF that `labapp accuracy` compares with the reference.
+        """Return a PSF's weighted samples on the compared rows and columns.
 
-        The samples lie on the compared rows and columns. Their norm estimates that of the whole
-        PSF.
+        Their norm estimates that of the whole PSF.
         """
         return self._apply_weights(light[np.ix_(self._rows, self._columns)])
 
@@ -150,7 +137,7 @@ class PSFReference:
 
     @cached_property
     def exact_samples(self) -> Array:
-        """Return the slow reference of `labapp accuracy` as `weighted_samples` would give it."""
+        """The exact light as `weighted_samples` would give it."""
         pixels, y, x = self._problem.pixels, *self._node_positions()
         density = self.density(y, x)
         count = self._nodes.size
@@ -162,10 +149,7 @@ class PSFReference:
         return self._apply_weights(np.einsum("iajb,a,b->ij", blocks, weights, weights) * area)
 
     def _node_positions(self) -> tuple[Array, Array]:
-        """Return where the slow reference of `labapp accuracy` is computed, y and x in metres.
-
-        The positions are those of all nodes in the compared pixels.
-        """
+        """Return y and x of all nodes in the compared pixels, in metres."""
         pixels = self._problem.pixels
         y, x = (
             (
@@ -176,10 +160,7 @@ class PSFReference:
         return y, x
 
     def density(self, y: Array, x: Array) -> Array:
-        """Return the slow reference of `labapp accuracy` at positions y and x, (y, x).
-
-        The values are exact shares of the light per square metre.
-        """
+        """Return exact shares of the light per square metre at y and x, (y, x)."""
         problem = self._problem
         if isinstance(problem.optics, Lens):
             return lens_psf_density(problem.optics, problem.distance, problem.wavelength, y, x)
@@ -191,10 +172,7 @@ class PSFReference:
         return (1 - share) * modulated + share * straight
 
     def _panel_nodes(self) -> int:
-        """Return how many nodes across a panel pixel a reference of `labapp accuracy` needs.
-
-        The nodes are those of a Gauss-Legendre rule.
-        """
+        """Return how many Gauss-Legendre nodes across a panel pixel are needed."""
         problem = self._problem
         assert isinstance(problem.optics, Camera)
         panel, lens = problem.optics.panel, problem.lens
@@ -207,10 +185,9 @@ class PSFReference:
         return math.ceil(2 * waves) + 6
 
     def density_behind_panel(self, camera: Camera, phase: Array, y: Array, x: Array) -> Array:
-        """Return the slow reference of `labapp accuracy` for a panel in its lens's plane, per m².
+        """Return the share of light per square metre behind a panel in its lens's plane, (y, x).
 
-        The density is the share of light per square metre. Every open pixel of the panel is a
-        square of one modulation.
+        Every open pixel of the panel is a square of one modulation.
         """
         panel, lens, problem = camera.panel, camera.lens, self._problem
         scale, radius = problem.wavelength * lens.image_distance, lens.stop_diameter / 2
@@ -239,5 +216,5 @@ class PSFReference:
 
 
 def window_corner_distance(problem: PSFProblem) -> float:
-    """Return how far a `labapp accuracy` window's farthest corner is from the axis, in metres."""
+    """Return the distance from the axis to the window's farthest corner, in metres."""
     return math.hypot(*(np.abs(sample_positions(problem.pixels, axis)).max() for axis in (0, 1)))

@@ -1,4 +1,4 @@
-"""Compute the PSF of a clear, thin lens by its Hankel integral (thesis Eq. 3.1)."""
+"""The PSF of a clear, thin lens by its Hankel integral (thesis Eq. 3.1)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ Picture = NDArray[np.float64]
 def round_lens_psf(
     lens: Lens, distance: float, wavelength: float, pitch: float, side: int
 ) -> Picture:
-    """Return the slow reference PSF of `labapp accuracy` for a clear, thin lens.
+    """Return the shares of light on a square window: density at a pixel's centre times its area.
 
-    Its values are shares of the light on a square window: the density at the centre of a pixel
-    times its area. The Hankel integral is computed at the radius of every pixel, with at
-    least three Gauss-Legendre nodes for every two radians.
+    The Hankel integral is computed at the radius of every pixel, with at least three Gauss-Legendre
+    nodes for every two radians.
     """
     outer, scale = lens.stop_diameter / 2, wavelength * lens.image_distance
     vergence = 1 / distance - 1 / lens.focus_distance

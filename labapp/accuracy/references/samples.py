@@ -1,4 +1,4 @@
-"""Draw random samples of a picture that represent all of it."""
+"""Random samples of a picture that represent all of it."""
 
 from __future__ import annotations
 
@@ -11,25 +11,13 @@ Real = NDArray[np.float64]
 def draw_samples(
     rng: np.random.Generator, light: Real, count: int
 ) -> tuple[NDArray[np.int64], Real]:
-    """Draw the samples on which `labapp accuracy` compares methods: half by light, half evenly.
+    """Draw samples, half by their light and half evenly; return flat indices and weights.
 
     Half of a sample's probability is in proportion to its light; the other half is the same for
-    all.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of random numbers.
-    light : Real
-        Light of every sample, of any shape; not negative.
-    count : int
-        Samples to draw; all are taken where there are no more.
-
-    Returns
-    -------
-    tuple
-        Indices in the flattened picture, and weights, which are the inverse probabilities: a
-        weighted sum over the drawn samples estimates the sum over all.
+    all. Weights are the inverse probabilities: a weighted sum over the drawn samples estimates the
+    sum over all.
+    light: of every sample, of any shape; not negative.
+    count: samples to draw; all are taken where there are no more.
     """
     light = light.ravel()
     if light.size <= count:

@@ -1,1 +1,1 @@
-"""Self-test of a device: check that it does what its interface says, and report for support."""
+"""Self-test of a device: whether it does what its interface says, and a report for support."""

@@ -1,4 +1,4 @@
-"""The checks of a camera's self-test: its frames, and what their light says of its numbers."""
+"""Checks of a camera: its frames, and what their light says of its numbers."""
 
 from __future__ import annotations
 
@@ -78,9 +78,11 @@ _APART = 1.2
 class DescribedCamera:
     """How a bench file describes its camera.
 
-    sensor: with calibration; None if it isn't described. tells_clip_level: whether the file tells
-    where its pixels clip, or a calibration does. options: of the driver. source: name of
-    the bench file. lines: what the file should say; the checks add to it.
+    sensor: with calibration; None if it isn't described.
+    tells_clip_level: whether the file tells where its pixels clip, or a calibration does.
+    options: of the driver.
+    source: name of the file.
+    lines: what the file should say; the checks add to it.
     """
 
     sensor: Sensor | None = None
@@ -91,7 +93,7 @@ class DescribedCamera:
 
 
 def camera_checks(device: Any, clock: Clock, described: DescribedCamera) -> list[Check]:
-    """Return the self-test's checks of a bench's camera, as the bench file describes it."""
+    """Return the checks of a camera, on its own and against its description."""
     shortest, longest = device.exposure_range
     test = _CameraTest(device, clock, described)
     most = max(shortest, min(longest, _LONGEST))
@@ -131,7 +133,7 @@ class _CameraTest:
     _latency: tuple[tuple[float, float], int | None] | None = None
 
     def check_description(self) -> str:
-        """Check that the bench file describes a camera of this size and these numbers."""
+        """Check that the file describes a camera of this size and these numbers."""
         assert self.described.sensor is not None
         try:
             require_described_camera(self.device, self.described.sensor, self.described.source)
@@ -140,7 +142,7 @@ class _CameraTest:
         return "size, bits and colours are those of the bench file"
 
     def take(self, exposure: float) -> str:
-        """Take a frame of the bench's camera and keep it; say what is in it."""
+        """Take a frame and keep it; say what is in it. `exposure` is in seconds."""
         device = self.device
         setting = device.set_exposure(exposure)
         wait_until_ready(setting, self.clock)
@@ -162,7 +164,7 @@ class _CameraTest:
 
     @cached_property
     def _seen(self) -> FewExposures | None:
-        """What the frames say of the bench's camera; None if too few came."""
+        """What the frames say of the camera; None if too few came."""
         rising: list[Frame] = []
         for frame in sorted(self._frames, key=lambda one: one.exposure):
             if not rising or frame.exposure > _APART * rising[-1].exposure:
@@ -172,7 +174,7 @@ class _CameraTest:
         return FewExposures([one.exposure for one in rising], [one.image for one in rising])
 
     def check_black_level(self) -> str:
-        """Measure the camera's black level, and compare it with the bench file's."""
+        """Measure the black level, and compare it with the described one."""
         seen, sensor = self._seen, self.described.sensor
         if seen is None:
             return _NO_FRAMES
@@ -197,7 +199,7 @@ class _CameraTest:
         raise SelfTestFailure(f"{told}, and the bench file says {sensor.black_level:g}")
 
     def check_clip_level(self) -> str:
-        """Measure where the camera's pixels clip, and compare it with the bench file's."""
+        """Measure where pixels clip, and compare it with the described level."""
         seen, sensor = self._seen, self.described.sensor
         if seen is None:
             return _NO_FRAMES
@@ -219,13 +221,13 @@ class _CameraTest:
         raise SelfTestFailure(f"{told}, and by the bench file they clip at {sensor.full_scale}")
 
     def _is_other_clip(self, number: int, limit: str, sensor: Sensor) -> bool:
-        """Return whether a clip level contradicts the bench file's sensor."""
+        """Return whether a clip level contradicts the described sensor."""
         if limit == "converter" and number < sensor.full_scale:
             return True
         return number < sensor.full_scale * (1 - _WELL_TOLERANCE) or number > sensor.top_number
 
     def check_linearity(self) -> str:
-        """Check that the camera's numbers rise with the exposure as light does."""
+        """Check that numbers rise with the exposure as light does."""
         seen = self._seen
         if seen is None:
             return _NO_FRAMES
@@ -245,14 +247,14 @@ class _CameraTest:
         return self._check_linearity_of_means(told, found.exposures)
 
     def _sees_flicker(self, exposure: float, seen: FewExposures) -> bool:
-        """Return whether a lamp flickers, so that the self-test may miss a gamma."""
+        """Return whether a lamp flickers, so that a gamma may be missed."""
         if exposure > _FLICKER_PERIOD:
             return False
         images = self._repeat(exposure, _FEWEST)
         return frame_flicker(images, seen.black_level.value) > _LINEAR
 
     def _check_linearity_of_means(self, told: str, exposures: tuple[float, float, float]) -> str:
-        """Check the camera's linearity by the mean of repeated frames, if a lamp may flicker."""
+        """Check the linearity by the mean of repeated frames, if a lamp may flicker."""
         count = round(min(max(_FEWEST, _REPEAT_SECONDS / exposures[-1]), _MOST_REPEATS))
         repeats = [self._repeat(exposure, count) for exposure in exposures]
         found = repeated_linearity(exposures, repeats)
@@ -275,7 +277,7 @@ class _CameraTest:
         return told
 
     def _repeat(self, exposure: float, count: int) -> list[NDArray[np.uint16]]:
-        """Take frames of the bench's camera at one exposure, at uneven times."""
+        """Take frames at one exposure in seconds, at uneven times."""
         wait_until_ready(self.device.set_exposure(exposure), self.clock)
         images = []
         for number in range(count):
@@ -285,7 +287,7 @@ class _CameraTest:
         return images
 
     def check_latency(self) -> str:
-        """Tell how many frames late the bench's camera obeys a new exposure."""
+        """Tell how many frames late the camera obeys a new exposure."""
         if self._latency is None:
             seen = self._seen
             return _NO_LIGHT if seen is None or not seen.sees_light else _DIM
@@ -298,7 +300,7 @@ class _CameraTest:
         return f"a new exposure holds after {found} frames, which are discarded from now on"
 
     def _find_latency(self) -> None:
-        """Measure the latency as soon as the bench's last two frames differ enough for it.
+        """Measure the latency as soon as the last two frames differ enough for it.
 
         The driver discards so many frames from then on. One that can't measure it must give frames
         of the new exposure, at whose light check_latency() looks.
@@ -320,7 +322,7 @@ class _CameraTest:
         self._latency = exposures, measure(exposures)
 
     def _check_frames_obey(self, exposures: tuple[float, ...]) -> str:
-        """Check that the camera's first frame after a change has the new exposure's light."""
+        """Check that the first frame after a change has the new exposure's light."""
         levels = []
         for exposure in (*exposures, *exposures):
             wait_until_ready(self.device.set_exposure(exposure), self.clock)
@@ -336,10 +338,7 @@ class _CameraTest:
 
 
 def _require_matching_frame(frame: Frame, exposure: float, shape: tuple[int, int]) -> None:
-    """Raise SelfTestFailure unless a frame is as the bench's self-test requested it.
-
-    Exposure, shape and type are compared.
-    """
+    """Raise SelfTestFailure unless a frame is as requested: exposure, shape and type."""
     if not math.isclose(frame.exposure, exposure, rel_tol=1e-6):
         raise SelfTestFailure(
             f"exposed {frame.exposure * 1e3:g} ms instead of {exposure * 1e3:g} ms"

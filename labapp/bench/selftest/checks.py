@@ -1,4 +1,4 @@
-"""Run the checks of a device's self-test, and go on after a check that fails."""
+"""Running checks one by one, on after one that fails."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SelfTestFailure(Exception):
 
 @dataclass(frozen=True)
 class CheckResult:
-    """Result of one check of a self-test; `seconds` is the wall-clock time that it took."""
+    """Outcome of one check; `seconds` is the wall-clock time that it took."""
 
     check: str
     passed: bool
@@ -35,19 +35,19 @@ class CheckResult:
 
 
 def identity_text(device: Any) -> str:
-    """Describe a bench device in words: model, serial number, and whether it is simulated."""
+    """Describe a device in words: model, serial number, and whether it is simulated."""
     who = device.identity
     simulated = ", SIMULATED" if who.simulated else ""
     return f"{who.model}, serial number {who.serial or 'unknown'}{simulated}"
 
 
 def wait_until_ready(setting: Setting[Any], clock: Clock) -> None:
-    """Wait until a setting of the bench's device stands."""
+    """Wait until a setting stands."""
     clock.wait_until(setting.ready_at, lambda: False)
 
 
 def require_refusal(act: Callable[[], object], what: str) -> str:
-    """Check in a self-test that the bench's device refuses an act, and return its reply.
+    """Check that a device refuses an act, and return its reply.
 
     Raises SelfTestFailure if the device doesn't refuse.
     """
@@ -59,7 +59,7 @@ def require_refusal(act: Callable[[], object], what: str) -> str:
 
 
 def describe_error(error: Exception, name: str) -> str:
-    """Return the message of a bench device's error, whatever its driver raised.
+    """Return an error's message, whatever a driver raised.
 
     An exception that drivers must not raise is logged with its traceback. It isn't raised again,
     so that the other devices are still checked.
@@ -71,7 +71,7 @@ def describe_error(error: Exception, name: str) -> str:
 
 
 def run_checks(checks: list[Check], progress: Progress) -> list[CheckResult]:
-    """Run all checks of a bench device's self-test in turn, even if some fail.
+    """Run all checks in turn, even if some fail.
 
     Raises Cancelled between two checks.
     """
@@ -83,7 +83,7 @@ def run_checks(checks: list[Check], progress: Progress) -> list[CheckResult]:
 
 
 def run_check(name: str, check: Callable[[], str]) -> CheckResult:
-    """Run one check of a bench device's self-test; an exception of the driver makes it fail.
+    """Run one check; an exception of the driver makes it fail.
 
     UserError and Cancelled are raised again, because they don't tell anything about the device.
     """

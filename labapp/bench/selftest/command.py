@@ -1,4 +1,4 @@
-"""`labapp devices test`: run the self-test of a device, print it, and keep it for support."""
+"""`labapp devices test`: test a device, print the results, and keep them for support."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def run_selftest(
     as_json: bool,
     force: bool,
 ) -> bool:
-    """Run the self-test of a bench device, print the results, and return whether all is well.
+    """Test a device, print the results, and return whether all is well.
 
     `report` is the file for the same results as JSON. A device that doesn't open gives a failed
     check. Raises UserError for a wrong bench file, or a device that another application uses.
@@ -75,7 +75,7 @@ def _test_device(setup: BenchSetup, role: str, described: DescribedCamera) -> li
 
 
 def _needed(setup: BenchSetup, role: str) -> tuple[str, ...]:
-    """Return the devices of the bench that a self-test opens.
+    """Return the devices that must be opened for a test.
 
     A simulated camera sees what the simulated target changer places.
     """
@@ -85,7 +85,7 @@ def _needed(setup: BenchSetup, role: str) -> tuple[str, ...]:
 
 
 def _light_target(devices: Mapping[str, Any]) -> None:
-    """Place a target that isn't dark before the bench's simulated camera."""
+    """Place a target that isn't dark before the simulated camera."""
     if "camera" in devices and "targets" in devices:
         changer = devices["targets"]
         lit = [name for name in changer.names if name != "dark"]
@@ -100,7 +100,7 @@ def _as_data(
     found: list[CheckResult],
     should_say: Sequence[str],
 ) -> dict[str, Any]:
-    """Return the self-test of a bench's device as data for its JSON report."""
+    """Return the results as data for the JSON report."""
     return {
         "device": role,
         "bench": bench,

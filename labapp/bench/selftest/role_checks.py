@@ -1,4 +1,4 @@
-"""Define the checks of the self-test for each kind of device."""
+"""Checks for each kind of device."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from labapp.bench.selftest.checks import (
 def device_checks(
     role: str, device: Any, clock: Clock, described: DescribedCamera | None = None
 ) -> list[Check]:
-    """Return the self-test's checks of the device that the bench calls `role`.
+    """Return the checks of the device that the bench calls `role`.
 
     described: how the bench file describes a camera, which is then checked, too.
     """
@@ -51,7 +51,7 @@ def _raise(error: Exception) -> str:
 
 
 def _health(device: Any) -> str:
-    """Return what a bench device reports about its health, for the self-test."""
+    """Say what a device reports about its health."""
     try:
         health: dict[str, str] = device.health()
     except AttributeError:
@@ -151,7 +151,7 @@ def _slm_checks(device: Any, clock: Clock) -> list[Check]:
 
 
 def _presentation_summary(device: Any) -> str:
-    """Say for the bench's self-test how many frames a display showed, and how many were late.
+    """Say how many frames a display showed, and how many were late.
 
     The text is empty if the display doesn't report this.
     """

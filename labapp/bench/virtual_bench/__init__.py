@@ -1,4 +1,4 @@
-"""Serve a virtual bench to real drivers through ports, camera packets and a screen's pixels.
+"""A virtual bench served to real drivers through ports, camera packets and a screen's pixels.
 
 `serving` implements `labapp virtual-bench serve`. `shared_world` is the virtual world of all
 instruments. `filters`, `cameras`, `panels` and `spectroradiometers` serve the instruments.

@@ -1,4 +1,4 @@
-"""Write the bench file of a served virtual bench, which names drivers and ports."""
+"""The bench file of served instruments, which names their drivers and ports."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _HEAD = """\
 def bench_text(
     bench: BenchFile, served: Mapping[str, ServedInstrument], targets: Sequence[str]
 ) -> str:
-    """Return the bench file of a served virtual bench as TOML.
+    """Return the bench file of served instruments as TOML.
 
     Devices that aren't served keep their tables from `bench`.
     """

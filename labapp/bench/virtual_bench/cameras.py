@@ -1,4 +1,4 @@
-"""Serve the camera of a virtual bench as GigE Vision packets on this computer's loopback."""
+"""A simulated camera, served as GigE Vision packets on this computer's loopback."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ADDRESS = "127.0.0.1"
 
 
 def serve_camera(sensor: Sensor, site: ServingContext) -> ServedInstrument:
-    """Serve the virtual bench's simulated GigE camera until the site's stack is left.
+    """Serve a simulated GigE camera until the site's stack is left.
 
     Raises UserError without Aravis, for bits that GigE cameras don't send, or if another virtual
     bench already serves a camera.

@@ -1,4 +1,4 @@
-"""Read commands to a virtual bench from standard input until it is stopped."""
+"""Commands read from standard input until the instruments are stopped."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from labapp.common.console import handle_stop_signals, print_message
 
 @contextmanager
 def catch_stop_requests() -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether a signal has asked the served bench to stop.
+    """Yield a function that tells whether a signal has asked to stop.
 
     A second signal ends the block at once by KeyboardInterrupt.
     """
@@ -38,7 +38,7 @@ def catch_stop_requests() -> Iterator[Callable[[], bool]]:
 def read_commands(
     talk: CommandInterpreter, stop_requested: Callable[[], bool], *, until_eof: bool
 ) -> None:
-    """Execute the command lines typed to a served virtual bench until it is stopped.
+    """Execute typed command lines until a stop is requested.
 
     If `until_eof` is true, the end of standard input stops it as well.
     """
@@ -61,9 +61,9 @@ def read_commands(
 
 
 def _may_read(source: int) -> bool:
-    """Return whether the served bench may read commands from standard input.
+    """Return whether commands may be read from standard input.
 
-    It may not if it runs in the background of a terminal: the shell would then stop the process
+    They may not if the process runs in the background of a terminal: the shell would then stop it
     for reading, and all instruments with it.
     """
     try:

@@ -1,4 +1,4 @@
-"""Interpret the commands that a person types, or a script writes, to a served virtual bench."""
+"""Commands that a person types, or a script writes, to served instruments."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ quit                      end all instruments"""
 
 
 class CommandInterpreter:
-    """Execute command lines on a served virtual bench; `is_over` is true after "quit"."""
+    """Executes command lines on served instruments; `is_over` is true after "quit"."""
 
     def __init__(
         self, shared: SharedWorld, targets: list[str], instruments: Mapping[str, ServedInstrument]
@@ -31,7 +31,7 @@ class CommandInterpreter:
         self.is_over = False
 
     def execute(self, line: str) -> str:
-        """Execute a line typed to a served bench, and return the answer, which may be empty.
+        """Execute a line, and return the answer, which may be empty.
 
         Raises ValueError, with a message for the user, for a line that isn't understood.
         """

@@ -1,4 +1,4 @@
-"""Serve the filter of a virtual bench at a port; its commands tune the light of the world."""
+"""A simulated filter, served at a port; its commands tune the light of the world."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _WHEEL_OPTIONS = ("slots_nm", *_BAND_OPTIONS)
 
 
 def serve_filter(kind: str, table: DeviceTable, site: ServingContext) -> ServedInstrument:
-    """Serve the virtual bench's simulated filter until the site's stack is left.
+    """Serve a simulated filter until the site's stack is left.
 
     `kind` is one of `FILTERS`. `table` is the filter of the bench file, which may give range,
     width, slots and shape. Raises UserError if the table doesn't fit this kind of filter.

@@ -1,4 +1,4 @@
-"""Describe a served instrument of a virtual bench: its driver, the driver's options, its faults."""
+"""What a served instrument is to others: its driver, the driver's options, and its faults."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ServedInstrument:
 def serve_on_serial_line(
     site: ServingContext, driver: str, machine: SerialMachine, baudrate: int, **options: Any
 ) -> ServedInstrument:
-    """Serve a simulated instrument of the virtual bench at a serial port named after its driver."""
+    """Serve a simulated instrument at a serial port named after its driver."""
     line, port = SimulatedLine(machine, baudrate=baudrate), site.folder / driver
     site.stack.enter_context(PtyLine(line, port, site.clock))
     return wired_instrument(
@@ -67,7 +67,7 @@ def wired_instrument(
     own_faults: tuple[str, ...],
     clock: Clock,
 ) -> ServedInstrument:
-    """Return a served instrument of the virtual bench, behind a serial line or a USB plug.
+    """Return a served instrument behind a serial line or a USB plug.
 
     `own_faults` are the kinds of faults of the machine itself, besides those of the wire.
     """
@@ -85,7 +85,7 @@ def wired_instrument(
 
 
 def _wait_for_port(port: Path | None, there: bool, clock: Clock) -> None:
-    """Wait up to 1 s until another thread has made a served bench's port appear or disappear."""
+    """Wait up to 1 s until another thread has made a port appear or disappear."""
     if port is not None:
         clock.wait_until(clock.now() + 1.0, lambda: port.is_symlink() == there)
 
@@ -93,7 +93,7 @@ def _wait_for_port(port: Path | None, there: bool, clock: Clock) -> None:
 def gige_instrument(
     options: dict[str, Any], camera: FakeGigECamera, clock: Clock
 ) -> ServedInstrument:
-    """Return the virtual bench's served GigE camera with its driver options and faults."""
+    """Return a served GigE camera with its driver options and faults."""
 
     def fail(kind: str, seconds: float) -> None:
         camera.inject(CameraFault(cast(CameraFaultKind, kind), clock.now(), seconds))

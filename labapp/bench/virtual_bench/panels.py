@@ -1,4 +1,4 @@
-"""Serve the SLM of a virtual bench: its panel shows what is on a screen."""
+"""A simulated SLM, whose panel shows what is on a screen."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from simulator.screens import NoXServer, xvfb
 
 
 class ScreenMirror:
-    """Copy the pixels of a screen to the panel of the virtual world on each update.
+    """Copies the pixels of a screen to the panel of the virtual world on each update.
 
     If the screen can't be read, the panel is dark, like one without a signal, and the next update
     looks for the screen again.
@@ -36,7 +36,7 @@ class ScreenMirror:
         self.output = self._open()
 
     def update(self) -> None:
-        """If the screen was drawn on since the last update, copy it to the served bench's panel."""
+        """Copy the screen to the panel if it was drawn on since the last update."""
         with self._turn:
             if self._closed:
                 return
@@ -55,7 +55,7 @@ class ScreenMirror:
                 world.grey = grey
 
     def close(self) -> None:
-        """Close the screen of the served bench's panel; later updates do nothing.
+        """Close the screen; later updates do nothing.
 
         A later update may come from a frame that is still being computed.
         """
@@ -64,7 +64,7 @@ class ScreenMirror:
             self._drop()
 
     def _drop(self) -> None:
-        """Close the reader of the screen that the served bench's panel mirrors, if it is open."""
+        """Close the screen's reader, if it is open."""
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.close()
@@ -86,7 +86,7 @@ class ScreenMirror:
 
 
 def serve_panel(panel: Panel, display: str, screen: str, site: ServingContext) -> ServedInstrument:
-    """Serve the virtual bench's SLM, which shows a screen, until the site's stack is left.
+    """Serve an SLM that shows a screen, until the site's stack is left.
 
     The screen belongs to the X server `display`, or to an Xvfb that is started if `display` is
     empty. Raises UserError if there is no such screen, or if it is the operator's own.
@@ -141,7 +141,7 @@ def _find_output(display: str, request: ScreenRequest) -> Output:
 
 
 def _start_xvfb(rows: int, columns: int, stack: ExitStack) -> str:
-    """Start an X server with an invisible screen for the served bench, and return its display."""
+    """Start an X server with an invisible screen, and return its display."""
     try:
         return stack.enter_context(xvfb(columns, rows)).display
     except NoXServer as error:

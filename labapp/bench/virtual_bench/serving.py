@@ -1,4 +1,4 @@
-"""`labapp virtual-bench serve`: serve simulated instruments to real drivers."""
+"""`labapp virtual-bench serve`: simulated instruments at real ports, for real drivers."""
 
 from __future__ import annotations
 
@@ -37,22 +37,12 @@ _KINDS = {
 class ServeOptions:
     """Options of `labapp virtual-bench serve`.
 
-    Attributes
-    ----------
-    files : BenchFiles
-        Bench that is served, and its scene.
-    filter, camera, slm, spectroradiometer : str
-        Kind of each instrument, or "none".
-    display, screen : str
-        X server and output that show the SLM's pattern; empty for an Xvfb.
-    folder : Path or None
-        Folder of the ports; None for a temporary one.
-    out : Path or None
-        Bench file to write.
-    force : bool
-        Whether an existing bench file is replaced.
-    until_eof : bool
-        Whether the end of standard input ends the bench.
+    filter, camera, slm, spectroradiometer: kind of each instrument, or "none".
+    display, screen: X server and output that show the SLM's pattern; empty for an Xvfb.
+    folder: of the ports; None for a temporary one.
+    out: bench file to write.
+    force: whether an existing file is replaced.
+    until_eof: whether the end of standard input ends the instruments.
     """
 
     files: BenchFiles
@@ -68,7 +58,7 @@ class ServeOptions:
     until_eof: bool
 
     def require_valid(self) -> None:
-        """Raise UserError for the first wrong option for serving a virtual bench."""
+        """Raise UserError for the first wrong option."""
         for name, kinds in _KINDS.items():
             value, known = getattr(self, name), (*kinds, "none")
             if value not in known:
@@ -82,7 +72,7 @@ class ServeOptions:
 
 
 def serve(options: ServeOptions) -> None:
-    """Serve a virtual bench until it is stopped, then remove its ports and folders.
+    """Serve all instruments until they are stopped, then remove ports and folders.
 
     Raises UserError for options or files that are wrong.
     """
@@ -109,7 +99,7 @@ def serve(options: ServeOptions) -> None:
 def _start(
     options: ServeOptions, setup: BenchSetup, stack: ExitStack
 ) -> tuple[SharedWorld, list[str], dict[str, ServedInstrument]]:
-    """Start the virtual world and the instruments of a served bench.
+    """Start the virtual world and its instruments.
 
     Returns the world, the names of its targets, and the instruments by their names on the bench.
     """

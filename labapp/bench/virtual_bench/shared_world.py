@@ -1,4 +1,4 @@
-"""Share one virtual world among the threads that serve the instruments of a virtual bench."""
+"""One virtual world, shared among the threads that serve its instruments."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class SharedWorld:
 
     @contextmanager
     def exclusive_access(self) -> Iterator[World]:
-        """Yield the served bench's virtual world while no other thread changes it."""
+        """Yield the world while no other thread changes it."""
         with self._turn:
             yield self._world
 
     def render_frame(self, exposure: float, gain_db: float) -> NDArray[np.uint16]:
-        """Render a picture with its own noise for the served bench's FakeGigECamera.
+        """Render a picture with its own noise for FakeGigECamera; `exposure` is in seconds.
 
         An error is printed for the user who serves the bench, because the camera's client sees
         only that a frame is missing.
@@ -59,7 +59,7 @@ class SharedWorld:
             return self._render(exposure, gain_db)
 
     def radiance(self, wavelengths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the spectral radiance that the served bench's spectroradiometer sees.
+        """Return the spectral radiance that a spectroradiometer sees.
 
         Units and shapes are those of `World.radiance`.
         """
@@ -67,7 +67,7 @@ class SharedWorld:
             return self._world.radiance(wavelengths)
 
     def place(self, name: str) -> None:
-        """Put a target in front of the served bench's camera.
+        """Put a target in front of the camera.
 
         Raises ValueError, which lists the targets, for an unknown name.
         """
@@ -78,7 +78,7 @@ class SharedWorld:
             self._world.target = name
 
     def describe_state(self) -> str:
-        """Describe the served virtual bench's filter, SLM, target and pictures in one line."""
+        """Describe filter, SLM, target and pictures in one line."""
         self.before_frame()
         with self._turn:
             band, grey = self._world.band, self._world.grey

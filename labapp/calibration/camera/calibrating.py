@@ -1,4 +1,4 @@
-"""Run the calibration of a bench's camera: trial exposures, plan, run, fit and files."""
+"""All steps for a bench's camera: trial exposures, plan, run, fit and files."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from optics.progress import Progress
 CAMERA_FILE, PICTURE_FILE = "camera.json", "camera.png"
 
 _TRIAL_SHARE, _RUN_SHARE = 0.1, 0.7
-"""Shares of a camera calibration's progress that are reached after the trials and after the run."""
+"""Shares of the progress that are reached after the trials and after the run."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraResult:
-    """Hold a camera calibration's fit and the content of its file."""
+    """The fit, and the content of its file."""
 
     noise: CameraNoise
     file: CameraNoiseFile
@@ -46,7 +46,7 @@ def calibrate_camera(
     progress: Progress | None = None,
     ask: AskOperator | None = None,
 ) -> CameraResult:
-    """Calibrate a bench's camera: find the exposures, take all frames, fit, and write the files.
+    """Find the exposures, take all frames, fit them, and write the files.
 
     The folder gets plan.toml, run.h5, camera.json and camera.png. Raises a UserError that says what
     is wrong at the bench, and Cancelled if the progress was cancelled.
@@ -69,7 +69,7 @@ def calibrate_camera(
 def prepare_camera_plan(
     bench: Bench, request: CameraRequest, folder: Path, *, force: bool = False
 ) -> PlanFile:
-    """Write the plan of a camera's calibration for a later run; UserError without an exposure."""
+    """Write the plan for a later run; UserError without an exposure."""
     require_free_names(folder, (PLAN_FILE,), force=force)
     _require_targets(bench, request)
     if request.flat_ms is None:
@@ -84,7 +84,7 @@ def prepare_camera_plan(
 def fit_camera_and_write(
     path: Path, flat: str | None = None, progress: Progress | None = None
 ) -> CameraResult:
-    """Fit the record of a camera's calibration, and write camera.json and camera.png beside it.
+    """Fit a record, and write camera.json and camera.png beside it.
 
     flat: name of the flat target, where the record has several. Raises UserError for frames from
     which a camera's noise doesn't follow.
@@ -106,7 +106,7 @@ def fit_camera_and_write(
 
 
 def _characterise(path: Path, pairs: RecordedPairs) -> CameraNoise:
-    """Characterise the camera of recorded pairs of frames; UserError names the record."""
+    """Characterise the camera from pairs of frames; UserError names the record."""
     try:
         return characterise_camera(pairs.frames)
     except ValueError as error:
@@ -114,14 +114,13 @@ def _characterise(path: Path, pairs: RecordedPairs) -> CameraNoise:
 
 
 def _write_plan(bench: Bench, request: CameraRequest, folder: Path) -> PlanFile:
-    """Design the plan of a camera's calibration, and write it to a folder."""
     plan = build_camera_plan(request, bench.description.sensor)
     write_plan(folder, plan, {})
     return plan
 
 
 def _require_targets(bench: Bench, request: CameraRequest) -> None:
-    """Raise UserError if the bench lacks the flat or the dark target of a camera's calibration."""
+    """Raise UserError if the bench lacks the flat or the dark target."""
     names = bench.targets.names
     for option, name in (("flat", request.flat), ("dark", request.dark)):
         if name not in names:

@@ -1,4 +1,4 @@
-"""Run `labapp calibrate --camera`: calibrate a bench's camera, or fit an existing record."""
+"""`labapp calibrate --camera`, on a bench or from an existing record."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from labapp.runs.run_commands import (
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """Hold the options of `labapp calibrate --camera`; None for the default of the request."""
+    """Options of `labapp calibrate --camera`; None for the default of the request."""
 
     flat: str | None
     dark: str
@@ -43,7 +43,7 @@ class CameraOptions:
     dark_s: float | None
 
     def request(self) -> CameraRequest:
-        """Return the request of a camera's calibration; UserError names a wrong option."""
+        """Return the request that the options describe; UserError names a wrong one."""
         if len(self.wavelength_nm) > 1:
             raise UserError("--wavelength-nm: the camera is calibrated at one wavelength.")
         given = {
@@ -65,7 +65,7 @@ class CameraOptions:
 def calibrate_camera_of_bench(
     options: CameraOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Calibrate a bench's camera, and print results and paths of the files."""
+    """Characterise a bench's camera, and print results and paths of the files."""
     request = options.request()
     names = (PLAN_FILE, RECORD_FILE, CAMERA_FILE, PICTURE_FILE)
     require_free_names(folder, names, force=execution.force)
@@ -82,7 +82,7 @@ def calibrate_camera_of_bench(
 def write_camera_plan(
     options: CameraOptions, folder: Path, files: BenchFiles, execution: ExecutionOptions
 ) -> None:
-    """Write the plan of a camera's calibration to a folder, for `labapp run`."""
+    """Write the plan to a folder, for `labapp run`."""
     request = options.request()
     require_free_names(folder, (PLAN_FILE,), force=execution.force)
     with open_bench(files) as bench:
@@ -92,7 +92,7 @@ def write_camera_plan(
 
 
 def refit_camera(record: Path, flat: str | None, execution: ExecutionOptions) -> None:
-    """Fit the record of a camera's calibration, and write the file and the picture beside it."""
+    """Fit a record again, and write the file and the picture beside it."""
     require_free_names(record.parent, (CAMERA_FILE, PICTURE_FILE), force=execution.force)
     with terminal_progress() as progress:
         found = fit_camera_and_write(record, flat, progress)

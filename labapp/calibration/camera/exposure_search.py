@@ -1,4 +1,4 @@
-"""Search by trial frames for the exposure that fills all pixels with the light of a flat target."""
+"""Trial frames that find the exposure at which a flat target's light fills all pixels."""
 
 from __future__ import annotations
 
@@ -50,7 +50,8 @@ _BENT = 0.9
 class FlatTrial:
     """A trial frame of the flat target.
 
-    exposure: seconds. middle, dimmest: numbers above black of the middle and the dimmest pixel.
+    exposure: seconds.
+    middle, dimmest: numbers above black of the middle and the dimmest pixel.
     evenness: the dimmest over the middle pixel, the least behind any filter.
     """
 
@@ -62,7 +63,7 @@ class FlatTrial:
 
 @dataclass(frozen=True)
 class LongestExposure:
-    """The longest exposure of a camera's calibration in seconds, and the trial frames it took."""
+    """The longest exposure in seconds, and the number of trial frames that it took."""
 
     exposure: float
     trials: int
@@ -75,7 +76,7 @@ def find_longest_exposure(
     progress: Progress,
     ask: AskOperator | None,
 ) -> LongestExposure:
-    """Find the exposure at which all pixels of a camera are full, by trials on the flat target.
+    """Find the exposure at which all pixels are full, by trials on the flat target.
 
     Raises UserError if the target is too bright or too dim for the camera's exposures.
     """
@@ -107,7 +108,6 @@ def find_longest_exposure(
 
 
 def _read_trials(path: Path, sensor: Sensor) -> list[FlatTrial]:
-    """Read the trial frames of a camera's calibration."""
     found = []
     with Record(path) as record:
         for index, exposure in enumerate(record.column("exposure").tolist()):
@@ -116,7 +116,7 @@ def _read_trials(path: Path, sensor: Sensor) -> list[FlatTrial]:
 
 
 def _measure_trial(exposure: float, numbers: NDArray[np.uint16], sensor: Sensor) -> FlatTrial:
-    """Measure a trial frame of a camera's calibration, behind each colour of filter."""
+    """Measure a trial frame, behind each colour of filter."""
     pattern = sensor.colour.pattern if sensor.colour else ("M",)
     rows, columns = len(pattern), len(pattern[0])
     levels = [
@@ -133,7 +133,7 @@ def _measure_trial(exposure: float, numbers: NDArray[np.uint16], sensor: Sensor)
 
 
 def judge_trials(trials: list[FlatTrial], sensor: Sensor) -> float | tuple[float, ...]:
-    """Derive the exposure that fills a camera's pixels from trials, or return the next ones in s.
+    """Derive the exposure that fills the pixels, or return those to try next, in seconds.
 
     Raises UserError at the end of what the camera can expose.
     """
@@ -162,7 +162,7 @@ def judge_trials(trials: list[FlatTrial], sensor: Sensor) -> float | tuple[float
 
 
 def _next_trials(trials: list[FlatTrial], room: float, sensor: Sensor) -> tuple[float, ...]:
-    """Return the next exposures to try where no trial of a camera's calibration tells the light."""
+    """Return the exposures to try next (seconds) where no trial tells the light."""
     bright = [one.exposure for one in trials if one.middle >= _HIGH * room]
     dark = [one.exposure for one in trials if one.middle < _LOW * room]
     if bright and dark:
@@ -175,7 +175,7 @@ def _next_trials(trials: list[FlatTrial], room: float, sensor: Sensor) -> tuple[
 
 
 def _require_possible(exposure: float, sensor: Sensor) -> float:
-    """Return a camera's exposure in whole microseconds; UserError if the camera can't expose so."""
+    """Return an exposure in whole microseconds; UserError if the camera can't expose so."""
     low, high = sensor.exposure_range
     if exposure > high:
         raise _end_of_range("dim", high)
@@ -185,7 +185,7 @@ def _require_possible(exposure: float, sensor: Sensor) -> float:
 
 
 def _end_of_range(trouble: str, end: float) -> UserError:
-    """Return the error of a flat target that is too bright or too dim for the camera."""
+    """Return the error for a flat target that is too bright or too dim."""
     remedy = "Dim" if trouble == "bright" else "Brighten"
     other = ", or give --flat-ms: the full well then stays unknown" if trouble == "dim" else ""
     return UserError(

@@ -1,4 +1,4 @@
-"""Build a camera's calibration file from the fit, with the facts that show later if it holds."""
+"""The content of camera.json, with the facts that show later if it holds."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DIGITS = 3
 
 
 def build_noise_file(record: Record, pairs: RecordedPairs, noise: CameraNoise) -> CameraNoiseFile:
-    """Build a camera's calibration file; date, camera and bench come from the run's record."""
+    """Build the file's content; date, camera and bench come from the run's record."""
     bench = record.bench
     light = list(pairs.frames.light)
     linearity = noise.linearity
@@ -74,7 +74,7 @@ def build_noise_file(record: Record, pairs: RecordedPairs, noise: CameraNoise) -
 
 
 def _table(one: Measured) -> QuantityTable:
-    """Return a camera's quantity for its file, rounded to the digits that its uncertainty has."""
+    """Round a quantity to the digits that its uncertainty has."""
     if not one.sigma > 0:
         return QuantityTable(value=one.value, sigma=0.0)
     decimals = _DIGITS - 1 - math.floor(math.log10(one.sigma))
@@ -86,14 +86,14 @@ def _optional(one: Measured | None) -> QuantityTable | None:
 
 
 def _decibels(one: Measured | None) -> Measured | None:
-    """Return a camera's ratio of amplitudes in decibels, 20 log10 of it."""
+    """Convert a ratio of amplitudes to decibels, 20 log10 of it."""
     if one is None:
         return None
     return Measured(_DECIBELS * math.log(one.value), _DECIBELS * one.sigma / one.value)
 
 
 def _defect_table(noise: CameraNoise) -> DefectTable:
-    """Return the table of a camera's defective pixels, with the criteria that found them."""
+    """Return the defective pixels with the criteria that found them."""
     found, gain = noise.defects, noise.gain.value
     return DefectTable(
         hot=_pixels(found.hot),
@@ -112,7 +112,7 @@ def _pixels(found: np.ndarray) -> tuple[tuple[int, int], ...]:
 
 
 def _curve(noise: CameraNoise) -> tuple[CurvePointTable, ...]:
-    """Return a camera's photon transfer curve with one point for each exposure time."""
+    """Return the photon transfer curve with one point for each exposure time."""
     transfer, points = noise.transfer, []
     for time in np.unique(transfer.exposure):
         same = transfer.exposure == time

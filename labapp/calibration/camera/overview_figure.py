@@ -1,4 +1,4 @@
-"""Draw the calibration of a camera on one page: photon transfer, linearity, darkness, defects."""
+"""One page of drawings: photon transfer, linearity, darkness, noise and defects."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _KINDS = (
 
 
 def draw_camera(noise: CameraNoise, file: CameraNoiseFile) -> Figure:
-    """Draw a camera's calibration: curves with their fits and residuals, defects, and results."""
+    """Draw curves with their fits and residuals, defects, and results on one page."""
     figure = Figure(figsize=(17, 10), dpi=100, layout="constrained")
     badge = "   SIMULATED" if file.camera.simulated else ""
     figure.suptitle(
@@ -47,7 +47,7 @@ def draw_camera(noise: CameraNoise, file: CameraNoiseFile) -> Figure:
 
 
 def _draw_transfer(axes: Axes, below: Axes, noise: CameraNoise) -> None:
-    """Draw a camera's photon transfer curve with its fit, and residuals in their uncertainties."""
+    """Draw the photon transfer curve with its fit, and residuals in their uncertainties."""
     curve, gain = noise.transfer, noise.transfer.system_gain.value
     used = curve.used
     expected = gain * (curve.signal + curve.offset.value)
@@ -80,7 +80,7 @@ def _draw_transfer(axes: Axes, below: Axes, noise: CameraNoise) -> None:
 
 
 def _mark_saturation(axes: Axes, noise: CameraNoise) -> None:
-    """Mark in a camera's diagram where pixels clip, and up to where the curve is fitted."""
+    """Mark where pixels clip, and up to where the curve is fitted."""
     if noise.clip_number is None:
         return
     full = noise.clip_number.value - noise.black_level.value
@@ -89,7 +89,7 @@ def _mark_saturation(axes: Axes, noise: CameraNoise) -> None:
 
 
 def _draw_linearity(axes: Axes, below: Axes, noise: CameraNoise) -> None:
-    """Draw a camera's signal by exposure time, and its deviation from the best line."""
+    """Draw the signal by exposure time, and its deviation from the best line."""
     curve = noise.transfer
     axes.plot(curve.exposure * 1e3, curve.signal, "x", color=_OTHER, ms=4, label="areas")
     axes.set_ylabel("signal, DN")
@@ -115,7 +115,7 @@ def _draw_linearity(axes: Axes, below: Axes, noise: CameraNoise) -> None:
 
 
 def _draw_noise(axes: Axes, noise: CameraNoise) -> None:
-    """Draw a camera's signal-to-noise ratio by its signal, with and without the fixed pattern."""
+    """Draw the signal-to-noise ratio by the signal, with and without the fixed pattern."""
     curve, gain = noise.transfer, noise.gain.value
     light = gain * curve.signal
     squared = gain**2 * (curve.variance + noise.dark.points[0].variance)
@@ -145,7 +145,7 @@ def _draw_noise(axes: Axes, noise: CameraNoise) -> None:
 
 
 def _draw_darkness(axes: Axes, below: Axes, noise: CameraNoise) -> None:
-    """Draw a camera's dark number and its temporal noise by exposure time."""
+    """Draw the dark number and its temporal noise by exposure time."""
     dark = noise.dark
     time, mean, sigma, variance = (
         np.array([getattr(one, name) for one in dark.points])
@@ -169,7 +169,7 @@ def _draw_darkness(axes: Axes, below: Axes, noise: CameraNoise) -> None:
 
 
 def _write_results(axes: Axes, file: CameraNoiseFile) -> None:
-    """Write a camera's results as a table."""
+    """Write the results as a table."""
     axes.axis("off")
     rows = [[name, value, f"± {sigma}" if sigma else "", unit]
             for name, value, sigma, unit, _ in camera_rows(file)]  # fmt: skip
@@ -186,7 +186,7 @@ def _write_results(axes: Axes, file: CameraNoiseFile) -> None:
 
 
 def _draw_defects(axes: Axes, file: CameraNoiseFile) -> None:
-    """Draw where on the sensor a camera's defective pixels lie."""
+    """Draw where on the sensor defective pixels lie."""
     for kind, words, colour, marker in _KINDS:
         pixels = np.array(getattr(file.defects, kind)).reshape(-1, 2)
         axes.plot(

@@ -1,4 +1,4 @@
-"""Design the plan of a camera's calibration: pairs of flat and of dark frames."""
+"""The plan that takes pairs of flat and of dark frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GOLDEN = 0.382
 
 
 def light_exposures(request: CameraRequest, sensor: Sensor) -> list[float]:
-    """Return the exposure times of a camera's light in ms, evenly up to the longest.
+    """Return the exposure times of the light in ms, evenly up to the longest.
 
     They are in the order in which they are taken. Raises UserError if the camera can't expose so
     many different times.
@@ -48,7 +48,7 @@ def light_exposures(request: CameraRequest, sensor: Sensor) -> list[float]:
 
 
 def build_camera_plan(request: CameraRequest, sensor: Sensor) -> PlanFile:
-    """Build the plan that takes the frames of a camera's calibration.
+    """Build the plan that takes all frames.
 
     Darkness comes first, so that targets are changed once. Raises UserError as light_exposures().
     """

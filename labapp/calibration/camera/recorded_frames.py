@@ -1,4 +1,4 @@
-"""Read the pairs of flat and dark frames of a camera from a record."""
+"""Pairs of flat and dark frames, read from a record."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class RecordedFrame:
 
 @dataclass(frozen=True, eq=False)
 class RecordedPairs:
-    """Pairs of frames of a record, what was asked for, and the light's wavelength in metres."""
+    """Pairs of frames, what was asked for, and the light's wavelength in metres."""
 
     frames: PairedFrames
     request: CameraRequest
@@ -43,9 +43,9 @@ class RecordedPairs:
 def read_pairs(record: Record, flat: str | None = None) -> RecordedPairs:
     """Read the pairs of flat and dark frames of a record.
 
-    flat: name of the flat target; None for the only one that isn't dark, or that of the
-    calibration's own plan. Raises UserError if frames of several targets, patterns or wavelengths
-    could be meant, and if pairs are missing.
+    flat: name of the flat target; None for the only one that isn't dark, or that of the record's
+    own request. Raises UserError if frames of several targets, patterns or wavelengths could be
+    meant, and if pairs are missing.
     """
     if record.state is not State.COMPLETE:
         raise UserError(
@@ -82,7 +82,7 @@ def read_pairs(record: Record, flat: str | None = None) -> RecordedPairs:
 
 
 def _flat_target(record: Record, names: NDArray[Any], wanted: str | None) -> str:
-    """Return the flat target of a camera calibration's record."""
+    """Return the flat target's name; raise UserError if none or several could be meant."""
     there = sorted(set(names.tolist()))
     if not there:
         raise UserError(f"{record.path}: all frames are dark. {_PLAN_HINT}.")
@@ -102,7 +102,7 @@ def _flat_target(record: Record, names: NDArray[Any], wanted: str | None) -> str
 
 
 def _require_alike(record: Record, lit: NDArray[np.bool_], flat: str) -> float:
-    """Return the wavelength of a camera's flat frames; UserError if they differ beyond time."""
+    """Return the wavelength of the flat frames in metres; UserError if they differ beyond time."""
     patterns = sorted({record.pattern_names[n] for n in record.column("pattern")[lit]})
     asked = sorted(set(record.column("wavelength_asked")[lit].tolist()))
     if len(patterns) > 1 or len(asked) > 1:
@@ -116,7 +116,7 @@ def _require_alike(record: Record, lit: NDArray[np.bool_], flat: str) -> float:
 
 
 def _exposures(record: Record, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return a record's exposure times in seconds, the same for all that were asked for alike.
+    """Return all exposure times in seconds, the same for all that were asked for alike.
 
     Cameras may report times that differ in their last digits.
     """
@@ -128,7 +128,7 @@ def _exposures(record: Record, chosen: NDArray[np.bool_]) -> NDArray[np.float64]
 
 
 def _filter_period(sensor: Any) -> tuple[int, int]:
-    """Return rows and columns after which a sensor's colour filters repeat."""
+    """Return rows and columns after which the sensor's colour filters repeat."""
     if sensor.colour is None:
         return 1, 1
     return len(sensor.colour.pattern), len(sensor.colour.pattern[0])

@@ -1,4 +1,4 @@
-"""Define the request of a camera's calibration, which its plan carries."""
+"""What a camera is to be measured for, as its plan carries it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from labapp.runs.record.reader import Record
 from optics.measuring.paired_frames import MIN_EXPOSURES
 
 REQUEST_KEY = "camera_request"
-"""Key of a plan's metadata under which the request of a camera's calibration is stored as JSON."""
+"""Key of a plan's metadata under which the request is stored as JSON."""
 
 DEFAULT_EXPOSURES = 50
 """Exposure times of the light: as many as EMVA 1288 asks for."""
@@ -24,7 +24,7 @@ DEFAULT_DARK_S = 2.0
 a percent on a megapixel."""
 
 NEUTRAL_NAME = "neutral"
-"""Name of the pattern through which a camera is calibrated."""
+"""Name of the pattern through which frames are taken."""
 
 
 class CameraRequest(FileModel):
@@ -46,7 +46,7 @@ class CameraRequest(FileModel):
 
 
 def camera_request_of(record: Record) -> CameraRequest | None:
-    """Return the request of a camera calibration's record; None for another plan's record."""
+    """Return the request that a record's plan carries; None for another plan's record."""
     text = record.plan.metadata.get(REQUEST_KEY)
     if not isinstance(text, str):
         return None

@@ -1,4 +1,4 @@
-"""Report the calibration of a camera as tables, and advise what to do at the bench."""
+"""Results as tables, and advice on what to do at the bench."""
 
 from __future__ import annotations
 
@@ -15,21 +15,14 @@ Row = list[str]
 
 @dataclass(frozen=True)
 class CameraAdviceLimits:
-    """Set the limits beyond which a camera calibration's report gives advice. All are chosen.
+    """Limits beyond which advice is given. All are chosen.
 
-    Attributes
-    ----------
-    chi2 : tuple of float
-        Reduced chi-square of the photon transfer curve, between which its points scatter as they
+    chi2: reduced chi-square of the photon transfer curve, between which its points scatter as they
         should.
-    unevenness_percent : float
-        Light of the brightest area over that of the dimmest, less 100.
-    jump_percent : float
-        Change of the light within a pair.
-    drift_percent : float
-        Change of the light over the run.
-    linearity_percent : float
-        Linearity error.
+    unevenness_percent: light of the brightest area over that of the dimmest, less 100.
+    jump_percent: change of the light within a pair.
+    drift_percent: change of the light over the run.
+    linearity_percent: linearity error.
     """
 
     chi2: tuple[float, float] = (0.7, 1.4)
@@ -45,7 +38,7 @@ _LIMIT_WORDS = {"converter": "the converter's end", "well": "the wells' end", No
 
 
 def camera_data(file: CameraNoiseFile, paths: tuple[Path, ...]) -> dict[str, Any]:
-    """Return a camera calibration's report as plain data."""
+    """Return results, advice and paths as plain data."""
     return file.model_dump(mode="json") | {
         "advice": camera_advice(file),
         "files": [str(one) for one in paths],
@@ -53,7 +46,7 @@ def camera_data(file: CameraNoiseFile, paths: tuple[Path, ...]) -> dict[str, Any
 
 
 def print_camera(file: CameraNoiseFile, paths: tuple[Path, ...]) -> None:
-    """Print a camera calibration's report: results, defects, advice, and how to use the file."""
+    """Print results, defects, advice, and how to use the file."""
     print_table("Camera (EMVA 1288)", ["what", "found ", "± ", "unit", "how"], camera_rows(file))
     print_table("Defective pixels", ["kind", "pixels ", "criterion"], defect_rows(file))
     for line in camera_advice(file):
@@ -65,7 +58,7 @@ def print_camera(file: CameraNoiseFile, paths: tuple[Path, ...]) -> None:
 
 
 def camera_rows(file: CameraNoiseFile) -> list[Row]:
-    """Return the rows of a camera calibration's table of results."""
+    """Return the printed rows of the results: name, value, uncertainty, unit, and how found."""
     noise = "temporal, rounding and dark current taken off"
     if file.read_noise_is_limit:
         noise = "at most: steps are too coarse to show it"
@@ -94,7 +87,7 @@ def camera_rows(file: CameraNoiseFile) -> list[Row]:
 
 
 def _number(one: QuantityTable | None) -> list[str]:
-    """Format a camera's quantity with two digits of its uncertainty."""
+    """Format a quantity with two digits of its uncertainty."""
     if one is None:
         return ["unknown", ""]
     if not one.sigma > 0:
@@ -104,7 +97,7 @@ def _number(one: QuantityTable | None) -> list[str]:
 
 
 def defect_rows(file: CameraNoiseFile) -> list[Row]:
-    """Return the rows of a camera calibration's table of defective pixels."""
+    """Return the printed rows on defective pixels, with their criteria."""
     found = file.defects
     hot = (
         f"dark signal ± {found.hot_electrons:.3g} e- or dark current + "
@@ -124,7 +117,7 @@ def _count(pixels: tuple[tuple[int, int], ...]) -> str:
 
 
 def camera_advice(file: CameraNoiseFile) -> list[str]:
-    """Return what a camera calibration's results advise to do at the bench, in sentences."""
+    """Return what to do at the bench, in sentences."""
     return [*_camera_advice(file), *_light_advice(file)]
 
 
@@ -168,7 +161,7 @@ def _camera_advice(file: CameraNoiseFile) -> list[str]:
 
 
 def _light_advice(file: CameraNoiseFile) -> list[str]:
-    """Return advice on the light of a camera's calibration."""
+    """Return advice on the light."""
     said = []
     if file.light_unevenness_percent > _LIMITS.unevenness_percent:
         said.append(

@@ -87,7 +87,7 @@ class SpectralCube:
             raise UserError(f"pitch is {self.pitch:g} m. Give metres between pixels, such as 5e-6")
 
     def _require_error_map(self) -> None:
-        """Convert the cube's error map to float32; raise UserError if it doesn't fit the values."""
+        """Convert the error map to float32; raise UserError if it doesn't fit the values."""
         assert self.error is not None
         error = _single_precision(self.error, "error", may_miss=self.may_miss)
         object.__setattr__(self, "error", error)
@@ -98,7 +98,7 @@ class SpectralCube:
 
     @cached_property
     def missing(self) -> NDArray[np.bool_]:
-        """Find the pixels of which the cube lacks a value in a band or more, (rows, columns)."""
+        """Pixels that lack a value in a band or more, (rows, columns)."""
         found = np.zeros(self.shape[1:], np.bool_)
         if self.may_miss:
             for rows in self.row_blocks():
@@ -106,7 +106,7 @@ class SpectralCube:
         return found
 
     def row_blocks(self) -> Iterator[slice]:
-        """Yield the cube's rows in blocks of some megabytes, which are quick to read by any file.
+        """Yield the rows in blocks of some megabytes, which are quick to read by any file.
 
         Yields
         ------
@@ -119,7 +119,7 @@ class SpectralCube:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Return the cube's numbers of bands, rows and columns."""
+        """Numbers of bands, rows and columns."""
         bands, rows, columns = self.values.shape
         return bands, rows, columns
 
@@ -163,7 +163,7 @@ class SpectralCube:
 
 
 def _single_precision(values: object, name: str, *, may_miss: bool) -> Values | StoredValues:
-    """Return a cube's array in float32; raise UserError if it isn't finite real numbers.
+    """Return an array in float32; raise UserError if it isn't finite real numbers.
 
     may_miss: whether masked values and NaN stand for missing ones.
     """

@@ -56,7 +56,7 @@ def read_cube(path: Path) -> SpectralCube:
 
 
 def _load_small(cube: SpectralCube) -> SpectralCube:
-    """Return a file's cube with its numbers in memory, unless they are many."""
+    """Bring a cube's numbers into memory, unless they are many."""
     if 4 * cube.values.size > _LARGE:
         return cube
     error = None if cube.error is None else np.asarray(cube.error)

@@ -1,4 +1,4 @@
-"""Spectral cubes as ENVI files, which most programs for spectral pictures read."""
+"""Spectral cubes in ENVI's format, which most programs for spectral pictures read."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UNKNOWN_UNIT = "numbers of the file"
 
 
 def encode_envi(cube: SpectralCube) -> tuple[bytes, bytes]:
-    """Return the bytes of a cube's ENVI files: the header, and the numbers.
+    """Return the bytes of the two ENVI files: the header, and the numbers.
 
     The numbers are float32, band by band (BSQ), least significant byte first. The error map isn't
     written.
@@ -56,7 +56,7 @@ def encode_envi(cube: SpectralCube) -> tuple[bytes, bytes]:
 
 
 def read_envi(header_path: Path) -> SpectralCube:
-    """Read the header of a spectral cube in an ENVI file; its numbers are read when they're used.
+    """Read an ENVI header; the numbers are read when they're used.
 
     Raises UserError if a file is missing, or doesn't hold what the header says.
     """
@@ -78,12 +78,12 @@ def read_envi(header_path: Path) -> SpectralCube:
 
 
 def _in_braces(text: str) -> str:
-    """Return a text as the value of an ENVI header, on one line and without braces of its own."""
+    """Return a text as a header's value, on one line and without braces of its own."""
     return "{" + " ".join(re.sub(r"[{}]", "", text).split()) + "}"
 
 
 def _find_data(path: Path, header: EnviHeader) -> Path:
-    """Return the file with the numbers beside an ENVI header; UserError if there isn't one."""
+    """Return the file with the numbers beside a header; UserError if there isn't one."""
     stem = path.with_suffix("")
     beside = {one.name.lower(): one for one in path.parent.iterdir() if is_file(one)}
     named = (beside.get(f"{stem.name}{ending}".lower()) for ending in _DATA_ENDINGS)

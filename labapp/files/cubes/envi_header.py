@@ -63,30 +63,17 @@ _LISTED = 12
 class EnviHeader:
     """What an ENVI header says of its data.
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Bands, lines (rows) and samples (columns) of the file.
-    interleave : str
-        Order of the numbers: bsq, bil or bip.
-    number_type : numpy.dtype
-        Type and byte order of a number.
-    offset : int
-        Bytes of the file before the first number.
-    order : tuple of int
-        Places in the file of the cube's bands, by rising wavelength; bad bands are left out.
-    wavelengths : tuple of float
-        Metres, in that order.
-    gains, offsets : tuple of float
-        Numbers that each of the file's bands is multiplied by, and that are added then.
-    ignored : float or None
-        Number that stands for a missing value.
-    pitch : float or None
-        Distance in metres between neighbouring pixels.
-    unit, light, description : str
-        In words; empty where the header doesn't say.
-    notes : tuple of str
-        Remarks for the user on what was taken for what.
+    shape: bands, lines (rows) and samples (columns) of the file.
+    interleave: order of the numbers, bsq, bil or bip.
+    number_type: type and byte order of a number.
+    offset: bytes of the file before the first number.
+    order: places in the file of the cube's bands, by rising wavelength; bad bands are left out.
+    wavelengths: metres, in that order.
+    gains, offsets: numbers that each of the file's bands is multiplied by, and that are added then.
+    ignored: number that stands for a missing value.
+    pitch: distance between neighbouring pixels, metres.
+    unit, light, description: in words; empty where the header doesn't say.
+    notes: remarks for the user on what was taken for what.
     """
 
     shape: tuple[int, int, int]
@@ -106,12 +93,12 @@ class EnviHeader:
 
     @property
     def size(self) -> int:
-        """Return how many bytes an ENVI file has by its header."""
+        """Bytes that the file of the numbers has."""
         return self.offset + math.prod(self.shape) * self.number_type.itemsize
 
 
 def parse_header(text: str) -> EnviHeader:
-    """Parse the text of an ENVI header; raise UserError that names key, value and remedy."""
+    """Parse the text of a header; raise UserError that names key, value and remedy."""
     keys = read_keys(text)
     _require_bare_numbers(keys)
     bands, rows, columns = (read_count(keys, key) for key in ("bands", "lines", "samples"))
@@ -154,12 +141,12 @@ def parse_header(text: str) -> EnviHeader:
 
 
 def format_header(keys: Mapping[str, str]) -> str:
-    """Return the text of an ENVI header. The values of lists and texts are in braces already."""
+    """Return a header's text. The values of lists and texts are in braces already."""
     return "ENVI\n" + "".join(f"{key} = {value}\n" for key, value in keys.items())
 
 
 def _require_bare_numbers(keys: Keys) -> None:
-    """Raise UserError if the file beside an ENVI header isn't the bare numbers of pictures."""
+    """Raise UserError if the file beside the header isn't the bare numbers of pictures."""
     kind = " ".join(keys.get("file type", "").replace("_", " ").split())
     if kind.lower() not in _FILE_TYPES:
         what = _NO_CUBES.get(kind.lower(), "another format than bare numbers")
@@ -172,7 +159,7 @@ def _require_bare_numbers(keys: Keys) -> None:
 
 
 def _list_wavelengths(keys: Keys, bands: int) -> tuple[float, ...]:
-    """Return the numbers of an ENVI header's wavelengths, in its own unit."""
+    """Return the wavelengths as they are listed, in the header's own unit."""
     if "wavelength" not in keys:
         raise UserError(
             "the header has no 'wavelength'. Add wavelength = {450, 500, …} and wavelength units "
@@ -182,7 +169,7 @@ def _list_wavelengths(keys: Keys, bands: int) -> tuple[float, ...]:
 
 
 def _good_bands(keys: Keys, bands: int) -> list[int]:
-    """Return which bands of an ENVI file are good by its list of bad bands, bbl."""
+    """Return which bands are good by the list of bad bands, bbl."""
     listed = read_band_list(keys, "bbl", bands, 1.0)
     wrong = [one for one in listed if one not in (0.0, 1.0)]
     if wrong:
@@ -194,7 +181,7 @@ def _good_bands(keys: Keys, bands: int) -> list[int]:
 
 
 def _scale_factor(keys: Keys) -> float | None:
-    """Return the number that stands for a reflectance of 1 in an ENVI file; None if none does."""
+    """Return the number that stands for a reflectance of 1; None if none does."""
     factor = read_number(keys, "reflectance scale factor")
     if factor is not None and factor < 0:
         raise UserError(f"reflectance scale factor is {factor:g}. Write a number above 0")
@@ -203,7 +190,7 @@ def _scale_factor(keys: Keys) -> float | None:
 
 
 def _ignored_number(keys: Keys) -> float | None:
-    """Return the number that stands for a missing value in an ENVI file; it may be NaN."""
+    """Return the number that stands for a missing value; it may be NaN."""
     text = keys.get("data ignore value", "")
     parts = set(text.replace(",", " ").split())
     if not parts:
@@ -217,7 +204,7 @@ def _ignored_number(keys: Keys) -> float | None:
 
 
 def _number_type(keys: Keys) -> np.dtype[Any]:
-    """Return the type and byte order of the numbers behind an ENVI header."""
+    """Return the type and byte order of the numbers."""
     code = read_whole(keys, "data type", 0)
     if code not in DATA_TYPES:
         raise UserError(
@@ -231,7 +218,7 @@ def _number_type(keys: Keys) -> np.dtype[Any]:
 
 
 def _pixel_pitch(keys: Keys) -> float | None:
-    """Return the pitch of the pixels in metres from an ENVI header; None if it isn't in metres."""
+    """Return the pitch of the pixels in metres; None if it isn't stated in metres."""
     value = keys.get("pixel size", "")
     if "meter" not in value.lower():
         return None
@@ -241,7 +228,7 @@ def _pixel_pitch(keys: Keys) -> float | None:
 
 
 def _remark_on_bad_bands(listed: Sequence[float], good: Sequence[int], unit: str) -> str:
-    """Say which bands an ENVI header marks as bad."""
+    """Say which bands are marked as bad."""
     bad = sorted(set(range(len(listed))) - set(good))
     if not bad:
         return ""
@@ -254,21 +241,21 @@ def _remark_on_bad_bands(listed: Sequence[float], good: Sequence[int], unit: str
 
 
 def _remark_on_order(keys: Keys, number_type: np.dtype[Any]) -> str:
-    """Say that an ENVI header doesn't tell the order of bytes."""
+    """Say that the order of bytes isn't stated."""
     if "byte order" in keys or number_type.itemsize == 1:
         return ""
     return "the byte order isn't stated: the least significant byte is taken to be the first"
 
 
 def _remark_on_ignored(ignored: float | None) -> str:
-    """Say which number of an ENVI file stands for missing values."""
+    """Say which number stands for missing values."""
     if ignored is None:
         return ""
     return f"{ignored:g} stands for a missing value (data ignore value)"
 
 
 def _remark_on_scale(keys: Keys) -> str:
-    """Say by which keys of an ENVI header its numbers are scaled."""
+    """Say by which keys the numbers are scaled."""
     scales = ("data gain values", "data offset values", "reflectance scale factor")
     used = [key for key in scales if key in keys]
     return f"its numbers are scaled by {', '.join(used)}" if used else ""

@@ -25,7 +25,7 @@ _DECIDING = (
 
 
 def read_keys(text: str) -> Keys:
-    """Return the values of an ENVI header by key; raise UserError if it is none."""
+    """Return a header's values by key; raise UserError if it is none of ENVI's."""
     # A brace may open on the line after its key.
     lines = re.sub(r"=[ \t]*\r?\n[ \t]*\{", "= {", text.lstrip("\ufeff")).splitlines()
     first = lines[0].strip() if lines else ""
@@ -50,7 +50,7 @@ def read_keys(text: str) -> Keys:
 
 
 def _read_value(key: str, value: str, following: Iterator[str]) -> str:
-    """Return a value of an ENVI header without its braces, which may close on a following line."""
+    """Return a value without its braces, which may close on a following line."""
     if not value.startswith("{"):
         return value
     parts = [value]
@@ -63,14 +63,14 @@ def _read_value(key: str, value: str, following: Iterator[str]) -> str:
 
 
 def require_key(keys: Keys, key: str) -> str:
-    """Return a value that an ENVI header must have."""
+    """Return the value of a key that must be there."""
     if key not in keys:
         raise UserError(f"the header has no {key!r}. Add it")
     return keys[key]
 
 
 def read_whole(keys: Keys, key: str, default: int) -> int:
-    """Return a whole number, 0 or more, from the keys of an ENVI header."""
+    """Return a whole number, 0 or more."""
     value = keys.get(key, str(default))
     if not re.fullmatch(r"[0-9]{1,18}", value):
         raise UserError(f"{key} is {quote(value)}. Write a whole number, 0 or more")
@@ -78,7 +78,7 @@ def read_whole(keys: Keys, key: str, default: int) -> int:
 
 
 def read_count(keys: Keys, key: str) -> int:
-    """Return a count, 1 or more, that an ENVI header must have."""
+    """Return a count, 1 or more, that must be there."""
     require_key(keys, key)
     count = read_whole(keys, key, 0)
     if count < 1:
@@ -87,14 +87,14 @@ def read_count(keys: Keys, key: str) -> int:
 
 
 def read_number(keys: Keys, key: str) -> float | None:
-    """Return a number of an ENVI header; None if it has none."""
+    """Return the one number of a key; None without the key."""
     if key in keys and len(read_list(keys[key], key)) > 1:
         raise UserError(f"{key} is {quote(keys[key])}. Write one number, with a decimal point")
     return None if key not in keys else first_number(keys[key], key)
 
 
 def first_number(text: str, key: str) -> float:
-    """Return the first number of a list in an ENVI header."""
+    """Return the first number of a list."""
     numbers = read_list(text, key)
     if not numbers:
         raise UserError(f"{key} is empty. Write a number")
@@ -102,7 +102,7 @@ def first_number(text: str, key: str) -> float:
 
 
 def read_list(text: str, key: str) -> tuple[float, ...]:
-    """Return the numbers of a list in an ENVI header."""
+    """Parse the numbers of a list, with commas or spaces between."""
     numbers = parse_numbers(text.replace(",", " ").split())
     if numbers is None:
         raise UserError(f"{key} is {quote(text)}. Write finite numbers with commas between")
@@ -110,7 +110,7 @@ def read_list(text: str, key: str) -> tuple[float, ...]:
 
 
 def read_band_list(keys: Keys, key: str, bands: int, default: float) -> tuple[float, ...]:
-    """Return a number for each band from an ENVI header, or the default for all."""
+    """Return a number for each band, or the default for all."""
     if key not in keys:
         return (default,) * bands
     found = read_list(keys[key], key)

@@ -32,10 +32,11 @@ tolerance: headers state single precision's largest, 3.4028235e38, with six digi
 
 @dataclass(frozen=True)
 class _Piece:
-    """Numbers that lie together in an ENVI file, of which a window has some.
+    """Numbers that lie together in the file, of which a window has some.
 
-    place: index in the window, its axes in the file's order. numbers: as they are stored. bands:
-    of the file, along one axis of the numbers, or one for all.
+    place: index in the window, its axes in the file's order.
+    numbers: as they are stored.
+    bands: of the file, along one axis of the numbers, or one for all.
     """
 
     place: tuple[int, Any]
@@ -45,21 +46,13 @@ class _Piece:
 
 @dataclass(frozen=True)
 class EnviNumbers:
-    """The numbers of an ENVI file, of which windows are read.
-
-    Attributes
-    ----------
-    path : Path
-        File with the numbers.
-    header : EnviHeader
-        How they lie, and how they are scaled.
-    """
+    """The numbers of an ENVI file, of which windows are read; the header scales them."""
 
     path: Path
     header: EnviHeader
 
     def read_window(self, window: Window) -> Values:
-        """Read and scale a window of an ENVI file; NaN stands for missing values.
+        """Read and scale a window, (bands, rows, columns); NaN stands for missing values.
 
         The bands are those of the cube, by rising wavelength. Raises UserError if the file is cut
         short, or if single precision takes its numbers for 0.
@@ -89,11 +82,11 @@ class EnviNumbers:
 
     @property
     def _axes(self) -> str:
-        """Return the axes of the ENVI file, the slowest first."""
+        """Axes in the file, the slowest first."""
         return INTERLEAVES[self.header.interleave]
 
     def _pieces(self, file: BufferedReader, window: Window) -> Iterator[_Piece]:
-        """Yield the pieces of a window of an ENVI file, whose bands are the file's."""
+        """Yield the pieces of a window, whose bands are the file's."""
         sizes = dict(zip("blr", self.header.shape, strict=True))
         wanted = dict(zip("blr", window, strict=True))
         length, bands = sizes[self._axes[2]], np.asarray(wanted["b"])
@@ -111,7 +104,7 @@ class EnviNumbers:
                 yield _Piece((at, places), stored[:, last], bands[of_bands])
 
     def _read(self, file: BufferedReader, line: int, lines: int, length: int) -> NDArray[Any]:
-        """Read lines of numbers that lie together in an ENVI file, (lines, length)."""
+        """Read lines of numbers that lie together, (lines, length)."""
         kind = self.header.number_type
         file.seek(self.header.offset + line * length * kind.itemsize)
         data = file.read(lines * length * kind.itemsize)
@@ -120,14 +113,14 @@ class EnviNumbers:
         return np.frombuffer(data, kind).reshape(lines, length)
 
     def _scale(self, piece: _Piece) -> NDArray[Any]:
-        """Convert a piece of an ENVI file by the gains of its bands."""
+        """Convert stored numbers by the gains and offsets of their bands."""
         gains, offsets = (np.array(one) for one in (self.header.gains, self.header.offsets))
         if (gains == 1).all() and not offsets.any():
             return piece.numbers
         return piece.numbers * gains[piece.bands] + offsets[piece.bands]
 
     def _is_missing(self, stored: NDArray[Any]) -> NDArray[np.bool_]:
-        """Return which of an ENVI file's numbers stand for a missing value."""
+        """Return which stored numbers stand for a missing value."""
         ignored = self.header.ignored
         if ignored is None or math.isnan(ignored):
             return np.zeros(stored.shape, np.bool_)
@@ -140,7 +133,7 @@ class EnviNumbers:
 
 
 def _runs(wanted: Sequence[int], most: int) -> list[tuple[Any, range]]:
-    """Divide places on an axis of a file into runs of neighbours, of at most some places each.
+    """Divide places on an axis into runs of neighbours, of at most some places each.
 
     Each has the index of its places among those that are wanted, and the run in the file.
     """

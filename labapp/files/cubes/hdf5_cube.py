@@ -43,7 +43,7 @@ def encode_hdf5(cube: SpectralCube) -> bytes:
 
 
 def read_hdf5(path: Path) -> SpectralCube:
-    """Read what a cube's HDF5 file says of it; its numbers are read when they are used.
+    """Read what a file says of its cube; the numbers are read when they are used.
 
     Raises UserError if it is another file or damaged.
     """
@@ -69,7 +69,7 @@ def _write_cube(file: h5py.File, cube: SpectralCube) -> None:
 
 
 def _write_axes(data: h5py.Group, cube: SpectralCube) -> None:
-    """Write the wavelengths and positions of a cube's values as dimension scales."""
+    """Write wavelengths and positions as dimension scales."""
     data["wavelength"] = np.array(cube.wavelengths)
     data["wavelength"].attrs["units"] = "m"
     for name, count in zip("yx", cube.shape[1:], strict=True):
@@ -84,7 +84,7 @@ def _write_axes(data: h5py.Group, cube: SpectralCube) -> None:
 
 
 def _write_picture(data: h5py.Group, name: str, values: Any, unit: str, words: str) -> None:
-    """Write the values of a cube or their error map, a chunk for each band, compressed."""
+    """Write the values or their error map, a chunk for each band, compressed."""
     chunk = (1, *values.shape[1:])
     made = data.create_dataset(name, data=values, chunks=chunk, compression="gzip", shuffle=True)
     made.attrs["units"], made.attrs["long_name"] = unit, words
@@ -94,7 +94,7 @@ def _write_picture(data: h5py.Group, name: str, values: Any, unit: str, words: s
 
 
 def _read_cube(path: Path, file: h5py.File) -> SpectralCube:
-    """Read an open HDF5 file as a cube; raise UserError if it is another kind of file."""
+    """Read a cube from an open file; raise UserError if that is of another kind."""
     kind = file["entry/definition"][()].decode() if "entry/definition" in file else "unknown"
     if kind != DEFINITION:
         raise UserError(
@@ -118,7 +118,7 @@ def _read_cube(path: Path, file: h5py.File) -> SpectralCube:
 
 
 def _stored_values(path: Path, data: h5py.Group, name: str) -> StoredValues:
-    """Return the numbers of a dataset, which stay in the file of a cube until they are indexed."""
+    """Return a dataset's numbers, which stay in the file until they are indexed."""
     found = data[name]
     if found.ndim != 3 or found.dtype.kind not in "iuf":
         raise UserError(
@@ -129,7 +129,7 @@ def _stored_values(path: Path, data: h5py.Group, name: str) -> StoredValues:
 
 
 def _read_window(path: Path, name: str, window: Window) -> Values:
-    """Read a window of a cube's dataset by its name, a band at a time."""
+    """Read a window of the dataset of that name, a band at a time."""
     bands, rows, columns = window
     made = np.empty((len(bands), len(rows), len(columns)), np.float32)
     with open_plain_hdf5(path) as file:

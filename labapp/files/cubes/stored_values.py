@@ -38,7 +38,7 @@ class FileState:
 
 
 def file_state(path: Path) -> FileState:
-    """Return the state of a cube's file; raise UserError if it can't be read, or is all holes."""
+    """Return a file's state; raise UserError if it can't be read, or is all holes."""
     with open_regular(path, MOST_CUBE_BYTES) as file:
         found = os.fstat(file.fileno())
         require_no_holes(path, found)
@@ -46,19 +46,10 @@ def file_state(path: Path) -> FileState:
 
 
 class StoredValues(NDArrayOperatorsMixin):
-    """Numbers of a cube in its file, (bands, rows, columns), which are read where they are indexed.
+    """Float32 numbers that stay on the disk, (bands, rows, columns), and are read where indexed.
 
-    Numbers are float32, and NaN where a value is missing. Reading raises UserError for infinite
-    numbers, for a file that has changed, and for more than there is memory.
-
-    Parameters
-    ----------
-    path : Path
-        File that holds the numbers.
-    shape : tuple of int
-        Numbers of bands, rows and columns.
-    read_window : callable
-        Reads a window of the numbers from the file.
+    NaN stands for a missing value. Reading raises UserError for infinite numbers, for a file that
+    has changed, and for more than there is memory. read_window reads a window from the file.
     """
 
     dtype = np.dtype(np.float32)
@@ -72,7 +63,7 @@ class StoredValues(NDArrayOperatorsMixin):
 
     @property
     def size(self) -> int:
-        """Return how many numbers the stored cube has."""
+        """How many numbers there are."""
         return math.prod(self.shape)
 
     def __len__(self) -> int:
@@ -110,7 +101,7 @@ class StoredValues(NDArrayOperatorsMixin):
         return getattr(np.asarray(self), name)
 
     def _read(self, bands: Sequence[int], rows: range, columns: range) -> Values:
-        """Read a window of the file's numbers; raise UserError if they can't be a cube's."""
+        """Read a window of the numbers; raise UserError if they can't be a cube's."""
         count = len(bands) * len(rows) * len(columns)
         require_free_memory(self.path, count * self.dtype.itemsize, "its cube")
         if file_state(self.path) != self._state:
@@ -126,13 +117,13 @@ class StoredValues(NDArrayOperatorsMixin):
 
 
 def _within(places: Any, span: range) -> Any:
-    """Return the index of places on a cube's axis within the span of it that was read."""
+    """Return the index of places on an axis within the span of it that was read."""
     # A slice copies nothing.
     return slice(None) if places.ndim and np.array_equal(places, span) else places - span.start
 
 
 def _three_keys(key: Any) -> list[Any] | None:
-    """Return the index of each axis of a cube; None if windows don't serve."""
+    """Return the index of each axis; None if windows don't serve."""
     keys = list(key) if isinstance(key, tuple) else [key]
     if sum(one is Ellipsis for one in keys) == 1:
         at = next(k for k, one in enumerate(keys) if one is Ellipsis)

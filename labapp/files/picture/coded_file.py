@@ -1,4 +1,4 @@
-"""Read PNG, JPEG and other coded pictures by imagecodecs, whose answer is held against the header.
+"""PNG, JPEG and other coded pictures by imagecodecs, whose answer is held against the header.
 
 imagecodecs keeps bits and transparency, and costs no more than OpenCV. OpenCV decodes Windows
 bitmaps, all of whose kinds it knows, and says what is wrong with a JPEG's data, which others don't.
@@ -56,7 +56,7 @@ _BLOCK = 8
 
 
 def _decode_by_opencv(data: bytes) -> Samples:
-    """Decode a picture by OpenCV, with alpha as it is; what its libraries say is caught."""
+    """Decode by OpenCV, with alpha as it is; what its libraries say is caught."""
     import cv2
 
     with collect_library_text(_LIBRARY_TEXT) as said:
@@ -95,7 +95,7 @@ _DECODERS: dict[str, Callable[[bytes], Samples]] = {
 
 
 def read_coded(path: Path, data: bytes, header: Header) -> StoredPicture:
-    """Read the bytes of a coded picture file, of which `header` was found.
+    """Read the bytes of a coded picture, of which `header` was found.
 
     Raises UserError, which says what the file is, if it is damaged, asks for too much memory, or
     what is decoded isn't what the header says.
@@ -144,7 +144,7 @@ def _require_whole_jpeg(path: Path, data: bytes) -> None:
 
 
 def _decode(path: Path, data: bytes, header: Header) -> Samples:
-    """Decode a picture; raise UserError if that fails, or it hasn't the size of its header."""
+    """Decode samples; raise UserError if that fails, or they haven't the size of the header."""
     try:
         found = _DECODERS[header.kind](data)
     except MemoryError as error:
@@ -184,7 +184,7 @@ def _require_sound_jpeg(path: Path, data: bytes) -> None:
 def _colours(
     path: Path, data: bytes, header: Header, samples: Samples
 ) -> tuple[Samples, tuple[str, ...]]:
-    """Return a picture's samples as (1 or 3, rows, columns), and what was done with others."""
+    """Return samples as (1 or 3, rows, columns), and what was done with others."""
     bands = samples[None] if samples.ndim == 2 else np.moveaxis(samples, -1, 0)
     if header.kind == "JPEG" and len(bands) == 4:
         # Adobe's files store 255 for no ink.
@@ -202,7 +202,7 @@ def _colours(
 
 
 def _further_pictures(data: bytes, header: Header) -> tuple[str, ...]:
-    """Say in words what a file holds beside the picture that was read."""
+    """Say in words what else a file holds, such as a gain map or further frames."""
     head = data[:_HEAD]
     if header.kind == "JPEG" and (b"hdrgm" in head or b"21496-1" in head):
         return ("its gain map for brighter screens was left out",)
@@ -227,7 +227,7 @@ _MOVES: dict[str, Callable[[bytes], bool]] = {
 
 
 def _encoding(data: bytes, header: Header) -> Statement:
-    """Return the encoding that a picture's file says, with remarks."""
+    """Return the encoding that a file states, with remarks."""
     if header.kind == "PNG":
         return png_encoding(data)
     if header.kind == "AVIF":
@@ -251,7 +251,7 @@ _EXIF = {
 
 
 def _orientation(data: bytes, header: Header, exif: Exif | None) -> int:
-    """Return the orientation that a picture's file says, 1 to 8."""
+    """Return the orientation that a file states, 1 to 8."""
     if header.kind == "AVIF":
         return orientation_of_heif(data)
     if header.kind == "JPEG XL":

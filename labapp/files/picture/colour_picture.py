@@ -1,4 +1,4 @@
-"""Read pictures as colours: of a scene in linear light, or 8-bit ones of a screen for training."""
+"""Pictures as colours: of a scene in linear light, or 8-bit ones of a screen for training."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Colours = NDArray[np.uint8]
 
 
 def read_scene_picture(path: Path, encoding: Encoding | None = None) -> NDArray[np.float32]:
-    """Read a picture as linear red, green and blue, (rows, columns, 3), white at 1.
+    """Read linear red, green and blue, (rows, columns, 3), white at 1.
 
-    encoding: how its numbers stand for light; None for what the file says. Raises UserError for
-    what can't be read, or can't be light.
+    encoding: how the numbers stand for light; None for what the file says.
+    Raises UserError for what can't be read, or can't be light.
     """
     picture = read_photograph(path, encoding=encoding)
     light = picture.relative_light
@@ -35,7 +35,7 @@ def read_scene_picture(path: Path, encoding: Encoding | None = None) -> NDArray[
 
 
 def read_screen_colours(path: Path) -> Colours:
-    """Read a picture as 8-bit sRGB colours, (3, rows, columns); grey gets three equal ones.
+    """Read 8-bit sRGB colours, (3, rows, columns); grey gets three equal ones.
 
     Raises UserError for what can't be read, or is brighter than white.
     """
@@ -56,7 +56,7 @@ def read_screen_colours(path: Path) -> Colours:
 
 
 def read_drawing(path: Path) -> NDArray[np.uint8]:
-    """Read a picture as 8-bit grey levels of a drawing, (rows, columns): of colours, their luma.
+    """Read 8-bit grey levels of a drawing, (rows, columns): of colours, their luma.
 
     Raises UserError for what can't be read, or is brighter than white.
     """
@@ -68,7 +68,7 @@ def read_drawing(path: Path) -> NDArray[np.uint8]:
 
 
 def _require_light(path: Path, light: NDArray[np.float32]) -> None:
-    """Raise UserError unless a picture's numbers can be light: finite, and not below 0."""
+    """Raise UserError unless numbers can be light: finite, and not below 0."""
     if not np.isfinite(light).all():
         raise UserError(f"{path}: has NaN or infinite values. Fill them before it is shown.")
     if light.min() < 0:

@@ -42,8 +42,9 @@ class Encoding:
     """How levels stand for light.
 
     name: "linear", "srgb" (IEC 61966-2-1), "bt709" (ITU-R BT.709-6), "pq" and "hlg" (ITU-R
-    BT.2100-2), "gamma X" (light is the level to the power of X), or "icc". curves: for "icc", the
-    light at evenly spaced levels from 0 to 1, (1, nodes), or (3, nodes) for red, green and blue.
+    BT.2100-2), "gamma X" (light is the level to the power of X), or "icc".
+    curves: for "icc", the light at evenly spaced levels from 0 to 1, (1, nodes), or (3, nodes) for
+    red, green and blue.
     """
 
     name: str
@@ -72,9 +73,9 @@ class Encoding:
 
 
 class Statement(NamedTuple):
-    """What a file says of its encoding: None where it says nothing; `source` is who says it.
+    """What is stated of an encoding: None where nothing is; `source` is who states it.
 
-    refusal: why what it says can't be turned into light, in words; empty if it can.
+    refusal: why it can't be turned into light, in words; empty if it can.
     """
 
     encoding: Encoding | None
@@ -84,7 +85,7 @@ class Statement(NamedTuple):
 
 
 def statement_of(read: Callable[[], Statement]) -> Statement:
-    """Return what a file says of its encoding; what can't be turned into light is a refusal.
+    """Return what is stated of an encoding; what can't be turned into light is a refusal.
 
     Whoever names the encoding needs no word of the file's.
     """
@@ -103,7 +104,7 @@ def gamma_encoding(exponent: float) -> Encoding:
 
 
 def parse_encoding(text: str) -> Encoding:
-    """Return the encoding that a command line or a file names; raise UserError for other words."""
+    """Return the encoding that a text names; raise UserError for other words."""
     word = " ".join(text.lower().split())
     word = _OTHER_NAMES.get(word, word)
     if word in _CURVES:
@@ -115,10 +116,10 @@ def parse_encoding(text: str) -> Encoding:
 
 
 def decode_levels(levels: Numbers, white: float | None, encoding: Encoding) -> NDArray[np.float32]:
-    """Convert a picture's levels to light, white at 1; linear levels without a white keep theirs.
+    """Convert levels to light, white at 1; linear levels without a white keep theirs.
 
-    levels: (bands, rows, columns), numbers of any type. white: number of white, or None for
-    floating-point numbers, whose white is 1.
+    levels: (bands, rows, columns), numbers of any type.
+    white: number of white, or None for floating-point numbers, whose white is 1.
     """
     scale = 1.0 if white is None else float(white)
     if encoding.name == "linear":

@@ -1,4 +1,4 @@
-"""Find the block of Exif in the files of JPEG, PNG, WebP, TIFF and JPEG XL."""
+"""Where the block of Exif lies in JPEG, PNG and WebP, and in boxes of HEIF and JPEG XL."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TEXT_PROFILES = (b"Raw profile type exif", b"Raw profile type APP1")
 
 
 def exif_of_jpeg(data: bytes) -> Exif | None:
-    """Return the Exif in a JPEG file's APP1 segment; None if there is none, or it is damaged."""
+    """Return the Exif in a JPEG's APP1 segment; None if there is none, or it is damaged."""
     for marker, content in jpeg_segments(data):
         if marker == _APP1 and content[:5] == _EXIF:
             return read_exif(bytes(content))
@@ -26,7 +26,7 @@ def exif_of_jpeg(data: bytes) -> Exif | None:
 
 
 def exif_of_png(data: bytes) -> Exif | None:
-    """Return the Exif in a PNG file's eXIf chunk, or in the text that served before there was one.
+    """Return the Exif in a PNG's eXIf chunk, or in the text that served before there was one.
 
     A chunk with a wrong check sum is passed over.
     """
@@ -40,13 +40,13 @@ def exif_of_png(data: bytes) -> Exif | None:
 
 
 def exif_of_webp(data: bytes) -> Exif | None:
-    """Return the Exif in a WebP file's chunk (RFC 9649, section 2.7.1.5)."""
+    """Return the Exif in WebP's chunk (RFC 9649, section 2.7.1.5)."""
     found = (bytes(content) for name, content in riff_chunks(data) if name == b"EXIF")
     return next((read_exif(one) for one in found), None)
 
 
 def _text_profile(name: bytes, content: bytes) -> Exif | None:
-    """Return the Exif that a text of a PNG file holds as hexadecimal digits."""
+    """Return the Exif that a text of a PNG holds as hexadecimal digits."""
     keyword, _, text = content.partition(b"\0")
     if keyword not in _TEXT_PROFILES:
         return None

@@ -1,4 +1,4 @@
-"""Read and write OpenEXR files by OpenEXR's own library, which is kept from the terminal.
+"""OpenEXR by its own library, which is kept from the terminal.
 
 The library prints what it thinks of damaged files, and then leaves parts out without an error. What
 it says is taken away here, and is the error.
@@ -22,7 +22,7 @@ _SAID = re.compile(rb"[^\n]*\(EXR_ERR_\w+\)[^\n]*\n?|Warning: Exception raised r
 
 
 def open_exr(path: Path, data: bytes, header_only: bool) -> list[Any]:
-    """Return the parts of a file as the library reads them; UserError if it finds damage."""
+    """Return a file's parts as the library reads them; UserError if it finds damage."""
     import OpenEXR
 
     with collect_library_text(_SAID) as said:
@@ -38,7 +38,7 @@ def open_exr(path: Path, data: bytes, header_only: bool) -> list[Any]:
 
 
 def encode_open_exr(light: NDArray[np.float32]) -> bytes:
-    """Return the bytes of an OpenEXR file of light, (1 or 3, rows, columns), exact in float32.
+    """Return the bytes of light as OpenEXR, (1 or 3, rows, columns), exact in float32.
 
     One band is written as luminance (Y), three as R, G and B with the primaries of sRGB.
     """

@@ -22,12 +22,12 @@ _MOST_PARTS = 100_000
 """Parts of a file that are looked at: a PNG of 4 GB in chunks of 40 kB. Chosen."""
 
 _MOST_EXPANDED = 1 << 24
-"""Bytes that a text or profile in a picture may be expanded to, 16 MiB. Chosen: ICC profiles with
-large tables have some megabytes."""
+"""Bytes that a text or profile may be expanded to, 16 MiB. Chosen: ICC profiles with large tables
+have some megabytes."""
 
 
 class PngChunk(NamedTuple):
-    """A chunk of a PNG file; `is_intact` says whether its check sum is right."""
+    """A chunk of a PNG; `is_intact` says whether its check sum is right."""
 
     name: bytes
     content: memoryview
@@ -35,7 +35,7 @@ class PngChunk(NamedTuple):
 
 
 def png_chunks(data: bytes) -> Iterator[PngChunk]:
-    """Yield the chunks of a PNG file but those of its pixels (IDAT), which are only skipped."""
+    """Yield a PNG's chunks but those of its pixels (IDAT), which are only skipped."""
     view, at = memoryview(data), len(PNG)
     for _ in range(_MOST_PARTS if data.startswith(PNG) else 0):
         size, name = int.from_bytes(view[at : at + 4], "big"), bytes(view[at + 4 : at + 8])
@@ -49,7 +49,7 @@ def png_chunks(data: bytes) -> Iterator[PngChunk]:
 
 
 def riff_chunks(data: bytes) -> Iterator[tuple[bytes, memoryview]]:
-    """Yield names and bytes of the chunks of a RIFF file, as WebP is (RFC 9649, section 2.3)."""
+    """Yield names and bytes of the chunks of RIFF, as WebP is (RFC 9649, section 2.3)."""
     view, at = memoryview(data), 12
     for _ in range(_MOST_PARTS if data[:4] == b"RIFF" else 0):
         size = int.from_bytes(view[at + 4 : at + 8], "little")
@@ -76,7 +76,7 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, memoryview]]:
 
 
 def count_gif_frames(data: bytes) -> int:
-    """Return the number of pictures in a GIF file (GIF89a, sections 18 to 26)."""
+    """Return the number of frames in a GIF (GIF89a, sections 18 to 26)."""
     at = 13 + _colour_table(data[10])
     count = 0
     for _ in range(_MOST_PARTS):
@@ -96,7 +96,7 @@ def count_gif_frames(data: bytes) -> int:
 
 
 def _colour_table(flags: int) -> int:
-    """Return the bytes of the colour table that the flags of a part of a GIF file announce."""
+    """Return the bytes of the colour table that the flags of a part of a GIF announce."""
     return 3 * 2 ** ((flags & 7) + 1) if flags & 0x80 else 0
 
 
@@ -116,7 +116,7 @@ def boxes(content: memoryview) -> Iterator[tuple[bytes, memoryview]]:
 
 
 def expand(compressed: memoryview | bytes) -> bytes | None:
-    """Return data that deflate compressed in a file; None if they are damaged or too large."""
+    """Expand what deflate compressed; None if it is damaged or too large."""
     machine = zlib.decompressobj()
     try:
         found = machine.decompress(compressed, _MOST_EXPANDED)

@@ -1,4 +1,4 @@
-"""Read the pictures of FITS files (FITS Standard 4.0, Pence et al., A&A 524, A42, and its update).
+"""The pictures in FITS files (FITS Standard 4.0, Pence et al., A&A 524, A42, and its update).
 
 A file is a row of units: each has a header of lines of 80 characters, and data. Pictures stand in
 the first unit, or in extensions of the type IMAGE; each plane is a page, and three planes of one
@@ -37,10 +37,11 @@ _TIMES = ("EXPTIME", "EXPOSURE")
 
 
 def read_fits(path: Path, data: bytes, page: int = 0) -> StoredPicture:
-    """Read a picture of a FITS file: numbers of its unit, scaled as its header says.
+    """Read a plane of a FITS unit, or three of colours, scaled as its header says.
 
-    page: number of the plane, counted over all units. Missing values (BLANK) become NaN. Raises
-    UserError if the file is damaged or cut, or has no picture, or one that is compressed.
+    page: number of the plane, counted over all units.
+    Missing values (BLANK) become NaN. Raises UserError if the file is damaged or cut, or has no
+    picture, or one that is compressed.
     """
     units = read_units(path, data)
     pictures = [unit for unit in units if unit.is_picture]
@@ -72,12 +73,12 @@ def read_fits(path: Path, data: bytes, page: int = 0) -> StoredPicture:
 
 
 def count_fits_pages(path: Path, data: bytes) -> int:
-    """Return how many pictures a FITS file has; raise UserError if it is damaged."""
+    """Return how many pictures FITS units have; raise UserError if they are damaged."""
     return sum(unit.pages for unit in read_units(path, data) if unit.is_picture)
 
 
 def _no_picture(path: Path, units: list[FitsUnit]) -> UserError:
-    """Return the error that says why a file has no picture."""
+    """Return the error that says why no unit is a picture."""
     if any(unit.keys.get("ZIMAGE") is True for unit in units):
         return UserError(
             f"{path}: is a FITS file whose picture is compressed in tiles. Expand it with funpack."

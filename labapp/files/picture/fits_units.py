@@ -31,7 +31,7 @@ _VALUE = re.compile(r"\s*(?:'((?:[^']|'')*)'|([^/\s]+))")
 
 @dataclass(frozen=True)
 class FitsUnit:
-    """A unit of a file: the keywords of its header, and where its data are."""
+    """A header's keywords, and where the data after it are: place and bytes."""
 
     keys: Keys
     start: int
@@ -67,7 +67,7 @@ class FitsUnit:
 
 
 def read_units(path: Path, data: bytes) -> list[FitsUnit]:
-    """Return the units of a file; UserError if one of them is damaged or cut."""
+    """Return all units; UserError if one of them is damaged or cut."""
     found: list[FitsUnit] = []
     at = 0
     while at < len(data) and len(found) < _MOST_UNITS:

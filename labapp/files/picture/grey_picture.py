@@ -1,4 +1,4 @@
-"""Read pictures whose numbers mean something else than colours: patterns, maps and masks."""
+"""Pictures whose numbers mean something else than colours: patterns, maps and masks."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ CHANNELS = ("red", "green", "blue")
 def read_grey_picture(
     path: Path, use: str, *, channel: str | None = None, remedy: str = ""
 ) -> NDArray[Any]:
-    """Read the numbers of a grey picture as they are in the file, (rows, columns).
+    """Read grey numbers as they are stored, (rows, columns).
 
-    use: what the picture is, in words. channel: of `CHANNELS`, the one to take of a colour picture;
-    without it, colours that differ are refused. remedy: how the command's reader names a channel.
+    use: what the picture is, in words.
+    channel: of `CHANNELS`, the one to take of a colour picture; without it, colours that differ are
+    refused.
+    remedy: how the command's reader names a channel.
     A compression that has changed the numbers is told. Raises UserError.
     """
     from labapp.files.picture.encoding import LINEAR

@@ -1,4 +1,4 @@
-"""Find kind, size and bits of a picture in its file's first bytes, without decoding it."""
+"""Kind, size and bits of a picture by its first bytes, without decoding it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ _LOSSLESS = frozenset({0xC3, 0xC7, 0xCB, 0xCF})
 
 @dataclass(frozen=True)
 class Header:
-    """What a picture file's header says.
+    """Kind and size of a picture by its first bytes.
 
-    kind: format in words. width, height: pixels. bits: of each sample, None where it isn't said.
+    kind: format in words.
+    width, height: pixels.
+    bits: of each sample, None where it isn't said.
     is_lossy: whether the format's way of compressing loses something; None where it isn't said.
     """
 
@@ -35,7 +37,7 @@ class Header:
 
 
 def find_header(data: bytes) -> Header | None:
-    """Return what the header of a picture file says; None if it is none that is decoded here.
+    """Find what a header says; None if the format is none that is decoded here.
 
     TIFF, RAW, FITS, OpenEXR, Radiance and portable maps have readers of their own.
     """
@@ -56,7 +58,7 @@ def _png(data: bytes) -> Header:
 
 
 def _jpeg(data: bytes) -> Header | None:
-    """Return what the frame header of a JPEG file says (ITU-T T.81, section B.2.2).
+    """Parse a JPEG's frame header (ITU-T T.81, section B.2.2).
 
     JPEG-LS has a marker of its own (ITU-T T.87, section C.2.2).
     """
@@ -71,14 +73,14 @@ def _jpeg(data: bytes) -> Header | None:
 
 
 def _bmp(data: bytes) -> Header:
-    """Return what a Windows bitmap says; rows from top to bottom have a negative height."""
+    """Parse a Windows bitmap's header; rows from top to bottom have a negative height."""
     (header,) = struct.unpack_from("<I", data, 14)
     width, height = struct.unpack_from("<HH" if header == 12 else "<ii", data, 18)
     return Header("BMP", abs(width), abs(height))
 
 
 def _webp(data: bytes) -> Header | None:
-    """Return what the first chunk of a WebP file says (RFC 9649, section 2)."""
+    """Parse WebP's first chunk (RFC 9649, section 2)."""
     kind = data[12:16]
     if kind == b"VP8 ":
         width, height = struct.unpack_from("<HH", data, 26)
@@ -105,7 +107,7 @@ def _qoi(data: bytes) -> Header:
 
 
 def _jpeg_2000(data: bytes) -> Header:
-    """Return what the codestream of a JPEG 2000 file says (ITU-T T.800, annex A)."""
+    """Parse the codestream of JPEG 2000 (ITU-T T.800, annex A)."""
     at = data.index(b"\xff\x4f\xff\x51") + 4
     right, bottom, left, top = struct.unpack_from(">IIII", data, at + 4)
     bits = (data[at + 38] & 0x7F) + 1
@@ -116,14 +118,14 @@ def _jpeg_2000(data: bytes) -> Header:
 
 
 def _avif(data: bytes) -> Header:
-    """Return what the properties of an AVIF file say (ISO 23008-12, section 6.5)."""
+    """Parse the properties of an AVIF (ISO 23008-12, section 6.5)."""
     width, height = struct.unpack_from(">II", data, data.index(b"ispe") + 8)
     depth = data.find(b"pixi")
     return Header("AVIF", width, height, data[depth + 9] if depth > 0 else None, None)
 
 
 def _jpeg_xr(data: bytes) -> Header:
-    """Return the size in the directory of a JPEG XR file (ITU-T T.832, annex A)."""
+    """Parse the size in the directory of a JPEG XR (ITU-T T.832, annex A)."""
     (at,) = struct.unpack_from("<I", data, 4)
     (count,) = struct.unpack_from("<H", data, at)
     size = {}

@@ -1,4 +1,4 @@
-"""Read what AVIF and HEIF files say of their picture: Exif, orientation and encoding.
+"""What AVIF and HEIF say of their picture: Exif, orientation and encoding.
 
 The picture and the block of Exif are items of the file; turning, mirroring and colours are
 properties that items refer to (ISO/IEC 23008-12, and ISO/IEC 14496-12 for the boxes).
@@ -37,7 +37,7 @@ _MOST_ITEMS = 10_000
 
 
 def exif_of_heif(data: bytes) -> Exif | None:
-    """Return the Exif in an AVIF or HEIF file's item (ISO/IEC 23008-12, annex A).
+    """Return the Exif in an item of AVIF or HEIF (ISO/IEC 23008-12, annex A).
 
     Its orientation isn't the picture's: that is told by the properties irot and imir.
     """
@@ -53,7 +53,7 @@ def exif_of_heif(data: bytes) -> Exif | None:
 
 
 def orientation_of_heif(data: bytes) -> int:
-    """Return the orientation, 1 to 8, that an AVIF or HEIF file's properties tell for its picture.
+    """Return the orientation, 1 to 8, by the properties of AVIF or HEIF.
 
     The turning (irot) comes before the mirroring (imir; ISO/IEC 23000-22, section 7.3.6.7).
     """
@@ -67,7 +67,7 @@ def orientation_of_heif(data: bytes) -> int:
 
 
 def heif_encoding(data: bytes) -> Statement:
-    """Return what the colour boxes of an AVIF or HEIF file's picture say.
+    """Return the encoding by the colour boxes of AVIF or HEIF.
 
     An ICC profile holds before numbers (ISO/IEC 14496-12, section 12.1.5). Raises UserError,
     without the file's name, if the encoding is one that labapp can't turn into light.
@@ -85,13 +85,13 @@ def heif_encoding(data: bytes) -> Statement:
 
 
 def _meta(data: bytes) -> dict[bytes, memoryview]:
-    """Return the boxes in a HEIF file's box of metadata, which begins with version and flags."""
+    """Return the boxes in the box of metadata, which begins with version and flags."""
     top = (content for name, content in boxes(memoryview(data)) if name == b"meta")
     return dict(boxes(next(top, memoryview(b""))[4:]))
 
 
 def _properties(data: bytes) -> list[tuple[bytes, memoryview]]:
-    """Return names and bytes of the properties of the item that is a HEIF file's picture."""
+    """Return names and bytes of the properties of the item that is the picture."""
     meta = _meta(data)
     boxed = dict(boxes(meta.get(b"iprp", memoryview(b""))))
     known = list(boxes(boxed.get(b"ipco", memoryview(b""))))
@@ -117,7 +117,7 @@ def _exif_item(box: memoryview | None) -> int | None:
 
 
 def _item_place(box: memoryview | None, wanted: int) -> tuple[int, int] | None:
-    """Return place and size of an item that lies in the file in one piece (ISO/IEC 14496-12)."""
+    """Return place and size of an item that lies in one piece (ISO/IEC 14496-12)."""
     if not box or len(box) < 8 or box[0] > 2:
         return None
     version, numbers = box[0], _Numbers(box[6:])

@@ -1,4 +1,4 @@
-"""Read the curves of ICC profiles, and write small ones (ICC.1:2022, and ICC.1:2001 for version 2).
+"""Curves of ICC profiles, and small profiles to write (ICC.1:2022; ICC.1:2001 for version 2).
 
 A profile with a matrix has a curve for each colour, from a file's levels to linear light, and the
 places of its primary colours. Only the curves are used: light stays in the profile's own red,
@@ -70,7 +70,8 @@ def icc_encoding(profile: bytes) -> Statement:
 def icc_profile(encoding: Encoding, bands: int = 3) -> bytes:
     """Return a small ICC profile of version 4 for linear or sRGB light with sRGB's primaries.
 
-    bands: 3, or 1 for the profile of a grey picture. Raises ValueError for other encodings.
+    bands: 3, or 1 for the profile of a grey picture.
+    Raises ValueError for other encodings.
     """
     if encoding.name not in ("linear", "srgb"):
         raise ValueError(f"encoding is {encoding.name}; profiles are written for linear and srgb")
@@ -108,7 +109,7 @@ _SRGB_CURVE = struct.pack(
 
 
 def _read_tags(profile: bytes) -> dict[bytes, bytes] | None:
-    """Return the tags of an ICC profile; None if it is none, or damaged."""
+    """Return a profile's tags; None if it is none, or damaged."""
     if profile[_SIGNATURE] != b"acsp" or len(profile) < _HEADER + 4:
         return None
     found: dict[bytes, bytes] = {}

@@ -1,4 +1,4 @@
-"""Turn inks of a print into the colours of a screen, by plain subtraction."""
+"""Inks of a print as the colours of a screen, by plain subtraction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read what a JPEG XL file says of its picture before the picture itself (ISO/IEC 18181)."""
+"""What JPEG XL says of its picture before the picture itself (ISO/IEC 18181)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from labapp.files.picture.file_parts import boxes
 _CODESTREAM = b"\xff\x0a"
 
 STARTS = (_CODESTREAM, b"\0\0\0\x0cJXL \r\n\x87\n")
-"""First bytes of a JPEG XL file: the codestream, or boxes with it."""
+"""First bytes of JPEG XL: the codestream, or boxes with it."""
 
 _RATIOS = ((1, 1), (12, 10), (4, 3), (3, 2), (16, 9), (5, 4), (2, 1))
 """Widths over heights that JPEG XL has numbers for."""
@@ -31,7 +31,7 @@ class JpegXLHeader:
 
 
 def exif_of_jpeg_xl(data: bytes) -> Exif | None:
-    """Return the Exif in a JPEG XL file's box (ISO/IEC 18181-2, section 9.4).
+    """Return the Exif in JPEG XL's box (ISO/IEC 18181-2, section 9.4).
 
     Its orientation isn't the picture's: that stands in the picture's own header.
     """
@@ -40,10 +40,7 @@ def exif_of_jpeg_xl(data: bytes) -> Exif | None:
 
 
 def read_jpeg_xl_header(data: bytes) -> JpegXLHeader | None:
-    """Return what the header of a JPEG XL picture says (ISO/IEC 18181-1, annex D).
-
-    None if it is no such file.
-    """
+    """Parse the header of JPEG XL (ISO/IEC 18181-1, annex D); None for other formats."""
     if not data.startswith(_CODESTREAM):
         named = [one for one in boxes(memoryview(data)) if one[0] in (b"jxlc", b"jxlp")]
         if not named:

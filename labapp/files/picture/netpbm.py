@@ -1,4 +1,4 @@
-"""Read the portable maps: PBM, PGM, PPM, PAM and PFM, whose definitions are Netpbm's.
+"""The portable maps PBM, PGM, PPM, PAM and PFM, whose definitions are Netpbm's.
 
 See netpbm.sourceforge.net/doc for all but PFM, and P. Debevec's HDR Shop for that. Levels are kept
 as they are stored, with their own number of white.
@@ -44,10 +44,13 @@ _TUPLES = {
 
 @dataclass(frozen=True)
 class _Header:
-    """What a header says of the picture behind it.
+    """What a header says of the numbers behind it.
 
-    depth: samples of a pixel. bands: how many of them are light. scale: PFM's, whose sign tells the
-    order of bytes. start: place of the pixels.
+    depth: samples of a pixel.
+    bands: how many of them are light.
+    white: highest level.
+    scale: PFM's, whose sign tells the order of bytes.
+    start: place of the pixels.
     """
 
     magic: bytes
@@ -61,7 +64,7 @@ class _Header:
 
     @property
     def number_type(self) -> np.dtype[Any]:
-        """The type of a sample in the file."""
+        """The type of a stored sample."""
         if self.magic in _FLOATS:
             return np.dtype("<f4" if self.scale < 0 else ">f4")
         return np.dtype("u1" if self.white < 256 else ">u2")
@@ -75,7 +78,7 @@ class _Header:
 
 
 def is_netpbm(data: bytes) -> bool:
-    """Return whether the bytes of a file begin as a portable map does."""
+    """Return whether bytes begin as a portable map does."""
     return data[:2] in _NAMES and data[2:3] in (b" ", b"\t", b"\n", b"\r", b"#")
 
 
@@ -113,12 +116,12 @@ def read_netpbm(path: Path, data: bytes, page: int = 0) -> StoredPicture:
 
 
 def count_netpbm_pages(path: Path, data: bytes) -> int:
-    """Return how many portable maps a file has; raise UserError if one is damaged."""
+    """Return how many portable maps there are; raise UserError if one is damaged."""
     return len(_read_headers(path, data))
 
 
 def _read_headers(path: Path, data: bytes) -> list[_Header]:
-    """Return the headers of all pictures in a file; text can only be one."""
+    """Return the headers of all maps in a file; text can only be one."""
     found = [_read_header(path, data, 0)]
     while found[-1].magic not in _TEXTS:
         end = found[-1].start + found[-1].size
@@ -160,7 +163,7 @@ def _words(path: Path, data: bytes, at: int, count: int) -> tuple[list[bytes], i
 
 
 def _read_pam_header(path: Path, data: bytes, at: int) -> _Header:
-    """Return the header of a PAM picture: lines of names and values."""
+    """Return a PAM header: lines of names and values."""
     end = data.find(b"ENDHDR\n", at, at + 10_000)
     if end < 0:
         raise _damaged(path, "its header ends early")
@@ -180,7 +183,7 @@ def _read_pam_header(path: Path, data: bytes, at: int) -> _Header:
 
 
 def _read_text(path: Path, data: bytes, header: _Header) -> NDArray[Any]:
-    """Return the levels of a picture that is written as numbers, (bands, rows, columns)."""
+    """Return levels that are written as digits, (bands, rows, columns)."""
     count = header.rows * header.columns * header.depth
     body = re.sub(rb"#[^\n]*", b"", data[header.start :])
     if header.magic == b"P1":
@@ -205,7 +208,7 @@ def _read_text(path: Path, data: bytes, header: _Header) -> NDArray[Any]:
 
 
 def _read_bytes(path: Path, data: bytes, header: _Header) -> NDArray[Any]:
-    """Return the numbers of a picture that is stored as bytes, (samples, rows, columns)."""
+    """Return numbers that are stored as bytes, (samples, rows, columns)."""
     kind, start = header.number_type, header.start
     if header.magic == b"P4":
         stored = np.frombuffer(data, np.uint8, header.size, start).reshape(header.rows, -1)

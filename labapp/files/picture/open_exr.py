@@ -1,4 +1,4 @@
-"""Read OpenEXR: which channels of which part are light, and what the header says of them."""
+"""OpenEXR: which channels of which part are light, and what the header says of them."""
 
 from __future__ import annotations
 
@@ -44,10 +44,11 @@ _NUMBERS = {"float16": "half", "float32": "float", "uint32": "whole numbers"}
 
 
 def read_open_exr(path: Path, data: bytes, page: int = 0) -> StoredPicture:
-    """Read a part of an OpenEXR file: red, green and blue, or one channel, as they are stored.
+    """Read a part of OpenEXR: red, green and blue, or one channel, as they are stored.
 
-    page: number of the part. Raises UserError if the file is damaged, or holds another picture than
-    one of light: deep samples, luminance with chroma, several layers.
+    page: number of the part.
+    Raises UserError if the file is damaged, or holds another picture than one of light: deep
+    samples, luminance with chroma, several layers.
     """
     headers = _read_headers(path, data)
     if not 0 <= page < len(headers):
@@ -77,12 +78,12 @@ def read_open_exr(path: Path, data: bytes, page: int = 0) -> StoredPicture:
 
 
 def count_exr_pages(path: Path, data: bytes) -> int:
-    """Return how many parts an OpenEXR file has; raise UserError if it is damaged."""
+    """Return how many parts there are; raise UserError if the OpenEXR is damaged."""
     return len(_read_headers(path, data))
 
 
 def _read_headers(path: Path, data: bytes) -> list[dict[str, Any]]:
-    """Return the headers of a file's parts, which have size, channels and compression."""
+    """Return the headers of all parts, which have size, channels and compression."""
     headers = [part.header for part in open_exr(path, data, header_only=True)]
     if not all({*one} >= _NEEDED for one in headers):
         raise damaged_exr(path)
@@ -105,7 +106,7 @@ def _require_flat(path: Path, header: dict[str, Any]) -> None:
 
 
 def _choose_channels(path: Path, channels: list[Any]) -> tuple[tuple[str, ...], list[str]]:
-    """Return the names of the channels that are the picture, and notes of what is left out."""
+    """Return the names of the channels of light, and notes of what is left out."""
     names = [channel.name for channel in channels]
     wanted, notes = _picture_channels(path, names)
     if any((one.xSampling, one.ySampling) != (1, 1) for one in channels if one.name in wanted):
@@ -153,7 +154,7 @@ def _picture_channels(path: Path, names: list[str]) -> tuple[tuple[str, ...], li
 
 
 def _require_size(path: Path, data: bytes, headers: list[dict[str, Any]]) -> None:
-    """Raise UserError if a file's parts, all of which are read, are much larger than the file."""
+    """Raise UserError if all parts, all of which are read, are much larger than the file."""
     pixels = whole = 0
     for header in headers:
         rows, columns = _size(header, "dataWindow")

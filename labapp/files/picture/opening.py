@@ -1,4 +1,4 @@
-"""Open a picture file of any format by what its bytes are, whatever its name ends in."""
+"""Open a picture of any format by what its bytes are, whatever its name ends in."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _RADIANCE = (b"#?RADIANCE", b"#?RGBE", b"#?AUTOPANO")
 
 
 def read_stored(path: Path, data: bytes, page: int = 0) -> StoredPicture:
-    """Read the bytes of a picture file as numbers, with all that the file says of them.
+    """Read bytes of any format as numbers, with all that they say of themselves.
 
-    `page` counts the file's pictures from 0. Raises UserError, which says what the file is, if it
-    can't be read rightly.
+    page: counts the file's pictures from 0.
+    Raises UserError, which says what the file is, if it can't be read rightly.
     """
     if is_raw(data, path):
         raise _mosaic_refused(path, data)
@@ -62,7 +62,7 @@ def _mosaic_refused(path: Path, data: bytes) -> UserError:
 
 
 def count_pages(path: Path, data: bytes) -> int:
-    """Return how many pictures the bytes of a file hold that can be named one by one."""
+    """Return how many pictures there are that can be named one by one."""
     if is_tiff(data):
         from labapp.files.picture.tiff_file import count_tiff_pages
 

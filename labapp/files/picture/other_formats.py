@@ -1,4 +1,4 @@
-"""Name formats that labapp doesn't read, so that a refusal says what a file is."""
+"""Names of formats that labapp doesn't read, so that a refusal says what a file is."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _BRANDS = {
 
 
 def name_format(data: bytes, suffix: str) -> str:
-    """Say in words what a file is that isn't read as a picture, by its bytes and its ending."""
+    """Say in words what isn't read as a picture, by its bytes and its ending."""
     if not data:
         return "empty"
     if b"<svg" in data[:4096]:

@@ -30,14 +30,18 @@ _TURNS = {
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """A photograph that was read from a file, in the sensor's order.
+    """A photograph as it was read, in the sensor's order.
 
-    path: the file. kind: format in words. levels: (bands, rows, columns), the file's numbers; one
-    band, or red, green and blue. encoding: how they stand for light; encoding_source: who says so,
-    in words. white: number of white; None for floating-point numbers. orientation: 1 to 8, as Exif
-    counts them, which is told and never applied, because the PSF that belongs to the photograph
-    isn't turned either. is_lossy: whether the file's compression has lost something. exposure: what
-    the camera noted, or None. notes: what was done or left out.
+    levels: (bands, rows, columns), the file's numbers; one band, or red, green and blue.
+    encoding: how the levels stand for light.
+    encoding_source: who says so, in words.
+    white: number of white; None for floating-point numbers.
+    kind: format in words.
+    orientation: 1 to 8, as Exif counts them, which is told and never applied, because the PSF that
+    belongs to the photograph isn't turned either.
+    is_lossy: whether the file's compression has lost something.
+    exposure: what the camera noted, or None.
+    notes: what was done or left out.
     """
 
     path: Path
@@ -53,12 +57,12 @@ class Photograph:
 
     @property
     def is_coded(self) -> bool:
-        """Whether the photograph's levels aren't proportional to light."""
+        """Whether the levels aren't proportional to light."""
         return self.encoding.name != "linear"
 
     @property
     def light(self) -> Light:
-        """The photograph file's numbers as linear light.
+        """The levels as linear light.
 
         White is 1 for coded levels. Linear ones keep the file's unit.
         """
@@ -81,12 +85,12 @@ class Photograph:
 
     @property
     def relative_light(self) -> Light:
-        """The photograph file's numbers as linear light, white at 1; floating point as it is."""
+        """The levels as linear light, white at 1; floating point as it is."""
         return decode_levels(self.levels, self.white, self.encoding)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Say in words how the photograph's file was read, where that isn't plain."""
+        """How the numbers were read, in words, where that isn't plain."""
         if self.orientation == 1:
             return self.notes
         turned = _TURNS[self.orientation]
@@ -97,11 +101,10 @@ class Photograph:
         )
 
     def saturation_level(self) -> float | None:
-        """Find in a photograph's file the level at which the sensor's wells were full, or None.
+        """Find the level at which the sensor's wells were full, or None.
 
-        None means that the file shows no sign of full wells. The sign is 3 neighbouring pixels at
-        the picture's highest level, if it also has at least twice as many pixels as the level
-        below.
+        None means that there is no sign of full wells. The sign is 3 neighbouring pixels at the
+        picture's highest level, if it also has at least twice as many pixels as the level below.
         """
         levels = np.where(np.isfinite(self.levels), self.levels, -np.inf)
         top = levels.max()
@@ -123,26 +126,15 @@ def read_photograph(
     page: int | None = None,
     page_option: str = "",
 ) -> Photograph:
-    """Read a photograph from a picture file or .npy, grey or colour.
+    """Read a grey or colour photograph from a picture or .npy.
 
-    Parameters
-    ----------
-    path : Path
-        The file, of any format in `labapp.files.picture.opening.FORMATS`.
-    encoding : Encoding, optional
-        How its numbers stand for light; by default what the file says.
-    unstated : Encoding, optional
-        How they do where the file doesn't say it; by default sRGB's curve in 8-bit pictures, and
-        proportional in all others.
-    page : int, optional
-        Which of several pictures is meant, from 0.
-    page_option : str
-        The command's option that names the page, for messages.
-
-    Raises
-    ------
-    UserError
-        If the file can't be read rightly, or holds several pictures and none is named.
+    path: of any format in `labapp.files.picture.opening.FORMATS`.
+    encoding: how the numbers stand for light; by default what the file says.
+    unstated: how they do where the file doesn't say it; by default sRGB's curve in 8-bit pictures,
+    and proportional in all others.
+    page: which of several pictures is meant, from 0.
+    page_option: the command's option that names the page, for messages.
+    Raises UserError if the file can't be read rightly, or holds several pictures and none is named.
     """
     data = read_bytes(path)
     if not data:
@@ -187,7 +179,7 @@ def _choose_encoding(
 
 
 def _page(path: Path, data: bytes, page: int | None, option: str) -> int:
-    """Return the picture of a file to read, counted from 0."""
+    """Return which of several pictures to read, counted from 0."""
     count = count_pages(path, data)
     if count > 1 and page is None:
         remedy = "Save the one that is meant as a file of its own."
@@ -202,7 +194,7 @@ def _page(path: Path, data: bytes, page: int | None, option: str) -> int:
 
 
 def _read_array(path: Path) -> StoredPicture:
-    """Read a photograph from an array of NumPy, whose numbers are proportional to light."""
+    """Read an array of NumPy, whose numbers are proportional to light."""
     values = _only_array(path) if path.suffix.lower() == ".npz" else read_npy(path)
     if values.dtype.kind not in "iuf":
         raise UserError(f"{path}: holds {values.dtype} values. Give real numbers.")
@@ -221,13 +213,13 @@ def _read_array(path: Path) -> StoredPicture:
 
 
 def _tell_missing(count: int) -> tuple[str, ...]:
-    """Say in words that a picture has missing pixels."""
+    """Say in words that pixels are missing."""
     told = f"{count} of its numbers are infinite or NaN, and count as missing pixels"
     return (told,) if count else ()
 
 
 def _only_array(path: Path) -> NDArray[Any]:
-    """Return the array of an .npz file; raise UserError if it holds several."""
+    """Return the one array of an .npz; raise UserError if it holds several."""
     arrays = read_npz(path)
     if len(arrays) != 1:
         raise UserError(
@@ -250,7 +242,7 @@ def _count_missing(path: Path, values: NDArray[Any]) -> int:
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:
-    """Return whether 3 neighbouring pixels of a row are set, the file's sign of full wells."""
+    """Return whether 3 neighbouring pixels of a row are set, the sign of full wells."""
     side = at.shape[-1] - 2
     if side < 1:
         return False

@@ -1,4 +1,4 @@
-"""Write photographs so that what is written says how its numbers stand for light."""
+"""Photographs to write, so that what is written says how its numbers stand for light."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ _ICC = 34675
 
 
 def encode_photograph(path: Path, light: Light, in_srgb: bool, white_level: float) -> bytes:
-    """Return the bytes of a photograph's file, of the format that its ending names.
+    """Return a photograph's bytes in the format that the ending names.
 
-    light is (bands, rows, columns). .npy, .tiff, .exr and .hdr hold floating-point light. A .png
-    holds 8-bit sRGB values if `in_srgb`, which is meant for results of such a picture, else 16-bit
-    linear values, and says which; `white_level` is the light of its highest level.
+    light: (bands, rows, columns).
+    .npy, .tiff, .exr and .hdr hold floating-point light. A .png holds 8-bit sRGB values if
+    `in_srgb`, which is meant for results of such a picture, else 16-bit linear values, and says
+    which; `white_level` is the light of its highest level.
     """
     ending = path.suffix.lower()
     if ending == ".npy":
@@ -68,7 +69,7 @@ def linear_tiff(frame: NDArray[Any]) -> dict[str, Any]:
 
 
 def write_float_tiff(file: Path | io.BytesIO, light: Light) -> None:
-    """Write light, (bands, rows, columns), to a TIFF file of floating-point numbers."""
+    """Write light, (bands, rows, columns), to a TIFF of floating-point numbers."""
     kind = "minisblack" if len(light) == 1 else "rgb"
     # A draft's name doesn't end in .tiff.
     with open(file, "wb") if isinstance(file, Path) else nullcontext(file) as opened:
@@ -76,7 +77,7 @@ def write_float_tiff(file: Path | io.BytesIO, light: Light) -> None:
 
 
 def encode_srgb(light: NDArray[Any]) -> NDArray[np.uint8]:
-    """Encode linear light, white at 1, as 8-bit sRGB values for a file (IEC 61966-2-1)."""
+    """Encode linear light, white at 1, as 8-bit sRGB values (IEC 61966-2-1)."""
     light = np.clip(np.nan_to_num(light), 0, 1)
     return np.rint(255 * encoding.encode_srgb(light)).astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""Read and write Radiance HDR: red, green and blue of 8 bits that share an exponent.
+"""Radiance HDR: red, green and blue of 8 bits that share an exponent.
 
 See G. Ward, "Real Pixels" (Graphics Gems II, 1991), and the reference manual of Radiance's file
 formats (radiance-online.org, filefmts.pdf). A pixel's light is its mantissas times 2^(E - 136), as
@@ -22,7 +22,7 @@ from labapp.files.picture.encoding import LINEAR, Encoding, gamma_encoding
 from labapp.files.picture.stored import StoredPicture
 
 RADIANCE = (b"#?RADIANCE", b"#?RGBE")
-"""First bytes of Radiance HDR files."""
+"""First bytes of Radiance HDR."""
 
 _MOST_HEADER = 1 << 16
 """Bytes of a header that are looked at; scripts write their command lines there. Chosen."""
@@ -56,7 +56,7 @@ _HEADER = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n"
 
 
 def read_radiance(path: Path, data: bytes, page: int = 0) -> StoredPicture:
-    """Read a Radiance HDR file as light, in the order of its rows.
+    """Read Radiance HDR as light, in the order of its rows.
 
     Values are divided by the exposures and colour corrections that the header says were applied.
     Raises UserError if the file is damaged or cut, or holds other colours than RGB.
@@ -90,11 +90,11 @@ def read_radiance(path: Path, data: bytes, page: int = 0) -> StoredPicture:
 
 
 def encode_radiance(light: NDArray[np.float32]) -> tuple[bytes, tuple[str, ...]]:
-    """Return the bytes of a Radiance HDR file, and notes of what it couldn't hold.
+    """Return the bytes of Radiance HDR, and notes of what it couldn't hold.
 
-    light: (1 or 3, rows, columns); grey is written as equal red, green and blue. Numbers are
-    rounded to 8 bits below the brightest of a pixel's colours. Negative ones become 0. Raises
-    UserError if a number is not finite, or above 1.7e38.
+    light: (1 or 3, rows, columns); grey is written as equal red, green and blue.
+    Numbers are rounded to 8 bits below the brightest of a pixel's colours. Negative ones become 0.
+    Raises UserError if a number is not finite, or above 1.7e38.
     """
     import imagecodecs
 
@@ -182,7 +182,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def _decode_pixels(path: Path, body: bytes, rows: int, columns: int) -> NDArray[np.float32]:
-    """Return the light of a file's pixels, (rows, columns, 3)."""
+    """Return the pixels' light, (rows, columns, 3)."""
     if body[:2] == b"\2\2" and 8 <= columns < 32768 and body[2:3] < b"\x80":
         return _decode_runs(path, body, rows, columns)
     pixels = _expand_old_runs(path, body, rows * columns)

@@ -1,4 +1,4 @@
-"""Refuse pictures that can't be read rightly, by the name of what they are."""
+"""The error for pictures that can't be read rightly, which names what they are."""
 
 from __future__ import annotations
 

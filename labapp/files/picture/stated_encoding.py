@@ -1,4 +1,4 @@
-"""Find what picture files say of their encoding, and write it into PNG files.
+"""What picture files say of their encoding, and how PNG is told it.
 
 PNG says it in up to four chunks, the most exact of which holds (W3C, PNG third edition, section
 4.3): cICP, iCCP, sRGB, gAMA. JPEG, WebP and others have at most an ICC profile.
@@ -54,11 +54,11 @@ _SRGB_GAMMA = 45455
 """gAMA's number beside sRGB, for readers that don't know that chunk (section 11.3.2.5)."""
 
 _AFTER_HEADER = len(PNG) + 25
-"""Place after the first chunk of a PNG file, which has 13 bytes."""
+"""Place after the first chunk of a PNG, which has 13 bytes."""
 
 
 def png_encoding(data: bytes) -> Statement:
-    """Return what the chunks of a PNG file say of its encoding.
+    """Return the encoding by a PNG's chunks.
 
     Damaged chunks are passed over, which a note tells. Raises UserError, without the file's name,
     if the file's encoding is one that labapp can't turn into light.
@@ -80,7 +80,7 @@ def png_encoding(data: bytes) -> Statement:
 
 
 def icc_of_jpeg(data: bytes) -> bytes | None:
-    """Return the ICC profile in a JPEG file's segments; None if there is none that is whole."""
+    """Return the ICC profile in a JPEG's segments; None if there is none that is whole."""
     parts = {}
     for marker, content in jpeg_segments(data):
         if marker == _APP2 and content[:12] == _ICC_IN_JPEG and len(content) > 14:
@@ -92,32 +92,33 @@ def icc_of_jpeg(data: bytes) -> bytes | None:
 
 
 def icc_of_webp(data: bytes) -> bytes | None:
-    """Return the ICC profile in a WebP file's chunk (RFC 9649, section 2.7.1.4)."""
+    """Return the ICC profile in WebP's chunk (RFC 9649, section 2.7.1.4)."""
     return next((bytes(one) for name, one in riff_chunks(data) if name == b"ICCP"), None)
 
 
 def png_with_encoding(png: bytes, encoding: Encoding) -> bytes:
-    """Return a PNG file that says how its levels stand for light.
+    """Return a PNG that says how its levels stand for light.
 
-    png: bytes of a file without such chunks. Raises ValueError for an ICC profile's curves.
+    png: bytes of a file without such chunks.
+    Raises ValueError for an ICC profile's curves.
     """
     return png[:_AFTER_HEADER] + _chunks_of(encoding) + png[_AFTER_HEADER:]
 
 
 def mark_drawing(png: bytes) -> bytes:
-    """Return a PNG file that says that it is a drawing of numbers, which it doesn't hold."""
+    """Return a PNG that says that it is a drawing of numbers, which it doesn't hold."""
     text = _chunk(b"tEXt", b"Description\0" + DRAWING.encode("latin-1"))
     return png[:_AFTER_HEADER] + text + png[_AFTER_HEADER:]
 
 
 def is_drawing(png: bytes) -> bool:
-    """Return whether a PNG file says that it is a drawing that labapp made to look at."""
+    """Return whether a PNG says that it is a drawing that labapp made to look at."""
     said = b"Description\0" + DRAWING.encode("latin-1")
     return any(one.name == b"tEXt" and one.content == said for one in png_chunks(png))
 
 
 def _chunks_of(encoding: Encoding) -> bytes:
-    """Return the chunks of a PNG file that state an encoding, with sRGB's primaries."""
+    """Return the chunks that state an encoding, with sRGB's primaries."""
     if encoding.curves is not None:
         raise ValueError("encoding is that of an ICC profile, which isn't written")
     if encoding.name == "srgb":
@@ -136,7 +137,7 @@ def _chunks_of(encoding: Encoding) -> bytes:
 
 
 def _chunk(name: bytes, content: bytes) -> bytes:
-    """Return a chunk of a PNG file, with length and check sum."""
+    """Return a PNG's chunk, with length and check sum."""
     check = zlib.crc32(name + content)
     return struct.pack(">I", len(content)) + name + content + struct.pack(">I", check)
 

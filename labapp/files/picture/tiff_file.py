@@ -1,4 +1,4 @@
-"""Read TIFF files by tifffile, whose answer is held against the file's own tags.
+"""TIFF by tifffile, whose answer is held against the file's own tags.
 
 The numbers come as they are stored: those of 10, 12 and 14 bits aren't stretched to 16, planes are
 read one by one, and orientation is told and not applied.
@@ -48,7 +48,7 @@ logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)
 
 
 def count_tiff_pages(data: bytes) -> int:
-    """Return how many pictures the bytes of a TIFF file hold, without smaller copies and masks."""
+    """Return how many pictures a TIFF holds, without smaller copies and masks."""
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
             return max(len(_pages(file)), _hidden_frames(file))
@@ -58,10 +58,11 @@ def count_tiff_pages(data: bytes) -> int:
 
 
 def read_tiff(path: Path, data: bytes, page: int = 0) -> StoredPicture:
-    """Read a picture of a TIFF file as the light and numbers that it stores.
+    """Read a page of a TIFF as the light and numbers that it stores.
 
-    `page` counts from 0, without smaller copies and masks. Raises UserError, which says what the
-    file is, if it is damaged, or of a kind that can't be read rightly.
+    page: counts from 0, without smaller copies and masks.
+    Raises UserError, which says what the file is, if it is damaged, or of a kind that can't be read
+    rightly.
     """
     with _damage_told(path), tifffile.TiffFile(io.BytesIO(data)) as file:
         found = _pages(file)
@@ -95,14 +96,14 @@ def read_tiff(path: Path, data: bytes, page: int = 0) -> StoredPicture:
 
 
 def _tell_others(count: int) -> tuple[str, ...]:
-    """Say in words that a file has pages that aren't pictures in their own right."""
+    """Say in words that some pages aren't pictures in their own right."""
     told = f"{count} of its pages are smaller copies or masks, and were passed over"
     return (told,) if count else ()
 
 
 @contextmanager
 def _damage_told(path: Path) -> Iterator[None]:
-    """Raise UserError for whatever tifffile and its decoders raise on a file."""
+    """Raise UserError for whatever tifffile and its decoders raise."""
     try:
         yield
     except (UserError, KeyboardInterrupt):
@@ -116,7 +117,7 @@ def _damage_told(path: Path) -> Iterator[None]:
 
 
 def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
-    """Return the pages of a TIFF file that are pictures in their own right."""
+    """Return the pages that are pictures in their own right."""
     # A page that is followed by itself is counted once by its length, and for ever by iteration.
     pages = [_whole_page(file.pages[number]) for number in range(len(file.pages))]
     whole = [page for page in pages if not int(page.subfiletype) & (_REDUCED | _MASK)]
@@ -232,7 +233,7 @@ def _as_bands(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _encoding(part: tifffile.TiffPage) -> Statement:
-    """Return the encoding that a page's colour profile says, in words too, with remarks."""
+    """Return the encoding that a page's colour profile states, with remarks."""
     if _ICC in part.tags:
         return icc_encoding(bytes(part.tags[_ICC].value))
     if _TRANSFER in part.tags:

@@ -1,4 +1,4 @@
-"""Turn the samples of a TIFF file into light: photometric interpretation, palette, inks and alpha.
+"""Samples of a TIFF as light: photometric interpretation, palette, inks and alpha.
 
 Sections are those of Adobe's TIFF 6.0 (1992).
 """
@@ -52,9 +52,13 @@ _COEFFICIENTS, _REFERENCE, _INK_SET = 529, 532, 332
 class TiffSamples:
     """What the tags of a TIFF page say about its samples.
 
-    bits: of each sample. is_decoded: whether chroma was turned into colours with its decoding.
-    extra: what samples beyond those of the colours are. colour_map: (3,
-    colours) of 16 bits, or None. tags: values of the tags in NEEDED.
+    photometric: value of the tag PhotometricInterpretation.
+    bits: of each sample.
+    samples: number of a pixel's samples.
+    extra: what samples beyond those of the colours are.
+    colour_map: (3, colours) of 16 bits, or None.
+    is_decoded: whether chroma was turned into colours with its decoding.
+    tags: values of the tags in NEEDED.
     """
 
     NEEDED: ClassVar = frozenset({_COEFFICIENTS, _REFERENCE, _INK_SET})
@@ -72,7 +76,7 @@ class TiffSamples:
 
     @property
     def white(self) -> float | None:
-        """The highest number that the samples' bits hold; None for floating point."""
+        """The highest number that the bits hold; None for floating point."""
         if self.dtype.kind == "f":
             return None
         return float(2 ** (self.bits - (self.dtype.kind == "i")) - 1)
@@ -80,10 +84,11 @@ class TiffSamples:
 
 @dataclass(frozen=True, eq=False)
 class TiffLight:
-    """The numbers of a TIFF page as grey or red, green and blue, (1 or 3, rows, columns).
+    """Grey, or red, green and blue, (1 or 3, rows, columns), of a TIFF page.
 
-    white: number of white; None for floating point. encoding: what the page's kind says of its
-    numbers, or None. notes: what was done, in words.
+    white: number of white; None for floating point.
+    encoding: what the page's kind says of its numbers, or None.
+    notes: what was done, in words.
     """
 
     values: Samples
@@ -94,7 +99,7 @@ class TiffLight:
 
 
 def to_light(path: Path, header: TiffSamples, samples: Samples) -> TiffLight:
-    """Turn the decoded samples of a TIFF page, (samples, rows, columns), into light.
+    """Turn the decoded samples of a page, (samples, rows, columns), into light.
 
     Raises UserError, which names the kind, for what can't be turned rightly.
     """
@@ -120,7 +125,7 @@ def to_light(path: Path, header: TiffSamples, samples: Samples) -> TiffLight:
 
 
 def _colour_count(header: TiffSamples) -> int:
-    """Return how many samples of a TIFF page are colours by its photometric interpretation."""
+    """Return how many samples are colours by the photometric interpretation."""
     if header.photometric == _INKS:
         return 4
     if header.photometric in (_RGB, _YCBCR, _LAB, _ICC_LAB):
@@ -133,7 +138,7 @@ def _colour_count(header: TiffSamples) -> int:
 def _without_extra(
     path: Path, header: TiffSamples, samples: Samples
 ) -> tuple[Samples, tuple[str, ...]]:
-    """Return the colours of a TIFF page without alpha and other samples, and remarks."""
+    """Return the colours without alpha and other samples, and remarks."""
     count = _colour_count(header)
     if len(samples) < count:
         raise refuse_picture(path, f"a TIFF of {len(samples)} samples a pixel, and needs {count}")
@@ -198,7 +203,7 @@ def _from_inks(path: Path, header: TiffSamples, inks: Samples) -> Samples:
 
 
 def _is_ycbcr(header: TiffSamples) -> bool:
-    """Return whether decoded samples of a TIFF page are still luma and chroma."""
+    """Return whether decoded samples are still luma and chroma."""
     if header.is_decoded or header.compression == _WEBP:
         return False
     return header.compression != _JPEG or header.is_planar

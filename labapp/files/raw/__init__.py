@@ -1,4 +1,4 @@
-"""RAW files of cameras: the numbers of the sensor's mosaic, and what the file says of them."""
+"""Cameras' RAW files: the numbers of the sensor's mosaic, and what the file says of them."""
 
 from labapp.files.raw.photograph import CameraColour, RawPhotograph
 from labapp.files.raw.reading import read_raw

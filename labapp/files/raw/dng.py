@@ -1,4 +1,4 @@
-"""Read the mosaic of a DNG file as its tags say, and hold LibRaw's answer against it.
+"""The mosaic of a DNG as its tags say, held against LibRaw's answer.
 
 LibRaw and tifffile decode the same parts of the file. The tags decide on levels, pattern and area:
 LibRaw exchanges black levels where the active area begins at an odd row or column.
@@ -37,7 +37,7 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 
 def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotograph:
-    """Read a DNG file's photograph.
+    """Read a DNG's photograph.
 
     Raises UserError, which names what the file is, unless it holds a mosaic of a sensor's numbers.
     """
@@ -73,7 +73,7 @@ def read_dng(path: Path, data: bytes, pages: Sequence[Directory]) -> RawPhotogra
 
 
 def _decode(path: Path, data: bytes, page: Directory) -> NDArray[np.uint16]:
-    """Decode all numbers of a DNG by tifffile and by LibRaw, made linear.
+    """Decode all numbers by tifffile and by LibRaw, made linear.
 
     Raises UserError if neither can, or if they differ where one of them must be wrong.
     """
@@ -96,12 +96,12 @@ def _decode(path: Path, data: bytes, page: Directory) -> NDArray[np.uint16]:
 
 
 def _are_equal(own: NDArray[np.uint16], other: NDArray[np.uint16] | None) -> bool:
-    """Return whether two decoders read the same numbers in a DNG."""
+    """Return whether two decoders read the same numbers."""
     return other is not None and np.array_equal(own, other)
 
 
 def _damaged(path: Path, reason: str) -> UserError:
-    """Return the error for a DNG whose numbers can't be trusted."""
+    """Return the error for numbers that can't be trusted."""
     return UserError(
         f"{path}: is a DNG whose picture is damaged ({reason}). Copy it from the camera again, or "
         "convert the camera's file again."
@@ -109,7 +109,7 @@ def _damaged(path: Path, reason: str) -> UserError:
 
 
 def _decode_by_tags(data: bytes, page: Directory) -> NDArray[np.uint16] | None:
-    """Decode a page of a DNG by tifffile; None if that isn't possible."""
+    """Decode a page by tifffile; None if that isn't possible."""
     import tifffile
 
     try:
@@ -125,7 +125,7 @@ def _decode_by_tags(data: bytes, page: Directory) -> NDArray[np.uint16] | None:
 
 
 def _require_shape(path: Path, mosaic: NDArray[np.uint16], page: Directory) -> NDArray[np.uint16]:
-    """Return LibRaw's mosaic of a DNG; raise UserError if the tags say another size."""
+    """Return LibRaw's mosaic; raise UserError if the tags say another size."""
     if mosaic.shape != page_shape(page):
         raise UserError(
             f"{path}: is a DNG of {' x '.join(map(str, page_shape(page)))} pixels by its tags, and "
@@ -135,7 +135,7 @@ def _require_shape(path: Path, mosaic: NDArray[np.uint16], page: Directory) -> N
 
 
 def _require_range(found: RawPhotograph) -> None:
-    """Raise UserError unless the white level of a RAW file is above all its black levels."""
+    """Raise UserError unless the white level is above all black levels."""
     if found.dark_levels.max() < found.white:
         return
     raise UserError(
@@ -145,7 +145,7 @@ def _require_range(found: RawPhotograph) -> None:
 
 
 def _remarks(page: Directory, shape: tuple[int, ...]) -> list[str]:
-    """Say what the tags of a DNG ask of a converter, and isn't done to its mosaic."""
+    """Say what the tags ask of a converter, and isn't done to the mosaic."""
     said = []
     origin, size = page.numbers(_CROP_ORIGIN), page.numbers(_CROP_SIZE)
     if len(origin) == len(size) == 2 and (size[1], size[0]) != shape:

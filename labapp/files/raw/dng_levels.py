@@ -1,4 +1,4 @@
-"""Read what a DNG file's tags say of its numbers: area, filters, levels, colours and exposure."""
+"""What a DNG's tags say of its numbers: area, filters, levels, colours and exposure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _D65 = 6504
 """Correlated colour temperature of D65 in kelvin, sRGB's white."""
 
 _MATRICES = ((50721, 50778), (50722, 50779), (52531, 52529))
-"""Tags of the colour matrices of a DNG, and of the lights that they are for."""
+"""Tags of the colour matrices, and of the lights that they are for."""
 
 _REPEAT, _PATTERN, _PLANES, _LAYOUT = 33421, 33422, 50710, 50711
 _BLACK_REPEAT, _BLACK, _BLACK_COLUMNS, _BLACK_ROWS = 50713, 50714, 50715, 50716
@@ -38,7 +38,7 @@ Area = tuple[slice, slice]
 
 
 def active_area(path: Path, page: Directory) -> Area:
-    """Return the rows and columns of a DNG's mosaic that see the scene.
+    """Return the rows and columns of the mosaic that see the scene.
 
     Raises UserError if they lie outside the picture.
     """
@@ -54,7 +54,7 @@ def active_area(path: Path, page: Directory) -> Area:
 
 
 def filter_pattern(path: Path, page: Directory) -> tuple[str, ...] | None:
-    """Return the letters of a DNG's filters from its active area's first pixel on.
+    """Return the letters of the filters from the active area's first pixel on.
 
     Returns None for a sensor without filters. Raises UserError for a pattern that isn't stated, or
     that isn't a rectangle of known colours.
@@ -74,13 +74,13 @@ def filter_pattern(path: Path, page: Directory) -> tuple[str, ...] | None:
 
 
 def plane_letters(page: Directory) -> str:
-    """Return the letters of a DNG's colours in the order in which its tags have them."""
+    """Return the letters of the colours in the order in which the tags have them."""
     codes = page.numbers(_PLANES) or (0, 1, 2)
     return "".join(_LETTERS[int(code)] for code in codes if code in range(len(_LETTERS)))
 
 
 def black_cell(path: Path, page: Directory) -> NDArray[np.float64]:
-    """Return a DNG's black levels, which repeat from the active area's first pixel on.
+    """Return the black levels, which repeat from the active area's first pixel on.
 
     Raises UserError unless there is one for each place.
     """
@@ -102,7 +102,7 @@ def black_cell(path: Path, page: Directory) -> NDArray[np.float64]:
 def black_changes(
     path: Path, page: Directory, shape: tuple[int, ...]
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return what a DNG's rows and columns have beyond the black levels; None where nothing.
+    """Return what rows and columns have beyond the black levels; None where nothing.
 
     Raises UserError unless there is one for each row and column.
     """
@@ -121,13 +121,13 @@ def black_changes(
 
 
 def linear_table(page: Directory) -> NDArray[np.uint16] | None:
-    """Return the table by which a DNG's numbers become linear; None if they are."""
+    """Return the table by which stored numbers become linear; None if they are."""
     table = page.numbers(_TABLE)
     return np.array(table, dtype=np.uint16) if table else None
 
 
 def white_level(page: Directory) -> float:
-    """Return the number of a full well of a DNG, by default the highest that it can hold."""
+    """Return the number of a full well, by default the highest that can be stored."""
     highest = (1 << page.number(BITS, 16)) - 1
     if (table := linear_table(page)) is not None:
         highest = int(table[-1])
@@ -135,7 +135,7 @@ def white_level(page: Directory) -> float:
 
 
 def camera_colour(page: Directory, first: Directory, channels: str) -> CameraColour:
-    """Return what a DNG says of its camera's colours, in the order of `channels`."""
+    """Return what is stated of the camera's colours, in the order of `channels`."""
     letters = plane_letters(page)
     if set(letters) != set(channels):
         return CameraColour()
@@ -155,7 +155,7 @@ def camera_colour(page: Directory, first: Directory, channels: str) -> CameraCol
 
 
 def _matrix_nearest_d65(first: Directory, count: int) -> tuple[NDArray[np.float64] | None, int]:
-    """Return a DNG's colour matrix for the light that is nearest to D65, and its temperature."""
+    """Return the colour matrix for the light nearest to D65, and its temperature in kelvin."""
     found = [
         (_TEMPERATURES.get(first.number(light, 0), 0), np.array(first.numbers(code)))
         for code, light in _MATRICES
@@ -170,7 +170,7 @@ def _matrix_nearest_d65(first: Directory, count: int) -> tuple[NDArray[np.float6
 
 
 def _noise_profile(page: Directory, order: Sequence[int]) -> NDArray[np.float64] | None:
-    """Return scale and offset of the variance of each channel of a DNG; None if not stated."""
+    """Return scale and offset of the variance of each channel; None if not stated."""
     values = np.array(page.numbers(_NOISE), dtype=np.float64)
     if values.size not in (2, 2 * len(order)) or not (values >= 0).all():
         return None

@@ -1,4 +1,4 @@
-"""Find the page of a DNG file that holds the sensor's mosaic, and refuse what is none by name."""
+"""The page of a DNG that holds the sensor's mosaic; what is none is refused by name."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _HOW = (
 
 
 def find_raw_page(path: Path, pages: Sequence[Directory]) -> Directory:
-    """Return the page of a DNG file that holds the sensor's numbers.
+    """Return the page of a DNG that holds the sensor's numbers.
 
     Raises UserError, which names what the file has instead, if there is none or more than one.
     """
@@ -74,12 +74,12 @@ def find_raw_page(path: Path, pages: Sequence[Directory]) -> Directory:
 
 
 def page_shape(page: Directory) -> tuple[int, int]:
-    """Return the rows and columns of a RAW file's page."""
+    """Return the rows and columns of a page."""
     return page.number(257, 0), page.number(256, 0)
 
 
 def require_whole(path: Path, page: Directory) -> None:
-    """Raise UserError if a RAW file ends before a part of its picture."""
+    """Raise UserError if the file ends before a part of the page's picture."""
     size, parts = len(page.data), page.parts
     missing = sum(at + count > size for at, count in parts)
     if missing:
@@ -95,7 +95,7 @@ def require_whole(path: Path, page: Directory) -> None:
 
 
 def _require_all_pages(path: Path, pages: Sequence[Directory]) -> None:
-    """Raise UserError if a page of a DNG leads to another beyond the end of the file."""
+    """Raise UserError if a page leads to another beyond the end of the file."""
     for page in pages:
         if any(at >= len(page.data) for at in (*page.numbers(SUB_DIRECTORIES), page.next_offset)):
             raise UserError(
@@ -105,7 +105,7 @@ def _require_all_pages(path: Path, pages: Sequence[Directory]) -> None:
 
 
 def _require_values(path: Path, pages: Sequence[Directory]) -> None:
-    """Raise UserError if values of a DNG's tags lie beyond the end of the file."""
+    """Raise UserError if values of tags lie beyond the end of the file."""
     lost = [code for page in pages for code in page.lost]
     if lost:
         raise UserError(
@@ -121,7 +121,7 @@ def _pixels(page: Directory) -> int:
 
 
 def _require_mosaic(path: Path, page: Directory) -> None:
-    """Raise UserError if the page of a DNG file holds no mosaic of whole numbers that are kept."""
+    """Raise UserError if the page holds no mosaic of whole numbers that are kept."""
     samples, bits = page.number(SAMPLES, 1), page.number(BITS, 1)
     if page.number(PHOTOMETRIC, 0) == LINEAR_RAW and samples > 1:
         raise UserError(
@@ -148,7 +148,7 @@ def _require_mosaic(path: Path, page: Directory) -> None:
 
 
 def _require_lossless(path: Path, page: Directory) -> None:
-    """Raise UserError if the numbers in a DNG file aren't those that the sensor gave."""
+    """Raise UserError if the stored numbers aren't those that the sensor gave."""
     code = page.number(COMPRESSION, 1)
     if code in _LOSSY:
         raise UserError(
@@ -173,7 +173,7 @@ def _require_lossless(path: Path, page: Directory) -> None:
 
 
 def _require_size(path: Path, page: Directory) -> None:
-    """Raise UserError if a DNG's numbers, stored as they are, take more or less room than stated.
+    """Raise UserError if uncompressed numbers take more or less room than stated.
 
     A few bytes more fill up parts. Numbers of 12 bits in words of 16 bits are such a contradiction.
     """
@@ -193,7 +193,7 @@ def _require_size(path: Path, page: Directory) -> None:
 
 
 def _jpeg_frame(data: bytes) -> int | None:
-    """Return the marker of the frame of a JPEG picture; None if it has none."""
+    """Return the marker of a JPEG's frame; None if it has none."""
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF:
         if data[at + 1] in _JPEG_FRAMES:

@@ -1,4 +1,4 @@
-"""Check the parts of a DNG's lossless JPEG one by one by LibRaw, which decodes one part well.
+"""The parts of a DNG's lossless JPEG, checked one by one by LibRaw, which decodes one part well.
 
 Lossless JPEG has no sum by which its decoder finds damage; a second decoder that reads the same
 numbers is the evidence. Of whole pictures LibRaw leaves strips undecoded, and mixes up tiles where
@@ -27,10 +27,10 @@ _LEAST_SIDE = 22
 def find_damaged_parts(
     path: Path, page: Directory, numbers: NDArray[np.uint16]
 ) -> list[tuple[int, int]]:
-    """Return the first pixel of each part of a DNG's mosaic that LibRaw reads otherwise.
+    """Return the first pixel of each part of the mosaic that LibRaw reads otherwise.
 
-    numbers: the mosaic as another decoder reads it, (rows, columns). Parts that are too small for
-    LibRaw aren't checked.
+    numbers: the mosaic as another decoder reads it, (rows, columns).
+    Parts that are too small for LibRaw aren't checked.
     """
     damaged = []
     for (at, size), (top, left, rows, columns) in zip(page.parts, _places(page), strict=False):
@@ -45,14 +45,14 @@ def find_damaged_parts(
 
 
 def _holds(found: LibRawPicture | str, seen: NDArray[np.uint16]) -> bool:
-    """Return whether LibRaw read a part of a DNG without fault, and as another decoder did."""
+    """Return whether LibRaw read a part without fault, and as another decoder did."""
     if isinstance(found, str) or found.mosaic is None or found.messages:
         return False
     return np.array_equal(found.mosaic[: seen.shape[0], : seen.shape[1]], seen)
 
 
 def _places(page: Directory) -> Iterator[tuple[int, int, int, int]]:
-    """Yield the first row and column, and the size, of each part of a DNG's mosaic."""
+    """Yield the first row and column, and the size, of each part of the mosaic."""
     rows, columns = page_shape(page)
     down = page.number(_TILE_LENGTH, page.number(_ROWS_PER_STRIP, rows))
     along = page.number(_TILE_WIDTH, columns)

@@ -1,4 +1,4 @@
-"""Decode RAW files by LibRaw, and keep what it has to say away from the terminal.
+"""Decoding by LibRaw, and keeping what it has to say away from the terminal.
 
 LibRaw goes on after damage, fills what it can't decode with zeros, and writes a line to standard
 error. Such a line is what tells a damaged file from a sound one.
@@ -31,35 +31,23 @@ _ORIENTATIONS = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 
 @dataclass(frozen=True, eq=False)
 class LibRawPicture:
-    """What LibRaw read from a RAW file.
+    """What LibRaw read.
 
-    Attributes
-    ----------
-    mosaic : NDArray or None, (rows, columns)
-        Numbers of all pixels, masked ones included; None for pictures that have several numbers a
-        pixel.
-    visible : tuple of slice
-        Rows and columns of the mosaic that see the scene.
-    pattern : tuple of str or None
-        Rows of the letters of the filters, from the first visible pixel on; None without filters.
-    black : NDArray
-        Level of darkness of each pixel of the pattern.
-    white : float
-        Level of a full well.
-    linear_limit : float or None
-        Level up to which the maker says that numbers are linear.
-    matrix : NDArray, (4, 3)
-        From XYZ to the camera's channels; zeros where LibRaw doesn't know the camera.
-    letters : str
-        Letter of each row of `matrix`, and of each number of `balance`.
-    balance : NDArray, (4,)
-        By what the camera multiplies its channels to make white; zeros where it isn't known.
-    orientation : int
-        As in EXIF.
-    exposure : tuple
-        Exposure time in seconds, aperture and sensitivity; 0 where they aren't known.
-    messages : tuple of str
-        What LibRaw wrote to standard error.
+    mosaic: numbers of all pixels, masked ones included, (rows, columns); None for pictures that
+    have several numbers a pixel.
+    visible: rows and columns of the mosaic that see the scene.
+    pattern: rows of the letters of the filters, from the first visible pixel on; None without
+    filters.
+    black: level of darkness of each pixel of the pattern.
+    white: level of a full well.
+    linear_limit: level up to which the maker says that numbers are linear.
+    matrix: from XYZ to the camera's channels, (4, 3); zeros where LibRaw doesn't know the camera.
+    letters: letter of each row of `matrix`, and of each number of `balance`.
+    balance: by what the camera multiplies its channels to make white, (4,); zeros where it isn't
+    known.
+    orientation: as in EXIF.
+    exposure: exposure time in seconds, aperture and sensitivity; 0 where they aren't known.
+    messages: what LibRaw wrote to standard error.
     """
 
     mosaic: NDArray[np.uint16] | None
@@ -77,7 +65,7 @@ class LibRawPicture:
 
 
 def decode_by_libraw(path: Path, data: bytes) -> LibRawPicture | str:
-    """Decode a RAW file; if LibRaw can't, return what it says about it.
+    """Decode any camera's bytes; if LibRaw can't, return what it says about them.
 
     Raises UserError if the picture would be much larger than its file.
     """
@@ -104,7 +92,7 @@ def _words_of(error: Exception) -> str:
 
 
 def _gather(raw: rawpy.RawPy) -> dict[str, Any]:
-    """Return what LibRaw decoded from a file, by the names of `LibRawPicture`."""
+    """Return what LibRaw decoded, by the names of `LibRawPicture`."""
     import rawpy
 
     sizes, letters = raw.sizes, raw.color_desc.decode("ascii", "replace")
@@ -138,7 +126,7 @@ def _gather(raw: rawpy.RawPy) -> dict[str, Any]:
 
 
 def require_undamaged(path: Path, picture: LibRawPicture) -> None:
-    """Raise UserError if LibRaw met damage in a RAW file, or its last row is nothing but zeros."""
+    """Raise UserError if LibRaw met damage, or its last row is nothing but zeros."""
     if picture.messages:
         raise UserError(
             f"{path}: is a RAW file that is cut or damaged ({picture.messages[0]}), so that a part "

@@ -1,4 +1,4 @@
-"""Describe a RAW photograph: the numbers of the sensor's pixels, and what the file says of them."""
+"""What a camera's sensor gave: the numbers of its pixels, and what the file says of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Light = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class CameraColour:
-    """What a RAW file says of its camera's colours.
+    """The camera's colours: matrix, white and noise, as far as its file says.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class RawPhotograph:
 
     @property
     def _planes(self) -> list[NDArray[np.uint16]]:
-        """The pixels of each place in the cell of the mosaic's pattern."""
+        """The pixels of each place in the pattern's cell."""
         down, along = (1, 1) if not self.pattern else (len(self.pattern), len(self.pattern[0]))
         return [self.mosaic[y::down, x::along] for y in range(down) for x in range(along)]
 
@@ -157,5 +157,5 @@ def _saturated_level(planes: list[NDArray[np.uint16]]) -> float | None:
 
 
 def _has_run(at: NDArray[np.bool_]) -> bool:
-    """Return whether 3 neighbouring pixels of a row are set, a mosaic's sign of full wells."""
+    """Return whether 3 neighbouring pixels of a row are set."""
     return bool((at[:, :-2] & at[:, 1:-1] & at[:, 2:]).any())

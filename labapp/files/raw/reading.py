@@ -1,4 +1,4 @@
-"""Read RAW files of any camera: DNG by its tags, and makers' own files by LibRaw."""
+"""RAW files of any camera: DNG by its tags, and makers' own files by LibRaw."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NOT_MOSAIC = (
 
 
 def read_raw(path: Path, data: bytes | None = None) -> RawPhotograph:
-    """Read a RAW photograph: the numbers of the sensor's mosaic, and what the file says of them.
+    """Read the numbers of a sensor's mosaic, and what the file says of them.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def read_raw(path: Path, data: bytes | None = None) -> RawPhotograph:
 
 
 def _read(path: Path, data: bytes) -> RawPhotograph:
-    """Read a RAW photograph by its tags if it is a DNG, else by LibRaw."""
+    """Read a DNG by its tags, and all else by LibRaw."""
     pages = read_directories(data)
     if pages and (pages[0].has(DNG_VERSION) or _is_plain_mosaic(pages)):
         return read_dng(path, data, pages)
@@ -78,7 +78,7 @@ def _read(path: Path, data: bytes) -> RawPhotograph:
 
 
 def _is_plain_mosaic(pages: list[Directory]) -> bool:
-    """Return whether a TIFF file that names no camera has a mosaic of colour filters."""
+    """Return whether a TIFF that names no camera has a mosaic of colour filters."""
     mosaics = [page for page in pages if page.number(PHOTOMETRIC, 0) == CFA]
     return bool(mosaics) and not pages[0].has(MAKE)
 
@@ -86,7 +86,7 @@ def _is_plain_mosaic(pages: list[Directory]) -> bool:
 def _photograph(
     path: Path, data: bytes, found: LibRawPicture, pages: list[Directory]
 ) -> RawPhotograph:
-    """Return the photograph of a maker's RAW file, for which LibRaw's word is taken.
+    """Return the photograph of a maker's own file, for which LibRaw's word is taken.
 
     Raises UserError for pictures that aren't a mosaic.
     """

@@ -1,4 +1,4 @@
-"""Tell RAW files, which hold what a camera's sensor gave, from other pictures."""
+"""Telling RAW files, which hold what a camera's sensor gave, from other pictures."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _MAGICS = (
     b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb", b"\0MRM",
     b"II\x1a\0\0\0HEAPCCDR", b"II*\0\x10\0\0\0CR",
 )  # fmt: skip
-"""First bytes of makers' RAW files: Fujifilm, Olympus (three), Panasonic and Leica, Sigma, Minolta,
-and Canon's CRW and CR2."""
+"""First bytes of makers' files: Fujifilm, Olympus (three), Panasonic and Leica, Sigma, Minolta, and
+Canon's CRW and CR2."""
 
 _CANON_3 = b"ftypcrx "
 """Bytes 4 to 12 of Canon's CR3."""
@@ -33,12 +33,14 @@ _ENDINGS = {
     ".3fr", ".arw", ".cr2", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".kdc", ".mef", ".mos", ".nef",
     ".nrw", ".orf", ".pef", ".ptx", ".rw2", ".rwl", ".sr2", ".srf", ".srw",
 }  # fmt: skip
-"""Endings by which a TIFF file, or an empty one, is a camera's RAW. The first page of most is a
-preview."""
+"""Endings by which a TIFF, or an empty file, is a camera's RAW.
+
+The first page of most is a preview.
+"""
 
 
 def is_raw(data: bytes, path: Path) -> bool:
-    """Return whether a file is a camera's RAW file, by its content.
+    """Return whether a file is a camera's RAW, by its content.
 
     The ending counts only for files that begin as TIFF does, and for empty ones.
 
@@ -64,7 +66,7 @@ def is_raw(data: bytes, path: Path) -> bool:
 
 
 def _holds_raw(page: Directory) -> bool:
-    """Return whether a page of a file says that it is of a RAW file."""
+    """Return whether a page's tags are those of a sensor's numbers."""
     return (
         page.has(DNG_VERSION)
         or page.number(PHOTOMETRIC, 0) in (CFA, LINEAR_RAW)

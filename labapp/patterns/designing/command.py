@@ -1,4 +1,4 @@
-"""Compute a pattern, predict its PSF, write both, and print their quality."""
+"""Computes a pattern, predicts its PSF, writes both, and prints their quality."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from optics.camera import Camera
 def write_pattern(
     request: DesignRequest, files: Sequence[Path], picture_path: Path, *, as_json: bool
 ) -> None:
-    """Design a pattern, write it and a picture of its PSF, and print the pattern's quality.
+    """Design a pattern, write it and a picture of its PSF, and print its quality.
 
-    `files` are one .png per frame, or one .h5 design file. Raises UserError if the pattern can't
-    be computed or shown.
+    files: one .png per frame, or one .h5 design file.
+    Raises UserError if the pattern can't be computed or shown.
     """
     spec, path = request.plan_pattern, files[0]
     bench = read_bench(BenchFiles.with_defaults(request.bench).bench)
@@ -87,7 +87,7 @@ def _contents(
 
 
 def _rows(design: PatternDesign) -> list[list[str]]:
-    """Return the printed rows on a designed pattern: panel, frames, grey levels and quality."""
+    """Return the rows to print: panel, frames, grey levels and quality."""
     figures, quality = design.figures_of_merit, design.figures_of_merit["quality"]
     rows = [
         ["panel", "{1} x {0} pixels".format(*design.greys.shape[1:])],

@@ -14,7 +14,7 @@ from labapp.patterns.designing.pattern_design import PatternDesign
 
 
 def draw_design(title: str, notes: str, design: PatternDesign) -> bytes:
-    """Draw a pattern's design as PNG: pattern, target, linear and logarithmic PSF of each moment.
+    """Draw a design as PNG: pattern, target, linear and logarithmic PSF of each moment.
 
     Of a target that changes with time, at most 4 moments are drawn, among them first and last.
     """
@@ -58,10 +58,10 @@ def _row(axes: list[Axes], design: PatternDesign, moment: int, count: int) -> No
 
 
 def _white_level(psf: NDArray[np.float64], has_target: bool) -> float:
-    """Return the PSF's brightness that is drawn as white in the picture of a pattern's design.
+    """Return the brightness that is drawn as white: the PSF's peak.
 
-    This is the PSF's peak. If the pattern has a target, the pixels within 4 of the axis, where
-    unmodulated light falls, are left out.
+    If the pattern has a target, the pixels within 4 of the axis, where unmodulated light falls, are
+    left out.
     """
     rest = psf.copy()
     if has_target:
@@ -81,6 +81,6 @@ def _draw(
 
 
 def _sample_edges(place: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the outer edges of the first and last sample in a pattern design's picture, in µm."""
+    """Return the outer edges of the first and last sample in µm, from centres in metres."""
     half = (place[-1] - place[0]) / max(len(place) - 1, 1) / 2
     return float(place[0] - half) * 1e6, float(place[-1] + half) * 1e6

@@ -1,4 +1,4 @@
-"""The request for a pattern's design, from the command line."""
+"""What the command line asks of a pattern's design."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from labapp.files.reading import format_validation_error
 class DesignRequest:
     """The options of `labapp pattern` and `labapp retrieve`.
 
-    The PSF is predicted at wavelength, in metres, on side x side sensor pixels; None takes the
-    size that the target needs. frames is the number of frames of a video, 1 for a still pattern.
-    plan_pattern is the same pattern as a plan file has it. Raises UserError for a pattern that
-    can't be a video.
+    wavelength: in metres, at which the PSF is predicted.
+    frames: of a video; 1 for a still pattern.
+    side: of the PSF in sensor pixels; None takes the size that the target needs.
+    plan_pattern: the same pattern as a plan file has it.
+    Raises UserError for a pattern that can't be a video.
     """
 
     pattern: StillPattern

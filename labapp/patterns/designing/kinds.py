@@ -1,4 +1,4 @@
-"""List the kinds of patterns and targets on the command line, and read them from KEY=VALUE."""
+"""Lists the kinds of patterns and targets on the command line, and reads them from KEY=VALUE."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TAGS = ("kind", "shape")
 
 
 def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillPattern:
-    """Read the pattern to design from its kind and KEY=VALUE texts; UserError if one is wrong."""
+    """Read what to design from its kind and KEY=VALUE texts; UserError if one is wrong."""
     values = _values(kind, keys, STILL_PATTERNS, "pattern")
     if issubclass(STILL_PATTERNS[kind], PhasePattern):
         values = {"wavelength_nm": wavelength_nm} | values
@@ -29,10 +29,10 @@ def read_pattern(kind: str, keys: Sequence[str], wavelength_nm: float) -> StillP
 def read_psf(
     shape: str, keys: Sequence[str], wavelength_nm: float, options: Mapping[str, Any]
 ) -> PSFPattern:
-    """Read the pattern to design whose PSF has a target's shape, from KEY=VALUE texts.
+    """Read a PSF to design from its target's shape and KEY=VALUE texts.
 
-    `options` are keys of the pattern for its phase retrieval; None leaves one out. Raises
-    UserError if a key is wrong.
+    options: keys for the phase retrieval; None leaves one out.
+    Raises UserError if a key is wrong.
     """
     source = f"target {shape}"
     values = _values(shape, keys, TARGETS, "target")
@@ -43,7 +43,7 @@ def read_psf(
 
 
 def list_patterns(*, as_json: bool) -> None:
-    """Print the kinds of patterns that can be designed, with their keys, units and defaults."""
+    """Print the kinds that can be designed, with their keys, units and defaults."""
     print_list(
         _list_entries(STILL_PATTERNS),
         as_json=as_json,
@@ -54,7 +54,7 @@ def list_patterns(*, as_json: bool) -> None:
 
 
 def list_targets(*, as_json: bool) -> None:
-    """Print the target shapes for which a pattern can be designed: keys, units and defaults."""
+    """Print the target shapes, with their keys, units and defaults."""
     example = "labapp retrieve spiral radius_um=120 --out spiral.png"
     print_list(_list_entries(TARGETS), as_json=as_json, example=example)
 
@@ -62,10 +62,7 @@ def list_targets(*, as_json: bool) -> None:
 def _values(
     name: str, keys: Sequence[str], tables: Mapping[str, type[Table]], what: str
 ) -> dict[str, Any]:
-    """Parse the KEY=VALUE texts of a pattern to design, or of its target.
-
-    Raises UserError for an unknown kind.
-    """
+    """Parse the KEY=VALUE texts of a kind; UserError if there is no such kind."""
     if name not in tables:
         raise UserError(f"{what} {name!r} is not known. Choose one of {', '.join(tables)}.")
     return parse_key_values(keys, tables[name], _TAGS)
@@ -78,5 +75,5 @@ def _list_entries(tables: Mapping[str, type[Table]]) -> list[ListEntry]:
 
 
 def _summary(table: type[Table]) -> str:
-    """Summarise a kind of pattern or target in one line: its table docstring's first paragraph."""
+    """Return the first paragraph of a table's docstring in one line."""
     return " ".join((table.__doc__ or "").split("\n\n")[0].split())

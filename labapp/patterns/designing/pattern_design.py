@@ -1,4 +1,4 @@
-"""Compute the frames of a pattern, and predict their PSF."""
+"""Computes the frames of a pattern, and predicts their PSF."""
 
 from __future__ import annotations
 
@@ -34,18 +34,11 @@ from optics.plane import centred_pad
 class PatternDesign:
     """A computed pattern with its predicted PSF.
 
-    Attributes
-    ----------
-    greys : array of uint8
-        Grey levels, (frames, rows, columns).
-    phases : array of float32 or None
-        Phases, (frames, rows, columns), radians; None if they weren't asked for or aren't known.
-    orders : int
-        Number of whole waves of the panel's range that the phases use.
-    moments : sequence of RetrievedMoment
-        Results of a phase retrieval; empty for other patterns.
-    psf : Grid
-        Predicted PSF, (moments, y, x), as the share of the light on each sensor pixel.
+    greys: grey levels, (frames, rows, columns).
+    phases: (frames, rows, columns), radians; None if they weren't asked for or aren't known.
+    orders: number of whole waves of the panel's range that the phases use.
+    moments: results of a phase retrieval; empty for other patterns.
+    psf: predicted PSF, (moments, y, x), as the share of the light on each sensor pixel.
     """
 
     greys: NDArray[np.uint8]
@@ -56,7 +49,7 @@ class PatternDesign:
 
     @property
     def target(self) -> Grid | None:
-        """Targets of a pattern's design, (moments, y, x), each with sum 1; None without one."""
+        """The targets, (moments, y, x), each with sum 1; None without one."""
         if not self.moments:
             return None
         largest = max(self.moments, key=lambda moment: moment.plane.shape).plane
@@ -65,7 +58,7 @@ class PatternDesign:
 
     @cached_property
     def figures_of_merit(self) -> dict[str, Any]:
-        """Quality of a designed pattern as plain data; lists have a value for each moment."""
+        """Quality as plain data; lists have a value for each moment."""
         psf = self.psf.images
         return {
             "frames": len(self.greys),
@@ -99,11 +92,12 @@ def design_pattern(
     *,
     keep_phases: bool,
 ) -> PatternDesign:
-    """Design a pattern: compute its `count` frames as grey levels, and predict their PSF.
+    """Compute `count` frames as grey levels, and predict their PSF.
 
-    The wavelength is in metres. The PSF has side x side sensor pixels; None takes the size that the
-    target needs. With `keep_phases`, the design holds phases besides grey levels. Raises ValueError
-    or UserError if the panel can't show the pattern.
+    wavelength: in metres.
+    side: of the PSF in sensor pixels; None takes the size that the target needs.
+    keep_phases: whether the design holds phases besides grey levels.
+    Raises ValueError or UserError if the panel can't show the pattern.
     """
     # Computing the pattern has most of the progress; the prediction has the rest.
     computing = replace(work, progress=work.progress.part(0, 0.8))
@@ -131,7 +125,7 @@ def _compute_frames(
     work: PatternContext,
     keep_phases: bool,
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None, int]:
-    """Return the designed pattern's grey levels, its phases if wanted and known, and its orders.
+    """Return grey levels, phases if wanted and known, and orders.
 
     The orders are the whole waves of the panel's range that the phases use, 1 if they are unknown.
     """
@@ -152,7 +146,7 @@ def _compute_frames(
 
 
 def _single_precision_phase(frame: PhaseFrame) -> NDArray[np.float32]:
-    """Convert a pattern's phase to float32 for its design, and wrap it first if it is float64.
+    """Convert a phase to float32, and wrap it first if it is float64.
 
     Single precision can't hold thousands of radians with the accuracy of a grey level.
     """
@@ -163,7 +157,7 @@ def _single_precision_phase(frame: PhaseFrame) -> NDArray[np.float32]:
 
 
 def _window_side(moments: Sequence[RetrievedMoment], camera: Camera) -> int:
-    """Return the side of a pattern design's PSF window, an even number of sensor pixels.
+    """Return the side of the PSF's window, an even number of sensor pixels.
 
     The window holds those in which the targets were designed. Without a target, its side is 256.
     """

@@ -1,1 +1,1 @@
-"""Merge the frames of a record, measure PSFs from them, and score restored pictures."""
+"""Merged frames of a record, PSFs and colours measured on them, and scores of restorations."""

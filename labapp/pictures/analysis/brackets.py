@@ -27,30 +27,19 @@ WAVELENGTH_TOLERANCE = 1e-11
 
 @dataclass(frozen=True)
 class Bracket:
-    """The merged exposure bracket of one target with one pattern at one wavelength.
+    """The merged exposures of one target with one pattern at one wavelength.
 
-    Attributes
-    ----------
-    target, pattern : str
-        Names in the plan.
-    wavelength : float
-        Metres.
-    exposures : list of float
-        Exposure times in seconds.
-    rate, variance : Picture
-        (rows, columns): electrons per second and pixel, and the variance of this rate.
-    clipped, dark : float
-        Share of pixels that are clipped, or dark, in every exposure.
-    clipped_by_exposure : list of float
-        Share of pixels at full scale in each exposure.
-    dark_frames : int
-        Fewest dark frames that were averaged for an exposure; 0 where the sensor's black level
-        was used instead.
-    histogram : NDArray
-        (exposures, levels): how many pixels have each digital number.
-    defects : NDArray of bool or None
-        (rows, columns): pixels that the camera's calibration lists as defective, whose values were
-        filled from around them; None if none are known.
+    target, pattern: names in the plan.
+    wavelength: metres.
+    exposures: exposure times, seconds.
+    rate, variance: (rows, columns), electrons per second and pixel, and the variance of this rate.
+    clipped, dark: share of pixels that are clipped, or dark, in every exposure.
+    clipped_by_exposure: share of pixels at full scale in each exposure.
+    dark_frames: fewest dark frames that were averaged for an exposure; 0 where the sensor's black
+        level was used instead.
+    histogram: (exposures, levels), how many pixels have each digital number.
+    defects: (rows, columns), pixels that the camera's calibration lists as defective, whose values
+        were filled from around them; None if none are known.
     """
 
     target: str
@@ -68,16 +57,17 @@ class Bracket:
 
     @property
     def name(self) -> str:
-        """Describe a bracket of recorded pictures in words: target, pattern and wavelength."""
+        """Name target, pattern and wavelength in words."""
         return _describe(self.target, self.pattern, self.wavelength)
 
 
 def merge_all(
     record: Record, progress: Progress, targets: Collection[str] | None = None
 ) -> list[Bracket]:
-    """Merge the recorded pictures into brackets: one for each target, pattern and wavelength.
+    """Merge all recorded exposures, or only those of the given targets.
 
-    The dark frames themselves are left out. If `targets` is given, only these are merged.
+    Gives a bracket for each target, pattern and wavelength. The dark frames themselves are left
+    out.
     """
     sensor = record.camera.sensor
     dark = dark_target(record.plan)
@@ -103,12 +93,12 @@ class RecordedBracket:
 
     @property
     def name(self) -> str:
-        """Describe a bracket of recorded pictures in words: target, pattern and wavelength."""
+        """Name target, pattern and wavelength in words."""
         return _describe(self.target, self.pattern, self.wavelength)
 
 
 def find_brackets(record: Record) -> list[RecordedBracket]:
-    """Return the brackets of recorded pictures, without dark frames."""
+    """List what was recorded by target, pattern and wavelength, without dark frames."""
     dark = dark_target(record.plan)
     wavelengths = sorted(set(record.column("wavelength_asked").tolist()))
     return [
@@ -126,18 +116,18 @@ def _describe(target: str, pattern: str, wavelength: float) -> str:
 
 
 def merge_frame(record: Record, index: int) -> Bracket:
-    """Return one recorded picture as a bracket of one exposure."""
+    """Return a single frame as a bracket of one exposure."""
     sensor = record.camera.sensor
     return _merge(record, [index], dark_target(record.plan), sensor)
 
 
 def dark_target(plan: PlanFile) -> str:
-    """Return the name of the target under which a plan's run records its dark pictures."""
+    """Return the name of the target under which a plan records its dark frames."""
     return plan.reconstruct.dark if plan.reconstruct else "dark"
 
 
 def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bracket:
-    """Merge recorded pictures into a bracket, each less the mean dark frame of its exposure."""
+    """Merge frames, each less the mean dark frame of its exposure."""
     first = indices[0]
     bracket = recorded_bracket(record, indices, dark, sensor)
     frames, exposures = np.asarray(bracket.frames), bracket.times
@@ -167,12 +157,12 @@ def _merge(record: Record, indices: list[int], dark: str, sensor: Sensor) -> Bra
 
 
 def _histogram(frames: NDArray[Any], levels: int) -> NDArray[np.int64]:
-    """Count the recorded pixels of each whole digital number; means have fractions."""
+    """Count the pixels of each whole digital number; means of frames have fractions."""
     return np.bincount(np.rint(frames).astype(np.int64).ravel(), minlength=levels)
 
 
 def recorded_bracket(record: Record, indices: list[int], dark: str, sensor: Sensor) -> hdr.Bracket:
-    """Return recorded pictures as the frames of a bracket, with the mean dark of each exposure."""
+    """Return the frames of these indices with the mean dark frame of each exposure."""
     exposures = record.column("exposure")[indices]
     darks = {t: _mean_dark(record, dark, t, sensor) for t in sorted(set(exposures.tolist()))}
     return hdr.Bracket(
@@ -186,7 +176,7 @@ def recorded_bracket(record: Record, indices: list[int], dark: str, sensor: Sens
 
 
 def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tuple[Picture, int]:
-    """Return the mean of the recorded dark pictures of an exposure, and how many there were.
+    """Return the mean of the dark frames of an exposure, and how many there were.
 
     Without dark frames of this exposure, the level is computed from the sensor's black level and
     dark current, and the number is 0.
@@ -202,10 +192,10 @@ def _mean_dark(record: Record, dark: str, exposure: float, sensor: Sensor) -> tu
 def find_bracket(
     brackets: list[Bracket], target: str, pattern: str, wavelength: float | None, path: Path
 ) -> Bracket:
-    """Find the bracket of recorded pictures with this target, pattern and wavelength in metres.
+    """Find the only bracket with this target, pattern and wavelength in metres.
 
-    Without a wavelength, the bracket may have any. Raises UserError, which names the record at
-    `path`, if there is no such bracket, or more than one.
+    Without a wavelength, it may have any. Raises UserError, which names the record at `path`, if
+    there is no such bracket, or more than one.
     """
     found = [
         bracket

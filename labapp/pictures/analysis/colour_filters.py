@@ -1,4 +1,4 @@
-"""The colour filters of a picture: how its bands are told apart, and shown."""
+"""Colour filters of a sensor: how bands are told apart behind them, and shown on a screen."""
 
 from __future__ import annotations
 
@@ -31,23 +31,15 @@ _GREY_REMEDY = (
 
 @dataclass(frozen=True, eq=False)
 class ColourFilters:
-    """The mosaic of colour filters through which a picture was taken.
+    """The mosaic of colour filters in front of a sensor.
 
-    Attributes
-    ----------
-    pattern : tuple of str
-        Rows of a letter for each pixel, which repeat from the first pixel on.
-    channels : str
-        The letters, each once, in the order of the picture's bands.
-    gains : NDArray, (channels,)
-        Light of a white surface in each channel, over that of the brightest channel.
-    matrix : NDArray or None, (3, channels)
-        From the bands, in which white is equal, to linear sRGB; None for a grey picture.
-    passband : tuple of float or None
-        Wavelengths in metres between which light was let through; None for all visible light.
-    is_grey : bool
-        Whether the scene is taken for one band, which all filters see alike but for their gains.
-        Otherwise each channel is a band.
+    pattern: rows of a letter for each pixel, which repeat from the first pixel on.
+    channels: the letters, each once, in the order of the bands.
+    gains: (channels,), light of a white surface in each channel, over that of the brightest one.
+    matrix: (3, channels), from the bands, in which white is equal, to linear sRGB; None for grey.
+    passband: wavelengths in metres between which light was let through; None for all visible light.
+    is_grey: whether the scene is taken for one band, which all filters see alike but for their
+        gains. Otherwise each channel is a band.
     """
 
     pattern: tuple[str, ...]
@@ -71,7 +63,7 @@ class ColourFilters:
 
     @property
     def period(self) -> tuple[int, int]:
-        """Return the (rows, columns) after which the filters of the picture repeat."""
+        """Return the (rows, columns) after which the filters repeat."""
         return len(self.pattern), len(self.pattern[0])
 
     @property
@@ -86,13 +78,13 @@ class ColourFilters:
         return np.tile(cell, (down, along))[: shape[0], : shape[1]]
 
     def to_screen(self, light: Light) -> Light:
-        """Convert the bands of a picture to linear sRGB, (3, rows, columns); grey stays grey."""
+        """Convert bands to linear sRGB, (3, rows, columns); grey stays grey."""
         return light if self.matrix is None else linear_srgb(light, self.matrix)
 
     def separate(
         self, rate: NDArray[np.floating], noise: float | None, clipped: NDArray[np.bool_]
     ) -> Light:
-        """Estimate the bands of each pixel of a picture, without undoing its blur.
+        """Estimate the bands of each pixel, without undoing any blur.
 
         `rate` is (rows, columns), NaN where a pixel is dead.
         """
@@ -108,7 +100,7 @@ class ColourFilters:
         border: Border,
         clipped: NDArray[np.bool_],
     ) -> MosaicObservation:
-        """Build the observation from which all bands of a picture are restored together.
+        """Build the observation from which all bands are restored together.
 
         `rate` is (rows, columns), NaN where a pixel is dead.
         """
@@ -132,7 +124,7 @@ def build_filters(
     passband: tuple[float, float] | None = None,
     is_grey: bool = False,
 ) -> ColourFilters:
-    """Build the colour filters of a picture from the curves of the sensor that took it.
+    """Build colour filters, with their matrix, from a sensor's spectral curves.
 
     Raises UserError for light in which colours can't be told apart.
     """
@@ -147,7 +139,7 @@ def build_filters(
 
 
 def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters | None:
-    """Return the colour filters of a record, whose gains the picture of its star shows.
+    """Return a record's colour filters, with gains that its star shows.
 
     The star's light counts as white. Returns None for a sensor without filters.
     """
@@ -163,7 +155,7 @@ def star_filters(record: Record, star: Bracket, is_grey: bool) -> ColourFilters 
 
 
 def described_filters(record: Record, picture: Bracket, is_grey: bool) -> ColourFilters | None:
-    """Return the colour filters of a record, with gains from the sensor's description.
+    """Return a record's colour filters, with gains from the sensor's description.
 
     Returns None for a sensor without filters.
     """
@@ -175,17 +167,18 @@ def described_filters(record: Record, picture: Bracket, is_grey: bool) -> Colour
 
 
 def passband(record: Record, picture: Bracket) -> tuple[float, float] | None:
-    """Return the wavelengths that the filter let through for a recorded picture, in metres.
+    """Return the wavelengths between which the bench's filter let light through, in metres.
 
-    Returns None if the record's bench doesn't describe the filter.
+    None for a wheel without a slot of known bandwidth there.
     """
     return passband_at(record, picture.wavelength)
 
 
 def passband_at(record: Record, wavelength: float) -> tuple[float, float] | None:
-    """Return what the filter of a record lets through when it is set to a wavelength, in metres.
+    """Return the wavelengths between which the bench's filter, set to one, lets light through.
 
-    Returns None if the record's bench doesn't describe the filter.
+    They are in metres; None for a wheel without a slot of known bandwidth there. A filter that the
+    bench doesn't describe is taken to be tunable.
     """
     table = record.bench.devices.tables.get("filter")
     options = {} if table is None else dict(table.options)

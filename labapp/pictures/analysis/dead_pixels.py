@@ -1,4 +1,4 @@
-"""Find pixels of a sensor that give no light of their own, from the merged pictures of a run."""
+"""Find pixels of a sensor that give no light of their own."""
 
 from __future__ import annotations
 
@@ -22,22 +22,13 @@ _BRIGHT = 10.0
 
 
 def find_dead_pixels(brackets: Sequence[Bracket], period: tuple[int, int]) -> NDArray[np.bool_]:
-    """Find the dead pixels of a sensor from its merged pictures.
+    """Find a sensor's dead pixels from at least one merged bracket.
 
     A dead pixel stays dark wherever the pixels around it that see the same colour are bright, in
-    all pictures. Pixels that no picture shows brightly aren't judged.
+    all brackets. Pixels that none shows brightly aren't judged. Returns (rows, columns), True where
+    a pixel is dead.
 
-    Parameters
-    ----------
-    brackets : sequence of Bracket
-        Pictures of one sensor, at least one.
-    period : tuple of int
-        Period of the colour filters in (rows, columns); (1, 1) without filters.
-
-    Returns
-    -------
-    NDArray of bool, (rows, columns)
-        True where a pixel is dead.
+    period: of the colour filters, (rows, columns); (1, 1) without filters.
     """
     seen = np.zeros(brackets[0].rate.shape, dtype=bool)
     dead = np.ones_like(seen)
@@ -56,7 +47,7 @@ def find_dead_pixels(brackets: Sequence[Bracket], period: tuple[int, int]) -> ND
 def _median_of_same_colour(
     rate: NDArray[np.float64], period: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Return the median of the merged picture's pixels of the same colour, 5 x 5 of them."""
+    """Return the median of the 5 x 5 nearest pixels of the same colour."""
     near = np.empty_like(rate)
     for row in range(period[0]):
         for column in range(period[1]):

@@ -1,4 +1,4 @@
-"""Take the defective pixels that a camera's calibration lists out of merged pictures."""
+"""Take the pixels that a camera's calibration lists as defective out of merged brackets."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _REACH = 2
 def known_defects(record: Record) -> NDArray[np.bool_] | None:
     """Return the defective pixels of a record's camera, (rows, columns).
 
-    None if no calibration of the camera was in force when the pictures were recorded. Raises
-    UserError if the frames are of another size than the calibration.
+    None if no calibration of the camera was in force when the frames were taken, or if it lists
+    none. Raises UserError if the frames are of another size than the calibration.
     """
     calibration = record.bench.active_camera_calibration
     if calibration is None or not calibration.defects.pixels:
@@ -38,10 +38,10 @@ def known_defects(record: Record) -> NDArray[np.bool_] | None:
 def fill_defects(
     rate: Picture, variance: Picture, defects: NDArray[np.bool_], sensor: Sensor
 ) -> None:
-    """Fill the defective pixels of a merged picture from those of the same colour around them.
+    """Fill defective pixels in place from those of the same colour around them.
 
-    Both pictures, (rows, columns), are changed: the rate becomes the median of the others, and the
-    variance their mean squared difference from it and their own. Pixels without any other stay.
+    The rate, (rows, columns), becomes the median of the others, and the variance their mean squared
+    difference from it and their own. Pixels without any other stay.
     """
     pattern = sensor.colour.pattern if sensor.colour else ("M",)
     steps = len(pattern), len(pattern[0])

@@ -1,4 +1,4 @@
-"""Say where the light of a PSF from a file lies, and move an origin from the corner."""
+"""Tell where the light of a PSF from a file lies, and move an origin from the corner."""
 
 from __future__ import annotations
 
@@ -16,24 +16,12 @@ lies between two pixels is told."""
 
 
 def place_psf(path: Path, psf: NDArray[np.floating]) -> tuple[NDArray[np.floating], list[str]]:
-    """Return PSFs with their origin at index n // 2, and what to know about their place.
+    """Return PSFs with their origin at index n // 2, and remarks for the user.
 
     Wrapped light shows that the origin is in the corner. Otherwise all stays where it is: a
     measured PSF's light needn't lie about its origin.
 
-    Parameters
-    ----------
-    path : Path
-        File of the PSFs.
-    psf : NDArray, (bands, rows, columns)
-        Its values; the place is the same in all bands.
-
-    Returns
-    -------
-    NDArray, (bands, rows, columns)
-        The PSFs.
-    list of str
-        Remarks for the user.
+    psf: (bands, rows, columns); the place is the same in all bands.
     """
     said, whole = [], psf.sum(0, dtype=np.float64)
     if has_origin_in_corner(whole):
@@ -53,5 +41,4 @@ def place_psf(path: Path, psf: NDArray[np.floating]) -> tuple[NDArray[np.floatin
 
 
 def _way(pixels: float, positive: str, negative: str) -> str:
-    """Say in words how far a PSF's light is off in one direction."""
     return f"{abs(pixels):.1f} px {positive if pixels > 0 else negative}"

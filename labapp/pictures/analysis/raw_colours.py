@@ -1,4 +1,4 @@
-"""The colours of a RAW photograph: its filters, with gains and matrix by what its file says."""
+"""The colour filters of a RAW photograph, with gains and matrix by what its file says."""
 
 from __future__ import annotations
 
@@ -12,27 +12,13 @@ from labapp.pictures.camera_colours import camera_to_linear_srgb, daylight_white
 
 
 def raw_filters(raw: RawPhotograph, *, is_grey: bool = False) -> tuple[ColourFilters, list[str]]:
-    """Return the colour filters of a RAW photograph, and remarks on its white and its matrix.
+    """Return a RAW photograph's colour filters, and remarks on its white and its matrix.
 
-    Parameters
-    ----------
-    raw : RawPhotograph
-        A photograph of a sensor with colour filters.
-    is_grey : bool
-        Whether the scene is taken for one band.
+    White is as the camera found it; where the file doesn't say, as daylight (D65) gives it by the
+    camera's matrix, or else equal in all channels. Raises UserError for filters other than red,
+    green and blue without a matrix to colours.
 
-    Returns
-    -------
-    filters : ColourFilters
-        The filters. White is as the camera found it; where the file doesn't say, as daylight (D65)
-        gives it by the camera's matrix, or else equal in all channels.
-    notes : list of str
-        Remarks for the user.
-
-    Raises
-    ------
-    UserError
-        For filters other than red, green and blue without a matrix to colours.
+    is_grey: whether the scene is taken for one band.
     """
     assert raw.pattern is not None
     gains, notes = _gains(raw)
@@ -44,7 +30,7 @@ def raw_filters(raw: RawPhotograph, *, is_grey: bool = False) -> tuple[ColourFil
 
 
 def _gains(raw: RawPhotograph) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the light of white in each channel of a RAW file, largest 1, with a remark."""
+    """Return the light of white in each channel, largest 1, with remarks."""
     colour = raw.colour
     if colour.white is not None:
         return colour.white / colour.white.max(), []
@@ -58,7 +44,7 @@ def _gains(raw: RawPhotograph) -> tuple[NDArray[np.float64], list[str]]:
 
 
 def _matrix_to_srgb(raw: RawPhotograph) -> tuple[NDArray[np.float64], list[str]]:
-    """Return the matrix from a RAW file's white-balanced channels to linear sRGB, with a remark."""
+    """Return the matrix from white-balanced channels to linear sRGB, with remarks."""
     matrix = raw.colour.matrix
     try:
         if matrix is not None:

@@ -1,4 +1,4 @@
-"""Score a restored picture against its reference picture by PSNR and SSIM."""
+"""Score pictures, restored or not, against a reference by PSNR and SSIM."""
 
 from __future__ import annotations
 
@@ -20,32 +20,26 @@ Light = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Score:
-    """PSNR in dB and SSIM of a picture; SSIM is NaN for pictures smaller than its window."""
+    """PSNR in dB, and SSIM; SSIM is NaN for pictures smaller than its window."""
 
     psnr: float
     ssim: float
 
     @property
     def as_data(self) -> dict[str, float | None]:
-        """Return the scored picture's PSNR and SSIM for JSON; None stands for non-finite values."""
+        """Return PSNR and SSIM for JSON; None stands for values that aren't finite."""
         named = {"psnr_db": self.psnr, "ssim": self.ssim}
         return {name: value if math.isfinite(value) else None for name, value in named.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class ReferencePicture:
-    """The picture that a perfect restoration would give.
+    """What a perfect restoration would give.
 
-    Attributes
-    ----------
-    light : Light
-        (bands, rows, columns).
-    white : float
-        Light that is white: the peak of PSNR and the range of SSIM.
-    share : float
-        Share of each side of the frame over which pictures are scored.
-    source : str
-        Where the picture is from, in words.
+    light: (bands, rows, columns).
+    white: light that is white, the peak of PSNR and the range of SSIM.
+    share: share of each side of the frame over which pictures are scored.
+    source: where it is from, in words.
     """
 
     light: Light
@@ -55,11 +49,11 @@ class ReferencePicture:
 
     @property
     def crop(self) -> str:
-        """Say in words which part of a picture is scored against this reference picture."""
+        """Say in words which part of the frame is scored."""
         return "full frame" if self.share == 1 else f"central {self.share:.0%}".replace("%", " %")
 
     def score(self, light: Light) -> Score:
-        """Score a picture, restored or not, against this reference of equal shape and unit."""
+        """Score light of the reference's shape and unit."""
         return score(light, self.light, self.white, self.share)
 
 
@@ -67,21 +61,11 @@ class ReferencePicture:
 def score(
     image: Light, reference: Light, white: float = 1.0, share: float = CENTRAL_SHARE
 ) -> Score:
-    """Score a picture, restored or not, by PSNR and SSIM against a reference, in the centre only.
+    """Return the PSNR over all bands and the mean SSIM of the bands, in the centre only.
 
-    Parameters
-    ----------
-    image, reference : Light
-        (..., rows, columns) of equal shape; values that aren't finite count as 0.
-    white : float
-        Peak of PSNR and range of SSIM.
-    share : float
-        Share of each side that is scored.
-
-    Returns
-    -------
-    Score
-        PSNR over all bands, and the mean SSIM of the bands.
+    image, reference: (..., rows, columns) of equal shape; values that aren't finite count as 0.
+    white: peak of PSNR and range of SSIM.
+    share: share of each side that is scored.
     """
     a, b = (_central_part(picture, share) for picture in (image, reference))
     psnr = metrics.psnr(a, b, white)
@@ -96,21 +80,14 @@ def score(
 def score_present(
     image: Light, reference: Light, missing: NDArray[np.bool_], white: float
 ) -> Score:
-    """Score a picture over the whole frame, but for pixels that its reference lacks.
+    """Score the whole frame, but for pixels that the reference lacks.
 
-    Parameters
-    ----------
-    image, reference : Light, (rows, columns)
-        The picture and its reference.
-    missing : NDArray of bool, (rows, columns)
-        Pixels that are left out, and with them each window of SSIM that touches one.
-    white : float
-        Peak of PSNR and range of SSIM.
+    PSNR is of the other pixels, and SSIM the mean of the other windows; NaN where there are none.
 
-    Returns
-    -------
-    Score
-        PSNR of the other pixels, and mean SSIM of the other windows; NaN where there are none.
+    image, reference: (rows, columns).
+    missing: (rows, columns), pixels that are left out, and with them each window of SSIM that
+        touches one.
+    white: peak of PSNR and range of SSIM.
     """
     if not missing.any():
         return score(image, reference, white, 1.0)
@@ -126,6 +103,6 @@ def score_present(
 
 
 def _central_part(picture: Light, share: float) -> torch.Tensor:
-    """Cut out the centre of a picture to be scored, (bands, rows, columns) in float64."""
+    """Cut out the centre, as (bands, rows, columns) in float64."""
     bands = np.nan_to_num(picture).astype(np.float64).reshape(-1, *picture.shape[-2:])
     return metrics.crop_central_share(torch.from_numpy(bands), share)

@@ -30,27 +30,20 @@ from optics.slm import Modulator
 
 @dataclass(frozen=True, eq=False)
 class StarImage:
-    """The picture of a star in a window around its peak with the neutral pattern.
+    """A star in a window around its peak with the neutral pattern.
 
-    Attributes
-    ----------
-    measured, neutral : Picture
-        (rows, columns): share of the neutral star's light on each pixel, with the coded and with
-        the neutral pattern, unmodulated light included.
-    share_in_window : float
-        Share of the coded star's light inside the window; the light outside is missing from
-        reconstructions.
-    wavelength : float
-        Metres.
-    bands : Picture
-        (bands, rows, columns): `measured` of each band that is restored; the mean of the bands is
-        `measured`. Of a sensor with colour filters, each band sums to 1: its neutral star is too
+    measured, neutral: (rows, columns), share of the neutral star's light on each pixel, with the
+        coded and with the neutral pattern, unmodulated light included.
+    share_in_window: share of the coded star's light inside the window; the light outside is missing
+        from reconstructions.
+    wavelength: metres.
+    bands: (bands, rows, columns), `measured` of each band that is restored; the mean of the bands
+        is `measured`. Of a sensor with colour filters, each band sums to 1: its neutral star is too
         small for all filters to see it alike.
-    filters : ColourFilters or None
-        Colour filters of the sensor, with the star's light as white.
-    variance, neutral_variance : Picture
-        Variance of `measured` and of `neutral` by the camera's noise. 0 where it isn't known: on
-        pixels that are clipped in every exposure, and behind colour filters.
+    filters: colour filters of the sensor, with the star's light as white.
+    variance, neutral_variance: variance of `measured` and of `neutral` by the camera's noise. 0
+        where it isn't known: on pixels that are clipped in every exposure, and behind colour
+        filters.
     """
 
     measured: Picture
@@ -71,24 +64,16 @@ class StarImage:
 class PSFReport(StarImage):
     """A measured PSF with its target, its prediction and their differences, on sensor pixels.
 
-    Attributes
-    ----------
-    modulated_psf : Picture
-        `measured` without the unmodulated light, to be compared with the target.
-    target : Picture or None
-        Requested shape of the PSF; None where the pattern has none.
-    predicted : Picture or None
-        PSF of the star, computed from the camera's description; None where the scene doesn't
+    modulated_psf: `measured` without the unmodulated light, to be compared with the target.
+    target: requested shape of the PSF; None where the pattern has none.
+    predicted: PSF of the star, computed from the camera's description; None where the scene doesn't
         describe the star.
-    unmodulated : float
-        Share of unmodulated light, measured at the centre.
-    efficiency : float or None
-        Light of `modulated_psf` where the target exceeds 2 % of its peak, over all light of
+    unmodulated: share of unmodulated light, measured at the centre.
+    efficiency: light of `modulated_psf` where the target exceeds 2 % of its peak, over all light of
         `measured`.
-    contrast : float or None
-        Speckle contrast of `modulated_psf`, without the camera's noise; None where it has no light.
-    prediction_error : float or None
-        Relative L2 difference of measurement and prediction, without a fitted scale.
+    contrast: speckle contrast of `modulated_psf`, without the camera's noise; None where it has no
+        light.
+    prediction_error: relative L2 difference of measurement and prediction, without a fitted scale.
     """
 
     modulated_psf: Picture
@@ -101,7 +86,7 @@ class PSFReport(StarImage):
 
 
 def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) -> PSFReport:
-    """Measure the PSF on a star's recorded pictures, and compare it with target and prediction.
+    """Measure the PSF on a star, and compare it with target and prediction.
 
     Raises UserError if the frames of the star are missing or dark.
     """
@@ -127,7 +112,7 @@ def measure_psf(record: Record, brackets: list[Bracket], roles: Reconstruction) 
 
 
 def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) -> StarImage:
-    """Cut the star out of the pictures recorded with the neutral and with the coded pattern.
+    """Cut the star out of what was recorded with the neutral and with the coded pattern.
 
     Raises UserError if the frames of the star are missing or dark.
     """
@@ -159,13 +144,13 @@ def crop_star(record: Record, brackets: list[Bracket], roles: Reconstruction) ->
 def _known_variance(
     bracket: Bracket, centre: tuple[int, int], window: int, filters: ColourFilters | None
 ) -> Picture:
-    """Cut the variance of a star's merged picture out; 0 where it isn't known."""
+    """Cut the variance of a star's light out; 0 where it isn't known."""
     known = np.isfinite(bracket.variance) & (filters is None)
     return crop_centred(np.where(known, bracket.variance, 0.0), centre, window)
 
 
 def _separate_bands(bracket: Bracket, filters: ColourFilters | None) -> Picture:
-    """Return the bands of a star's merged picture, (bands, rows, columns)."""
+    """Return a star's light by band, (bands, rows, columns)."""
     if filters is None:
         return bracket.rate[None]
     clipped = ~np.isfinite(bracket.variance)
@@ -174,17 +159,14 @@ def _separate_bands(bracket: Bracket, filters: ColourFilters | None) -> Picture:
 
 
 def _contrast(shape: Picture, target: Picture, noise: Picture) -> float | None:
-    """Return the speckle contrast of the PSF measured on recorded pictures.
-
-    Returns None if the PSF is dark where its target is bright.
-    """
+    """Return the speckle contrast; None if the PSF is dark where its target is bright."""
     bright = target > 0.5 * target.max()
     lit = float((shape[bright] / target[bright]).mean()) > 0
     return metrics.speckle_contrast(shape, target, noise) if lit else None
 
 
 def bright_centroid(rate: Picture) -> tuple[int, int]:
-    """Return the pixel (y, x) at the centre of the star in a recorded picture.
+    """Return the pixel (y, x) at the centre of a star.
 
     This is the centroid of the light in all pixels brighter than a fifth of the peak.
     """
@@ -194,10 +176,7 @@ def bright_centroid(rate: Picture) -> tuple[int, int]:
 
 
 def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Picture:
-    """Cut a square window out of a recorded picture, with the pixel `centre` at its n // 2.
-
-    The window is 0 where it reaches beyond the picture.
-    """
+    """Cut out a square window, with the pixel `centre` at its n // 2; 0 beyond the frame."""
     y, x = (c - window // 2 for c in centre)
     cut = np.zeros((window, window))
     rows = slice(max(y, 0), min(y + window, image.shape[0]))
@@ -209,7 +188,7 @@ def crop_centred(image: Picture, centre: tuple[int, int], window: int) -> Pictur
 
 
 def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
-    """Return the share of unmodulated light, 0 to 1, in the PSF measured on recorded pictures.
+    """Return the share of unmodulated light, 0 to 1, in a measured PSF.
 
     The neutral PSF is fitted to the measured one by least squares in the pixels around the centre.
     This holds for target shapes that leave their centre dark.
@@ -221,7 +200,7 @@ def _unmodulated_share(neutral: Picture, measured: Picture) -> float:
 
 
 def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | None:
-    """Draw a pattern's target on sensor pixels, to compare it with the recorded pictures' PSF.
+    """Draw a pattern's target on sensor pixels, to compare it with the measured PSF.
 
     Of a video, the mean of its frames' targets is drawn. Returns None for a pattern without a
     target, and for a logo, whose picture a record doesn't contain.
@@ -247,7 +226,7 @@ def _target_on_sensor(spec: Pattern, camera: Camera, window: int) -> Picture | N
 def _predict_recorded_star(
     record: Record, camera: Camera, roles: Reconstruction, wavelength: float, window: int
 ) -> Picture | None:
-    """Predict the recorded picture of a star, scaled like the PSF measured on it.
+    """Predict the light of a star, scaled like the PSF measured on it.
 
     The camera's description is evaluated at the filter's centre wavelength; the filter's bandwidth
     isn't modelled. Returns None if the record describes no scene with this star.
@@ -272,25 +251,15 @@ def predict_star(
     window: int,
     offset: tuple[float, float] = (0.0, 0.0),
 ) -> list[torch.Tensor]:
-    """Predict a star's recorded picture with each pattern, as shares of its light per pixel.
+    """Predict a star's image with each pattern, as shares of its light per pixel.
 
     The pixels are a square window. The finite sizes of star and pixel are included.
 
-    Parameters
-    ----------
-    camera : Camera
-        Panel, lens and sensor.
-    greys : sequence of torch.Tensor
-        Grey levels on the panel, (rows, columns), or (frames, rows, columns) of a repeated video.
-    wavelength : float
-        Metres.
-    diameter, distance : float
-        Diameter and distance of the star in metres.
-    window : int
-        Side of the window in sensor pixels.
-    offset : tuple of float, optional
-        Place (y, x) of the star's image relative to the middle pixel, in pixels. Its PSF is that of
-        the axis.
+    greys: levels on the panel, (rows, columns), or (frames, rows, columns) of a repeated video.
+    wavelength, diameter, distance: of the light and of the star, metres.
+    window: side of the window in sensor pixels.
+    offset: place (y, x) of the star's image relative to the middle pixel, in pixels. Its PSF is
+        that of the axis.
     """
     finer = math.ceil(nyquist_samples_per_pixel(camera, wavelength))
     # 32 pixels on each side keep the edges of the computed window from wrapping into the result.

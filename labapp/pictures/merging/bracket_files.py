@@ -1,4 +1,4 @@
-"""Read the frames of an exposure bracket from picture files, and the sensor that took them."""
+"""Read the frames of an exposure bracket from files, and the sensor that took them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class BracketFiles:
 
     @property
     def period(self) -> tuple[int, int]:
-        """Return the (rows, columns) after which the colour filters of a bracket's files repeat."""
+        """Return the (rows, columns) after which the sensor's colour filters repeat."""
         pattern = None if self.raw is None else self.raw.pattern
         return (1, 1) if pattern is None else (len(pattern), len(pattern[0]))
 
@@ -85,7 +85,7 @@ def read_bracket_files(
     numbers: SensorNumbers,
     encoding: Encoding | None,
 ) -> BracketFiles:
-    """Read a bracket's frames and darks from picture files, or from the pages of one.
+    """Read frames and darks from files, or from the pages of one.
 
     exposures: seconds; None for those that the files tell. Raises UserError for files that don't
     fit together, and for a sensor of which too little is known.
@@ -121,7 +121,7 @@ def read_bracket_files(
 
 
 def require_times(exposures: Sequence[float] | None, count: int, kind: str) -> None:
-    """Raise UserError unless there is a time for each of a bracket's files, if any is told."""
+    """Raise UserError unless there is a time for each frame, if any is told."""
     if exposures is not None and len(exposures) != count:
         raise UserError(
             f"--exposures has {len(exposures)} times for {count} {kind}. Give one for each, in "
@@ -130,19 +130,19 @@ def require_times(exposures: Sequence[float] | None, count: int, kind: str) -> N
 
 
 def _reading_notes(photographs: Sequence[Photograph], is_coded: bool) -> list[str]:
-    """Say in words how a bracket's files were read, each thing once."""
+    """Say in words how the files were read, each thing once."""
     first = photographs[0]
     told = [] if is_coded else [f"numbers are {first.encoding.name}: {first.encoding_source}"]
     return [*told, *dict.fromkeys(note for one in photographs for note in one.remarks)]
 
 
 def _has_response(photograph: Photograph) -> bool:
-    """Return whether a bracket's file has 8-bit levels of a response curve, a camera's own."""
+    """Return whether a photograph has 8-bit levels of a response curve, a camera's own."""
     return photograph.is_coded and photograph.levels.dtype == np.uint8
 
 
 def equal_times(times: Sequence[float]) -> list[str]:
-    """Say in words if a bracket's files have one exposure time."""
+    """Say in words if all frames have one exposure time."""
     if len(times) == 1 or len(set(times)) > 1:
         return []
     return [
@@ -157,7 +157,7 @@ def other_full_scale(
     sensor: Sensor,
     remedy: str = "Give --full-scale",
 ) -> list[str]:
-    """Say in words if the numbers of a bracket's frames end below the sensor's full scale.
+    """Say in words if the frames' numbers end below the sensor's full scale.
 
     remedy: what to do; the number follows.
     """
@@ -176,7 +176,7 @@ def other_full_scale(
 
 
 def sensor_source(path: Path | None, numbers: SensorNumbers) -> str:
-    """Say in words what the numbers of a sensor of bracket files rest on."""
+    """Say in words what the numbers of a sensor rest on."""
     given = (
         ("--gain", numbers.gain), ("--read-noise", numbers.read_noise), ("--black", numbers.black),
         ("--full-scale", numbers.full_scale),
@@ -187,7 +187,7 @@ def sensor_source(path: Path | None, numbers: SensorNumbers) -> str:
 
 
 def _require_one_kind(photographs: Sequence[Photograph]) -> None:
-    """Raise UserError if a bracket's files hold numbers of different kinds."""
+    """Raise UserError if photographs hold numbers of different kinds."""
     first = photographs[0]
     for one in photographs:
         if one.levels.dtype != first.levels.dtype:
@@ -204,14 +204,14 @@ def _require_one_kind(photographs: Sequence[Photograph]) -> None:
 
 
 def _bits(photograph: Photograph) -> int:
-    """Return the bits of the numbers that a bracket is merged in: of the file, 16 at most."""
+    """Return the bits of the numbers to merge: those of the file, 16 at most."""
     if photograph.is_coded or photograph.white is None:
         return 16
     return min(16, int(photograph.white).bit_length())
 
 
 def _numbers(photograph: Photograph) -> Frame:
-    """Return a bracket file's numbers, proportional to light; sRGB levels become 16-bit ones."""
+    """Return numbers proportional to light; sRGB levels become 16-bit ones."""
     if photograph.is_coded:
         return np.asarray(np.rint(photograph.light * 65535).astype(np.uint16))
     levels = photograph.levels
@@ -236,9 +236,9 @@ def _size(frame: Frame) -> str:
 def build_sensor(
     path: Path | None, numbers: SensorNumbers, bits: int, shape: tuple[int, ...]
 ) -> Sensor:
-    """Return the sensor of a bracket's files: of its own file, or of the numbers that are given.
+    """Return the sensor of its own file, or of the numbers that are given.
 
-    bits: of the files' numbers. Raises UserError if too little is known.
+    bits: of the frames' numbers. Raises UserError if too little is known.
     """
     if path is not None:
         known = read_sensor(path.name, path.parent).build()
@@ -278,7 +278,7 @@ def _described_sensor(numbers: SensorNumbers, bits: int) -> Sensor:
 def _mean_darks(
     paths: Sequence[Path], frame: Frame, count: int, sensor: Sensor, encoding: Encoding | None
 ) -> tuple[list[Frame | float], list[float]]:
-    """Return the mean dark of each of a bracket's files, and how many darks are in it."""
+    """Return the mean dark of each frame, and how many darks are in it."""
     if not paths:
         return [sensor.black_level] * count, [float("inf")] * count
     darks = [_numbers(read_photograph(path, encoding=encoding)) for path in paths]
@@ -290,7 +290,7 @@ def _mean_darks(
 
 
 def group_darks(darks: Sequence[Frame], count: int) -> tuple[list[Frame], list[float]]:
-    """Return the mean dark of each of a bracket's frames, and how many darks are in it.
+    """Average darks for each frame, and return how many are in each mean.
 
     Of as many for each frame, each has its own, in their order; otherwise all have all.
     """

@@ -1,4 +1,4 @@
-"""Find and undo how the frames of a bracket of files moved."""
+"""Find and undo how frames from files moved against each other."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Mask = NDArray[np.bool_]
 
 
 def bracket_motions(source: BracketFiles) -> hdr.FrameMotions:
-    """Return how the frames of a bracket of files moved."""
+    """Find how the frames moved."""
     return hdr.find_motions(_levels(source), math.lcm(*source.period))
 
 
 def _levels(source: BracketFiles) -> Iterator[tuple[list[NDArray[Any]], list[Mask]]]:
-    """Yield bands of like noise of each frame of a bracket, and where they are clipped."""
+    """Yield bands of like noise of each frame, and where they are clipped."""
     full = source.sensor.full_scale
     for frame, dark in zip(source.frames, source.darks, strict=True):
         if source.is_coded:
@@ -48,7 +48,7 @@ def _levels(source: BracketFiles) -> Iterator[tuple[list[NDArray[Any]], list[Mas
 
 
 def explain_motions(motions: hdr.FrameMotions, remedy: str = _REGISTER) -> list[str]:
-    """Say in words which frames of a bracket moved, and what to do: the remedy."""
+    """Say in words which frames moved, and what to do: the remedy."""
     if not motions.moved:
         return []
     each = "; ".join(
@@ -63,7 +63,7 @@ def explain_motions(motions: hdr.FrameMotions, remedy: str = _REGISTER) -> list[
 
 
 def explain_alignment(motions: hdr.FrameMotions) -> list[str]:
-    """Say in words how frames of a bracket were aligned."""
+    """Say in words how frames were aligned."""
     if not motions.shifted:
         return ["--align: no frame moved, and none was changed"]
     found = [
@@ -82,14 +82,14 @@ def explain_alignment(motions: hdr.FrameMotions) -> list[str]:
 
 
 def _way(motion: RigidMotion) -> str:
-    """Say in words how a frame of a bracket moved."""
+    """Say in words how a frame moved."""
     turn = math.degrees(motion.turn)
     turned = f" and turned by {turn:.2g}°" if abs(turn) >= _TURN else ""
     return f"moved {motion.down:.2g} px down and {motion.right:.2g} px right{turned}"
 
 
 def describe_motions(motions: hdr.FrameMotions, aligned: bool) -> dict[str, Any]:
-    """Return how a bracket's frames moved, as plain data, for the JSON of a merge."""
+    """Return how the frames moved, as plain data for JSON."""
     rows = zip(motions.motions, motions.distances, motions.deviations, strict=True)
     return {
         "reference": motions.reference + 1,
@@ -115,7 +115,7 @@ def align_band(
     full: float,
     floor: float,
 ) -> tuple[list[NDArray[Any]], list[Mask]]:
-    """Return a band of a bracket's frames at the places of the reference, and where each is absent.
+    """Return a band of all frames at the places of the reference, and where each is absent.
 
     Frames that stand still stay as they are, and lost ones are absent. unknown: pixels that are
     clipped, or defective. full: number for those that rest on one. floor: the lowest number.

@@ -17,7 +17,7 @@ _TIFF = (".tif", ".tiff")
 def read_frames(
     paths: Sequence[Path], encoding: Encoding | None
 ) -> tuple[list[Photograph], list[str]]:
-    """Return the photographs of a bracket, and their names.
+    """Read photographs, and return them with their names.
 
     The pages of a single TIFF are frames, in their order. Raises UserError for files of which one
     has several pages.
@@ -42,5 +42,5 @@ def read_frames(
 
 
 def _pages(path: Path) -> int:
-    """Return how many frames of a bracket a file holds."""
+    """Return how many pages a file has; 1 unless it's a TIFF."""
     return count_pages(path, read_bytes(path)) if path.suffix.lower() in _TIFF else 1

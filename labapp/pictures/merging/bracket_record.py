@@ -38,7 +38,7 @@ class RecordedFrames:
 
 
 def read_recorded_bracket(path: Path, wanted: RecordedFrames) -> BracketFiles:
-    """Read the bracket of one target with one pattern at one wavelength from a record.
+    """Read the frames of one target with one pattern at one wavelength from a record.
 
     Raises UserError, with all brackets of the record, if none fits or several do.
     """

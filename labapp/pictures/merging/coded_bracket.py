@@ -1,4 +1,4 @@
-"""Merge 8-bit pictures of a bracket by their response curve, with times and motion checked."""
+"""Merge 8-bit pictures by their response curve, with times and motion checked."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ there. Chosen: at edges, up to half of them do that were interpolated."""
 
 @dataclass(frozen=True, eq=False)
 class CodedMerge:
-    """Merged bands of 8-bit pictures.
+    """Bands merged from 8-bit pictures.
 
     times: check of the exposure times; None if it wasn't asked for. motions: of the frames. told:
     what is wrong, in words.
@@ -82,7 +82,7 @@ def merge_coded_bands(
 def _curve(
     source: BracketFiles, frames: Sequence[NDArray[np.float32]], times: NDArray[np.float64]
 ) -> hdr.ResponseCurve:
-    """Return the response curve that a band of 8-bit pictures shows."""
+    """Fit the response curve that a band shows."""
     try:
         return hdr.fit_response(frames, times)
     except ValueError as error:
@@ -93,9 +93,9 @@ def _curve(
 
 
 def _require_order(source: BracketFiles) -> None:
-    """Raise UserError for 8-bit frames that aren't brighter the longer they were exposed.
+    """Raise UserError for frames that aren't brighter the longer they were exposed.
 
-    A response curve of a merged bracket without order would be no camera's.
+    A response curve without order would be no camera's.
     """
     shares = [np.asarray(frame, dtype=np.float32) / _FULL for frame in source.frames]
     light = np.array([one.mean(dtype=np.float64) for one in shares])
@@ -108,7 +108,7 @@ def _require_order(source: BracketFiles) -> None:
 
 
 def _explain_ghosts(states: Sequence[NDArray[np.uint8]]) -> list[str]:
-    """Say in words where something moved in a merged bracket of 8-bit pictures, if it did."""
+    """Say in words where something moved between the frames, if it did."""
     moved = np.mean([one == hdr.MOVED for one in states], axis=0)
     share = ndimage.uniform_filter(moved, _BLOCK, mode="constant")
     if share.max() < _MOST:

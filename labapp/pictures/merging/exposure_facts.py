@@ -1,4 +1,4 @@
-"""Take the exposure times of a bracket from its files, or compare told ones with these."""
+"""Take exposure times from the files of a bracket, or compare told ones with these."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SAME = 1e-3
 
 
 def _facts(photograph: Any, name: str) -> float | None:
-    """Return a number that a bracket's file tells of its exposure, or None."""
+    """Return a number that a file tells of its exposure, or None."""
     value = getattr(getattr(photograph, "exposure", None), name, None)
     return float(value) if value is not None and 0 < value < math.inf else None
 
@@ -27,7 +27,7 @@ def _facts(photograph: Any, name: str) -> float | None:
 def choose_times(
     photographs: Sequence[Any], told: Sequence[float] | None, is_coded: bool
 ) -> tuple[list[float], list[str], list[str]]:
-    """Return a bracket's exposure times, told or of its files, with notes and doubts in words."""
+    """Return the exposure times, told or of the files, with notes and doubts in words."""
     if told is None:
         times, notes = times_of_files(photographs, is_coded)
         return times, notes, []
@@ -35,7 +35,7 @@ def choose_times(
 
 
 def times_of_files(photographs: Sequence[Any], is_coded: bool) -> tuple[list[float], list[str]]:
-    """Return the exposure times that a bracket's files tell, and notes in words.
+    """Return the exposure times that the files tell, and notes in words.
 
     The rounded numbers of cameras become the times that they stand for. Times of 8-bit pictures
     count apertures and ISO numbers, if these differ. Raises UserError if a file tells no time, and
@@ -71,7 +71,7 @@ def times_of_files(photographs: Sequence[Any], is_coded: bool) -> tuple[list[flo
 
 
 def _light_factors(photographs: Sequence[Any]) -> list[float] | None:
-    """Return the factors of a bracket's light by aperture and ISO; None if they don't differ."""
+    """Return the factors of the light by aperture and ISO; None if they don't differ."""
     found = np.ones(len(photographs))
     for name, power in (("f_number", -2), ("iso", 1)):
         values = [_facts(one, name) for one in photographs]
@@ -82,7 +82,7 @@ def _light_factors(photographs: Sequence[Any]) -> list[float] | None:
 
 
 def contradictions(photographs: Sequence[Any], times: Sequence[float]) -> list[str]:
-    """Say in words which of a bracket's told times contradict those of its files."""
+    """Say in words which told times contradict those of the files."""
     own = [_facts(one, "exposure_time") for one in photographs]
     if any(one is None for one in own) or len(own) < 2:
         return []

@@ -1,4 +1,4 @@
-"""Read the exposure times that a person gives for a bracket: seconds, fractions or EV steps."""
+"""Parse exposure times that a person gives: seconds, fractions or EV steps."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FORMS = (
 
 
 def parse_exposures(text: str) -> list[float]:
-    """Return the exposure times of a bracket in seconds, from a person's words.
+    """Return exposure times in seconds, from a person's words.
 
     "1/250,1/60,0.25" are seconds; "-2ev,0ev,+2ev" are powers of two, of one second. Raises
     UserError that names the value that isn't understood.
@@ -38,7 +38,7 @@ def parse_exposures(text: str) -> list[float]:
 
 
 def _seconds(part: str, text: str) -> float:
-    """Return one of a bracket's exposure times in seconds."""
+    """Return one exposure time in seconds."""
     try:
         if step := _EV.fullmatch(part):
             value = 2.0 ** parse_number(step[1])

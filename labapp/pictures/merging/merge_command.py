@@ -1,4 +1,4 @@
-"""The command `labapp merge`: merge a bracket of picture files, and tell how good it is."""
+"""The command `labapp merge`: merge a bracket, and tell how good it is."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class MergeRequest:
 
 
 def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
-    """Merge a bracket of files; write data, light, picture and report, and print what was found."""
+    """Merge frames; write data, light, picture and report, and print what was found."""
     if request.out.suffix.lower() not in HDF5_ENDINGS:
         raise UserError(f"--out {request.out}: must end in .h5; the other files lie beside it.")
     paths = merged_paths(request.out)
@@ -82,7 +82,7 @@ def merge_bracket_files(request: MergeRequest, *, as_json: bool) -> None:
 
 
 def _method(request: MergeRequest, source: BracketFiles) -> hdr.Method:
-    """Return the method by which a bracket of files is merged: the given one, or by the budget."""
+    """Return the method of merging: the given one, or by the budget."""
     if request.budget is None:
         return request.method
     if source.is_coded:
@@ -98,7 +98,7 @@ def _method(request: MergeRequest, source: BracketFiles) -> hdr.Method:
 
 
 def _read(request: MergeRequest) -> BracketFiles:
-    """Read the bracket to merge, from a record or from picture files."""
+    """Read the frames to merge, from a record or from files."""
     if any(path.suffix.lower() in HDF5_ENDINGS for path in request.files):
         if len(request.files) > 1:
             raise UserError("several files, one of them a record: give a record by itself.")

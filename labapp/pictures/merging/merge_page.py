@@ -28,7 +28,7 @@ _STATES = {
 
 
 def exposure_rows(merged: MergedFiles) -> list[list[str]]:
-    """Return the rows of a merged bracket's table of exposures."""
+    """Return the rows of the table of exposures."""
     rows = []
     for number, (name, time) in enumerate(
         zip(merged.source.names, merged.source.exposures, strict=True)
@@ -44,7 +44,7 @@ def exposure_rows(merged: MergedFiles) -> list[list[str]]:
 
 
 def _coded_factor(merged: MergedFiles, number: int) -> str:
-    """Return the factor of an 8-bit frame of a merged bracket in words; others are taken as 1."""
+    """Return the factor of an 8-bit frame in words; others are taken as 1."""
     found = merged.coded_times
     if found is None or number not in found.suspects:
         return "taken as 1"
@@ -54,7 +54,7 @@ def _coded_factor(merged: MergedFiles, number: int) -> str:
 
 
 def state_rows(merged: MergedFiles) -> list[list[str]]:
-    """Return the rows of a merged bracket's table of pixel states; absent ones are left out."""
+    """Return the rows of the table of pixel states; absent ones are left out."""
     return [
         [words, f"{merged.share(state):.3%}"]
         for state, words in _STATES.items()
@@ -63,7 +63,7 @@ def state_rows(merged: MergedFiles) -> list[list[str]]:
 
 
 def sensor_rows(merged: MergedFiles) -> list[list[str]]:
-    """Return the rows of a merged bracket's table of the sensor's numbers."""
+    """Return the rows of the table of the sensor's numbers."""
     sensor, defects = merged.source.sensor, merged.source.defects
     rows = [
         ["gain", f"{sensor.gain:.4g} electrons/DN"],
@@ -77,7 +77,7 @@ def sensor_rows(merged: MergedFiles) -> list[list[str]]:
 
 
 def merge_page(merged: MergedFiles, shown: bytes) -> str:
-    """Return the report of a merged bracket as an HTML page; shown: PNG of its light."""
+    """Return the whole report as an HTML page; shown: PNG of the light."""
     warnings = "".join(f"<p><strong>{escape(one)}</strong></p>" for one in merged.told)
     notes = "".join(f"<p>{escape(one)}</p>" for one in merged.notes)
     parts = [
@@ -96,7 +96,7 @@ def merge_page(merged: MergedFiles, shown: bytes) -> str:
 
 
 def accuracy_words(method: str, accuracy: hdr.ExpectedAccuracy) -> str:
-    """Say in words how efficient a merge is, and how biased, where its light is well measured."""
+    """Say in words how efficient and how biased an estimate is where its light is well measured."""
     clear = accuracy.errors <= _CLEAR
     if not clear.any():
         return f"method {method}: at no light of this bracket is the error {_CLEAR:.0%} or less"
@@ -112,7 +112,7 @@ def accuracy_words(method: str, accuracy: hdr.ExpectedAccuracy) -> str:
 
 
 def _trust(merged: MergedFiles) -> list[str]:
-    """Return the part of a merged bracket's report that says what its numbers rest on."""
+    """Return the part of the report that says what its numbers rest on."""
     if merged.accuracy is None:
         return [
             "<h2>Response curve</h2>",
@@ -137,7 +137,7 @@ def _trust(merged: MergedFiles) -> list[str]:
 
 
 def response_figure(merged: MergedFiles) -> Figure:
-    """Draw the response curves of a merged bracket of 8-bit pictures, one for each band."""
+    """Draw the response curves of 8-bit pictures, one for each band."""
     figure = Figure(figsize=(7, 4.2), dpi=100, layout="constrained")
     axes = figure.subplots()
     colours = ("black",) if len(merged.curves) == 1 else ("tab:red", "tab:green", "tab:blue")
@@ -150,7 +150,7 @@ def response_figure(merged: MergedFiles) -> Figure:
 
 
 def accuracy_figure(merged: MergedFiles, found: hdr.ExpectedAccuracy) -> Figure:
-    """Draw the error and efficiency of a merged bracket by the light, with its histogram."""
+    """Draw error and efficiency by the light, with its histogram."""
     figure = Figure(figsize=(13, 4.2), dpi=100, layout="constrained")
     left, right = figure.subplots(1, 2)
     left.loglog(found.rates, found.errors, "o-", label="error, rms")

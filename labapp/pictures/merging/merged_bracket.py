@@ -1,4 +1,4 @@
-"""Merge the bands of a bracket, with exposures as the frames show them."""
+"""Merge frames from files band by band, with exposures as the frames show them."""
 
 from __future__ import annotations
 
@@ -85,11 +85,11 @@ class MergedFiles:
 
     @property
     def shown(self) -> NDArray[np.float32]:
-        """Return a merged bracket's light to look at: grey, or of three colours."""
+        """Return the light to look at: grey, or of three colours."""
         return self.rate if self.colours is None else self.colours
 
     def share(self, state: hdr.PixelState) -> float:
-        """Return the share of a merged bracket's pixels in a state."""
+        """Return the share of pixels in a state."""
         return float((self.state == state).mean())
 
 
@@ -101,7 +101,7 @@ def merge_files(
     align: bool = False,
     motions: hdr.FrameMotions | None = None,
 ) -> MergedFiles:
-    """Merge a bracket of files, each band by itself, with one factor for each frame.
+    """Merge each band by itself, with one factor for each frame.
 
     refine: whether exposures are measured; those that surely differ are corrected. align: whether
     frames that moved are registered. motions: of the frames; by default, they are found. 8-bit
@@ -155,9 +155,9 @@ def merge_files(
 
 
 def _aligned(source: BracketFiles, motions: hdr.FrameMotions) -> BracketFiles:
-    """Return the bracket of files with frames that moved at the places of the reference.
+    """Return frames that moved at the places of the reference.
 
-    What darks and defects are of a sensor's pixels, so that they are taken off before.
+    Darks and defects belong to the sensor's pixels, so that they are taken off before.
     """
     full, found = source.sensor.full_scale, []
     floor = -float(full)
@@ -183,7 +183,7 @@ def _aligned(source: BracketFiles, motions: hdr.FrameMotions) -> BracketFiles:
 def _useless_light(
     rate: NDArray[np.float32], variance: NDArray[np.float32], state: NDArray[np.uint8]
 ) -> list[str]:
-    """Say in words if a merged bracket is nearly all clipped, or dark, or partly below no light."""
+    """Say in words if the light is nearly all clipped, or dark, or partly below no light."""
     found = []
     clipped, dark = (float((state == one).mean()) for one in (hdr.CLIPPED, hdr.DARK))
     if clipped > _NEARLY_ALL:
@@ -202,7 +202,7 @@ def _useless_light(
 def _share_below(
     light: NDArray[np.float32], variance: NDArray[np.float32], deviations: float
 ) -> float:
-    """Return the share of a merged bracket's pixels so many standard deviations below no light."""
+    """Return the share of pixels so many standard deviations below no light."""
     count = 0
     for start in range(0, light.shape[1], _ROWS):
         part = np.s_[:, start : start + _ROWS]
@@ -211,7 +211,7 @@ def _share_below(
 
 
 def _cut_noise(bands: Sequence[hdr.Bracket]) -> list[str]:
-    """Say in words if a merged bracket's numbers end at 0, above the lowest ones of the noise."""
+    """Say in words if the numbers end at 0, above the lowest ones of the noise."""
     shortest, gain = bands[0].exposures[0], bands[0].sensor.gain
     number, noise = shortest.frames[0], math.sqrt(shortest.floor) / gain
     share = max(1 - np.count_nonzero(one.frames[number]) / math.prod(one.shape) for one in bands)
@@ -230,7 +230,7 @@ def _merge_coded(
     progress: Progress,
     motions: hdr.FrameMotions | None,
 ) -> MergedFiles:
-    """Merge a bracket of 8-bit pictures, each band by the response curve that it shows."""
+    """Merge 8-bit pictures, each band by the response curve that it shows."""
     found = merge_coded_bands(source, refine, align, progress, motions)
     rate, variance, state = (_join_bands(every) for every in zip(*found.bands, strict=True))
     told = [
@@ -252,12 +252,12 @@ def _merge_coded(
 
 
 def _join_bands(bands: Sequence[torch.Tensor]) -> NDArray[Any]:
-    """Return the bands of a merged bracket as one array; a single one isn't copied."""
+    """Stack bands into one array; a single one isn't copied."""
     return bands[0].numpy()[None] if len(bands) == 1 else torch.stack(list(bands)).numpy()
 
 
 def file_bracket(source: BracketFiles, number: int) -> hdr.Bracket:
-    """Return one band of a merged bracket's files."""
+    """Return one band of all frames."""
     return hdr.Bracket(
         [frame[number] for frame in source.frames],
         source.exposures,
@@ -270,7 +270,7 @@ def file_bracket(source: BracketFiles, number: int) -> hdr.Bracket:
 def _measured_factors(
     bands: list[hdr.Bracket],
 ) -> tuple[hdr.ExposureFactors | None, list[str]]:
-    """Return the exposure factors by the band of a merged bracket that tells most, and words."""
+    """Return the exposure factors by the band that tells most, and what is wrong, in words."""
     measured, refused = [], ""
     for band in bands:
         try:

@@ -26,7 +26,7 @@ _TONE_PIXELS = 1_000_000
 
 
 def merged_paths(path: Path) -> dict[str, Path]:
-    """Return the files of a merged bracket beside its HDF5 file, by their kind."""
+    """Return the paths of all files beside the HDF5 file, by their kind."""
     return {
         "data": path,
         "light": path.with_suffix(".tiff"),
@@ -36,7 +36,7 @@ def merged_paths(path: Path) -> dict[str, Path]:
 
 
 def write_merged(merged: MergedFiles, paths: dict[str, Path]) -> bytes:
-    """Write a merged bracket's data, light and picture; return the picture's PNG."""
+    """Write data, light and picture; return the picture's PNG."""
     with draft_of(paths["data"]) as draft:
         _write_hdf5(merged, draft)
     with draft_of(paths["light"]) as draft:
@@ -47,7 +47,7 @@ def write_merged(merged: MergedFiles, paths: dict[str, Path]) -> bytes:
 
 
 def describe_merged(merged: MergedFiles) -> dict[str, Any]:
-    """Return what a merged bracket was made of, and how, as plain data."""
+    """Return what was merged, and how, as plain data."""
     source, factors = merged.source, merged.factors
     return {
         "method": merged.method,
@@ -69,7 +69,7 @@ def describe_merged(merged: MergedFiles) -> dict[str, Any]:
 
 
 def _describe_raw(merged: MergedFiles, raw: RawPhotograph) -> dict[str, Any]:
-    """Return what a merged bracket's RAW files say of sensor and colours, as plain data."""
+    """Return what RAW files say of sensor and colours, as plain data."""
     filters = merged.filters
     return (
         {
@@ -92,7 +92,7 @@ def _describe_raw(merged: MergedFiles, raw: RawPhotograph) -> dict[str, Any]:
 
 
 def _describe_times(found: hdr.CodedTimes) -> dict[str, Any]:
-    """Return the check of a merged 8-bit bracket's exposure times for JSON.
+    """Return the check of exposure times of 8-bit pictures for JSON.
 
     factors: light of each frame over that of its time, if this one alone is wrong.
     """
@@ -105,12 +105,12 @@ def _describe_times(found: hdr.CodedTimes) -> dict[str, Any]:
 
 
 def _known_deviations(deviations: NDArray[np.float64]) -> list[float | None]:
-    """Return the deviations of a merged bracket's factors for JSON; None for what isn't known."""
+    """Return deviations for JSON; None for what isn't known."""
     return [one if math.isfinite(one) else None for one in deviations.tolist()]
 
 
 def _describe_trust(merged: MergedFiles) -> dict[str, Any]:
-    """Return what a merged bracket's numbers rest on: sensor and accuracy, or response curves."""
+    """Return what the numbers rest on: sensor and accuracy, or response curves."""
     accuracy, sensor = merged.accuracy, merged.source.sensor
     if accuracy is None:
         return {
@@ -141,7 +141,7 @@ def _describe_trust(merged: MergedFiles) -> dict[str, Any]:
 
 
 def _write_hdf5(merged: MergedFiles, path: Path) -> None:
-    """Write the HDF5 file of a merged bracket; grey pictures have two axes."""
+    """Write the HDF5 file; grey light has two axes."""
     with path.open("w+b") as out, create_hdf5(out.fileno()) as file:
         for name in ("rate", "variance", "state"):
             whole = getattr(merged, name)
@@ -156,7 +156,7 @@ def _write_hdf5(merged: MergedFiles, path: Path) -> None:
 
 
 def picture_to_look_at(rate: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return a merged bracket as an 8-bit sRGB picture, (rows, columns, 3).
+    """Return the light as 8-bit sRGB, (rows, columns, 3).
 
     Light is compressed by Reinhard's global operator (2002, doi 10.1145/566654.566575): its
     logarithmic mean becomes 0.18 of white, and what is much brighter approaches white.
@@ -172,7 +172,7 @@ def picture_to_look_at(rate: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _tone(rate: NDArray[np.float32]) -> tuple[np.float32, np.float32]:
-    """Return a merged bracket's factor of exposure, and the light that becomes white."""
+    """Return the factor of exposure, and the light that becomes white."""
     every = max(1, rate[0].size // _TONE_PIXELS)
     lit = _luminance(rate.reshape(len(rate), 1, -1)[..., ::every])
     lit = lit[lit > 0]
@@ -183,7 +183,7 @@ def _tone(rate: NDArray[np.float32]) -> tuple[np.float32, np.float32]:
 
 
 def _luminance(rate: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the luminance of a merged bracket's light: that of sRGB's primaries, or the light."""
+    """Return the luminance: that of sRGB's primaries, or the light itself of one band."""
     light = np.maximum(rate, 0)
     if len(light) == 1:
         return light[0]

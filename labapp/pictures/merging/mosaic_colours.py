@@ -36,7 +36,7 @@ Multiples of the periods of usual filters. Chosen: memory stays small."""
 
 
 def bracket_filters(raw: RawPhotograph) -> tuple[ColourFilters | None, list[str], list[str]]:
-    """Return the colour filters of a merged bracket of RAW files, notes, and warnings, in words.
+    """Return the colour filters of a RAW file, notes, and warnings, in words.
 
     The filters are None for a sensor without any, and where their colours aren't known.
     """
@@ -60,22 +60,14 @@ def merged_colours(
     filters: ColourFilters,
     check: Callable[[float], None] = lambda share: None,
 ) -> Light:
-    """Return a merged bracket's mosaic as linear sRGB, (3, rows, columns).
+    """Demosaic merged light to linear sRGB, (3, rows, columns), float32.
 
-    Parameters
-    ----------
-    rate, variance, state : NDArray, (rows, columns)
-        The merged bracket of the mosaic.
-    filters : ColourFilters
-        The sensor's filters. White has the light of the brightest channel.
-    check : callable, optional
-        Is called with the share that is done. It may raise, to end the work.
+    Pixels that are clipped in all exposures are no brighter than white that just clips, since the
+    colour of what is clipped isn't known. Noise makes dark pixels negative.
 
-    Returns
-    -------
-    NDArray, float32
-        Pixels that are clipped in all exposures are no brighter than white that just clips, since
-        the colour of what is clipped isn't known. Noise makes dark pixels negative.
+    rate, variance, state: (rows, columns), of the mosaic.
+    filters: of the sensor; white has the light of the brightest channel.
+    check: is called with the share that is done; it may raise, to end the work.
     """
     gain = filters.gains.astype(np.float32)[filters.channel_map(rate.shape)]
     clipped = state == CLIPPED
@@ -109,7 +101,7 @@ def _demosaiced(
     noise: float,
     weight: float | None,
 ) -> Light:
-    """Return the bands of a part of a merged bracket's mosaic, on the scale of its curve."""
+    """Return the bands of a part of the mosaic, on the scale of its curve."""
     seen = np.isfinite(curved)
     if not all(
         (seen & (filters.channel_map(curved.shape) == k)).any()

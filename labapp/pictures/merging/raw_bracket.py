@@ -1,4 +1,4 @@
-"""Read an exposure bracket of RAW files: mosaics of one sensor, with the levels that they state.
+"""Read RAW files of an exposure bracket: mosaics of one sensor, with the levels that they state.
 
 Pixels of a cell, rows and columns have levels of darkness of their own. All pixels are raised to
 the highest of them, so that one number means one light, and clips, everywhere.
@@ -40,7 +40,7 @@ Numbers = NDArray[np.uint16]
 
 
 def find_raw_files(paths: Sequence[Path]) -> list[RawPhotograph] | None:
-    """Return the RAW photographs of a bracket's files; None if none of them is RAW.
+    """Read RAW photographs; None if none of the files is RAW.
 
     Raises UserError if only some are.
     """
@@ -68,7 +68,7 @@ def read_raw_bracket(
     numbers: SensorNumbers,
     encoding: Encoding | None,
 ) -> BracketFiles:
-    """Return the bracket of RAW files: numbers, darkness, exposure times and noise.
+    """Return numbers, darkness, exposure times and noise of RAW photographs.
 
     As `read_bracket_files` otherwise. Noise that isn't told is what the files state, or what the
     frames show.
@@ -97,7 +97,7 @@ def read_raw_bracket(
 
 
 def _require_one_sensor(raws: Sequence[RawPhotograph]) -> None:
-    """Raise UserError unless a bracket's RAW files are of one sensor, read out alike."""
+    """Raise UserError unless RAW photographs are of one sensor, read out alike."""
     first = raws[0]
     for one in raws[1:]:
         for what, own, other in (
@@ -119,7 +119,7 @@ def _letters(raw: RawPhotograph) -> str:
 
 
 def _full_scale(raws: Sequence[RawPhotograph]) -> float:
-    """Return the level from which pixels of a bracket's RAW files are clipped.
+    """Return the level from which pixels are clipped.
 
     The frame with the highest number tells it: a level that another frame exceeds is none.
     """
@@ -129,7 +129,7 @@ def _full_scale(raws: Sequence[RawPhotograph]) -> float:
 def _raised(
     raws: Sequence[RawPhotograph], black: float | None
 ) -> tuple[list[Numbers], list[Frame | float]]:
-    """Return the numbers of a bracket's RAW files with one level of darkness, and that level.
+    """Return the numbers of RAW photographs with one level of darkness, and that level.
 
     Parts of a number can't be raised: where there are any, the level is one for each pixel. black:
     takes the place of the files' levels.
@@ -153,7 +153,7 @@ def _darkness(
     frames: Sequence[Numbers],
     levels: list[Frame | float],
 ) -> tuple[list[Frame | float], list[float]]:
-    """Return the darkness of each of a bracket's RAW files, and how many dark frames tell it."""
+    """Return the darkness of each RAW photograph, and how many dark frames tell it."""
     if not paths:
         return levels, [math.inf] * len(raws)
     darks = find_raw_files([raws[0].path, *paths])
@@ -168,7 +168,7 @@ def _darkness(
 
 
 def _other_white(raws: Sequence[RawPhotograph]) -> list[str]:
-    """Say in words if a bracket's RAW files have different white balances."""
+    """Say in words if RAW photographs have different white balances."""
     found = [one.colour.white for one in raws]
     known = [one / one.max() for one in found if one is not None]
     if not known or all(np.allclose(one, known[0], rtol=_OTHER_WHITE) for one in known):

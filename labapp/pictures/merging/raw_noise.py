@@ -1,4 +1,4 @@
-"""Find gain and read noise of a bracket of RAW files: told, stated by the files, or measured."""
+"""Find gain and read noise of RAW photographs: told, stated by the files, or measured."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Chosen: where something moves in a fifth of them, gains come out 3 % too small."
 
 @dataclass(frozen=True)
 class FoundNoise:
-    """The numbers of a sensor of a bracket's RAW files, what they rest on, and doubts, in words."""
+    """The numbers of a sensor, what they rest on, and doubts, in words."""
 
     numbers: SensorNumbers
     source: str
@@ -43,7 +43,7 @@ def find_noise(
     told: SensorNumbers,
     sensor_file: Path | None,
 ) -> FoundNoise:
-    """Find gain and read noise of a bracket's RAW files.
+    """Find gain and read noise.
 
     They are those that are told; else those of the files' noise profiles, if these are of one kind;
     else those that the frames show. frames: (rows, columns). darks: (1, rows, columns), or numbers.
@@ -65,7 +65,7 @@ def find_noise(
 
 
 def _completed(told: SensorNumbers, gain: float, noise: float) -> SensorNumbers:
-    """Return a RAW sensor's numbers with gain and read noise, DN, for what isn't told."""
+    """Return a sensor's numbers with gain and read noise, DN, for what isn't told."""
     used = gain if told.gain is None else told.gain
     return replace(
         told, gain=used, read_noise=noise * used if told.read_noise is None else told.read_noise
@@ -73,7 +73,7 @@ def _completed(told: SensorNumbers, gain: float, noise: float) -> SensorNumbers:
 
 
 def _stated_noise(raws: Sequence[RawPhotograph]) -> tuple[float, float, tuple[str, ...]] | None:
-    """Return gain, electrons/DN, and read noise, DN, by the profile of a bracket's RAW files.
+    """Return gain, electrons/DN, and read noise, DN, by the files' noise profile.
 
     The variance of light x is S x + O, white at 1 (Adobe, Digital Negative Specification 1.7.1,
     NoiseProfile), so that S times the range in numbers is one over the gain. Colours count by their
@@ -105,7 +105,7 @@ def _measured(
     times: Sequence[float],
     told: SensorNumbers,
 ) -> tuple[str, float, float, tuple[str, ...]]:
-    """Return words, gain, electrons/DN, and read noise, DN, as the bracket's RAW frames show them.
+    """Return words, gain, electrons/DN, and read noise, DN, as the frames show them.
 
     Raises UserError if they don't.
     """

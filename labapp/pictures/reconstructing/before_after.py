@@ -1,4 +1,4 @@
-"""Draw a photograph before and after restoration, with its PSF and the residual, in one picture."""
+"""Draw a photograph before and after restoration, with its PSF and the residual, in one figure."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ and its rings can be told apart."""
 def draw_before_after(
     problem: RestorationProblem, outcome: RestoredPicture, captions: tuple[str, str]
 ) -> bytes:
-    """Draw a picture before and after its restoration as PNG, and return the file's bytes.
+    """Draw a photograph before and after its restoration, and return the bytes of a PNG file.
 
-    `captions` are the titles of the photograph before and after.
+    `captions` are the titles before and after.
     """
     title = f"{problem.source}: {outcome.method}, {outcome.verdict}"
     beside = (
@@ -52,10 +52,10 @@ def draw_before_after(
 def draw_before_decoded(
     posed: DecodingProblem, decoded: DecodedPhotograph, captions: tuple[str, str]
 ) -> bytes:
-    """Draw a photograph before and after its decoding as PNG, and return the file's bytes.
+    """Draw a photograph before and after its decoding, and return the bytes of a PNG file.
 
-    Beside them are the pattern and the mean PSF over depths. `captions` are the titles of the
-    photograph before and after.
+    Beside them are the pattern and the mean PSF over depths. `captions` are the titles before and
+    after.
     """
     problem, white = posed.problem, posed.white
     title = f"{problem.source}: {describe_decoder(posed.pattern)}"
@@ -73,7 +73,7 @@ def _draw(
     captions: tuple[str, str],
     beside: tuple[Callable[[Axes], None], Callable[[Axes], None]],
 ) -> bytes:
-    """Draw a picture before and after restoration, and two more drawings beside them, as PNG."""
+    """Draw two pictures, with two more drawings beside them, as PNG."""
     rows, columns = pictures[0].shape[:2]
     tall = 5.4 * min(max(rows / columns, 0.5), 1.6)
     figure = Figure(figsize=(14.5, tall + 0.9), dpi=110, layout="constrained")
@@ -89,9 +89,9 @@ def _draw(
 
 
 def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
-    """Return a picture, restored or not, as 8-bit sRGB levels, (rows, columns[, 3]).
+    """Convert light to 8-bit sRGB levels, (rows, columns[, 3]).
 
-    A picture whose longer side exceeds 1200 pixels is averaged down to that.
+    If its longer side exceeds 1200 pixels, it is averaged down to that.
     """
     picture = np.moveaxis(np.nan_to_num(light) / white, 0, -1)
     scale = 1200 / max(picture.shape[:2])
@@ -103,13 +103,13 @@ def screen_levels(light: Light, white: float) -> NDArray[np.uint8]:
 
 
 def middle_of_psf(psf: Light) -> Light:
-    """Return the middle of a PSF that is larger than its drawing has room for."""
+    """Cut out the middle of a PSF that is larger than its drawing has room for."""
     top, left = (max(n - _DRAWN_PSF, 0) // 2 for n in psf.shape[1:])
     return psf[:, top : psf.shape[1] - top, left : psf.shape[2] - left]
 
 
 def _draw_psf(axes: Axes, psf: Light, name: str = "PSF") -> None:
-    """Draw the PSF with which a picture was restored."""
+    """Draw the mean PSF of all bands over four decades."""
     mean = psf.mean(0)
     peak, lowest_ratio = float(mean.max()), 1e-4
     norm = LogNorm(peak * lowest_ratio, peak)
@@ -119,7 +119,7 @@ def _draw_psf(axes: Axes, psf: Light, name: str = "PSF") -> None:
 
 
 def _draw_residual(axes: Axes, residual: Light) -> None:
-    """Draw what the restored picture leaves unexplained: the mean residual of all bands.
+    """Draw what the restoration leaves unexplained: the mean residual of all bands.
 
     The residual is drawn in units of the noise.
     """
@@ -131,7 +131,6 @@ def _draw_residual(axes: Axes, residual: Light) -> None:
 
 
 def _draw_pattern(axes: Axes, grey: NDArray[np.uint8]) -> None:
-    """Draw the grey levels of the pattern that a picture was taken through."""
     axes.imshow(grey, cmap="gray")
     _strip_ticks(axes, f"Pattern, {grey.shape[1]} x {grey.shape[0]} pixels")
 

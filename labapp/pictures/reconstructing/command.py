@@ -1,4 +1,4 @@
-"""`labapp reconstruct`: restore a photograph, and write it with a picture of before and after."""
+"""`labapp reconstruct`: restore a photograph, and write it with a figure of before and after."""
 
 from __future__ import annotations
 
@@ -22,11 +22,7 @@ from labapp.pictures.reconstructing.restoration_request import RestorationReques
 
 @dataclass(frozen=True)
 class OutputFiles:
-    """Files that a restoration writes.
-
-    They are the restored picture, the picture of before and after, and the PSF of a blind
-    restoration.
-    """
+    """The restored picture, the figure of before and after, and the PSF of a blind restoration."""
 
     data: Path
     picture: Path
@@ -47,7 +43,7 @@ _OPTIONS = {
 def reconstruct_photograph(
     request: RestorationRequest, choice: MethodChoice, files: OutputFiles, *, as_json: bool
 ) -> None:
-    """Restore a photograph, score it, write the pictures, and print the results.
+    """Restore a photograph, score it, write the files, and print the results.
 
     Raises UserError for a photograph or PSF that can't be used.
     """
@@ -84,7 +80,7 @@ def _captions(outcome: RestoredPicture) -> tuple[str, str]:
 
 
 def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[str]]:
-    """Return the printed rows on a restored picture: method, noise, residual and scores."""
+    """Return the printed rows: PSF, method, noise, residual and scores."""
     bands = outcome.bands
     masked = float((problem.clipped | ~np.isfinite(problem.light)).mean())
     told = outcome.noise_source(problem)
@@ -110,7 +106,7 @@ def _rows(problem: RestorationProblem, outcome: RestoredPicture) -> list[list[st
 def score_rows(
     known: ReferencePicture | None, scores: tuple[Score, Score] | None
 ) -> list[list[str]]:
-    """Return the printed rows on a picture's scores before and after; none without a truth."""
+    """Return the printed rows on scores before and after; none without a truth."""
     if known is None or scores is None:
         return []
     before, after = scores
@@ -122,7 +118,7 @@ def score_rows(
 
 
 def _describe_colours(filters: ColourFilters) -> str:
-    """Say how the colours of a picture are restored, and what the files hold."""
+    """Say how colours are restored, and what the files hold."""
     gains = zip(filters.channels, filters.gains, strict=True)
     told = ", ".join(f"{name} {gain:.2f}" for name, gain in gains)
     if filters.is_grey:
@@ -134,13 +130,13 @@ def _describe_colours(filters: ColourFilters) -> str:
 
 
 def _verdict_with_options(outcome: RestoredPicture) -> str:
-    """Return the verdict on the restored picture, with the options that help."""
+    """Return the verdict, with the options that help."""
     options = [_OPTIONS[cause] for cause in outcome.causes if cause in _OPTIONS]
     return outcome.verdict + (f" ({', '.join(options)})" if options else "")
 
 
 def _refined_scale(outcome: RestoredPicture) -> str:
-    """Say by how much the PSF of the restored picture was scaled, if it was."""
+    """Say by how much the PSF was scaled, if it was."""
     if not outcome.refined:
         return ""
     scales = [one.scale if one.is_wrong else 1.0 for one in outcome.psf_scales]
@@ -185,7 +181,7 @@ def _as_data(
 
 
 def _colours_as_data(filters: ColourFilters | None) -> dict[str, Any] | None:
-    """Return how a picture's colours were restored for JSON; None without colour filters."""
+    """Return how colours were restored for JSON; None without colour filters."""
     if filters is None:
         return None
     return {
@@ -200,7 +196,7 @@ def _colours_as_data(filters: ColourFilters | None) -> dict[str, Any] | None:
 def score_as_data(
     known: ReferencePicture | None, scores: tuple[Score, Score] | None
 ) -> dict[str, Any] | None:
-    """Return the picture's scores before and after its restoration for JSON; None without any."""
+    """Return the scores before and after for JSON; None without any."""
     if known is None or scores is None:
         return None
     told: dict[str, Any] = {"against": known.source, "crop": known.crop, "peak": known.white}

@@ -20,16 +20,10 @@ from optics.threads import single_threaded
 class DecodedPhotograph:
     """A decoded photograph.
 
-    Attributes
-    ----------
-    light : Light
-        (1, rows, columns), in the unit of the photograph.
-    cpu_seconds : float
-        Processor time of the decoding.
-    scores : tuple of Score or None
-        Scores before and after; None without a reference picture.
-    notes : tuple of str
-        Remarks for the user.
+    light: (1, rows, columns), in the unit of the photograph.
+    cpu_seconds: processor time of the decoding.
+    scores: before and after; None without a reference picture.
+    notes: remarks for the user.
     """
 
     light: Light
@@ -55,7 +49,7 @@ def decode_photograph(posed: DecodingProblem, progress: Progress) -> DecodedPhot
 
 
 def _notes_on_pixels(posed: DecodingProblem) -> list[str]:
-    """Say which pixels of a photograph were filled before its decoding."""
+    """Say which pixels were filled before the decoding."""
     notes = []
     if posed.clipped:
         notes.append(
@@ -68,7 +62,7 @@ def _notes_on_pixels(posed: DecodingProblem) -> list[str]:
 
 
 def _notes_on_noise(posed: DecodingProblem, share: float) -> list[str]:
-    """Say so if a photograph's noise is beyond that of the decoder's training."""
+    """Say so if the noise is beyond that of the decoder's training."""
     low, high = training_noise(posed.pattern)
     if low <= share <= high:
         return []

@@ -19,7 +19,7 @@ _NEUTRAL_IS_BLURRED = (
 
 
 def decode_for_command(request: DecodingRequest, files: OutputFiles, *, as_json: bool) -> None:
-    """Decode a photograph, score it, write the pictures, and print the results.
+    """Decode a photograph, score it, write the files, and print the results.
 
     Raises UserError for a photograph or decoder that can't be used, or that don't belong together.
     """
@@ -43,7 +43,7 @@ def decode_for_command(request: DecodingRequest, files: OutputFiles, *, as_json:
 
 
 def _captions(posed: DecodingProblem, decoded: DecodedPhotograph) -> tuple[str, str]:
-    """Return the titles of a photograph before and after its decoding.
+    """Return the titles before and after decoding.
 
     Scores against a neutral photograph, which is blurred itself, aren't put on a picture.
     """
@@ -54,13 +54,13 @@ def _captions(posed: DecodingProblem, decoded: DecodedPhotograph) -> tuple[str, 
 
 
 def _notes(posed: DecodingProblem, decoded: DecodedPhotograph) -> list[str]:
-    """Return the remarks on a photograph's decoding, and on what it is scored against."""
+    """Return the remarks on the decoding, and on what it is scored against."""
     blurred = [_NEUTRAL_IS_BLURRED] if posed.truth_is_blurred else []
     return [*decoded.notes, *blurred]
 
 
 def _rows(posed: DecodingProblem, decoded: DecodedPhotograph) -> list[list[str]]:
-    """Return the printed rows on a decoded photograph."""
+    """Return the printed rows: decoder, pattern, levels, time and scores."""
     problem = posed.problem
     share = f"{posed.noise / posed.white:.2g} of white"
     rows = [["method", describe_decoder(posed.pattern)]]
@@ -84,7 +84,7 @@ def _rows(posed: DecodingProblem, decoded: DecodedPhotograph) -> list[list[str]]
 def _as_data(
     posed: DecodingProblem, decoded: DecodedPhotograph, files: OutputFiles
 ) -> dict[str, Any]:
-    """Return what a photograph's decoding gave, for JSON."""
+    """Return what the decoding gave, for JSON."""
     problem = posed.problem
     return {
         "source": problem.source,

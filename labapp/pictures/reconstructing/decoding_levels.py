@@ -18,7 +18,7 @@ With white from the photograph itself, it loses 0.3 to 0.8 dB: a pattern takes c
 
 
 def noise_level(problem: RestorationProblem) -> float:
-    """Return the noise of a photograph, as told, or estimated by what its mean PSF leaves.
+    """Return a photograph's noise, as told, or estimated by what its mean PSF leaves.
 
     It is in the unit of the photograph. An estimate is at least what is known to be there. Raises
     UserError for a told one that exceeds the photograph.
@@ -36,29 +36,14 @@ def noise_level(problem: RestorationProblem) -> float:
 
 
 def estimate_white(problem: RestorationProblem, front: WienerFront, noise: float) -> float:
-    """Estimate the white of the scene of a photograph, which the decoder's scale refers to.
+    """Estimate the white of the scene, which the decoder's scale refers to.
 
-    It is the brightness of the brightest pixels once the decoder's filter has given back the
-    contrast that the pattern takes. The true picture isn't looked at.
+    It is the brightness, in the photograph's unit, of the brightest pixels once the decoder's
+    filter has given back the contrast that the pattern takes. The true picture isn't looked at.
+    UserError if the photograph is dark.
 
-    Parameters
-    ----------
-    problem : RestorationProblem
-        The photograph in one band, without gaps.
-    front : WienerFront
-        The decoder's filter.
-    noise : float
-        Standard deviation of a pixel's noise, in the unit of the photograph.
-
-    Returns
-    -------
-    float
-        White in the unit of the photograph.
-
-    Raises
-    ------
-    UserError
-        If the photograph is dark.
+    problem: the photograph in one band, without gaps.
+    noise: standard deviation of a pixel's noise, in the unit of the photograph.
     """
     light = problem.light[0]
     passed = float(front.mean[0, 0].real)
@@ -71,7 +56,7 @@ def estimate_white(problem: RestorationProblem, front: WienerFront, noise: float
 
 
 def _require_light(white: float, problem: RestorationProblem) -> float:
-    """Return the white of a photograph; raise UserError if it is dark."""
+    """Return the white of a photograph; UserError if it is dark."""
     if not white > 0:
         raise UserError(f"{problem.source}: is dark. Expose it longer, or check --dark.")
     return white

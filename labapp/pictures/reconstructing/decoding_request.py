@@ -37,24 +37,15 @@ _PSF_SOURCE = "mean of the pattern's PSFs over depth"
 class DecodingProblem:
     """A photograph behind a trained pattern, with its decoder.
 
-    Attributes
-    ----------
-    problem : RestorationProblem
-        The photograph in one band, without gaps, and the mean PSF over depths.
-    decoder : PhotographDecoder
-        The decoder for the camera that has taken it.
-    noise : float
-        Standard deviation of a pixel's noise that the decoder is told, in the photograph's unit.
-    white : float
-        Light that the decoder takes as white, in that unit.
-    clipped, dead : int
-        Pixels of the photograph that were clipped or dead, and were filled.
-    strehl : float or None
-        Likeness of the pattern that the record's panel has shown with the decoder's, from 0 to 1;
-        None for a picture file.
-    truth_is_blurred : bool
-        Whether the reference picture is a neutral photograph, which is sharp at the lens' focus
-        alone.
+    problem: the photograph in one band, without gaps, and the mean PSF over depths.
+    decoder: for the camera that has taken it.
+    noise: standard deviation of a pixel's noise that the decoder is told, in the photograph's unit.
+    white: light that the decoder takes as white, in that unit.
+    clipped, dead: pixels of the photograph that were clipped or dead, and were filled.
+    strehl: likeness of the pattern that the record's panel has shown with the decoder's, from 0 to
+        1; None for a file.
+    truth_is_blurred: whether the reference is a neutral photograph, which is sharp at the lens'
+        focus alone.
     """
 
     problem: RestorationProblem
@@ -74,14 +65,10 @@ class DecodingProblem:
 
 @dataclass(frozen=True)
 class DecodingRequest:
-    """A request to decode a photograph that was taken through a trained pattern.
+    """What to decode, and by which decoder.
 
-    Attributes
-    ----------
-    photograph : RestorationRequest
-        The photograph: its file, and what is known of it.
-    decoder : str
-        Design file of the decoder, or "edof" for the bundled one.
+    photograph: its file, and what is known of it.
+    decoder: design file of the decoder, or "edof" for the bundled one.
     """
 
     photograph: RestorationRequest
@@ -174,7 +161,7 @@ def _mean_psf(decoder: PhotographDecoder) -> Light:
 def _prepare(
     whole: RestorationProblem, decoder: PhotographDecoder, *, grey: bool
 ) -> DecodingProblem:
-    """Prepare a photograph for its decoder: one band, averaged squares, gaps filled."""
+    """Turn a photograph into one band of averaged squares, and fill its gaps."""
     side, source = decoder.pattern.binning, whole.source
     if not (np.isfinite(whole.light) & ~whole.clipped).any():
         raise UserError(f"{source}: every pixel is clipped or dead. Expose shorter.")
@@ -201,7 +188,7 @@ def _prepare(
 
 
 def _prepare_reference(reference: ReferencePicture | None, side: int) -> ReferencePicture | None:
-    """Bring the true picture of a photograph to the band and the pixels of the decoded one."""
+    """Bring the truth to the band and the pixels of the decoded photograph."""
     if reference is None:
         return None
     one = merge_bands(reference.light, grey=True, source=reference.source)

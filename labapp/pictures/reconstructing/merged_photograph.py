@@ -1,4 +1,4 @@
-"""Read a merged bracket as `labapp merge` writes it, to restore its light with its variance map."""
+"""Read a bracket as `labapp merge` writes it, to restore its light with its variance map."""
 
 from __future__ import annotations
 
@@ -22,19 +22,13 @@ _PARTS = ("rate", "variance", "state")
 
 @dataclass(frozen=True, eq=False)
 class MergedPhotograph:
-    """The light of a merged bracket to restore.
+    """Light of a merged bracket to restore.
 
-    Attributes
-    ----------
-    light : Light
-        (bands, rows, columns), electrons per second; NaN where nothing was measured, 0 where all
+    light: (bands, rows, columns), electrons per second; NaN where nothing was measured, 0 where all
         exposures were clipped.
-    variance : NDArray
-        Of the light, of the same shape; infinite where nothing was measured.
-    clipped : NDArray of bool
-        Pixels that all exposures clipped, of the same shape.
-    filters : ColourFilters or None
-        Colour filters of a bracket of RAW files, whose light has one band; None for others.
+    variance: of the light, of the same shape; infinite where nothing was measured.
+    clipped: pixels that all exposures clipped, of the same shape.
+    filters: colour filters of a bracket of RAW files, whose light has one band; None for others.
     """
 
     light: Light
@@ -44,23 +38,23 @@ class MergedPhotograph:
 
     @property
     def band_count(self) -> int:
-        """Return the number of bands of the merged photograph that are restored."""
+        """Return the number of bands that are restored."""
         return len(self.light) if self.filters is None else self.filters.response.shape[1]
 
     def bands(self, noise: float | None) -> Light:
-        """Return the bands of the merged photograph before its restoration."""
+        """Return the bands before their restoration."""
         if self.filters is None:
             return self.light
         return self.filters.separate(self.light[0], noise or self.least_noise, self.clipped[0])
 
     @property
     def least_noise(self) -> float:
-        """Return the root mean square of the merged photograph's noise, before its restoration."""
+        """Return the root mean square of the noise."""
         return float(np.sqrt(self.variance[np.isfinite(self.variance)].mean(dtype=np.float64)))
 
 
 def is_merged(path: Path) -> bool:
-    """Return whether a file with a picture to restore is a merged bracket."""
+    """Return whether a file is a merged bracket."""
     if path.suffix.lower() not in (".h5", ".hdf5") or not h5py.is_hdf5(path):
         return False
     with open_hdf5(path) as file:
@@ -69,7 +63,7 @@ def is_merged(path: Path) -> bool:
 
 
 def read_merged(path: Path, *, is_grey: bool = False) -> MergedPhotograph:
-    """Read a merged bracket's light and variance for restoration.
+    """Read the light and the variance of a merged bracket.
 
     is_grey: whether the scene behind colour filters is taken for one band. Raises UserError for
     parts of different shape, values that can't be a variance, a bracket without a measured pixel,
@@ -105,7 +99,7 @@ def read_merged(path: Path, *, is_grey: bool = False) -> MergedPhotograph:
 
 
 def _filters(path: Path, told: dict[str, Any], is_grey: bool) -> ColourFilters | None:
-    """Return the colour filters that a merged bracket's file tells; None if it has none."""
+    """Return the colour filters that the file tells; None if it has none."""
     if "pattern" not in told:
         return None
     pattern = tuple(str(told["pattern"]).split("/"))

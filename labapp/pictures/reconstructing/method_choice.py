@@ -18,20 +18,13 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class MethodChoice:
-    """Requested restoration method and its limits; UserError for values that contradict each other.
+    """The requested method and its limits; UserError for values that contradict each other.
 
-    Attributes
-    ----------
-    method : str
-        One of `METHOD_CHOICES`.
-    budget : float or None
-        Processor time for the whole picture, in seconds.
-    weight : float or None
-        Regularisation weight in the method's own unit; None to choose it from the picture.
-    refine_psf : bool
-        Whether a PSF is scaled to the size that the picture shows.
-    speed : MachineSpeed
-        Speed of the machine, by which times are predicted.
+    method: one of `METHOD_CHOICES`.
+    budget: processor time for the whole picture, in seconds.
+    weight: regularisation weight in the method's own unit; None to choose it from the picture.
+    refine_psf: whether a PSF is scaled to the size that the picture shows.
+    speed: of the machine, by which times are predicted.
     """
 
     method: str = AUTO
@@ -59,7 +52,7 @@ class MethodChoice:
         """Return the chosen method's name, and a function that restores with a variance map.
 
         The function is None if the method takes one noise for all pixels. `share` is the share of
-        the budget that the band of the picture may take.
+        the budget that the band may take.
         """
         name = self._method_name
         count = None
@@ -80,29 +73,16 @@ class MethodChoice:
 
     @property
     def _method_name(self) -> str | None:
-        """Name of the restoration method that the user chose; None for the best one."""
+        """Name of the method that the user chose; None for the best one."""
         return None if self.method == AUTO else ALIASES.get(self.method, self.method)
 
     def restore(
         self, observation: Observation, share: float, progress: Progress, counts: Mapping[str, int]
     ) -> RestoredImage:
-        """Restore one band of the picture by the method that the user chose.
+        """Restore one band by the chosen method; ValueError if none fits the budget or the band.
 
-        Parameters
-        ----------
-        observation : Observation
-            The band with its PSF.
-        share : float
-            Share of the budget that the band may take.
-        progress : Progress
-            Receives the progress.
-        counts : mapping
-            Planned iterations by the name of a method, used without a budget.
-
-        Raises
-        ------
-        ValueError
-            If no method fits the budget or the observation.
+        share: share of the budget that the band may take.
+        counts: planned iterations by the name of a method, used without a budget.
         """
         name = self._method_name
         learned = (

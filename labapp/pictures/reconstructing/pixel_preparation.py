@@ -1,4 +1,4 @@
-"""Prepare a photograph's pixels for a decoder: one band, averaged squares, and no gaps."""
+"""Prepare pixels for a decoder: one band, averaged squares, and no gaps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Chosen: that happens in the middle of gaps of more than six pixels."""
 
 
 def merge_bands(light: Light, *, grey: bool, source: str) -> Light:
-    """Return a photograph's bands as one, (1, rows, columns): bands that are equal, or their mean.
+    """Return the bands as one, (1, rows, columns): bands that are equal, or their mean.
 
     Raises UserError for different bands unless the person says that the light is grey.
     """
@@ -36,7 +36,7 @@ def merge_bands(light: Light, *, grey: bool, source: str) -> Light:
 
 
 def average_squares(light: Light, side: int) -> Light:
-    """Average a photograph's pixels in squares; NaN counts as missing, and stays where all is.
+    """Average pixels in squares; NaN counts as missing, and stays where all is.
 
     light: (bands, rows, columns). What is left over at the far edges is dropped.
     """
@@ -57,25 +57,12 @@ def average_squares(light: Light, side: int) -> Light:
 
 
 def fill_gaps(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Fill a photograph's missing pixels (NaN) from their neighbours.
+    """Fill missing pixels (NaN) from their neighbours; sound pixels are unchanged.
 
     A missing pixel gets the mean of the sound ones around it, weighted by a Gaussian; in the middle
-    of large gaps, the nearest sound one.
+    of large gaps, the nearest sound one. UserError if no pixel is sound.
 
-    Parameters
-    ----------
-    light : NDArray, (rows, columns)
-        The photograph.
-
-    Returns
-    -------
-    NDArray, (rows, columns), float32
-        The photograph without NaN; sound pixels are unchanged.
-
-    Raises
-    ------
-    UserError
-        If no pixel is sound.
+    light: (rows, columns), as is the result, float32.
     """
     sound = np.isfinite(light)
     if sound.all():

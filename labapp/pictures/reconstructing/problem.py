@@ -1,4 +1,4 @@
-"""Describe a restoration problem: a blurred picture, its PSF, and the state of its pixels."""
+"""A restoration problem: what is blurred, its PSF, and the state of its pixels."""
 
 from __future__ import annotations
 
@@ -28,43 +28,25 @@ WHITE_PERCENTILE = 99.9
 class RestorationProblem:
     """A blurred picture with its PSF, to be restored.
 
-    Attributes
-    ----------
-    light : Light
-        (bands, rows, columns); NaN where a pixel is dead. With colour filters, the light behind
+    light: (bands, rows, columns); NaN where a pixel is dead. With colour filters, the light behind
         them, (1, rows, columns).
-    psf : Light
-        (1 or bands, rows, columns), origin at n // 2; its sum is the share of light that arrives.
-    clipped : NDArray of bool
-        Pixels whose well was full, of the same shape as `light`.
-    source, psf_source : str
-        Where picture and PSF are from, in words.
-    unit : str
-        Unit of the light, in words.
-    encoding : str
-        How the file's numbers stand for light, and who says so, in words; empty for records.
-    full_scale : float or None
-        Light of the highest level of a written .png; None for white.
-    is_srgb : bool
-        Whether a written .png has the 8 bits of sRGB.
-    noise : float or None
-        Standard deviation of a pixel. None to estimate it from the picture, because it includes
+    psf: (1 or bands, rows, columns), origin at n // 2; its sum is the share of light that arrives.
+    clipped: pixels whose well was full, of the same shape as `light`.
+    source, psf_source: where picture and PSF are from, in words.
+    unit: unit of the light, in words.
+    encoding: how the file's numbers stand for light, and who says so, in words; empty for records.
+    full_scale: light of the highest level of a written .png; None for white.
+    is_srgb: whether a written .png has the 8 bits of sRGB.
+    noise: standard deviation of a pixel. None to estimate it from the picture, because it includes
         what PSF and model can't explain; the estimate is at least `noise_floor`.
-    border : Border
-        What the scene does beyond the frame.
-    notes : tuple of str
-        Remarks for the user.
-    noise_floor : float
-        Noise that is known to be there, for example of photons.
-    reference : ReferencePicture or None
-        What a perfect restoration would give, if known.
-    planned_iterations : mapping
-        Iterations by the name of a method, where the plan states them.
-    filters : ColourFilters or None
-        Colour filters of the sensor, through which all bands are restored together.
-    variance : NDArray or None
-        Variance of each pixel, of the same shape as `light`; infinite where nothing was measured.
-        None if it isn't known.
+    border: what the scene does beyond the frame.
+    notes: remarks for the user.
+    noise_floor: noise that is known to be there, for example of photons.
+    reference: what a perfect restoration would give, if known.
+    planned_iterations: iterations by the name of a method, where the plan states them.
+    filters: colour filters of the sensor, through which all bands are restored together.
+    variance: of each pixel, of the same shape as `light`; infinite where nothing was measured. None
+        if it isn't known.
     """
 
     light: Light
@@ -86,7 +68,7 @@ class RestorationProblem:
     encoding: str = ""
 
     def observations(self) -> list[Observation]:
-        """Return what each band of the picture to restore shows: light, PSF and noise.
+        """Return what each band shows: light, PSF and noise.
 
         With colour filters, all bands are in one observation.
         """
@@ -99,7 +81,7 @@ class RestorationProblem:
 
     @cached_property
     def blurred_bands(self) -> Light:
-        """Return the bands of the picture before its restoration, (bands, rows, columns).
+        """Return the bands before their restoration, (bands, rows, columns).
 
         Behind colour filters they are estimated.
         """
@@ -109,16 +91,16 @@ class RestorationProblem:
         return self.filters.separate(self.light[0], noise, self.clipped[0])
 
     def to_screen(self, light: Light) -> Light:
-        """Convert bands of the picture to those of a screen: linear sRGB, or grey."""
+        """Convert bands to those of a screen: linear sRGB, or grey."""
         return light if self.filters is None else self.filters.to_screen(light)
 
     def screen_picture(self, light: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Return bands of the picture for a screen, white at 1: (rows, columns), or 3 colours."""
+        """Convert bands for a screen, white at 1: (rows, columns), or (rows, columns, 3)."""
         shown: Light = self.to_screen(light.astype(np.float32)) / np.float32(self.white)
         return shown[0] if len(shown) == 1 else np.moveaxis(shown, 0, -1)
 
     def encode_file(self, path: Path, light: Light) -> bytes:
-        """Return the bytes of the restored picture's file, of the format of its ending.
+        """Return the bytes of the restored file, of the format of its ending.
 
         A .png holds what a screen shows, and other files hold the bands.
         """
@@ -141,20 +123,20 @@ class RestorationProblem:
 
     @cached_property
     def psf_scales(self) -> tuple[PSFScale, ...]:
-        """Find the scale of the PSF that each band of the picture to restore shows."""
+        """Find the scale of the PSF that each band shows."""
         if self.filters is not None:
             return ()
         return tuple(find_psf_scale(band) for band in self.observations())
 
     def noise_source(self, noise: float) -> str:
-        """Say whether the noise of the picture to restore was given, computed or estimated."""
+        """Say whether the noise was given, computed or estimated."""
         if self.noise is not None:
             return "as told"
         return "of photons and read noise" if noise == self.noise_floor else "estimated"
 
     @cached_property
     def white(self) -> float:
-        """Return the light that is drawn white in the picture, before and after restoration."""
+        """Return the light that is drawn white, before and after restoration."""
         if self.full_scale is None and self.reference is not None:
             return self.reference.white
         if self.full_scale is not None and self.is_srgb:

@@ -18,22 +18,11 @@ from labapp.pictures.reconstructing.recorded_photograph import (
 
 
 def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Light, list[str]]:
-    """Read the PSF file for restoring a picture of `bands` bands, with warnings about it.
+    """Read a PSF for `bands` bands, and remarks for the user.
 
-    Levels of a picture are taken as light unless the file says that they aren't. `choice` selects
-    the star of a record.
-
-    Returns
-    -------
-    psf : Light
-        (1 or bands, rows, columns); the sum of each band is 1.
-    warnings : list of str
-        Remarks for the user.
-
-    Raises
-    ------
-    UserError
-        For a file that isn't a PSF.
+    The PSF is (1 or bands, rows, columns); the sum of each band is 1. Levels of a picture are taken
+    as light unless the file says that they aren't. `choice` selects the star of a record. UserError
+    for a file that isn't a PSF.
     """
     if is_record(path):
         psf = read_star_psf(path, choice).astype(np.float32)
@@ -58,7 +47,7 @@ def read_psf_file(path: Path, bands: int, choice: RecordSelection) -> tuple[Ligh
 
 
 def _psf_warnings(path: Path, psf: Light) -> list[str]:
-    """Return warnings about a PSF that may be unfit for restoring a picture.
+    """Return warnings about a PSF that may be unfit.
 
     Its edge may be too bright, or the file may be a mere drawing of the PSF in a file beside it.
     """

@@ -27,18 +27,11 @@ _NEVER_RAW = (".npy", ".npz", ".h5", ".hdf5")
 class RawToRestore:
     """A RAW photograph that is to be restored.
 
-    Attributes
-    ----------
-    raw : RawPhotograph
-        The photograph as its file has it.
-    light : Light
-        Light behind the filters, (1, rows, columns), of which 1 fills a well.
-    clipped : NDArray of bool, (1, rows, columns)
-        Pixels whose wells were full.
-    filters : ColourFilters or None
-        The sensor's filters; None without any.
-    notes : tuple of str
-        Remarks for the user.
+    raw: the photograph as its file has it.
+    light: light behind the filters, (1, rows, columns), of which 1 fills a well.
+    clipped: (1, rows, columns), pixels whose wells were full.
+    filters: of the sensor; None without any.
+    notes: remarks for the user.
     """
 
     raw: RawPhotograph
@@ -49,11 +42,11 @@ class RawToRestore:
 
     @property
     def band_count(self) -> int:
-        """Return the number of bands of the RAW photograph that are restored."""
+        """Return the number of bands that are restored."""
         return 1 if self.filters is None else self.filters.response.shape[1]
 
     def bands(self, noise: float | None) -> Light:
-        """Return the bands of the RAW photograph before its restoration, (bands, rows, columns)."""
+        """Return the bands before their restoration, (bands, rows, columns)."""
         if self.filters is None:
             return self.light
         return self.filters.separate(self.light[0], noise, self.clipped[0])
@@ -67,7 +60,7 @@ class RawToRestore:
         notes: tuple[str, ...] = (),
         reference: ReferencePicture | None = None,
     ) -> RestorationProblem:
-        """Build the restoration problem of the RAW photograph."""
+        """Pose the restoration with this PSF."""
         return RestorationProblem(
             self.light,
             psf,
@@ -98,7 +91,7 @@ class RawToRestore:
         return float(np.sqrt(variance[sound].mean()))
 
     def _reference_in_bands(self, known: ReferencePicture | None) -> ReferencePicture | None:
-        """Return the true picture of a RAW photograph, linear sRGB, in the bands of its filters."""
+        """Convert the truth, linear sRGB, to the bands of the filters."""
         if known is None or self.filters is None or self.filters.matrix is None:
             return known
         back = np.linalg.pinv(self.filters.matrix)
@@ -107,7 +100,7 @@ class RawToRestore:
 
 
 def find_raw(path: Path) -> bytes | None:
-    """Return the contents of a file with a picture to restore if it is RAW; None if it isn't."""
+    """Return the contents of a RAW file; None if it is of another kind."""
     if path.suffix.lower() in _NEVER_RAW:
         return None
     data = read_bytes(path)
@@ -122,7 +115,7 @@ def prepare_raw(
     clip: float | None = None,
     dark: float | None = None,
 ) -> RawToRestore:
-    """Read a RAW file, and prepare its photograph for restoration.
+    """Read a RAW file, and prepare its photograph.
 
     `clip` and `dark` take the place of the file's levels. Raises UserError for a file that can't be
     used, and for levels that leave no light.
@@ -158,7 +151,7 @@ def describe_levels(
 
 
 def describe_turn(raw: RawPhotograph) -> list[str]:
-    """Say how a RAW photograph is to be turned to be upright, if it is."""
+    """Say so if the camera was turned, and the photograph isn't upright."""
     if raw.orientation == 1:
         return []
     return [

@@ -54,24 +54,14 @@ class RecordSelection:
 class RecordedPhotograph:
     """A photograph in a record, with the PSF of its star.
 
-    Attributes
-    ----------
-    path : Path
-        The record.
-    photograph : Bracket
-        Merged exposures with the coded pattern.
-    psf : Picture or None
-        PSF of the star in each band, (bands, rows, columns); None without a star.
-    filters : ColourFilters or None
-        Colour filters of the sensor; None if it has none.
-    dead_pixels : NDArray of bool, (rows, columns)
-        Pixels of the sensor that give no light of their own.
-    neutral : Bracket or None
-        The same target with the neutral pattern, against which restorations are scored.
-    roles : Reconstruction
-        Names of targets and patterns.
-    frame : int or None
-        The selected frame; None for the merged exposures.
+    path: the record.
+    photograph: merged exposures with the coded pattern.
+    psf: of the star in each band, (bands, rows, columns); None without a star.
+    filters: colour filters of the sensor; None if it has none.
+    dead_pixels: (rows, columns), pixels of the sensor that give no light of their own.
+    neutral: the same target with the neutral pattern, against which restorations are scored.
+    roles: names of targets and patterns.
+    frame: the selected frame; None for the merged exposures.
     """
 
     path: Path
@@ -85,18 +75,18 @@ class RecordedPhotograph:
 
     @property
     def source(self) -> str:
-        """Describe a recorded picture in words: its record, photograph and frame."""
+        """Name record, photograph and frame in words."""
         frame = "" if self.frame is None else f", frame {self.frame}"
         return f"{self.path}, {self.photograph.name}{frame}"
 
     @property
     def band_count(self) -> int:
-        """Return the number of bands of the recorded picture that are restored."""
+        """Return the number of bands that are restored."""
         return 1 if self.filters is None else self.filters.response.shape[1]
 
     @cached_property
     def clipped_pixels(self) -> NDArray[np.bool_]:
-        """Return a mask of the recorded picture's clipped pixels, (1, rows, columns).
+        """Return a mask of the clipped pixels, (1, rows, columns).
 
         The measured light of a clipped pixel is only a lower bound.
         """
@@ -104,10 +94,10 @@ class RecordedPhotograph:
 
     @property
     def light(self) -> Picture:
-        """Return the light of the recorded picture, (1, rows, columns); NaN in dead pixels.
+        """Return the light on each pixel, (1, rows, columns); NaN in dead pixels.
 
-        It is the light on each pixel, behind its colour filter if there is one. In clipped pixels
-        it is the least that it can be with colour filters, and otherwise 0.
+        It is the light behind the pixel's colour filter if there is one. In clipped pixels it is
+        the least that it can be with colour filters, and otherwise 0.
         """
         rate = self.photograph.rate[None]
         if self.filters is None:
@@ -122,10 +112,9 @@ class RecordedPhotograph:
         border: Border = "unknown",
         notes: tuple[str, ...] = (),
     ) -> RestorationProblem:
-        """Build the restoration problem of the recorded picture.
+        """Pose the restoration, with the star's PSF if none is given.
 
-        If no PSF is given, the star's is used. Reports, commands and the window all call this
-        function.
+        Reports, commands and the window all call this function.
         """
         if psf is None:
             if self.psf is None:
@@ -156,10 +145,7 @@ class RecordedPhotograph:
 
     @property
     def _least_noise(self) -> float:
-        """Return the rms noise of the recorded picture that photons and readout alone cause.
-
-        Returns 0 if all pixels are clipped.
-        """
+        """Return the rms noise of photons and readout alone; 0 if all pixels are clipped."""
         known = self.photograph.variance[~(self.clipped_pixels[0] | self.dead_pixels)]
         return float(np.sqrt(known.mean())) if known.size else 0.0
 
@@ -178,14 +164,14 @@ class RecordedPhotograph:
 
 
 def is_record(path: Path) -> bool:
-    """Return whether a file with a picture to restore is a run's record, by its ending."""
+    """Return whether a file is the record of a run, by its ending."""
     return path.suffix.lower() in (".h5", ".hdf5")
 
 
 def read_recorded_photograph(
     path: Path, choice: RecordSelection, progress: Progress, *, star: bool
 ) -> RecordedPhotograph:
-    """Read the photograph to restore from a record's pictures, and the PSF from its star.
+    """Read the photograph to restore from a record, and the PSF from its star.
 
     By default this is the photograph that the plan's [reconstruct] table names, or else the last
     target that is neither dark nor star, with its exposures merged. The PSF is read only if `star`
@@ -212,7 +198,7 @@ def find_photograph(
     star: bool = True,
     frame: int | None = None,
 ) -> RecordedPhotograph:
-    """Find the photograph, its neutral counterpart and the star among recorded pictures.
+    """Find a photograph, its neutral counterpart and the star among merged exposures.
 
     `roles` names targets and patterns. Raises UserError if the photograph is missing.
     """
@@ -240,7 +226,7 @@ def find_photograph(
 
 
 def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
-    """Read the PSF from a star's recorded pictures, (bands, rows, columns).
+    """Read the PSF from the star of a record, (bands, rows, columns).
 
     Raises UserError if the record has no such star.
     """
@@ -260,7 +246,7 @@ def read_star_psf(path: Path, choice: RecordSelection) -> Picture:
 
 
 def _choose_roles(record: Record, choice: RecordSelection) -> Reconstruction:
-    """Choose photograph, pattern, star and wavelength among the recorded pictures.
+    """Choose photograph, pattern, star and wavelength.
 
     What the user didn't select is taken from the record's plan.
     """
@@ -315,14 +301,14 @@ def _build_roles(
 def _crop_recorded_star(
     record: Record, brackets: list[Bracket], roles: Reconstruction
 ) -> StarImage | None:
-    """Cut the star out of the recorded pictures; None if the record has none."""
+    """Cut the star out; None if the record has none."""
     if not record.select(target=roles.star, pattern=roles.coded):
         return None
     return crop_star(record, brackets, roles)
 
 
 def _last_stored_frame(record: Record, names: tuple[str, ...]) -> tuple[str, str]:
-    """Return target and pattern of the picture that was recorded last of the given targets."""
+    """Return target and pattern of the last frame that was recorded of the given targets."""
     frames = [index for name in names for index in record.select(target=name)]
     if not frames:
         has = ", ".join(record.target_names)
@@ -346,7 +332,7 @@ def _frame_settings(record: Record, frame: int) -> tuple[str, str, float]:
 
 
 def _wavelengths(record: Record, target: str, pattern: str) -> list[float]:
-    """Return the wavelengths of the recorded pictures of a target with a pattern."""
+    """Return the wavelengths at which a target was recorded with a pattern, in metres."""
     frames = record.select(target=target, pattern=pattern)
     found: list[float] = np.unique(record.column("wavelength")[frames]).tolist()
     return found

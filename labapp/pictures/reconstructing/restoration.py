@@ -30,30 +30,19 @@ looked for, and the share of the budget that is then left for the restoration.""
 
 @dataclass(frozen=True, eq=False)
 class RestoredPicture:
-    """A restored picture with its residual.
+    """The result of a restoration, with its residual.
 
-    Attributes
-    ----------
-    light : Light
-        (bands, rows, columns).
-    residual_map : Light
-        The photograph less the blurred restoration, over the noise; NaN where it isn't known.
-    bands : tuple of RestoredImage
-        Result of the method for each band; with colour filters, one result for all bands.
-    residual : float
-        Residual of all bands, rms over the noise.
-    cpu_seconds : float
-        Processor time of the process in seconds.
-    verdicts : tuple of Verdict
-        What was found in each band.
-    psf_scales : tuple of PSFScale
-        Scale of the PSF that each band shows; empty where there was no time to look for it.
-    variance_uses : tuple of VarianceUse
-        Whether the variance map of each band was used, and why; empty without a map.
-    refined : bool
-        Whether PSFs of a wrong scale were replaced by scaled ones.
-    scores : tuple of Score or None
-        Scores before and after; None without a reference picture.
+    light: (bands, rows, columns).
+    residual_map: the photograph less the blurred restoration, over the noise; NaN where it isn't
+        known.
+    bands: result of the method for each band; with colour filters, one result for all bands.
+    residual: of all bands, rms over the noise.
+    cpu_seconds: processor time of the process in seconds.
+    verdicts: what was found in each band.
+    psf_scales: scale of the PSF that each band shows; empty where there was no time to look for it.
+    variance_uses: whether the variance map of each band was used, and why; empty without a map.
+    refined: whether PSFs of a wrong scale were replaced by scaled ones.
+    scores: before and after; None without a reference.
     """
 
     light: Light
@@ -69,30 +58,30 @@ class RestoredPicture:
 
     @property
     def method(self) -> str:
-        """Return the names of the methods that restored the picture's bands."""
+        """Return the names of the methods that restored the bands."""
         return " / ".join(dict.fromkeys(band.method for band in self.bands))
 
     @property
     def verdict(self) -> str:
-        """Say in words what was found in the restored picture, each cause once."""
+        """Say in words what was found, each cause once."""
         found = {one.cause: one for verdict in self.verdicts for one in verdict.findings}
         judged = all(verdict.judges_psf for verdict in self.verdicts)
         return str(Verdict(tuple(found.values()), judged))
 
     def noise_source(self, problem: RestorationProblem) -> str:
-        """Say how the noise of the restored picture is known."""
+        """Say how the noise is known."""
         if any(one.is_used for one in self.variance_uses):
             return "root mean square of its variance map"
         return problem.noise_source(self.bands[0].noise)
 
     @property
     def variance_words(self) -> str:
-        """Say in words whether the picture's variance map was used, and what it gained."""
+        """Say in words whether the variance map was used, and what it gained."""
         return " / ".join(dict.fromkeys(str(one) for one in self.variance_uses))
 
     @property
     def causes(self) -> list[str]:
-        """Return the causes of what was found in the restored picture, each once."""
+        """Return the causes of what was found, each once."""
         return list(
             dict.fromkeys(one.cause for verdict in self.verdicts for one in verdict.findings)
         )
@@ -162,7 +151,7 @@ def _with_variance(
     has_time: bool,
     progress: Progress,
 ) -> tuple[list[Observation], tuple[VarianceUse, ...]]:
-    """Return the picture's bands as they are to be restored, with variance maps where they gain."""
+    """Return the bands as they are to be restored, with variance maps where they gain."""
     if problem.variance is None:
         return seen, ()
     if (reason := why_without_map(problem)) is not None:

@@ -31,7 +31,7 @@ from optics.progress import Progress
 
 @dataclass(frozen=True, eq=False)
 class PictureToRestore:
-    """A picture that was read from a file: its light, (bands, rows, columns), and clipped pixels.
+    """Light read from a file, (bands, rows, columns), and its clipped pixels.
 
     `read` is the picture as the file has it.
     """
@@ -45,28 +45,16 @@ class PictureToRestore:
 class RestorationRequest:
     """A request to restore a photograph, as the options of `labapp reconstruct` state it.
 
-    Attributes
-    ----------
-    source : Path
-        Record, merged bracket, RAW file or picture to restore.
-    psf : Path or None
-        File of the PSF; None for the star of the record `source`.
-    choice : RecordSelection
-        Photograph of a record.
-    encoding : str or None
-        Name of how levels stand for light; None for what the file says.
-    noise : float or None
-        Standard deviation of a pixel's light; None to estimate it.
-    border : Border
-        What the scene does beyond the frame.
-    clip : float or None
-        Level of a full well; None to read it from the picture.
-    dark : float or None
-        Level that is subtracted.
-    blind : int or None
-        Largest side in pixels of an unknown PSF that is estimated from the picture.
-    truth : Path or None
-        Picture of the light before it was blurred.
+    source: record, merged bracket, RAW file or picture to restore.
+    psf: file of the PSF; None for the star of the record `source`.
+    choice: photograph of a record.
+    encoding: name of how levels stand for light; None for what the file says.
+    noise: standard deviation of a pixel's light; None to estimate it.
+    border: what the scene does beyond the frame.
+    clip: level of a full well; None to read it from the picture.
+    dark: level that is subtracted.
+    blind: largest side in pixels of an unknown PSF that is estimated from the picture.
+    truth: picture of the light before it was blurred.
     """
 
     source: Path
@@ -93,7 +81,7 @@ class RestorationRequest:
                 raise UserError(f"--{name} {value:g}: give a finite level.")
 
     def read_problem(self, progress: Progress) -> RestorationProblem:
-        """Read photograph and PSF, and build the problem of restoring the picture.
+        """Read photograph and PSF, and pose the restoration.
 
         Raises UserError, which names file, value and remedy.
         """
@@ -107,7 +95,7 @@ class RestorationRequest:
 
     @cached_property
     def reference(self) -> ReferencePicture | None:
-        """Return the true picture for scoring the restored photograph, if one is given.
+        """Return the truth that the restoration is scored against, if one is given.
 
         Its white is 1 for sRGB, and else its brightest value, whatever its unit is.
         """
@@ -133,7 +121,7 @@ class RestorationRequest:
         return ReferencePicture(light, 1.0 if read.is_coded else brightest, 1.0, str(path))
 
     def _require_reference_shape(self, shape: tuple[int, ...]) -> None:
-        """Raise UserError if the true picture has another shape than the photograph to restore.
+        """Raise UserError if the truth has another shape than the photograph.
 
         The shape is checked before an unknown PSF is estimated, which takes long.
         """
@@ -146,11 +134,10 @@ class RestorationRequest:
 
     @property
     def _told_encoding(self) -> Encoding | None:
-        """The encoding that the picture's request names, or None."""
         return None if self.encoding is None else parse_encoding(self.encoding)
 
     def read_picture(self, progress: Progress) -> PictureToRestore:
-        """Read the picture to restore from its file; UserError if that is wrong."""
+        """Read the picture from its file; UserError if that is wrong."""
         if self.choice.target is not None:
             raise UserError(
                 f"--target {self.choice.target}: {self.source} is no record. Leave it out."
@@ -166,7 +153,7 @@ class RestorationRequest:
     def build_picture_problem(
         self, picture: PictureToRestore, psf: Light, psf_source: str, notes: Sequence[str] = ()
     ) -> RestorationProblem:
-        """Build the restoration problem of a picture that was read from a file, and a PSF."""
+        """Pose the restoration of a picture that was read from a file, with a PSF."""
         read, light = picture.read, picture.light
         return RestorationProblem(
             np.where(np.isfinite(light), light, np.nan).astype(np.float32),
@@ -185,7 +172,7 @@ class RestorationRequest:
         )
 
     def read_record(self, progress: Progress, *, star: bool) -> RecordedPhotograph:
-        """Read the photograph to restore from its record; the PSF is read if `star` is true.
+        """Read the photograph from its record; the PSF is read if `star` is true.
 
         Raises UserError for options that a record doesn't have.
         """
@@ -195,7 +182,7 @@ class RestorationRequest:
         return found
 
     def _refuse_levels(self, kind: str) -> None:
-        """Raise UserError for options on levels of a picture, where none are to be restored."""
+        """Raise UserError for options on levels where the source knows its own."""
         for name in ("clip", "dark", "encoding"):
             if getattr(self, name) is not None:
                 raise UserError(
@@ -203,7 +190,7 @@ class RestorationRequest:
                 )
 
     def read_raw(self, progress: Progress) -> RawToRestore | None:
-        """Read the photograph to restore if its file is RAW; None if it isn't.
+        """Read the photograph if its file is RAW; None if it isn't.
 
         Raises UserError for options that a RAW file doesn't have.
         """
@@ -228,14 +215,12 @@ class RestorationRequest:
         return found
 
     def _problem_from_raw(self, raw: RawToRestore, progress: Progress) -> RestorationProblem:
-        """Build the problem of restoring a RAW photograph."""
         # A PSF is looked for in all bands; to read one, it is enough to count them.
         bands = raw.bands(self.noise) if self.blind else raw.light.repeat(raw.band_count, 0)
         psf, told, notes = self._given_psf(bands, raw.clipped.repeat(len(bands), 0), progress)
         return raw.build_problem(psf, told, self.noise, self.border, tuple(notes), self.reference)
 
     def _problem_from_merged(self, progress: Progress) -> RestorationProblem:
-        """Build the problem of restoring a merged bracket's light."""
         self._refuse_levels("a merged bracket")
         for name in ("target", "frame"):
             if getattr(self.choice, name) is not None:
@@ -265,10 +250,10 @@ class RestorationRequest:
     def _given_psf(
         self, light: Light, clipped: NDArray[np.bool_], progress: Progress, bands: int | None = None
     ) -> tuple[Light, str, Sequence[str]]:
-        """Return the PSF of a picture to restore, its source in words, and remarks.
+        """Return the PSF, its source in words, and remarks.
 
-        bands: of the restored picture, by default those of its light. Raises UserError if the PSF
-        is neither given nor to be estimated.
+        bands: number of restored ones, by default those of `light`. Raises UserError if the PSF is
+        neither given nor to be estimated.
         """
         if self.psf is not None:
             psf, notes = read_psf_file(self.psf, bands or len(light), self.choice)
@@ -308,7 +293,7 @@ class RestorationRequest:
     def _estimate_psf(
         self, light: NDArray[np.floating], clipped: NDArray[np.bool_], progress: Progress
     ) -> tuple[Light, str, list[str]]:
-        """Estimate the PSF from the picture to restore alone, in the mean of its bands.
+        """Estimate the PSF from the blurred light alone, in the mean of its bands.
 
         Returns the PSF, its source in words, and a remark about its reliability.
         """

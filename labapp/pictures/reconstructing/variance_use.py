@@ -24,16 +24,10 @@ _SEED = 0
 
 @dataclass(frozen=True)
 class VarianceUse:
-    """Whether a band of a picture was restored with its variance map, and why.
+    """Whether a band was restored with its variance map, and why.
 
-    Attributes
-    ----------
-    is_used : bool
-        Whether it was restored with the map.
-    gain : VarianceGain or None
-        Expected gain over one noise for all pixels; None where it wasn't estimated.
-    reason : str
-        The reason in words.
+    gain: expected gain over one noise for all pixels; None where it wasn't estimated.
+    reason: in words.
     """
 
     is_used: bool
@@ -41,12 +35,11 @@ class VarianceUse:
     reason: str
 
     def __str__(self) -> str:
-        """Return the use of a restoration's variance map in words."""
         return f"{'used' if self.is_used else 'not used'}: {self.reason}"
 
 
 def why_without_map(problem: RestorationProblem) -> VarianceUse | None:
-    """Say why a picture with a variance map is restored without it; None if it may be used."""
+    """Say why a variance map isn't used; None if it may be."""
     if problem.noise is not None:
         return VarianceUse(False, None, "one noise was told for all pixels")
     if problem.filters is not None:
@@ -62,25 +55,12 @@ def choose_variance(
     *,
     has_time: bool,
 ) -> tuple[Observation, VarianceUse]:
-    """Choose whether a band of a picture is restored with its variance map.
+    """Choose whether a band is restored with its variance map; return it as it is to be, and why.
 
-    Parameters
-    ----------
-    observation : Observation
-        The band with one noise for all pixels.
-    variance : np.ndarray
-        (rows, columns): variance of each pixel; infinite where nothing was measured.
-    choice : MethodChoice
-        The method that the user chose.
-    share : float
-        Share of the budget that the band may take.
-    has_time : bool
-        Whether there is time for estimating the gain.
-
-    Returns
-    -------
-    tuple of Observation and VarianceUse
-        The band as it is to be restored, and why.
+    observation: the band with one noise for all pixels.
+    variance: (rows, columns), of each pixel; infinite where nothing was measured.
+    share: share of the budget that the band may take.
+    has_time: whether there is time for estimating the gain.
     """
     given = torch.from_numpy(variance).to(torch.float64)
     varied = with_doubted_variance(observation, given)

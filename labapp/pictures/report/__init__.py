@@ -1,4 +1,4 @@
-"""Write the report of a run: terminal tables, report.png, and a self-contained report.html."""
+"""The report of a run: terminal tables, report.png, and a self-contained report.html."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = [
 def report_record(
     record: Path, folder: Path, *, force: bool, as_json: bool, readout: int | None = None
 ) -> None:
-    """Analyse recorded pictures, write their report into a folder, and print its tables.
+    """Analyse a record, write report.png and report.html, and print the tables.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def report_record(
 
 
 def write_report(analysis: RecordAnalysis, folder: Path) -> None:
-    """Write report.png and report.html on the analysed pictures of a record into a folder.
+    """Write report.png and report.html into a folder.
 
     Each file appears under its name only when it is complete. The time that writing takes is added
     to the times of the analysis.

@@ -17,7 +17,7 @@ _DETAIL = "detail"
 
 
 def overview(analysis: RecordAnalysis) -> Figure:
-    """Draw a report's overview of the recorded pictures: PSF, photographs and exposures."""
+    """Draw PSF, photographs and exposures in one figure."""
     if analysis.psf is None:
         return gallery(analysis)
     figure = Figure(figsize=(16, 14.6), dpi=110, layout="constrained")
@@ -32,7 +32,7 @@ def overview(analysis: RecordAnalysis) -> Figure:
 
 
 def gallery(analysis: RecordAnalysis) -> Figure:
-    """Draw the first twelve merged pictures of a record for its report.
+    """Draw the first twelve merged brackets.
 
     Each is scaled from its 1st to its 99.99th percentile.
     """
@@ -55,21 +55,21 @@ def gallery(analysis: RecordAnalysis) -> Figure:
 
 
 def psf_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the PSF figure of a report on pictures: target, pattern, measured and predicted PSF."""
+    """Draw the target, the pattern, and the measured and the predicted PSF."""
     figure = Figure(figsize=(16, 4.2), dpi=100, layout="constrained")
     _psf_row(figure, analysis)
     return figure
 
 
 def profile_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the radial profiles of the PSFs as a figure of a report on pictures."""
+    """Draw the radial profiles of the PSFs."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     draw_profile(figure.subplots(), analysis)
     return figure
 
 
 def histogram_figure(analysis: RecordAnalysis) -> Figure:
-    """Draw the histogram of the recorded pictures' digital numbers as a figure of a report."""
+    """Draw the histogram of the recorded digital numbers."""
     figure = Figure(figsize=(8, 3.8), dpi=100, layout="constrained")
     brackets = [b for b in analysis.brackets if _is_coded(analysis, b)] or analysis.brackets
     draw_histogram(figure.subplots(), brackets)
@@ -106,7 +106,7 @@ def _psf_row(figure: FigureBase, analysis: RecordAnalysis) -> None:
 
 
 def _draw_psf(axes: Axes, psf: Picture | None, title: str, peak: float | None) -> None:
-    """Draw the logarithm of a PSF for the report on recorded pictures.
+    """Draw the logarithm of a PSF.
 
     The scale covers four decades below `peak`, or below the PSF's own peak if that is None.
     """
@@ -149,7 +149,7 @@ def _detail(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cut out the middle of a report's picture: half its height, and 0.75 times as wide as high."""
+    """Cut out the middle: half the height, and 0.75 times as wide as high."""
     rows, columns = picture.shape[:2]
     tall = max(rows // 2, 1)
     wide = min(max(round(0.75 * tall), 1), columns)
@@ -158,17 +158,14 @@ def _middle(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def caption(analysis: RecordAnalysis, name: str) -> str:
-    """Return a picture's caption in the report: its name, PSNR and SSIM."""
+    """Return a photograph's name with its PSNR and SSIM."""
     score = analysis.scores.get(name)
     title = PICTURE_NAMES[name][0].upper() + PICTURE_NAMES[name][1:]
     return title if score is None else f"{title}: {score.psnr:.1f} dB, SSIM {score.ssim:.3f}"
 
 
 def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
-    """Draw the radial profile of each PSF in the report on recorded pictures.
-
-    A profile is the mean over circles around the centre, drawn against their radius.
-    """
+    """Draw the mean of each PSF over circles around the centre, against their radius."""
     psf = analysis.psf
     assert psf is not None
     curves = {"measured": psf.measured, "predicted": psf.predicted, "neutral": psf.neutral}
@@ -185,7 +182,7 @@ def draw_profile(axes: Axes, analysis: RecordAnalysis) -> None:
 
 
 def _radial_mean(picture: Picture) -> Picture:
-    """Return the mean of a PSF over circles around its centre, for the report on pictures."""
+    """Return the mean over circles around the centre, by their radius in pixels."""
     n = picture.shape[0]
     y, x = np.indices(picture.shape) - n // 2
     radius = np.hypot(y, x).round().astype(int)
@@ -195,7 +192,7 @@ def _radial_mean(picture: Picture) -> Picture:
 
 
 def draw_histogram(axes: Axes, brackets: list[Bracket]) -> None:
-    """Draw how often each digital number occurs in the recorded pictures, a line per exposure.
+    """Draw how often each digital number occurs, a line per exposure.
 
     Only the first exposures are drawn if there are many.
     """

@@ -1,4 +1,4 @@
-"""Build the parts of a report page that is a single HTML file without external resources."""
+"""Parts of an HTML page that is a single file without external resources."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ footer { margin-top: 3rem; font-size: .85rem; opacity: .7 }
 
 
 def document(title: str, parts: Sequence[str]) -> str:
-    """Assemble the HTML page of a report on pictures from the HTML of its parts."""
+    """Assemble a page from the HTML of its parts."""
     body = printable("\n".join(parts))
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -39,7 +39,7 @@ def document(title: str, parts: Sequence[str]) -> str:
 
 
 def heading(title: str, simulated: Sequence[str]) -> str:
-    """Return the HTML heading of a report on pictures, with a badge of simulated devices."""
+    """Return a heading, with a badge that names simulated devices."""
     badge = ""
     if simulated:
         badge = f'<span class="badge">SIMULATED: {escape(", ".join(simulated))}</span>'
@@ -47,10 +47,7 @@ def heading(title: str, simulated: Sequence[str]) -> str:
 
 
 def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table of a report on pictures as HTML.
-
-    Columns whose heading ends in a blank hold numbers.
-    """
+    """Return a table; columns whose heading ends in a blank hold numbers."""
     kinds = [' class="number"' if head.endswith(" ") else "" for head in heads]
     top = "".join(f"<th{k}>{escape(h.strip())}</th>" for h, k in zip(heads, kinds, strict=True))
     lines = [
@@ -62,13 +59,13 @@ def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def html_figure(data: bytes, text: str, kind: str = "png") -> str:
-    """Return the HTML that embeds a report's picture with a caption; `kind` is "png" or "gif"."""
+    """Return the HTML that embeds a figure with a caption; `kind` is "png" or "gif"."""
     source = f"data:image/{kind};base64," + base64.b64encode(data).decode()
     under = f"<figcaption>{escape(text)}</figcaption>" if text else ""
     return f'<figure><img src="{source}" alt="{escape(text)}">{under}</figure>'
 
 
 def footer() -> str:
-    """Return the HTML footer of a report on pictures, with the version of labapp and the time."""
+    """Return a footer with the version of labapp and the time."""
     made = datetime.now(UTC).isoformat(timespec="seconds")
     return f"<footer>labapp {labapp.__version__}, {made}</footer>"

@@ -16,7 +16,7 @@ from labapp.pictures.report.record_analysis import RecordAnalysis
 
 
 def report_page(analysis: RecordAnalysis) -> str:
-    """Return the whole report on recorded pictures as an HTML page."""
+    """Return the whole report as an HTML page."""
     parts = [_head(analysis), _exposures(analysis)]
     if analysis.psf is None:
         parts.append(html_figure(figure_to_png(figures.gallery(analysis)), "The merged pictures"))
@@ -86,13 +86,13 @@ def _photographs(analysis: RecordAnalysis) -> str:
 
 
 def _variance_use(analysis: RecordAnalysis) -> str:
-    """Return the table of how restorations used the variance map of the recorded bracket."""
+    """Return the table of how restorations used the variance map."""
     rows = tables.variance_rows(analysis)
     return html_table(tables.VARIANCE_COLUMNS, rows) if rows else ""
 
 
 def encode_png(picture: Picture) -> bytes:
-    """Encode a report's picture, white at 1 and in colour or grey, as a PNG file of 8-bit sRGB."""
+    """Encode a picture, white at 1 and in colour or grey, as a PNG file of 8-bit sRGB."""
     bands = picture[None] if picture.ndim == 2 else np.moveaxis(picture, -1, 0)
     return encode_photograph(Path("picture.png"), bands.astype(np.float32), True, 1.0)
 

@@ -1,4 +1,4 @@
-"""Give the figures of a run's report as tables for people and as plain data for programs."""
+"""The figures of a run's report as tables for people and as plain data for programs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ EXPOSURE_NOTE = (
 
 
 def print_tables(analysis: RecordAnalysis) -> None:
-    """Print the tables of a report on recorded pictures: exposures, PSF, restoration and time.
+    """Print the tables of exposures, PSF, restoration and time.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def print_tables(analysis: RecordAnalysis) -> None:
 
 
 def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return the report's rows on the recorded pictures' exposures, one for each bracket.
+    """Return a row of exposures and pixel shares for each bracket.
 
     The rows hold the exposures, and the shares of pixels at full scale, clipped in every exposure,
     and dark in every exposure.
@@ -80,7 +80,7 @@ def exposure_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def psf_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return rows on the PSF for the report on recorded pictures: efficiency, contrast and more."""
+    """Return rows on the PSF: efficiency, contrast and more."""
     psf = analysis.psf
     assert psf is not None
     rows = []
@@ -96,7 +96,7 @@ def psf_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def score_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return the report's rows on restored pictures: PSNR, its gain by restoration, and SSIM."""
+    """Return rows on each photograph: PSNR, its gain by restoration, and SSIM."""
     before = analysis.scores["coded"].psnr
     rows = []
     for name, score in analysis.scores.items():
@@ -106,22 +106,19 @@ def score_rows(analysis: RecordAnalysis) -> list[list[str]]:
 
 
 def variance_rows(analysis: RecordAnalysis) -> list[list[str]]:
-    """Return the report's rows on how restorations used the variance map of the recorded bracket.
-
-    There are none where pictures have no variance map.
-    """
+    """Return rows on how restorations used the variance map; none where there is no map."""
     return [[PICTURE_NAMES[name], words] for name, words in analysis.variance_words.items()]
 
 
 def percent(share: float) -> str:
-    """Format the share of a recorded picture's pixels in percent, or in ppm below 0.05 %."""
+    """Format a share in percent, or in ppm below 0.05 %."""
     if share == 0:
         return "0 %"
     return f"{share:.1%}".replace("%", " %") if share >= 5e-4 else f"{share * 1e6:.0f} ppm"
 
 
 def as_data(analysis: RecordAnalysis) -> dict[str, Any]:
-    """Return the figures of a report on recorded pictures as plain data for JSON.
+    """Return the analysis as plain data for JSON.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Simulate pictures of a scene without a run, and explain which effects they need."""
+"""Pictures of a scene that are simulated without a run, and which effects they need."""

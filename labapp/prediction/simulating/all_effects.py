@@ -1,4 +1,4 @@
-"""Compare simulated pictures by an effect plan with the picture with all effects on."""
+"""Compares pictures that an effect plan simplifies with those with all effects on."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REFERENCE_TOL = 1e-5
 
 @dataclass(frozen=True)
 class Deviation:
-    """Relative L2 errors of a simulated picture: of its mean, variance and standard deviation."""
+    """Relative L2 errors of a picture: of its mean, variance and standard deviation."""
 
     mean: float
     variance: float
@@ -42,9 +42,9 @@ class Deviation:
 
 @dataclass(frozen=True)
 class RenderedPicture:
-    """A simulated picture and its cost: counted operations and seconds of processor time.
+    """A picture and its cost: counted operations and seconds of processor time.
 
-    planning_cpu is the part of cpu that was spent on the effect plan.
+    planning_cpu: the part of cpu that was spent on the effect plan.
     """
 
     picture: PictureMoments
@@ -57,7 +57,7 @@ class RenderedPicture:
 def render_by_plan(
     s: Situation, tol: float, check: Callable[[], None] = lambda: None
 ) -> RenderedPicture:
-    """Predict a picture by the effect plan of a tolerance, without clipping of full wells.
+    """Form a picture by the effect plan of a tolerance, without clipping of full wells.
 
     Nothing is cached beforehand, so that the cost includes the planning.
     """
@@ -76,9 +76,9 @@ def render_all_effects(
     s: Situation, check: Callable[[], None] = lambda: None,
     finer: Mapping[str, int] | None = None,
 ) -> RenderedPicture:  # fmt: skip
-    """Predict a picture with every effect at its finest level, without clipping of full wells.
+    """Form a picture with every effect at its finest level, without clipping of full wells.
 
-    `finer` gives effects a level that is finer than this situation needs.
+    finer: levels that are finer than this situation needs, by effect.
     """
     imaging, own = Imaging(0.0), replace(s, numerics=REFERENCE_TOL)
     recipe = without_clipping(own, build_recipe(EFFECTS, own, finest_levels(own, finer)))
@@ -90,9 +90,9 @@ def render_all_effects(
 def deviation_in_the_middle(
     s: Situation, plan: EffectPlan, side: int = 96, check: Callable[[], None] = lambda: None
 ) -> Deviation:
-    """Compare the middle of a predicted picture with that of one with all effects on.
+    """Compare a picture's middle with the same with all effects on, for part of the whole's work.
 
-    `side` is that of the middle in sensor pixels. It takes a part of the work of whole pictures.
+    side: of the middle in sensor pixels.
     """
     sensor = s.camera.sensor
     rows, columns = (min(n, side) for n in sensor.shape)
@@ -104,9 +104,9 @@ def deviation_in_the_middle(
 
 
 def finest_levels(s: Situation, finer: Mapping[str, int] | None = None) -> dict[str, int]:
-    """Return the finest level of each effect that a predicted picture has.
+    """Return the finest level of each effect that is present.
 
-    `finer` adds effects, and replaces levels by finer ones.
+    finer: effects to add, and levels that replace coarser ones.
     """
     levels = {one.name: one.finest_level(s) for one in EFFECTS if one.is_present(s)}
     return levels | {name: max(level, levels.get(name, 0)) for name, level in (finer or {}).items()}

@@ -34,11 +34,11 @@ def explain_effects(
     as_json: bool,
     with_check: bool = False,
 ) -> bool:
-    """Print the effect plan of a predicted picture, with an audit and a check if asked.
+    """Print a picture's effect plan, with an audit and a check if asked; return whether it holds.
 
-    The audit puts back each effect that was left out, and `pairs` pairs of them. The check compares
-    the picture's middle with everything on. The result is whether what was told holds. Raises
-    UserError if `pairs` is negative.
+    pairs: how many pairs of effects the audit puts back, besides each one that was left out.
+    with_check: whether the picture's middle is compared with everything on.
+    Raises UserError if `pairs` is negative.
     """
     if pairs < 0:
         raise UserError(f"--pairs {pairs}: give 0 or more.")
@@ -74,7 +74,7 @@ def explain_effects(
 
 
 def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
-    """Return the effect plan of a predicted picture and its situation as plain data."""
+    """Return an effect plan and its situation as plain data."""
     return {
         "target": s.target.name,
         "wavelength_nm": s.wavelength * 1e9,
@@ -85,7 +85,7 @@ def describe_plan(s: Situation, plan: EffectPlan) -> dict[str, Any]:
 
 
 def _predict_times(plan: EffectPlan) -> dict[str, float]:
-    """Return the seconds of processor time of planning, as spent, and of pictures, as predicted.
+    """Return processor seconds: of planning, as spent, and of pictures, as predicted.
 
     The pictures are that of the plan, and that with all effects at their finest.
     """
@@ -98,13 +98,13 @@ def _predict_times(plan: EffectPlan) -> dict[str, float]:
 
 
 def changes_if_left_out(s: Situation, plan: EffectPlan) -> dict[str, float]:
-    """Estimate how much each effect changes a predicted picture, as a relative error without it."""
+    """Estimate the relative error of the picture without each effect."""
     taken = {one.effect for one in plan.decisions}
     return {one.name: one.estimated_error(s, 0) for one in EFFECTS if one.name in taken}
 
 
 def print_plan(data: dict[str, Any]) -> None:
-    """Print the effect plan of a predicted picture as a table, and its error and work as text."""
+    """Print an effect plan as a table, and its error and work as text."""
     rows = [
         [
             one["effect"],
@@ -146,7 +146,7 @@ _PROOF = {"bound": "at most", "estimate": "as estimated"}
 
 
 def _cost(one: dict[str, Any], whole: float) -> str:
-    """Format an effect's work relative to that of the predicted picture: 12%, +340%."""
+    """Format an effect's work relative to the whole picture's: 12%, +340%."""
     more = one["finest_work"] - one["work"]
     parts = [(one["work"], ""), (more if more > 1e-3 * whole else 0.0, "+")]
     return " ".join(sign + _percent(work / whole) for work, sign in parts if work and whole) or "0"
@@ -173,10 +173,7 @@ def _share(value: float | None) -> str:
 def _audit_effects(
     world: World, s: Situation, plan: EffectPlan, pairs: int
 ) -> tuple[AuditResult, ...]:
-    """Audit the effect plan of a predicted picture by putting back what the plan left out.
-
-    The audit puts back each effect that was left out, and then pairs of them, the largest first.
-    """
+    """Put back each effect that was left out, then pairs of them, the largest first."""
 
     def render(recipe: Recipe) -> tuple[torch.Tensor, torch.Tensor]:
         picture = world.imaging.picture_moments(s, without_clipping(s, recipe))

@@ -1,4 +1,4 @@
-"""The request for a simulated picture of a scene, and the virtual bench that is set up for it."""
+"""What is asked of a simulated picture, and the virtual bench that is set up for it."""
 
 from __future__ import annotations
 
@@ -21,20 +21,12 @@ from simulator.world import World
 
 @dataclass(frozen=True)
 class AutoExposureSettings:
-    """Tune the exposure of a simulated picture that is requested without one.
+    """Tune the exposure of a picture that is requested without one. All values are chosen.
 
-    All values are chosen.
-
-    Attributes
-    ----------
-    target_fill : float
-        Electrons of the brightest pixel, over the full well.
-    trial : float
-        Exposure in seconds of the trial picture that measures the scene's brightness.
-    trial_tol : float
-        Relative error of the trial picture.
-    dark : float
-        Exposure in seconds if the trial picture has no light.
+    target_fill: electrons of the brightest pixel, over the full well.
+    trial: exposure in seconds of the trial picture that measures the scene's brightness.
+    trial_tol: relative error of the trial picture.
+    dark: exposure in seconds if the trial picture has no light.
     """
 
     target_fill: float = 0.5
@@ -50,26 +42,15 @@ _SETTINGS = AutoExposureSettings()
 class PictureRequest:
     """The options for a simulated picture, in SI units.
 
-    Attributes
-    ----------
-    scene, bench : Path or None
-        Files of scene and bench; the bundled ones by default.
-    target : str or None
-        Name of the target; the scene's first that isn't dark by default.
-    pattern : Path or None
-        8-bit picture on the panel; neutral by default.
-    wavelength : float or None
-        Wavelength of the filter in metres; the bench's own by default.
-    exposure : float or None
-        Seconds; by default, the brightest pixel is half full.
-    tol : float or None
-        Tolerance of the simulation; the scene's own by default.
-    forced_effects : mapping of str
-        Levels of effects, which are added to those that the scene forces.
-    all_effects : bool
-        Whether every effect that isn't forced is at its finest level, whatever tol.
-    decide_by : {"estimate", "bound"} or None
-        What decides about effects; as the scene says by default.
+    scene, bench: files; the bundled ones by default.
+    target: name; the scene's first that isn't dark by default.
+    pattern: 8-bit picture on the panel; neutral by default.
+    wavelength: of the filter in metres; the bench's own by default.
+    exposure: seconds; by default, the brightest pixel is half full.
+    tol: tolerance of the simulation; the scene's own by default.
+    forced_effects: levels of effects, which are added to those that the scene forces.
+    all_effects: whether every effect that isn't forced is at its finest level, whatever tol.
+    decide_by: "estimate" or "bound", by which effects are decided about; the scene's by default.
     """
 
     scene: Path | None = None
@@ -86,9 +67,9 @@ class PictureRequest:
 
 @dataclass(frozen=True)
 class PreparedScene:
-    """A virtual bench that is set up for a requested picture, and the picture's situation.
+    """A virtual bench that is set up for a picture, and the picture's situation.
 
-    files holds the bench and the scene as JSON.
+    files: bench and scene as JSON.
     """
 
     world: World
@@ -99,7 +80,7 @@ class PreparedScene:
 def prepare_scene(
     request: PictureRequest, progress: Progress
 ) -> AbstractContextManager[PreparedScene]:
-    """Open a virtual bench to predict a requested picture, and yield the prepared scene.
+    """Open a virtual bench, and yield the scene as requested.
 
     Raises UserError with the file or the option that is wrong.
     """
@@ -112,7 +93,7 @@ def prepare_scene(
 def prepare_bench_scene(
     setup: BenchSetup, request: PictureRequest, progress: Progress
 ) -> Iterator[PreparedScene]:
-    """Prepare a picture prediction as prepare_scene() does, on a bench that was read before.
+    """Do what prepare_scene() does on a bench that was read before.
 
     The files in the request are ignored.
     """
@@ -135,7 +116,7 @@ def prepare_bench_scene(
 
 
 def _requested_scene(scene: SceneFile, request: PictureRequest) -> SceneFile:
-    """Return the scene with the tolerance and effects that a picture prediction requests."""
+    """Return the scene with the requested tolerance and effects."""
     if request.tol is not None and not 0 < request.tol < 1:
         raise UserError(f"--tol {request.tol:g}: give a number between 0 and 1, as 0.01.")
     tol, forced = request.tol or scene.tol, {**scene.effects, **request.forced_effects}
@@ -147,10 +128,7 @@ def _requested_scene(scene: SceneFile, request: PictureRequest) -> SceneFile:
 
 
 def _all_effects_except(forced: Mapping[str, str | bool]) -> dict[str, str | bool]:
-    """Switch on all effects for a picture prediction, except the forced ones.
-
-    Effects that need an effect that is off are switched off, too.
-    """
+    """Switch on all effects but the forced ones, and off those that need one that is off."""
     found: dict[str, str | bool] = {**dict.fromkeys((one.name for one in EFFECTS), True), **forced}
     while falling := [
         one.name
@@ -166,7 +144,7 @@ def _is_off(level: str | bool) -> bool:
 
 
 def _first_lit(scene: SceneFile) -> str:
-    """Return the target of a picture prediction that asks for none: no-one asks for a dark one."""
+    """Return the first target that isn't dark: without a name, nobody asks for a dark one."""
     names = list(scene.targets)
     return next((one for one in names if scene.targets[one].kind != "dark"), names[0])
 
@@ -183,7 +161,7 @@ def _set_up_world(bench: Bench, scene: SceneFile, request: PictureRequest) -> Wo
 
 
 def _exposure(world: World, request: PictureRequest, progress: Progress) -> float:
-    """Return the exposure in seconds for a picture prediction: as requested, or from a trial."""
+    """Return the exposure in seconds, as requested or from a trial picture."""
     if request.exposure is not None:
         return request.exposure
     progress.report(0.0, "finding an exposure")
@@ -196,7 +174,7 @@ def _exposure(world: World, request: PictureRequest, progress: Progress) -> floa
 
 
 def parse_forced_effects(settings: list[str]) -> dict[str, str | bool]:
-    """Parse the effects that are forced on a predicted picture, each "NAME=LEVEL".
+    """Parse effects to force, each "NAME=LEVEL".
 
     LEVEL is on, off, or the name of a level. Raises UserError for anything else.
     """

@@ -10,5 +10,5 @@ Measured: `labapp accuracy simulate` took 2.0 s for 4.7e9 operations."""
 
 
 def seconds_per_operation(speed: MachineSpeed) -> float:
-    """Return the predicted seconds of processor time for each operation of a simulated picture."""
+    """Return the processor seconds of each counted operation on a machine of a given speed."""
     return _OPERATION_S * speed.fft / MachineSpeed().fft

@@ -30,9 +30,9 @@ Frames = NDArray[np.uint16]
 def simulate_frames(
     request: PictureRequest, path: Path, kind: str, *, frames: int, seed: int
 ) -> None:
-    """Predict frames of a scene, and write their raw 16-bit digital numbers to a file.
+    """Draw frames of a scene, and write their raw 16-bit digital numbers to a file.
 
-    `kind` is the file's kind: png, tiff or h5.
+    kind: of the file: png, tiff or h5.
     """
     if seed < 0:
         raise UserError(f"--seed {seed}: give 0 or more.")
@@ -90,7 +90,7 @@ def _write_tiff(
 def _write_hdf5(
     path: Path, frames: Frames, picture: PictureMoments, metadata: dict[str, str]
 ) -> None:
-    """Write predicted frames to an HDF5 file, with the distribution from which they were drawn.
+    """Write frames to an HDF5 file, with the distribution from which they were drawn.
 
     The distribution is the mean in electrons and the variance in electrons². The file also holds
     effect plan, bench and scene as JSON.

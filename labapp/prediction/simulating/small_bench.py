@@ -18,10 +18,10 @@ _SMALL_BENCH = {
 
 
 def small_bench_setup(scene: Path | None) -> BenchSetup:
-    """Return a bench with few, large pixels, on which predicted pictures are compared.
+    """Return the bundled bench with fewer, larger pixels of sensor and panel.
 
-    It is the bundled bench with a smaller sensor and panel. A `scene` of None stands for the
-    bundled scene. Raises UserError if the scene can't be read.
+    scene: None stands for the bundled one.
+    Raises UserError if the scene can't be read.
     """
     return modified_bench_setup(scene, _SMALL_BENCH)
 
@@ -29,10 +29,10 @@ def small_bench_setup(scene: Path | None) -> BenchSetup:
 def modified_bench_setup(
     scene: Path | None, changes: Mapping[str, Mapping[str, float]]
 ) -> BenchSetup:
-    """Return the bundled bench with changed keys in its tables, to predict pictures of a scene.
+    """Return the bundled bench with changed keys in its tables.
 
-    A `scene` of None stands for the bundled scene. Raises UserError if the scene can't be
-    read.
+    scene: None stands for the bundled one.
+    Raises UserError if the scene can't be read.
     """
     files = BenchFiles.with_defaults(None, scene)
     data = read_file(files.bench, BenchFile).model_dump(mode="json")

@@ -1,4 +1,4 @@
-"""Meter the targets of a run's brackets before its record is made, and settle their exposures."""
+"""Meter the targets of a plan's brackets before the record is made, and settle their exposures."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ _FIRST_EXPOSURE = 1e-3
 Later targets begin with the exposure that was right for the last."""
 
 _METERING_STEP = 1_000_000
-"""Step from which on metering frames count, so that a simulated run's frames keep their noise."""
+"""Step from which on metering frames count, so that simulated frames keep their noise."""
 
 _DIGITS = 4
 """Significant digits of the metered rates in a record's plan. Chosen: to 1e-4."""
 
 
 class BracketMetering:
-    """Settle the brackets of a run's plan, with metering frames where they need any.
+    """Settles the brackets of a plan, with metering frames where they need any.
 
-    The arguments are those of the run, and the plan's name in errors.
+    source: the plan's name in errors.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class BracketMetering:
         )
 
     def settle(self) -> PlanFile:
-        """Return the run's plan with the exposures of all its brackets.
+        """Return the plan with the exposures of all its brackets.
 
         Raises UserError, with target and remedy, if a bracket can't reach what is wanted; and
         DeviceError if a device fails. The bench is then left safe.
@@ -82,7 +82,7 @@ class BracketMetering:
         return self._plan.model_copy(update={"acquire": tuple(settled)})
 
     def _settle(self, block: Acquisition, where: str) -> Acquisition:
-        """Return a block of the run's plan with exposures in the place of its bracket."""
+        """Return a block with exposures in the place of its bracket."""
         assert block.bracket is not None
         limits = bracket_limits(block, self._plan, self._abilities, where)
         shots = planned_settings(block, self._plan, self._abilities)
@@ -110,7 +110,7 @@ class BracketMetering:
     def _meter(
         self, shot: Shot, block: Acquisition, limits: ExposureLimits, where: str
     ) -> MeteredLight:
-        """Meter the light of one target, pattern and wavelength of the run's block."""
+        """Meter the light of one target, pattern and wavelength."""
         assert block.bracket is not None
         sensor = shot.readout.read_sensor(self._sensor)
         meter = Meter(
@@ -148,7 +148,7 @@ class BracketMetering:
     def _metered_light(
         self, shot: Shot, found: MeteredRange, frames: Sequence[Frame], remark: str
     ) -> MeteredLight:
-        """Return what a run's record tells of a metering."""
+        """Return what the record tells of a metering."""
         seen = ((frame.exposure, frame.image) for frame in frames)
         light = scene_light(seen, shot.readout.read_sensor(self._sensor))
         rows = tuple(tuple(_round_rate(one) for one in row) for row in light.blocks.tolist())
@@ -167,5 +167,5 @@ class BracketMetering:
 
 
 def _round_rate(rate: float) -> float | None:
-    """Return a metered rate with few digits for a run's record; None where there is none."""
+    """Round a metered rate to few digits; None where there is none."""
     return float(f"{rate:.{_DIGITS}g}") if math.isfinite(rate) else None

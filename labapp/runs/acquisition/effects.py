@@ -26,12 +26,13 @@ def effect_plans(
     patterns: Mapping[str, NDArray[np.uint8]],
     check_cancelled: Callable[[], None] = lambda: None,
 ) -> dict[str, Any] | None:
-    """Return the effect plans that a run's record holds, one for each setting of its shots.
+    """Return the effect plans, one for each setting of the shots.
 
     A setting is a target, pattern, wavelength, exposure and gain. The result is plain data,
     {"effects": descriptions by name, "plans": [...]}; it is None if the bench has no simulated
-    devices. Nothing is rendered. `check_cancelled` is called before each plan, and may raise.
-    Raises UserError for a picture that can't be simulated.
+    devices. Nothing is rendered. Raises UserError for a picture that can't be simulated.
+
+    check_cancelled: is called before each plan, and may raise.
     """
     if bench.world is None:
         return None
@@ -64,7 +65,7 @@ def _plan_effects(bench: Bench, world: World, shot: Shot, shown: NDArray[np.uint
 
 
 def _bandwidth(bench: Bench, shot: Shot) -> float | None:
-    """Return the filter wheel's bandwidth for a run's shot; None for a tunable filter."""
+    """Return the filter wheel's bandwidth for a shot, in metres; None for a tunable filter."""
     slots = bench.wheel.slots if bench.wheel else ()
     if shot.slot:
         return slots[shot.slot - 1].bandwidth

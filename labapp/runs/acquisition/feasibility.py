@@ -1,4 +1,4 @@
-"""Check whether a bench can run a plan, and estimate its time and disk space beforehand."""
+"""Check whether a bench can execute a plan, and estimate its time and disk space beforehand."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _DECISIONS = 12_000
 
 @dataclass(frozen=True)
 class RunEstimate:
-    """Estimate of a run: frames, seconds of bench time, bytes of its record, and prompts."""
+    """What a plan takes: frames, seconds of bench time, bytes of its record, and prompts."""
 
     frames: int
     seconds: float
@@ -48,7 +48,7 @@ class RunEstimate:
 def estimate_run(
     shots: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities
 ) -> RunEstimate:
-    """Estimate what a run of a plan takes: frames, time, disk space and prompts."""
+    """Estimate frames, time, disk space and prompts of a plan."""
     return RunEstimate(
         frames=len(shots),
         seconds=ShotList.of(shots).total_duration,
@@ -58,7 +58,7 @@ def estimate_run(
 
 
 def longest_estimate(estimates: Sequence[RunEstimate]) -> RunEstimate:
-    """Return the most of each that any of several estimates of a run has."""
+    """Return the most of each that any of several estimates has."""
     return RunEstimate(
         frames=max(one.frames for one in estimates),
         seconds=max(one.seconds for one in estimates),
@@ -70,7 +70,7 @@ def longest_estimate(estimates: Sequence[RunEstimate]) -> RunEstimate:
 def expected_plan(
     plan: PlanFile, capabilities: BenchCapabilities, sensor: Sensor, source: str
 ) -> PlanFile:
-    """Return a run's plan with its brackets settled for the brightest light, the shortest of all.
+    """Settle a plan's brackets for the brightest light, which makes it the shortest.
 
     Without brackets it is the plan itself. Raises UserError if no light makes a bracket possible.
     """
@@ -83,7 +83,7 @@ def expected_plan(
 
 
 def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapabilities) -> int:
-    """Estimate the size of a run's finished record in bytes, a little too high."""
+    """Estimate the size of the finished record in bytes, a little too high."""
     readouts = ShotList.of(listed).readouts
     picture = prod(largest_shape(readouts, capabilities.frame_shape))
     panel = prod(capabilities.panel_shape)
@@ -104,7 +104,7 @@ def _disk_bytes(listed: Sequence[Shot], plan: PlanFile, capabilities: BenchCapab
 
 
 def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> dict[int, str]:
-    """Return a run's prompts by the index of the frame that waits for the answer, in order.
+    """Return the prompts by the index of the frame that waits for the answer, in order.
 
     Only a frame whose target differs from the last frame's can have a prompt.
     """
@@ -120,12 +120,12 @@ def prompts_by_frame(shots: Sequence[Shot], capabilities: BenchCapabilities) -> 
 
 
 def placement_prompt(shot: Shot, by_hand: bool) -> str:
-    """Return the prompt to place the target of a run's shot; empty if the bench places it."""
+    """Return the prompt to place a shot's target; empty if the bench places it."""
     return shot.prompt or (f"Place {shot.place}, then press Enter." if by_hand else "")
 
 
 def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> None:
-    """Raise UserError with key, value and range if the bench can't run a plan."""
+    """Raise UserError with key, value and range if the bench can't execute a plan."""
     _check_hooks(plan, source)
     for number, block in enumerate(plan.acquire):
         where = f"{source}: key 'acquire.{number}"
@@ -136,7 +136,7 @@ def require_feasible_plan(plan: PlanFile, capabilities: BenchCapabilities, sourc
 
 
 def feasible_shots(plan: PlanFile, capabilities: BenchCapabilities, source: str) -> ShotList:
-    """Return every shot of a run's plan, after require_feasible_plan() has checked it."""
+    """Return every shot of a plan, after require_feasible_plan() has checked it."""
     require_feasible_plan(plan, capabilities, source)
     return planned_shots(plan, capabilities)
 
@@ -196,7 +196,7 @@ def _check_wavelengths(block: Acquisition, capabilities: BenchCapabilities, wher
 
 
 def _check_readouts(block: Acquisition, capabilities: BenchCapabilities, where: str) -> None:
-    """Raise UserError if the bench's camera can't be read as a block of the run's plan asks."""
+    """Raise UserError if the bench's camera can't be read as a block asks."""
     gains = capabilities.gain_range
     if block.gains_db and gains is None:
         raise UserError(

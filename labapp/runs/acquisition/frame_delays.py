@@ -31,7 +31,7 @@ _EXPOSURE = 0.01
 _NEUTRAL = "neutral"
 
 _CONSTANT = {_NEUTRAL: 0, "grey": 128}
-"""Grey levels of patterns that are shown where the run's own are too few. Chosen: any will do."""
+"""Grey levels of patterns that are shown where the plan's own are too few. Chosen: any will do."""
 
 _BEFORE_PLAN = -1
 """Index of the measuring frames: they come before those of the plan, and before its faults."""
@@ -47,30 +47,12 @@ def measure_frame_delays(
     """Measure the delays of a bench's frames, once; return its capabilities with them.
 
     On a virtual bench, a frame takes just the time that its devices document, and nothing is
-    measured. A device that fails is named in the log, and its run will tell. Nothing is stored.
+    measured. A device that fails is named in the log, and the run will tell. Nothing is stored.
+    Afterwards the SLM is neutral again, and the filter isn't parked. Raises Cancelled if the
+    progress was cancelled.
 
-    Parameters
-    ----------
-    bench : Bench
-        The open devices. Afterwards the SLM is neutral again, and the filter isn't parked.
-    capabilities : BenchCapabilities
-        What the bench can do.
-    planned : sequence of Shot
-        The frames of the run, whose patterns are tried.
-    progress : Progress
-        Can cancel the measurement.
-    patterns : mapping of arrays of uint8, optional
-        Grey levels of the run's patterns by name, which are shown; else, constant ones are.
-
-    Returns
-    -------
-    BenchCapabilities
-        The same with delays.
-
-    Raises
-    ------
-    Cancelled
-        If the progress was cancelled.
+    planned: the frames whose patterns are tried.
+    patterns: grey levels of these patterns by name, which are shown; else, constant ones are.
     """
     if not bench.file.is_real:
         return capabilities
@@ -95,7 +77,7 @@ def _measure(
     progress: Progress,
     patterns: Mapping[str, NDArray[np.uint8]],
 ) -> FrameDelays:
-    """Take frames on the bench before its run, and compare their times with the documented ones."""
+    """Take frames, and compare their times with the documented ones."""
     constant = {
         name: np.full(capabilities.panel_shape, grey, np.uint8) for name, grey in _CONSTANT.items()
     }
@@ -131,11 +113,13 @@ def _measure(
 
 
 def _shots(bench: Bench, capabilities: BenchCapabilities, shown: Sequence[str]) -> Sequence[Shot]:
-    """Return the frames that measure a bench's delays before its run.
+    """Return the frames that measure the delays.
 
     They are two of one setting each: the first, another pattern, another wavelength, and another
     target unless a person places it; then the first pattern, a third wavelength and the first
-    target. The last is of the neutral pattern. shown: the names of both patterns.
+    target. The last is of the neutral pattern.
+
+    shown: names of both patterns.
     """
     low, high = capabilities.exposure_range
     first, second, third = _colours(capabilities)
@@ -171,9 +155,9 @@ def _shots(bench: Bench, capabilities: BenchCapabilities, shown: Sequence[str]) 
 
 
 def _colours(capabilities: BenchCapabilities) -> list[tuple[int, float]]:
-    """Return three wavelengths of the bench's filter, each with the slot of a wheel, otherwise 0.
+    """Return three wavelengths of the filter in metres, each with the slot of a wheel, otherwise 0.
 
-    They are seldom those of the run: a virtual bench that is served to real drivers would have
+    They are seldom those of the plan: a virtual bench that is served to real drivers would have
     computed their pictures, and be quicker in the run than in the measurement.
     """
     if capabilities.slots:

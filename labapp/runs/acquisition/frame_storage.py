@@ -1,4 +1,4 @@
-"""Store a run's frames on the disk; a full disk pauses the run."""
+"""Store frames on the disk; a full disk pauses the run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNTOLD = 1 << 62
 
 
 def free_bytes(path: Path) -> int:
-    """Return the bytes that the user may still write to the disk of a run's record, or UNTOLD."""
+    """Return the bytes that the user may still write to a path's disk, or UNTOLD."""
     try:
         at = os.statvfs(path.parent if not path.exists() else path)
     except OSError as error:
@@ -39,7 +39,7 @@ def free_bytes(path: Path) -> int:
 
 
 def require_space(path: Path, needed: int) -> None:
-    """Raise UserError if the disk lacks room for a run's record of `needed` bytes plus a tenth."""
+    """Raise UserError if the disk lacks room for `needed` bytes plus a tenth."""
     free = free_bytes(path)
     # A record that is replaced frees its space.
     free += path.stat().st_blocks * 512 if path.exists() else 0
@@ -52,10 +52,11 @@ def require_space(path: Path, needed: int) -> None:
 
 
 class FrameStore:
-    """Stores a run's frames in its record, and pauses the run when the disk is full.
+    """Stores frames in the record, and pauses the run when the disk is full.
 
-    With `use_planned_times`, frames are stored with their planned time, as on a virtual bench,
-    instead of the clock's. `pause` is called when the disk is full.
+    use_planned_times: whether frames are stored with their planned time, as on a virtual bench,
+        instead of the clock's.
+    pause: called when the disk is full.
     """
 
     def __init__(self, writer: RecordWriter, use_planned_times: bool, pause: Pause) -> None:
@@ -64,12 +65,12 @@ class FrameStore:
         self._try_at = 0.0
 
     def wait_for_space(self) -> None:
-        """Wait until the disk has room for the run's next frame."""
+        """Wait until the disk has room for the next frame."""
         if not self._has_space():
             self._pause(self._disk_full_message(), self._has_space)
 
     def store_frame(self, shot: Shot, frame: Frame, wavelength: float, attempts: int) -> None:
-        """Store a run's frame, and return when it is on disk; raise OSError if the disk fails."""
+        """Store a frame, and return when it is on disk; raise OSError if the disk fails."""
 
         moment = shot.start_time if self._as_planned else frame.time
 
@@ -84,7 +85,7 @@ class FrameStore:
             self._pause(self._disk_full_message(), lambda: self._retry_store(store, shot.index))
 
     def _retry_store(self, store: Callable[[], None], index: int) -> bool:
-        """Try to store a run's frame again; return whether it is on the disk intact.
+        """Try to store a frame again; return whether it is on the disk intact.
 
         Nothing is tried within 0.2 s of the last try, or while the disk is full. The frame is read
         back, because an earlier write was refused.
@@ -113,6 +114,6 @@ class FrameStore:
 
 
 def require_full(error: OSError) -> None:
-    """Re-raise an error in storing a run's frame, unless the disk or the user's quota is full."""
+    """Re-raise an error of the disk, unless it or the user's quota is full."""
     if error.errno not in _FULL:
         raise error

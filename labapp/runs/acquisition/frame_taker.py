@@ -1,4 +1,4 @@
-"""Take a run's frames: set the devices, wait for settling, expose, and validate the frame."""
+"""Take single frames: set the devices, wait for settling, expose, and validate the frame."""
 
 from __future__ import annotations
 
@@ -33,26 +33,16 @@ StoreFrame = Callable[[Shot, Frame, float, int], None]
 
 
 class FrameTaker:
-    """Takes the frames of one run, and makes every setting of the bench that a frame needs.
+    """Takes frames, and makes every setting of the bench that a frame needs.
 
-    Settings that were made before the run aren't relied upon.
+    Settings that were made before aren't relied upon.
 
-    Parameters
-    ----------
-    bench : Bench
-        The open devices.
-    patterns : mapping of arrays of uint8
-        Grey levels by name, (rows, columns), or (frames, rows, columns) of a video.
-    seed : int
-        Seed of the run, for simulated devices.
-    retry : Retry
-        Number of attempts and waiting time after a failure.
-    ask : AskOperator or None
-        Prompts a person to place targets; None if nobody is there.
-    progress : Progress
-        Progress of the run, which can cancel it.
-    is_cancelled : callable
-        Returns whether the run was cancelled; called all the time during waits.
+    patterns: grey levels by name, (rows, columns), or (frames, rows, columns) of a video.
+    seed: for simulated devices.
+    retry: number of attempts and waiting time after a failure.
+    ask: prompts a person to place targets; None if nobody is there.
+    progress: can cancel the run.
+    is_cancelled: returns whether the run was cancelled; called all the time during waits.
     """
 
     def __init__(
@@ -77,7 +67,7 @@ class FrameTaker:
         self._last_number = -1
 
     def invalidate_settings(self) -> None:
-        """Forget the run's settings of the bench, so that all are made again before its next frame.
+        """Forget the settings of the bench, so that all are made again before the next frame.
 
         Somebody else may have used the bench during a pause.
         """
@@ -86,16 +76,16 @@ class FrameTaker:
             self._readout = None
 
     def restore_camera(self) -> None:
-        """Let the run's camera read its sensor as the bench opened it, for somebody else's use."""
+        """Let the camera read its sensor as the bench opened it, for somebody else's use."""
         if self._readout != AS_OPENED:
             self._read_sensor(AS_OPENED)
 
     def take(self, shot: Shot, keep: StoreFrame) -> Frame:
-        """Take and store the frame of a run's shot, and return it in whole digital numbers.
+        """Take and store the frame of a shot, and return it in whole digital numbers.
 
         It is tried again when a device fails. Raises DeviceError after as many failures as the plan
-        allows, and at once if another try would fail in the same way. Raises Cancelled if the run
-        was cancelled; no frame is begun or stored after that.
+        allows, and at once if another try would fail in the same way. Raises Cancelled if the user
+        cancels; no frame is begun or stored after that.
         """
         attempt = 1
         while True:
@@ -117,7 +107,7 @@ class FrameTaker:
             attempt += 1
 
     def _try(self, shot: Shot, attempt: int, keep: StoreFrame) -> Frame:
-        """Make one attempt to take and store the frame of a run's shot."""
+        """Make one attempt to take and store the frame of a shot."""
         bench, progress = self._bench, self._progress
         self._request_placement(shot)
         # After the prompt: live pictures that were taken meanwhile leave no trace in this one.
@@ -154,14 +144,14 @@ class FrameTaker:
         return frame
 
     def _capture(self, shot: Shot, stood: CaptureConditions) -> tuple[Frame, float]:
-        """Expose a frame of the run's shot; return it with its wavelength."""
+        """Expose a frame; return it with its wavelength in metres."""
         progress = self._progress
         frame = self._bench.camera.capture(lambda: progress.is_cancelled)
         progress.raise_if_cancelled()
         return frame, require_valid_frame(frame, shot, stood, self._bench)
 
     def _average(self, first: Frame, shot: Shot, stood: CaptureConditions) -> Frame:
-        """Take the other frames of the run's shot, and return the mean with the last's number."""
+        """Take the other frames of a shot, and return the mean with the last one's number."""
         mean, last = MeanImage(first.image, self._bench.camera.full_scale), first
         self._require_intact(first)
         for _ in range(1, shot.readout.averaged):
@@ -172,12 +162,12 @@ class FrameTaker:
         return replace(last, image=image, time=first.time, checksum=None)
 
     def _require_intact(self, frame: Frame) -> None:
-        """Raise DeviceError if a frame of the run isn't what the camera sent, by its checksum."""
+        """Raise DeviceError if a frame isn't what the camera sent, by its checksum."""
         if frame.checksum is not None and checksum(frame.image) != frame.checksum:
             raise self._bench.device_error("camera", "capture", "the frame is corrupt")
 
     def _read_sensor(self, readout: Readout) -> float:
-        """Set how the run's camera reads its sensor; return the time when that stands.
+        """Set how the camera reads its sensor; return the time when that stands.
 
         Not every camera has a gain or regions to be set. What a shot doesn't choose is as the bench
         opened the camera, and is set only where an earlier shot has chosen it.
@@ -197,19 +187,19 @@ class FrameTaker:
         return ready
 
     def _was_chosen(self, what: str, now: bool) -> bool:
-        """Return whether a shot of the run, this one or an earlier one, has chosen a setting."""
+        """Return whether this shot or an earlier one has chosen a setting."""
         if now:
             self._chosen_once.add(what)
         return what in self._chosen_once
 
     def _require_set(self, setting: Setting[Any], asked: Any, tolerance: float) -> float:
-        """Return when a setting of the run's camera stands; DeviceError if it is another one."""
+        """Return when a setting of the camera stands; DeviceError if it is another one."""
         if asked is not None and np.abs(np.subtract(setting.actual, asked)).max() > tolerance:
             raise self._bench.device_error("camera", f"set {asked}", f"it has set {setting.actual}")
         return setting.ready_at
 
     def _request_placement(self, shot: Shot) -> None:
-        """Prompt a person to place the target of a run's shot, if it has changed."""
+        """Prompt a person to place the target of a shot, if it has changed."""
         if shot.target == self._placed_target:
             return
         text = placement_prompt(shot, self._by_hand)
@@ -220,7 +210,7 @@ class FrameTaker:
         self._placed_target = shot.target
 
     def _place(self, target: str) -> float:
-        """Place the target of a run's shot, if it has one; return the time when it stands."""
+        """Place a target, if there is one to be placed; return the time when it stands."""
         if not target:
             return 0.0
         return self._apply("target", target, lambda: self._bench.targets.place(target))
@@ -236,7 +226,7 @@ class FrameTaker:
         return self._bench.filter.set_wavelength(shot.wavelength)
 
     def _apply(self, what: str, value: str, make: Callable[[], Setting[Any]]) -> float:
-        """Make a setting for a run's shot if it has changed; return the time when it is settled."""
+        """Make a setting if it has changed; return the time when it is settled."""
         if self._set.get(what) == value:
             return 0.0
         self._set.pop(what, None)
@@ -246,7 +236,7 @@ class FrameTaker:
         return setting.ready_at
 
     def _recover_device(self, error: DeviceError, attempt: int) -> None:
-        """Wait, then open the device that failed in a run's shot again, if it was given up.
+        """Wait, then open the device that failed again, if it was given up.
 
         From the second failure on, the device is opened again in any case. A device that was
         unplugged is first given a minute to come back, because attempts before would fail.
@@ -273,6 +263,6 @@ class FrameTaker:
 
 
 def _colour(shot: Shot) -> str:
-    """Return a shot's wavelength in words for the run's log, with the wheel's slot if any."""
+    """Return a shot's wavelength in words for the log, with the wheel's slot if any."""
     nm = f"{shot.wavelength * 1e9:g} nm"
     return f"slot {shot.slot}, {nm}" if shot.slot else nm

@@ -19,18 +19,18 @@ FAILED."""
 
 
 class HookError(Exception):
-    """A hook of a run failed; the message names hook, method and reason."""
+    """A hook failed; the message names hook, method and reason."""
 
 
 class Hooks:
-    """The hooks of one run, called in the order in which the plan names them."""
+    """Hooks that are called in the order in which the plan names them."""
 
     def __init__(self, hooks: Sequence[tuple[str, Any]] = ()) -> None:
         self._hooks = list(hooks)
 
     @staticmethod
     def of(plan: PlanFile, bench: Bench) -> Hooks:
-        """Load the hooks that a run's plan names; raise UserError if one can't be loaded.
+        """Load the hooks that a plan names; raise UserError if one can't be loaded.
 
         Hooks are loaded before any device moves.
         """
@@ -48,7 +48,7 @@ class Hooks:
         return Hooks(hooks)
 
     def call(self, method_name: str, *arguments: object) -> None:
-        """Call a method of all the run's hooks that have it; raise HookError if one fails."""
+        """Call a method of all hooks that have it; raise HookError if one fails."""
         for name, hook in self._hooks:
             method = getattr(hook, method_name, None)
             if method is None:

@@ -19,7 +19,7 @@ from labapp.runs.state import State
 
 @dataclass(frozen=True)
 class RunRequest:
-    """A requested run: plan, path of the record, the plan's name in errors, and its folder."""
+    """What to execute: plan, path of the record, the plan's name in errors, and its folder."""
 
     plan: PlanFile
     path: Path
@@ -35,11 +35,13 @@ def run_all(
     force: bool = False,
     on_outcome: Callable[[RunOutcome], None] = lambda outcome: None,
 ) -> list[RunOutcome]:
-    """Take several runs in turn; the next run begins even if one fails.
+    """Execute several plans in turn; the next begins even if one fails.
 
-    Each run is taken by run_plan(). Cancelling ends the present run and the queue, and so does a
-    wait that nobody has ended in time. `on_outcome` is called with the outcome of each run. Raises
-    UserError, before anything has moved, if one of the plans can't be run, or two share a record.
+    Each is executed by run_plan(). Cancelling ends the present run and the queue, and so does a
+    wait that nobody has ended in time. Raises UserError, before anything has moved, if one of the
+    plans can't be executed, or two share a record.
+
+    on_outcome: called with the outcome of each run.
     """
     attendance = attendance or Attendance()
     progress = attendance.progress
@@ -65,7 +67,7 @@ def run_all(
 
 
 def _require_all(bench: Bench, requests: Sequence[RunRequest], force: bool) -> list[float]:
-    """Check all requested runs; return the expected seconds of each."""
+    """Check all requests; return the expected seconds of each."""
     abilities = BenchCapabilities.of(bench)
     paths = [request.path.resolve() for request in requests]
     seconds = []

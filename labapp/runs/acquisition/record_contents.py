@@ -1,4 +1,4 @@
-"""Collect what a run's record holds before the first frame: plan, bench, patterns and shots."""
+"""Collect what the record holds before the first frame: plan, bench, patterns and shots."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ def build_record_contents(
     capabilities: BenchCapabilities,
     check_cancelled: Callable[[], None],
 ) -> RecordContents:
-    """Collect what a run's record holds before the run's first frame.
+    """Collect what is known before the first frame.
 
-    `patterns` are grey levels by name, and `shots` all frames of the plan. `check_cancelled` is
-    called between the steps of a long computation, and may raise.
+    patterns: grey levels by name.
+    shots: all frames of the plan.
+    check_cancelled: called between the steps of a long computation, and may raise.
     """
     scene, effects = bench.scene_file, None
     if bench.world is not None:

@@ -1,4 +1,4 @@
-"""Tell during a run whether its scene has changed since the brackets were metered."""
+"""Tell while frames are taken whether the scene has changed since the brackets were metered."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _Setting = tuple[str, str, float]
 
 
 class SceneWatch:
-    """Compare the frames of a run's chosen brackets with what was metered.
+    """Compares the frames of chosen brackets with what was metered.
 
     Each target, pattern and wavelength is told once.
     """
@@ -32,7 +32,7 @@ class SceneWatch:
                 self._metered[setting] = one
 
     def compare(self, shot: Shot, frame: Frame) -> str:
-        """Return how the scene of a run's frame differs from the metered one; "" if it doesn't."""
+        """Return how a frame's scene differs from the metered one; "" if it doesn't."""
         setting = shot.target, shot.pattern, round(shot.wavelength * 1e9, 3)
         metered = self._metered.get(setting)
         if shot.role != "light" or metered is None:

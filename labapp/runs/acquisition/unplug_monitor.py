@@ -1,4 +1,4 @@
-"""Monitor during a run whether devices were unplugged, also while the run waits for others."""
+"""Monitor during a run whether devices were unplugged, also while it waits for others."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ device's port, its place on the bus, or what the device's own process has notice
 
 
 class UnplugMonitor:
-    """Reports a device that was unplugged at once, whatever the run is waiting for.
+    """Reports a device that was unplugged at once, whatever else is waited for.
 
-    `devices` are the supervised devices by role. The monitor only reports: an exposure in progress
-    goes on, and the next call of the unplugged device fails and is retried as usual. Each device
-    is checked in a thread of its own, so that a check that hangs doesn't delay the others.
+    The monitor only reports: an exposure in progress goes on, and the next call of the unplugged
+    device fails and is retried as usual. Each device is checked in a thread of its own, so that a
+    check that hangs doesn't delay the others.
+
+    devices: the supervised devices by role.
     """
 
     def __init__(self, devices: Mapping[str, SupervisedDevice]) -> None:
@@ -38,7 +40,7 @@ class UnplugMonitor:
 
     @property
     def message(self) -> str:
-        """The devices that are unplugged at this moment of the run, and why; empty if none is."""
+        """The devices that are unplugged at this moment, and why; empty if none is."""
         return "; ".join(f"{role}, {why}" for role, why in [*self._gone.items()])
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""What happens while a run waits for a person: nothing, or what the run's caller does meanwhile."""
+"""What happens while a run waits for a person: nothing, or what its caller does meanwhile."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ _INTERVAL = 0.05
 
 
 class Meanwhile(Protocol):
-    """What a run lets its caller do with the bench while a person is asked, or pauses the run.
+    """What a caller does with the bench while a person is asked, or pauses the run.
 
     All is called in the thread of the run, which owns the bench. The run sets the exposure of
     every frame anew; the caller leaves all other settings as they are.
     """
 
     def begin(self) -> None:
-        """Begin a wait of the run."""
+        """Begin a wait."""
 
     def step(self, is_over: Callable[[], bool]) -> None:
-        """Do something short of a run's wait, or wait for a moment; end early if it is over."""
+        """Do something short, or wait for a moment; end early if `is_over` returns true."""
 
     def end(self) -> None:
-        """End the run's wait; nothing of the caller's may go on with the bench."""
+        """End the wait; nothing of the caller's may go on with the bench."""
 
 
 class Idle:
-    """Do nothing with the bench while a run waits."""
+    """Does nothing with the bench during a wait."""
 
     def begin(self) -> None:
         pass
@@ -50,9 +50,9 @@ def wait_until(
     meanwhile: Meanwhile,
     limit: float = math.inf,
 ) -> None:
-    """Wait in a run until `is_over()` returns true, and let `meanwhile` use the bench.
+    """Wait until `is_over()` returns true, and let `meanwhile` use the bench.
 
-    Raises Cancelled if the run is cancelled, and WaitedTooLong after `limit` seconds.
+    Raises Cancelled if the progress is cancelled, and WaitedTooLong after `limit` seconds.
     """
     late = time.monotonic() + limit
     meanwhile.begin()

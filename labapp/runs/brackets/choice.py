@@ -1,4 +1,4 @@
-"""Choose the exposures of a run's brackets, and say what they are compared with."""
+"""Choose the exposures of brackets, and say what they are compared with."""
 
 from __future__ import annotations
 
@@ -32,10 +32,12 @@ def settle_block(
     metered: Sequence[MeteredLight] = (),
     metering_seconds: float = 0.0,
 ) -> Acquisition:
-    """Return a run's block with exposures that are chosen for its bracket.
+    """Return a block with exposures that are chosen for its bracket.
 
-    `rates` are electrons per second, the lower first, and `settings` the combinations of target,
-    pattern and wavelength. Raises UnreachableSNR with what can be reached.
+    Raises UnreachableSNR with what can be reached.
+
+    rates: electrons/s, the lower first.
+    settings: number of combinations of target, pattern and wavelength.
     """
     asked = block.bracket
     assert asked is not None
@@ -61,7 +63,7 @@ def settle_block(
 
 
 def least_snr_db(bracket: ChosenBracket, wanted: WantedSNR) -> float:
-    """Return the lowest ratio in dB that a run's bracket reaches in the wanted range.
+    """Return the lowest ratio in dB that a bracket reaches in the wanted range.
 
     It is at the darkest rate, or right above one from which on an exposure may be clipped.
     """
@@ -73,7 +75,7 @@ def least_snr_db(bracket: ChosenBracket, wanted: WantedSNR) -> float:
 def equal_ladders(
     sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits
 ) -> dict[str, ChosenBracket]:
-    """Return the quickest ladders that reach what a run's bracket does, by name.
+    """Return the quickest ladders that reach what is wanted of a bracket, by name.
 
     Those that don't reach it are left out.
     """
@@ -89,5 +91,5 @@ def equal_ladders(
 
 
 def bare_seconds(bracket: ChosenBracket, limits: ExposureLimits) -> float:
-    """Return the seconds of a run's bracket with read-out, dark frames aside."""
+    """Return the seconds of an exposure series with read-out, dark frames aside."""
     return sum(bracket.times) + bracket.frames * limits.readout

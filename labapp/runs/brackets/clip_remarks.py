@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def clip_remark(metered: MeteredRange, sensor: Sensor) -> str:
-    """Return what a person must know of the clip level of a run's camera; empty for nothing."""
+    """Return what a person must know of the camera's clip level; empty for nothing."""
     remedy = "`labapp devices test camera` measures it, and says what the bench file should say"
     if metered.clip_level is not None:
         return (
@@ -30,14 +30,14 @@ def clip_remark(metered: MeteredRange, sensor: Sensor) -> str:
 
 
 def metered_clip_level(plan: PlanFile) -> MeteredLight | None:
-    """Return the metering that found where a run's pixels clip, at the lowest number; or None."""
+    """Return the metering that found where pixels clip, at the lowest number; or None."""
     every = [one for block in plan.acquire if block.chosen for one in block.chosen.metered]
     found = [one for one in every if one.clip_level_dn is not None]
     return min(found, key=lambda one: one.clip_level_dn or 0, default=None)
 
 
 def bench_as_metered(bench: BenchFile, plan: PlanFile) -> BenchFile:
-    """Return a run's bench file with the clip level that was metered, if it tells none itself."""
+    """Return a bench file with the clip level that was metered, if it tells none itself."""
     found = metered_clip_level(plan)
     if found is None or bench.tells_clip_level:
         return bench

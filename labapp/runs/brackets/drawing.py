@@ -17,7 +17,10 @@ _LOOK = {"chosen": ("#c0392b", 2.2), "x2": ("#2c7fb8", 1.2), "x4": ("#41ab5d", 1
 def draw_brackets(
     brackets: Mapping[str, ChosenBracket], rates: NDArray[np.float64], wanted_db: float
 ) -> Figure:
-    """Draw a run's chosen bracket with ladders that reach the same; rates are in electrons/s."""
+    """Draw the chosen bracket with ladders that reach the same.
+
+    rates: electrons/s.
+    """
     figure = Figure(figsize=(8, 4.5), dpi=120, layout="constrained")
     axes = figure.subplots()
     for name, bracket in brackets.items():

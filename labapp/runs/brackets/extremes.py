@@ -22,7 +22,7 @@ frames hardly changes between them."""
 def possible_plans(
     plan: PlanFile, capabilities: BenchCapabilities, sensor: Sensor, source: str
 ) -> list[PlanFile]:
-    """Return a run's plan with its brackets settled, once for each brightness that it may meet.
+    """Settle a plan's brackets, once for each brightness that it may meet.
 
     Without brackets it is the plan itself. Raises UserError if no light makes a bracket possible.
     """
@@ -37,7 +37,7 @@ def possible_plans(
 def brightest_plan(
     plan: PlanFile, capabilities: BenchCapabilities, sensor: Sensor, source: str
 ) -> PlanFile:
-    """Return a run's plan with its brackets settled for the brightest light, the shortest of all.
+    """Settle a plan's brackets for the brightest light, which makes it the shortest.
 
     Raises UserError if no light makes a bracket possible.
     """
@@ -48,7 +48,7 @@ def brightest_plan(
 def _blocks(
     plan: PlanFile, capabilities: BenchCapabilities, sensor: Sensor, source: str
 ) -> list[Iterator[Acquisition]]:
-    """Return, for each block of a run's plan, what it may be once its bracket is settled."""
+    """Return, for each block of a plan, what it may be once its bracket is settled."""
     return [
         _possible_blocks(
             block, plan, capabilities, sensor, f"{source}: key 'acquire.{number}.bracket'"
@@ -64,7 +64,7 @@ def _possible_blocks(
     sensor: Sensor,
     where: str,
 ) -> Iterator[Acquisition]:
-    """Yield a block of a run's plan with the exposures that it may get, the brightest light first.
+    """Yield a block with the exposures that it may get, the brightest light first.
 
     Raises UserError if there are none.
     """
@@ -89,7 +89,7 @@ def _possible_blocks(
 def _possible_exposures(
     block: Acquisition, sensor: Sensor, limits: ExposureLimits, settings: int
 ) -> Iterator[tuple[float, ...]]:
-    """Yield exposure times in seconds that a run's bracket may have, from bright to dim light."""
+    """Yield exposure times in seconds that may be chosen, from bright to dim light."""
     assert block.bracket is not None
     shortest, depth = _shortest(limits), block.bracket.decades
     high = ExposureSNR(sensor).brightest(shortest, FIRST_MARGIN)

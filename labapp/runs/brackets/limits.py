@@ -1,4 +1,4 @@
-"""Collect what limits the exposures of a run's brackets: camera, flicker, phase videos, darks."""
+"""Collect what limits the exposures of brackets: camera, flicker, phase videos, darks."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ from optics.hdr import ExposureLimits, WantedSNR, common_period
 def bracket_limits(
     block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities, where: str
 ) -> ExposureLimits:
-    """Return the limits of the exposures of a run's bracket that is chosen.
+    """Return the limits of the exposures that are chosen for a block.
 
-    `where` names the block in errors. Raises UserError if no exposure is left.
+    Raises UserError if no exposure is left.
+
+    where: names the block in errors.
     """
     assert block.bracket is not None
     try:
@@ -30,9 +32,11 @@ def bracket_limits(
 def exposure_limits(
     wanted: BracketTable, capabilities: BenchCapabilities, period: float | None
 ) -> ExposureLimits:
-    """Return the limits of a run's bracket by the camera, its own limits, and a period in seconds.
+    """Return the limits of exposures by the camera, the bracket's own table, and a period.
 
     Raises ValueError if no exposure is left.
+
+    period: seconds of which exposures are multiples; None if any will do.
     """
     low, high = capabilities.exposure_range
     if wanted.shortest_ms is not None:
@@ -45,9 +49,10 @@ def exposure_limits(
 
 
 def wanted_snr(block: Acquisition, low: float, high: float, settings: int) -> WantedSNR:
-    """Return what a run's bracket shall reach between two rates, with its interleaved dark frames.
+    """Return what a bracket shall reach between two rates, with its interleaved dark frames.
 
-    `settings` are the targets, patterns and wavelengths of the block that share the dark frames.
+    low, high: electrons/s.
+    settings: number of targets, patterns and wavelengths of the block that share the dark frames.
     """
     assert block.bracket is not None
     darks = dark_count(block)
@@ -59,13 +64,13 @@ def wanted_snr(block: Acquisition, low: float, high: float, settings: int) -> Wa
 
 
 def dark_count(block: Acquisition) -> int | None:
-    """Return the dark frames that a run takes at each exposure of a block; None without any."""
+    """Return the number of dark frames at each exposure of a block; None without any."""
     counts = [one.frames for one in block.interleave if one.role == "dark"]
     return sum(counts) or None
 
 
 def _period(block: Acquisition, plan: PlanFile, capabilities: BenchCapabilities) -> float | None:
-    """Return the time of which a run's exposures are multiples; None if any will do."""
+    """Return the seconds of which exposures are multiples; None if any will do."""
     if block.any_exposure:
         return None
     videos = plan.videos(block).values()

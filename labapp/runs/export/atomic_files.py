@@ -20,11 +20,12 @@ from labapp.files.writing import create_folder, sync_all, sync_to_disk
 
 @contextmanager
 def all_or_none(folder: Path, names: Callable[[], Iterable[str]], *, force: bool) -> Iterator[Path]:
-    """Yield a draft folder for a run's export; its files move to `folder` if the block succeeds.
+    """Yield a draft folder; its files move to `folder` together if the block succeeds.
 
-    names: gives the names of the files; there may be a million.
     Files that are there are replaced with `force` only, and never while a run writes them. Raises
     UserError, and leaves no file of the export, if the disk refuses a file or the folder.
+
+    names: gives the names of the files; there may be a million.
     """
     try:
         with _draft_folder(folder) as draft:
@@ -41,7 +42,7 @@ def all_or_none(folder: Path, names: Callable[[], Iterable[str]], *, force: bool
 
 
 def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], force: bool) -> None:
-    """Move the files of a run's export to their folder; if one can't be moved, remove all."""
+    """Move the files to their folder; if one can't be moved, remove all."""
     moved = 0
     try:
         for name in names():
@@ -60,7 +61,7 @@ def _move_all(draft: Path, folder: Path, names: Callable[[], Iterable[str]], for
 
 
 def _remove(path: Path) -> bool:
-    """Remove a file of an export; return whether it is gone."""
+    """Remove a file; return whether it is gone."""
     try:
         path.unlink()
     except OSError:
@@ -69,7 +70,7 @@ def _remove(path: Path) -> bool:
 
 
 def _remove_left_drafts(folder: Path) -> None:
-    """Remove what exports that were killed, or couldn't remove it, have left in a folder."""
+    """Remove the drafts of exports that were killed, or couldn't remove them."""
     for draft in folder.glob(".export.*.new"):
         pid = draft.name.split(".")[2]
         # No other process has this one's number.
@@ -79,7 +80,7 @@ def _remove_left_drafts(folder: Path) -> None:
 
 @contextmanager
 def _draft_folder(folder: Path) -> Iterator[Path]:
-    """Yield a hidden draft folder in the folder of a run's export, and remove it in any case."""
+    """Yield a hidden draft folder within a folder, and remove it in any case."""
     is_new = not folder.exists()
     draft = None
     try:

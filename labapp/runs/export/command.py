@@ -16,7 +16,7 @@ from labapp.runs.export.naming import TABLE
 def export_record(
     path: Path, kind: str, folder: Path, selection: FrameSelection, *, force: bool
 ) -> None:
-    """Export frames of a run's record, print what was written, and report missing frames.
+    """Export frames of a record, print what was written, and report missing frames.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def export_record(
 
 
 def _require_all(done: ExportResult, record: Path) -> None:
-    """Raise UserError with the requested frames of a run that the export left out, if any."""
+    """Raise UserError with the requested frames that were left out, if any."""
     told = []
     if done.not_stored:
         told.append(f"never stored: {format_frame_list(done.not_stored)}")

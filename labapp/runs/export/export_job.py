@@ -18,7 +18,7 @@ from optics.progress import Progress
 
 
 class ExportJob:
-    """The frames of an export: their pictures, their columns in the record, and file names."""
+    """Exported frames: their pictures, their columns in the record, and file names."""
 
     def __init__(self, record: Record, kind: str, frames: list[int], progress: Progress) -> None:
         self.record, self.kind, self.frames, self._progress = record, kind, frames, progress
@@ -29,23 +29,22 @@ class ExportJob:
         self.bits = _bits(record, record.readout_of(self._first))
 
     def names(self) -> Iterator[str]:
-        """Yield the names of the export's files: of its frames in their order, the table last."""
+        """Yield the names of the files: of the frames in their order, the table last."""
         return file_names(self.kind, self.frames, self.rows, self.record.frame_count)
 
     @property
     def first_name(self) -> str:
-        """Name of the export's first file."""
         return next(self.names())
 
     def images(self) -> Iterator[NDArray[np.uint16]]:
-        """Yield a run's exported frames, (rows, columns) each; raise Cancelled if cancelled."""
+        """Yield the frames, (rows, columns) each; raise Cancelled if cancelled."""
         for done, index in enumerate(self.frames):
             self._progress.report(done / len(self.frames), f"export frame {index}")
             yield self.record.stored_image(index)
 
 
 def _pitch(record: Record, readout: Readout) -> tuple[float, float] | None:
-    """Return the exported frames' pixel pitch (y, x) in metres; None if the axes are too short."""
+    """Return the frames' pixel pitch (y, x) in metres; None if the axes are too short."""
     y, x = (record.column(name) * (readout.binning or 1) for name in ("y", "x"))
     if min(len(y), len(x)) < 2:
         return None
@@ -62,7 +61,7 @@ def _round_digits(length: float) -> float:
 
 
 def _bits(record: Record, readout: Readout) -> int | None:
-    """Return the bits per exported digital number; None if the record's bench can't be read."""
+    """Return the bits per digital number; None if the recorded bench can't be read."""
     with suppress(UserError):
         return record.bench_as_opened.sensor.bits + readout.steps_per_dn.bit_length() - 1
     return None

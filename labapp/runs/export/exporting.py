@@ -29,7 +29,7 @@ WRITERS: dict[str, Callable[[ExportJob, Path], None]] = {
     "ome-tiff": write_ome_tiff,
     "npy": write_npy,
 }
-"""Functions by kind that write an export's files, except the table of frames, into a folder."""
+"""Functions by kind that write all files but the table of frames into a folder."""
 
 KINDS = tuple(WRITERS)
 
@@ -38,9 +38,9 @@ _ALL = FrameSelection()
 
 @dataclass(frozen=True)
 class ExportResult:
-    """The result of an export: indices of the written frames, and of those left out.
+    """What was exported: indices of the written frames, and of those left out.
 
-    `bits` are those of the digital numbers; None if unknown.
+    bits: of the digital numbers; None if unknown.
     """
 
     frames: list[int]
@@ -58,7 +58,7 @@ def export_frames(
     force: bool = False,
     progress: Progress | None = None,
 ) -> ExportResult:
-    """Export frames of a run's record to files in a folder, with a table of the frames.
+    """Export frames of a record to files in a folder, with a table of the frames.
 
     Digital numbers are never changed. Frames that aren't stored, or don't read back as they were
     stored, are left out. All files appear together when the last one is complete, so a cancelled
@@ -116,7 +116,7 @@ def export_frames(
 
 
 def _are_alike(record: Record, frames: list[int]) -> bool:
-    """Return whether frames of an export have one size, and one unit of their numbers."""
+    """Return whether frames have one size, and one unit of their numbers."""
     _, first = np.unique(record.column("readout")[frames], return_index=True)
     some = [frames[place] for place in first.tolist()]
     alike = {(record.frame_size(one), record.readout_of(one).steps_per_dn) for one in some}
@@ -124,14 +124,13 @@ def _are_alike(record: Record, frames: list[int]) -> bool:
 
 
 def _write(work: ExportJob, folder: Path, force: bool) -> None:
-    """Write the files of a run's export, all of them or none."""
     with all_or_none(folder, work.names, force=force) as draft:
         WRITERS[work.kind](work, draft)
         _write_table(work, draft)
 
 
 def _write_table(work: ExportJob, draft: Path) -> None:
-    """Write the table of a run's export: each frame's file, place in the file, and columns."""
+    """Write the table of frames: each one's file, place in the file, and columns."""
     simulated = " ".join(work.record.simulated_devices)
     with (draft / TABLE).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

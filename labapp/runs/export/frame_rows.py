@@ -16,7 +16,7 @@ _AT_ONCE = 1024
 
 
 class FrameRows:
-    """The record's columns for each exported frame, with names in place of the indices of names.
+    """Rows of the exported frames, with names in place of the indices of names.
 
     They are kept as arrays, and made into rows while somebody goes through them.
     """
@@ -42,19 +42,19 @@ class FrameRows:
                 yield dict(zip(self.columns, row, strict=True))
 
     def blocks(self, name: str) -> Iterator[list[Any]]:
-        """Yield a column of the export in blocks of plain values."""
+        """Yield a column in blocks of plain values."""
         names = self._names.get(name)
         for first in range(0, len(self), _AT_ONCE):
             values = self._values[name][first : first + _AT_ONCE].tolist()
             yield values if names is None else [_name_at(value, names) for value in values]
 
     def distinct(self, name: str) -> list[Any]:
-        """Return the different values of a column of numbers in the export."""
+        """Return the different values of a column of numbers."""
         return np.unique(self._values[name]).tolist()
 
 
 def column_heading(name: str) -> str:
-    """Return the heading of a record's column in an export's table: its name with its unit."""
+    """Return a column's heading in a table: its name with its unit."""
     unit = layout.UNITS.get(name, "").replace("/", "_per_")
     return f"{name}_{unit}" if unit else name
 

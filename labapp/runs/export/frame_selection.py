@@ -13,7 +13,7 @@ from labapp.runs.record.reader import Record
 
 @dataclass(frozen=True)
 class FrameSelection:
-    """The frames of a record to export: those that meet all criteria that aren't None.
+    """Criteria for frames to export, of which those that aren't None must all be met.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class FrameSelection:
 
 
 def select_frames(record: Record, selection: FrameSelection) -> list[int]:
-    """Return the indices of a run's frames that are to be exported, stored or not.
+    """Return the indices of the frames that meet the criteria, stored or not.
 
     Raises UserError if there are none.
     """

@@ -18,9 +18,10 @@ _SINGLE_FILES = {"npy": ("frames.npy", "frames.json"), "ome-tiff": ("frames.ome.
 
 
 def file_names(kind: str, frames: Sequence[int], rows: FrameRows, total: int) -> Iterator[str]:
-    """Yield the names of the files that an export of a run writes, the table last.
+    """Yield the names of the files that are written, the table last.
 
-    `rows` has one row per exported frame. `total` is the number of frames in the record.
+    rows: one per exported frame.
+    total: number of frames in the record.
     """
     yield from _SINGLE_FILES.get(kind, ())
     if kind in ONE_FILE_PER_FRAME:
@@ -32,21 +33,21 @@ def file_names(kind: str, frames: Sequence[int], rows: FrameRows, total: int) ->
 
 
 def format_decimal(value: float) -> str:
-    """Format a number for the name of a run's exported frame: at most 3 decimals, no exponent."""
+    """Format a number for a file name: at most 3 decimals, no exponent."""
     return f"{value:.3f}".rstrip("0").rstrip(".")
 
 
 def _frame_name(row: dict[str, Any]) -> str:
-    """Return the part of an exported frame's file name that describes the shot's settings."""
+    """Return the part of a file name that describes the shot's settings."""
     nm, ms = row["wavelength_asked"] * 1e9, row["exposure_asked"] * 1e3
     names = f"{_plain(row['target'])}_{_plain(row['pattern'])}"
     return f"{names}_{format_decimal(nm)}nm_{format_decimal(ms)}ms"
 
 
 def _plain(name: str) -> str:
-    """Adapt a target's or pattern's name to the file name of a run's exported frame.
+    """Adapt a target's or pattern's name to file names.
 
-    File names allow few characters and have a limited length.
+    They allow few characters and have a limited length.
     """
     plain = re.sub(r"[^\w.+-]", "-", name)
     # File systems allow 255 bytes for the whole name, which holds two such names.

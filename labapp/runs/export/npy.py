@@ -15,7 +15,7 @@ from labapp.runs.record import layout
 
 
 def write_npy(work: ExportJob, draft: Path) -> None:
-    """Write a run's exported frames as one .npy array, with their metadata as JSON."""
+    """Write the frames as one .npy array, with their metadata as JSON."""
     array, described = islice(work.names(), 2)
     shape = (len(work.frames), *work.shape)
     header = {"descr": "<u2", "fortran_order": False, "shape": shape}
@@ -28,7 +28,7 @@ def write_npy(work: ExportJob, draft: Path) -> None:
 
 
 def _write_described(text: TextIO, work: ExportJob) -> None:
-    """Write the metadata of a run's exported frames as JSON; NaN and infinity are null."""
+    """Write the metadata of the frames as JSON; NaN and infinity are null."""
     # Each item has its own line, so that the file is readable although columns are long.
     text.write("{\n")
     for key, one in _facts(work).items():
@@ -44,7 +44,7 @@ def _write_described(text: TextIO, work: ExportJob) -> None:
 
 
 def _facts(work: ExportJob) -> dict[str, Any]:
-    """Return what a run's exported frames have in common, as plain data."""
+    """Return what the frames have in common, as plain data."""
     record = work.record
     return {
         "record": str(record.path),

@@ -25,7 +25,7 @@ _ANNOTATIONS = "labapp/frame"
 
 
 def ome_xml(work: ExportJob) -> Iterator[str]:
-    """Yield the OME-XML of a run's export as ASCII in parts, for the first page of a TIFF file.
+    """Yield the OME-XML as ASCII in parts, for the first page of a TIFF file.
 
     The file's axes are TYX. Every plane has its exposure, its time, and a map annotation with the
     record's columns.
@@ -41,7 +41,7 @@ def ome_xml(work: ExportJob) -> Iterator[str]:
 
 
 def _frame(work: ExportJob) -> str:
-    """Return the OME-XML of a run's export with marks where each frame's elements belong."""
+    """Return the OME-XML with marks where each frame's elements belong."""
     record, simulated = work.record, ", ".join(work.record.simulated_devices)
     camera = record.devices.get("camera", {"model": "", "serial": ""})
     schema = "http://www.w3.org/2001/XMLSchema-instance"
@@ -134,7 +134,7 @@ def _add(parent: ElementTree.Element, name: str, **attributes: object) -> Elemen
 
 
 def _xml_safe(text: str) -> str:
-    """Replace the control characters in a run's exported text that XML can't represent."""
+    """Replace the control characters that XML can't represent."""
     return "".join(
         one if one.isprintable() or one in "\t\n" else "\N{REPLACEMENT CHARACTER}" for one in text
     )

@@ -36,7 +36,7 @@ _PLACEHOLDER = "OME-XML follows the pictures"
 
 
 def write_ome_tiff(work: ExportJob, draft: Path) -> None:
-    """Write a run's exported frames as one OME-TIFF file.
+    """Write the frames as one OME-TIFF file.
 
     The description of a million frames is as large as small frames are, so that it is written part
     by part, and comes last in the file.
@@ -78,7 +78,7 @@ def _some(images: Iterator[NDArray[np.uint16]], count: int) -> Iterator[NDArray[
 
 
 def _append_description(path: Path, described: Path, tag: int, is_big: bool) -> None:
-    """Append a text to an exported file, and let the tag at a position tell where it is.
+    """Append a text to a TIFF file, and let the tag at a position tell where it is.
 
     A tag has number, type, count and offset: TIFF 6.0, section 2; counts and offsets have 8 bytes
     in BigTIFF.

@@ -13,7 +13,7 @@ from labapp.runs.record import layout
 
 
 def write_tiffs(work: ExportJob, draft: Path) -> None:
-    """Write each exported frame of a run as a TIFF file, with its metadata as JSON description."""
+    """Write each frame as a TIFF file, with its metadata as JSON description."""
     import tifffile
 
     simulated = work.record.simulated_devices
@@ -23,13 +23,13 @@ def write_tiffs(work: ExportJob, draft: Path) -> None:
 
 
 def write_pngs(work: ExportJob, draft: Path) -> None:
-    """Write each exported frame of a run as a PNG file."""
+    """Write each frame as a PNG file."""
     for name, image in zip(work.names(), work.images(), strict=False):
         (draft / name).write_bytes(encode_png(Path(name), image, in_srgb=False))
 
 
 def tiff_tags(work: ExportJob, description: str) -> dict[str, Any]:
-    """Return the TIFF tags of a run's exported frame, as arguments of tifffile."""
+    """Return a frame's TIFF tags, as arguments of tifffile."""
     told = {
         "description": description,
         "software": f"labapp {labapp.__version__}",
@@ -39,7 +39,7 @@ def tiff_tags(work: ExportJob, description: str) -> dict[str, Any]:
 
 
 def _resolution(work: ExportJob) -> dict[str, Any]:
-    """Return the TIFF tags of an exported frame's resolution (x, y) in pixels per centimetre."""
+    """Return the TIFF tags of the resolution (x, y) in pixels per centimetre."""
     if work.pitch is None:
         return {}
     y, x = (1e-2 / pitch for pitch in work.pitch)

@@ -1,4 +1,4 @@
-"""Follow the chains of a record: of its frames and of its log, link by link."""
+"""Follow the chains that protect frames and log, link by link."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ _TEXT, _DIGEST = (layout.LOG_ROW.fields[name][1] for name in ("text", "digest"))
 
 @dataclass
 class FrameChain:
-    """The links of a record's frames.
+    """The links of the frames, as far as they follow from each other.
 
-    length: links that follow from each other. last: digest of the last one. latest: row of each
-    planned frame's latest link, -1 where it has none. beyond: frames with a link that aren't
-    planned. broken: row of the first link that doesn't follow; None if all do.
+    length: number of links that follow.
+    last: digest of the last one.
+    latest: row of each planned frame's latest link, -1 where it has none.
+    beyond: frames with a link that aren't planned.
+    broken: row of the first link that doesn't follow; None if all do.
     """
 
     length: int
@@ -39,13 +41,13 @@ class FrameChain:
 
     @property
     def linked(self) -> NDArray[np.bool_]:
-        """Which of the record's planned frames have a link."""
+        """Which of the planned frames have a link."""
         return self.latest >= 0
 
 
 @dataclass(frozen=True)
 class LogChain:
-    """The lines of a record's log: see FrameChain."""
+    """The lines of the log, as far as they follow from each other: see FrameChain."""
 
     length: int
     last: bytes
@@ -53,11 +55,13 @@ class LogChain:
 
 
 def follow_frames(blocks: Iterable[NDArray[Any]], structure: bytes, frames: int) -> FrameChain:
-    """Follow the links of a record's frames from the first on.
+    """Follow the links of the frames from the first on.
 
-    blocks: all rows in their order, of the type CHAIN_ROW, or LINK_ROW in older records. structure:
-    digest of the record's structure. frames: number of the planned ones. Rows of zeros before the
-    last link are broken links.
+    Rows of zeros before the last link are broken links.
+
+    blocks: all rows in their order, of the type CHAIN_ROW, or LINK_ROW in older records.
+    structure: digest of the record's structure.
+    frames: number of the planned ones.
     """
     found = FrameChain(0, first_link(structure), np.full(frames, -1, np.int64), set())
     for rows in _used(blocks):
@@ -74,7 +78,7 @@ def follow_frames(blocks: Iterable[NDArray[Any]], structure: bytes, frames: int)
 
 
 def _note_latest(found: FrameChain, frames: NDArray[Any], begin: int) -> None:
-    """Note the rows of some links of a record's frames, of which the first has row `begin`."""
+    """Note the rows of some frames' links, of which the first has row `begin`."""
     planned = frames < len(found.latest)
     found.beyond |= set(frames[~planned].tolist())
     # Of a frame that comes twice, the last row counts.
@@ -82,12 +86,12 @@ def _note_latest(found: FrameChain, frames: NDArray[Any], begin: int) -> None:
 
 
 def chain_kind(kind: np.dtype) -> np.dtype:
-    """Return the type of rows in a record's chain, by that which HDF5 or the table tells."""
+    """Return the type of a chain's rows, by that which HDF5 or the table tells."""
     return layout.CHAIN_ROW if "values" in (kind.names or ()) else layout.LINK_ROW
 
 
 def follows(row: np.void, before: bytes) -> bool:
-    """Return whether a link of a record's frame follows from the digest of the one before."""
+    """Return whether a frame's link follows from the digest of the one before."""
     return _follows(row.tobytes(), before)
 
 
@@ -101,7 +105,7 @@ def _follows(row: bytes, before: bytes) -> bool:
 def merge_copies(
     blocks: Iterable[NDArray[Any]], copied: Iterable[NDArray[Any]], structure: bytes
 ) -> Iterator[NDArray[Any]]:
-    """Yield the rows of a record's chain, each as it is in whichever of two copies it follows."""
+    """Yield the rows of the frames' chain, each as it is in whichever of two copies it follows."""
     before = first_link(structure)
     for front, second in zip(blocks, copied, strict=True):
         merged = front
@@ -117,12 +121,12 @@ def merge_copies(
 
 
 def _has_settings(row: np.void) -> bool:
-    """Return whether a row of the record's chain has the settings of which it has the digest."""
+    """Return whether a row has the settings of which it has the digest."""
     return sha256(row["values"].tobytes()).digest() == row["settings"].tobytes()
 
 
 def _differing(front: NDArray[Any], second: NDArray[Any]) -> list[int]:
-    """Return the rows in which two copies of a record's chain differ."""
+    """Return the rows in which two copies of a chain differ."""
     kind = (np.uint8, front.dtype.itemsize)
     both = [np.ascontiguousarray(one).view(kind) for one in (front, second)]
     found: list[int] = np.flatnonzero((both[0] != both[1]).any(axis=1)).tolist()
@@ -130,7 +134,7 @@ def _differing(front: NDArray[Any], second: NDArray[Any]) -> list[int]:
 
 
 def follow_log(blocks: Iterable[NDArray[Any]], structure: bytes) -> LogChain:
-    """Follow the lines of a record's log from the first on.
+    """Follow the lines of the log from the first on.
 
     blocks: all rows in their order, of the type LOG_ROW.
     """
@@ -145,13 +149,12 @@ def follow_log(blocks: Iterable[NDArray[Any]], structure: bytes) -> LogChain:
 
 
 def _bytes_of(rows: NDArray[Any], kind: np.dtype) -> Iterator[bytes]:
-    """Yield the bytes of each row of a record's chain."""
     data = rows.astype(kind, copy=False).tobytes()
     return (data[at : at + kind.itemsize] for at in range(0, len(data), kind.itemsize))
 
 
 def _used(blocks: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
-    """Yield the rows of a record's chain, in blocks, up to the last that isn't all zeros."""
+    """Yield the rows of a chain, in blocks, up to the last that isn't all zeros."""
     held: list[NDArray[Any]] = []
     for rows in blocks:
         flat = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)

@@ -47,9 +47,9 @@ the scale and name of the unit in messages."""
 
 
 def check_record(path: Path, progress: Progress | None = None, *, digest: str = "") -> Verification:
-    """Make all checks of a run's record that its damage allows, in this process.
+    """Make all checks that a file's damage allows, in this process.
 
-    `digest` is the one that the end of the run printed, if the record is to be compared with it.
+    digest: the one that the end of the run printed, to be compared; or "".
     """
     found = Verification(str(path))
     try:
@@ -70,7 +70,7 @@ def check_record(path: Path, progress: Progress | None = None, *, digest: str = 
 
 
 def _run_check(name: str, check: Callable[[], StatusAndDetail], path: Path) -> RecordFinding:
-    """Make one check of a run's record; a check that can't be made counts as failed."""
+    """Make one check; one that can't be made counts as failed."""
     try:
         result, detail = check()
     except Cancelled:
@@ -85,7 +85,7 @@ def _run_check(name: str, check: Callable[[], StatusAndDetail], path: Path) -> R
 
 
 class _Checks:
-    """The checks of one record, in the order in which they are listed."""
+    """The checks, in the order in which they are listed."""
 
     def __init__(
         self, record: Record, found: Verification, progress: Progress, digest: str
@@ -94,7 +94,7 @@ class _Checks:
         self._digest = digest
 
     def by_name(self) -> dict[str, Callable[[], StatusAndDetail]]:
-        """Return the checks of a run's record by name.
+        """Return the checks by name.
 
         Later checks use the findings of earlier ones.
         """
@@ -116,7 +116,7 @@ class _Checks:
         }
 
     def _check_structure(self) -> StatusAndDetail:
-        """Check that all that was known before the first frame of the run is as it was."""
+        """Check that all that was known before the first frame is as it was."""
         structure = self._record.structure
         if structure is None and self._record.format == layout.UNPROTECTED_FORMAT:
             return "note", "of an older format: settings, log and texts aren't protected"
@@ -129,7 +129,7 @@ class _Checks:
         return "ok", "all that was known before the first frame is as it was"
 
     def _check_contents(self) -> StatusAndDetail:
-        """Check that all datasets of a run's record decode, and have the right type and length."""
+        """Check that all datasets decode, and have the right type and length."""
         record = self._record
         for name in ("title", "definition", "start_time"):
             record.text(name)
@@ -151,9 +151,9 @@ class _Checks:
         return "ok", f"{record.frame_count} frames of {columns} x {rows} pixels, by {by}"
 
     def _check_planned_columns(self) -> StatusAndDetail:
-        """Check the planned columns in a run's record: indices must exist, settings be positive.
+        """Check that the planned columns' indices exist, and that settings are positive.
 
-        The indices refer to roles, targets and patterns.
+        The indices refer to roles, targets, patterns and readouts.
         """
         record = self._record
         known = {
@@ -175,7 +175,7 @@ class _Checks:
         return "ok", f"{known['target']} targets, {known['pattern']} patterns"
 
     def _differs_from_plan(self) -> list[str]:
-        """Return the planned columns of a run's record that don't follow from its plan."""
+        """Return the planned columns that don't follow from the plan."""
         record = self._record
         capabilities = record.capabilities
         if capabilities is None:
@@ -189,7 +189,7 @@ class _Checks:
         ]
 
     def _check_frames(self) -> StatusAndDetail:
-        """Check that every planned frame of the run is stored in the record."""
+        """Check that every planned frame is stored."""
         record = self._record
         self._found.not_stored = missing = record.frames_not_stored()
         if not missing:
@@ -199,7 +199,7 @@ class _Checks:
         return "WRONG" if record.state is State.COMPLETE else "unfinished", detail
 
     def _check_checksums(self) -> StatusAndDetail:
-        """Check that every stored frame of the run's record still has its checksum."""
+        """Check that every stored frame still reads back as it was stored."""
         stored = self._stored_indices()
         self._found.damaged = self._record.damaged_frames(stored, self.progress)
         if damaged := self._found.damaged:
@@ -207,14 +207,14 @@ class _Checks:
         return "ok", f"{len(stored)} stored frames read back as they were"
 
     def _check_patterns(self) -> StatusAndDetail:
-        """Check by their SHA-256 that the patterns in a run's record are as they were shown."""
+        """Check by their SHA-256 that the patterns are as they were shown."""
         record = self._record
         if changed := record.changed_patterns():
             return "WRONG", f"not as they were shown: {', '.join(changed)}"
         return "ok", f"{len(record.pattern_names)} patterns are as they were shown"
 
     def _check_settings(self) -> StatusAndDetail:
-        """Check that the run's frames were taken with the settings that its plan asks for."""
+        """Check that the frames were taken with the settings that the plan asks for."""
         record, stored = self._record, self._stored_indices()
         for name, step, share, scale, unit in _SETTING_TOLERANCES:
             used, asked = record.column(name)[stored], record.column(f"{name}_asked")[stored]
@@ -230,7 +230,7 @@ class _Checks:
         return "ok", "exposures and wavelengths are those asked for"
 
     def _check_camera(self) -> StatusAndDetail:
-        """Check that times, attempts and the camera's numbers in a run's record are possible."""
+        """Check that times, attempts and the camera's frame numbers are possible."""
         record, stored = self._record, self._stored_indices()
         for name in ("time", "timestamp", "attempts"):
             values = record.column(name)[stored]
@@ -241,7 +241,7 @@ class _Checks:
         return self._check_order(stored)
 
     def _check_order(self, stored: NDArray[np.intp]) -> StatusAndDetail:
-        """Check that times and frame numbers in a run's record restart only as its log explains.
+        """Check that times and frame numbers restart only as the log explains.
 
         The run and each of its resumptions take frames in the order of the plan, with a rising
         clock and a camera that counts from its start. So in the order of the plan, times and
@@ -271,7 +271,7 @@ class _Checks:
         return "ok", f"times and the camera's count rise ({said})"
 
     def _check_state(self) -> StatusAndDetail:
-        """Check that the state in a run's record agrees with its frames."""
+        """Check that the state agrees with the frames."""
         record, found = self._record, self._found
         found.state = state = record.state
         if state is State.COMPLETE and found.not_stored:
@@ -292,7 +292,7 @@ class _Checks:
         return "unfinished", f"{state}: {who} writes it"
 
     def _check_scene_pictures(self) -> StatusAndDetail:
-        """Check that the picture files of the scene in a run's record exist and are unchanged."""
+        """Check that the picture files of the scene exist and are unchanged."""
         known = self._record.scene_picture_digests
         if not known:
             return "ok", "the scene has none"
@@ -313,7 +313,6 @@ class _Checks:
 
 
 def _where(condition: NDArray[np.bool_]) -> list[int]:
-    """Return the indices at which a condition on a run's record holds."""
     found: list[int] = np.flatnonzero(condition).tolist()
     return found
 
@@ -327,7 +326,7 @@ def _is_column(values: NDArray[Any], dtype: np.dtype, frames: int) -> bool:
 
 
 def _is_axis(places: NDArray[Any], size: int) -> bool:
-    """Return whether pixel positions in a run's record are evenly spaced, with 0 at n // 2."""
+    """Return whether pixel positions are evenly spaced, with 0 at n // 2."""
     steps = np.diff(places)
     if places.shape != (size,) or places[size // 2] != 0:
         return False
@@ -335,7 +334,7 @@ def _is_axis(places: NDArray[Any], size: int) -> bool:
 
 
 def _min_rising_sequences(values: Iterable[float]) -> int:
-    """Return the least number of strictly rising sequences that make up a run record's values."""
+    """Return the least number of strictly rising sequences that make up the values."""
     ends: list[float] = []
     for value in values:
         # The value joins the sequence with the highest end below it, which is the best choice.
@@ -352,7 +351,7 @@ def _detail(path: Path, error: UserError) -> str:
 
 
 def _printable(text: str) -> str:
-    """Replace control characters in text of a run's record with blanks.
+    """Replace control characters with blanks.
 
     A damaged record could otherwise send them to the terminal.
     """
@@ -360,9 +359,9 @@ def _printable(text: str) -> str:
 
 
 def send_verification(line: MessageSocket, asked: tuple[Path, str]) -> None:
-    """Check a run's record; send the progress as (share, message), and at last the findings.
+    """Check a file; send the progress as (share, message), and at last the findings.
 
-    `asked` is the record's file, and the digest that it should have, or an empty text.
+    asked: the file, and the digest that it should have, or an empty text.
     """
     path, digest = asked
     progress = Progress(lambda share, message: line.send((share, message)))

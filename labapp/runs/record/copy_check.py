@@ -28,7 +28,7 @@ _ENTRY, _DIGESTS = layout.ENTRY, layout.DIGESTS
 
 
 def check_copy(record: Record) -> StatusAndDetail:
-    """Check that all of a run's record that stands twice is the same twice."""
+    """Check that all that stands twice is the same twice."""
     if record.structure is None:
         if record.format == layout.FORMAT:
             return "WRONG", "the table of places is missing or damaged, which tells where it is"
@@ -53,7 +53,7 @@ def check_copy(record: Record) -> StatusAndDetail:
 
 
 def _is_next(record: Record, handle: int, table: PlaceTable, name: str, row: int) -> bool:
-    """Return whether a row of the copy in a run's record is what its writer writes next."""
+    """Return whether a row of the copy is what the writer writes next."""
     if name not in layout.CHANGING or name == layout.COPY:
         return False
     own, second = (one[row] for one in read_both(handle, table, name))
@@ -75,7 +75,7 @@ def _is_next(record: Record, handle: int, table: PlaceTable, name: str, row: int
 
 
 def _is_next_text(name: str, own: Any, second: Any) -> bool:
-    """Return whether a row of the entry may be what a run's writer writes next to its record."""
+    """Return whether a row of the entry may be what the writer writes next."""
     if name == "log_lost":
         return bool(second == own + 1)
     # Nothing protects state, message and writer before the run's end.
@@ -83,7 +83,7 @@ def _is_next_text(name: str, own: Any, second: Any) -> bool:
 
 
 def _is_next_digest(record: Record, name: str, row: int, second: Any) -> bool:
-    """Return whether a digest may be what a run's writer writes next to its record."""
+    """Return whether a digest may be what the writer writes next."""
     if name == "chain":
         return row == record.frame_chain.length and follows(second, record.frame_chain.last)
     digest = second.tobytes().hex()

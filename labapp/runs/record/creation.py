@@ -42,35 +42,21 @@ _COPY_STRUCTURE = 1 << 14
 
 @dataclass(frozen=True)
 class RecordContents:
-    """The contents of a run's record that are known before its first frame.
+    """What is known before the first frame.
 
-    Attributes
-    ----------
-    plan, bench, scene, effect_plan : plain data
-        The files of the run, and the simulator's effect plans. The last two are None for a real
-        bench.
-    identities : mapping of Identity
-        Model and serial number of the devices by role.
-    targets : sequence of str
-        Names of the targets.
-    patterns : mapping of arrays of uint8
-        Grey levels by name, (rows, columns), or (frames, rows, columns) of a video.
-    shots : sequence of Shot
-        The planned frames.
-    frame_shape : (rows, columns)
-        Shape of the largest frame.
-    pixel_pitch : float
-        Pitch of the sensor in metres.
-    video_frame : float
-        Seconds for which a frame of a video is shown.
-    pictures : mapping of str
-        SHA-256 of the scene's picture files, by path.
-    faults : sequence of plain data
-        Script of the faults of a virtual bench.
-    clock : str
-        "real" or "virtual".
-    capabilities : plain data
-        What the bench can do, from which the planned columns follow.
+    plan, bench, scene, effect_plan: the files, and the simulator's effect plans, as plain data. The
+        last two are None for a real bench.
+    identities: model and serial number of the devices by role.
+    targets: names.
+    patterns: grey levels by name, (rows, columns), or (frames, rows, columns) of a video.
+    shots: the planned frames.
+    frame_shape: of the largest frame, (rows, columns).
+    pixel_pitch: of the sensor, metres.
+    video_frame: seconds for which a frame of a video is shown.
+    pictures: SHA-256 of the scene's picture files, by path.
+    faults: script of the faults of a virtual bench, as plain data.
+    clock: "real" or "virtual".
+    capabilities: what the bench can do, from which the planned columns follow, as plain data.
     """
 
     title: str
@@ -93,17 +79,14 @@ class RecordContents:
 
 
 def create_record(path: Path, contents: RecordContents, *, force: bool = False) -> int:
-    """Create a run's record without frames; with `force`, an existing file may be replaced.
+    """Create a record without frames; return its handle, for RecordWriter.
 
-    The record is written under a temporary name and renamed when it is complete, so that a
-    failure leaves no partial record, and keeps an existing one. Raises UserError if the record
-    can't be written, or another process writes a file of this name.
+    The handle has held the lock since before the record got its name, so that nobody else can write
+    or replace it in between. The record is written under a temporary name and renamed when it is
+    complete, so that a failure leaves no partial record, and keeps an existing one. Raises
+    UserError if the record can't be written, or another process writes a file of this name.
 
-    Returns
-    -------
-    int
-        Handle of the record, for RecordWriter. It has held the lock since before the record got
-        its name, so that nobody else can write or replace it in between.
+    force: whether an existing file may be replaced.
     """
     require_writable(path, force=force)
     draft = name_draft(path)
@@ -133,7 +116,7 @@ def create_record(path: Path, contents: RecordContents, *, force: bool = False) 
 
 
 def _protect(draft: Path, ledger: DraftLedger) -> None:
-    """Write a new record's table of places, the digest of its structure, and its copy.
+    """Write a draft's table of places, the digest of its structure, and its copy.
 
     Raises OSError if the draft doesn't read back as what was written to it.
     """
@@ -234,7 +217,7 @@ def _fill_data(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
 
 
 def _fill_large(file: h5py.File, c: RecordContents, ledger: DraftLedger) -> None:
-    """Make the datasets that end the record: first all of HDF5's own structure, then their data."""
+    """Make the datasets that end the file: first all of HDF5's own structure, then their data."""
     entry, n = file[layout.ENTRY], len(c.shots)
     videos = [image if image.ndim == 3 else image[None] for image in c.patterns.values()]
     shown = np.concatenate(videos)

@@ -1,4 +1,4 @@
-"""Create the datasets of a record, all of them in one piece each, and note what they hold."""
+"""Create datasets, all of them in one piece each, and note what they hold."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ROWS_AT_ONCE = 1 << 12
 
 
 def write_text(parent: h5py.Group, name: str, text: str | list[str]) -> NDArray[Any]:
-    """Write text of fixed length to a run's record, and return it as it is written.
+    """Write text of fixed length, and return it as it is written.
 
     HDF5 keeps text of variable length in a heap, and may hang if the heap is damaged.
     """
@@ -31,12 +31,12 @@ def write_text(parent: h5py.Group, name: str, text: str | list[str]) -> NDArray[
 
 
 def allocate(parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
-    """Create a contiguous dataset of a run's record, and write it so that disk space is taken."""
+    """Create a contiguous dataset, and write it so that disk space is taken."""
     parent.create_dataset(name, data=values)
 
 
 def write_empty(dataset: h5py.Dataset) -> None:
-    """Write empty rows to a dataset of a run's record, so that disk space is taken."""
+    """Write empty rows to a dataset, so that disk space is taken."""
     count = len(dataset)
     empty = np.zeros(min(count, _ROWS_AT_ONCE), dataset.dtype)
     for first in range(0, count, _ROWS_AT_ONCE):
@@ -46,7 +46,7 @@ def write_empty(dataset: h5py.Dataset) -> None:
 def reserve(
     parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype, *, late: bool = False
 ) -> None:
-    """Reserve a fixed place for a contiguous dataset in a run's record, without disk space.
+    """Reserve a fixed place for a contiguous dataset, without disk space.
 
     late: whether it gets its place only when something is written to it.
     """
@@ -59,7 +59,7 @@ def reserve(
 
 
 class DraftLedger:
-    """Creates the datasets of a new record, and compares what reads back with what was written."""
+    """Creates the datasets of a new file, and compares what reads back with what was written."""
 
     def __init__(self) -> None:
         self._digests: dict[str, str] = {}
@@ -67,33 +67,33 @@ class DraftLedger:
         self._described: dict[str, dict[str, str]] = {}
 
     def write_text(self, parent: h5py.Group, name: str, text: str | list[str]) -> None:
-        """Write text to the record: see write_text()."""
+        """Write text and note it: see the function write_text()."""
         self.note(_path(parent, name), write_text(parent, name, text))
 
     def allocate(self, parent: h5py.Group, name: str, values: NDArray[Any]) -> None:
-        """Write a dataset to the record: see allocate()."""
+        """Write a dataset and note it: see the function allocate()."""
         allocate(parent, name, values)
         self.note(_path(parent, name), values)
 
     def reserve(
         self, parent: h5py.Group, name: str, shape: tuple[int, ...], dtype: np.dtype
     ) -> h5py.Dataset:
-        """Reserve a place for a dataset of the record that gets it when it is written to."""
+        """Reserve a place for a dataset that gets it when it is written to."""
         reserve(parent, name, shape, dtype, late=True)
         self._shapes[_path(parent, name)] = shape
         return parent[name]
 
     def note(self, path: str, values: NDArray[Any]) -> None:
-        """Note what was written to a dataset of the record."""
+        """Note what was written to a dataset."""
         self._digests[path] = sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
         self._shapes[path] = values.shape
 
     def note_attributes(self, file: h5py.File) -> None:
-        """Note all attributes of the record, when all of them are written."""
+        """Note all attributes, when all of them are written."""
         self._described = _attributes(file)
 
     def read_back(self, path: Path, handle: int) -> PlaceTable:
-        """Return the table of a new record's places; raise OSError unless all is as written."""
+        """Return the table of places; raise OSError unless all is as written."""
         try:
             table = rebuild_table(path, handle)
             with open_hdf5(path) as file:
@@ -116,7 +116,7 @@ class DraftLedger:
 
 
 def _attributes(file: h5py.File) -> dict[str, dict[str, str]]:
-    """Return the attributes of all groups and datasets of a record, as texts."""
+    """Return the attributes of all groups and datasets, as texts."""
     found: dict[str, dict[str, str]] = {}
 
     def collect(name: str, item: Any) -> None:

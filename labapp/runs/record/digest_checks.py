@@ -1,4 +1,4 @@
-"""The checks of a record's digests: of its frames, its log, and of all after the run's end."""
+"""The checks of the digests: of frames, of the log, and of all after the run's end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from labapp.runs.state import State
 
 
 def check_links(record: Record) -> StatusAndDetail:
-    """Check that the links of a run's frames follow from each other, and belong to its frames."""
+    """Check that the frames' links follow from each other, and belong to their frames."""
     if not record.is_protected:
         return "note", "none: of an older format"
     chain = record.frame_chain
@@ -39,7 +39,7 @@ def check_links(record: Record) -> StatusAndDetail:
 
 
 def _check_unacknowledged(record: Record, frames: list[int]) -> StatusAndDetail | None:
-    """Check a run's frames that have a link, but aren't marked as stored.
+    """Check frames that have a link, but aren't marked as stored.
 
     The link is written just before the mark, so a killed writer may leave one.
     """
@@ -52,7 +52,7 @@ def _check_unacknowledged(record: Record, frames: list[int]) -> StatusAndDetail 
 
 
 def _written_without_link(record: Record, linked: NDArray[np.bool_]) -> list[int]:
-    """Return the frames of a run without a link in whose settings there is something.
+    """Return the frames without a link in whose settings there is something.
 
     A killed writer may leave one that is half written: its first settings, in their order.
     """
@@ -70,7 +70,7 @@ def _written_without_link(record: Record, linked: NDArray[np.bool_]) -> list[int
 
 
 def is_half_written(record: Record, frame: int, settings: dict[str, float]) -> bool:
-    """Return whether settings are the first of a run's frame that was taken as the plan asks."""
+    """Return whether settings are the first of a frame that was taken as the plan asks."""
     last = max((number for number, value in enumerate(settings.values()) if value), default=-1)
     before = list(settings)[:last]
     if last < 0:
@@ -85,7 +85,7 @@ def is_half_written(record: Record, frame: int, settings: dict[str, float]) -> b
 
 
 def check_log(record: Record) -> StatusAndDetail:
-    """Check that the lines of a run's log follow from each other; tell how many were lost."""
+    """Check that the lines of the log follow from each other; tell how many were lost."""
     lines, lost = sum(1 for _ in record.log_lines()), record.lost_log_lines
     if not record.is_protected:
         return "note", f"{lines} lines, which aren't protected: of an older format"
@@ -100,9 +100,9 @@ def check_log(record: Record) -> StatusAndDetail:
 
 
 def check_closing(record: Record, expected: str = "") -> StatusAndDetail:
-    """Check the digest over a whole record after the end of its run.
+    """Check the digest over all, which the end of a run has written.
 
-    `expected` is the digest that the end of the run printed, in hexadecimal, if it's known.
+    expected: the digest that the end of the run printed, in hexadecimal; "" if unknown.
     """
     if not record.is_protected:
         if expected:
@@ -119,7 +119,7 @@ def check_closing(record: Record, expected: str = "") -> StatusAndDetail:
 
 
 def _check_unclosed(record: Record, expected: str) -> StatusAndDetail:
-    """Check that nothing in the record of a run that hasn't ended says that it has.
+    """Check that nothing says that a run has ended which hasn't.
 
     The time of the end, the digest over all and the state are written in this order, so a killed
     writer may leave the first, or the first two.
@@ -138,12 +138,12 @@ def _check_unclosed(record: Record, expected: str) -> StatusAndDetail:
 
 
 def is_closed_as(record: Record, state: State, digest: str) -> bool:
-    """Return whether a digest is that over all of a run's record, had it ended in a state."""
+    """Return whether a digest is that over all, had the run ended in a state."""
     return state.has_ended and digest == record.compute_closing_digest(state)
 
 
 def is_time(text: str) -> bool:
-    """Return whether a text tells when a run's record was closed."""
+    """Return whether a text is an ISO time with its zone, as the end is noted."""
     try:
         return datetime.fromisoformat(text).tzinfo is not None
     except ValueError:

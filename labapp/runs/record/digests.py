@@ -39,11 +39,12 @@ SETTINGS = tuple(name for name in layout.MEASURED if name != "stored")
 def structure_digest(
     handle: int, table: PlaceTable, block: bytes = b"", *, copied: int = 0
 ) -> bytes:
-    """Return the digest of a record's file without the datasets that change, and of its size.
+    """Return the digest of a file without the datasets that change, and of its size.
 
-    The images of the patterns have a digest of their own in the table, which is covered. `block`
-    stands for the first bytes of the file. copied: where the copy begins, to take its bytes for
-    those before the log.
+    The images of the patterns have a digest of their own in the table, which is covered.
+
+    block: stands for the first bytes of the file.
+    copied: where the copy begins, to take its bytes for those before the log.
     """
     log = table.places[f"{layout.ENTRY}/log"].offset
     left_out = sorted(
@@ -66,23 +67,23 @@ def structure_digest(
 
 
 def is_structure_proved(handle: int, table: PlaceTable) -> bool:
-    """Return whether all in a record that never changes has the digest that was written of it."""
+    """Return whether all that never changes has the digest that was written of it."""
     known = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
     return structure_digest(handle, table) == known
 
 
 def image_digest(image: NDArray[Any]) -> bytes:
-    """Return the digest of a frame's bytes in a record."""
+    """Return the digest of a frame's bytes."""
     return sha256(np.ascontiguousarray(image).data).digest()
 
 
 def pack_settings(values: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the bytes of a frame's measured columns in a record by name, without `stored`."""
+    """Return the bytes of a frame's measured columns by name, without `stored`."""
     return {name: np.array(values[name], layout.MEASURED[name]).tobytes() for name in SETTINGS}
 
 
 def unpack_settings(values: bytes) -> dict[str, Any]:
-    """Return a frame's measured columns by name from the bytes in its row of the record's chain."""
+    """Return a frame's measured columns by name from the bytes in its row of the chain."""
     found, at = {}, 0
     for name in SETTINGS:
         kind = layout.MEASURED[name]
@@ -92,37 +93,37 @@ def unpack_settings(values: bytes) -> dict[str, Any]:
 
 
 def packed_digest(values: bytes) -> bytes:
-    """Return the digest of all that pack_settings() returned for a frame of a record."""
+    """Return the digest of all that pack_settings() returned for a frame."""
     return sha256(values).digest()
 
 
 def settings_digest(values: Mapping[str, Any]) -> bytes:
-    """Return the digest of a frame's measured columns in a record, without `stored`."""
+    """Return the digest of a frame's measured columns, without `stored`."""
     return packed_digest(b"".join(pack_settings(values).values()))
 
 
 def next_digest(before: bytes, row: bytes) -> bytes:
-    """Return the digest of a row's bytes in a chain of a record, after the row before."""
+    """Return the digest of a row's bytes in a chain, after the row before."""
     return sha256(before + row).digest()
 
 
 def first_link(structure: bytes) -> bytes:
-    """Return what the first frame's link in a record builds on."""
+    """Return what the first frame's link builds on."""
     return sha256(_CHAIN_BEGIN + structure).digest()
 
 
 def link_digest(before: bytes, frame: int, image: bytes, settings: bytes) -> bytes:
-    """Return the digest of a frame's link in a record, which builds on the link before."""
+    """Return the digest of a frame's link, which builds on the link before."""
     return next_digest(before, int(frame).to_bytes(4, "little") + image + settings)
 
 
 def first_line(structure: bytes) -> bytes:
-    """Return what the first line of a record's log builds on."""
+    """Return what the first line of the log builds on."""
     return sha256(_LOG_BEGIN + structure).digest()
 
 
 def line_digest(before: bytes, time: float, text: bytes) -> bytes:
-    """Return the digest of a line in a record's log, which builds on the line before."""
+    """Return the digest of a line of the log, which builds on the line before."""
     return next_digest(before, np.float64(time).tobytes() + text)
 
 
@@ -130,9 +131,10 @@ def closing_digest(
     structure: bytes, links: int, last_link: bytes, lines: int, last_line: bytes,
     ending: Iterable[bytes],
 ) -> bytes:  # fmt: skip
-    """Return the digest over all of an ended run's record.
+    """Return the digest over all once the run has ended.
 
-    links and lines are counted. `ending` are the bytes of the datasets in ENDING.
+    links, lines: their numbers.
+    ending: bytes of the datasets in ENDING.
     """
     found = sha256(_CLOSING + structure)
     found.update(links.to_bytes(8, "little") + last_link)

@@ -1,4 +1,4 @@
-"""Bring a record's bytes to the disk while it is written, and tell which frames it didn't take.
+"""Bring written bytes to the disk, and tell which frames it didn't take.
 
 Written bytes stay in the operating system's memory for up to half a minute, and a power cut takes
 them. fdatasync(2) waits until they are on the disk. Where it fails, Linux counts the bytes as
@@ -21,7 +21,10 @@ EVERY = 1.0
 
 
 class LostWrites(OSError):
-    """The disk refused bytes that it had taken before. frames: those that may be lost with them."""
+    """The disk refused bytes that it had taken before.
+
+    frames: those that may be lost with them.
+    """
 
     def __init__(self, error: OSError, frames: Sequence[int]) -> None:
         which = f"frames {format_frame_list(frames)}" if frames else "the end of the record"
@@ -35,7 +38,7 @@ class LostWrites(OSError):
 
 
 class DiskSync:
-    """Synchronise a record's file about each second, in a thread of its own.
+    """Synchronises a file about each second, in a thread of its own.
 
     It has a handle of its own, because an error is told once to each open file, and never to one
     that was opened after it.
@@ -51,12 +54,12 @@ class DiskSync:
         self._thread.start()
 
     def note_frame(self, index: int) -> None:
-        """Note that a frame of the record was written; raise LostWrites if the disk loses some."""
+        """Note that a frame was written; raise LostWrites if the disk loses some."""
         self._written.append(index)
         self._require_kept()
 
     def flush(self) -> None:
-        """Return when all of the record is on the disk; raise LostWrites if it can't be."""
+        """Return when all is on the disk; raise LostWrites if it can't be."""
         with self._turn:
             if self._failed is not None:
                 # The marks of the frames that are given up may be kept.
@@ -71,14 +74,14 @@ class DiskSync:
                 raise self._failed from error
 
     def _require_kept(self) -> None:
-        """Raise LostWrites if the disk has lost some of the record, with all frames since then."""
+        """Raise LostWrites if the disk has lost something, with all frames since then."""
         if self._failed is not None:
             frames, self._written = self._written, []
             self._failed = LostWrites(self._failed, [*self._failed.frames, *frames])
             raise self._failed
 
     def close(self) -> None:
-        """End the record's thread; nothing is synchronised any more."""
+        """End the thread; nothing is synchronised any more."""
         self._ended.set()
         self._thread.join()
         with self._turn:

@@ -89,7 +89,7 @@ PLANNED: dict[str, np.dtype] = {
     "exposure_asked": np.dtype("f8"),
     "wavelength_asked": np.dtype("f8"),
 }
-"""Columns of a record that are known before the first frame."""
+"""Columns that are known before the first frame."""
 
 READOUTS = f"{ENTRY}/readouts"
 
@@ -104,10 +104,10 @@ MEASURED: dict[str, np.dtype] = {
     "checksum": np.dtype("u4"),
     "stored": np.dtype("u1"),
 }
-"""Columns of a record that are written with each frame."""
+"""Columns that are written with each frame."""
 
 UNSEEDED = ("timestamp", "number", "attempts")
-"""Columns of a record that differ between runs of the same plan and seed."""
+"""Columns that differ between runs of the same plan and seed."""
 
 UNITS = {
     "exposure": "s",
@@ -163,7 +163,7 @@ SHOWN_IMAGES = f"{PATTERNS}/images"
 
 
 def planned_names(there: Collection[str]) -> list[str]:
-    """Return the planned columns of a run's record by the datasets that are there.
+    """Return the planned columns among the datasets that are there.
 
     Records of older programs have none that says how the sensor was read.
     """
@@ -171,19 +171,19 @@ def planned_names(there: Collection[str]) -> list[str]:
 
 
 def log_capacity(frames: int) -> int:
-    """Return how many log lines a run's record holds, enough for some failures and resumptions."""
+    """Return how many log lines have room, enough for some failures and resumptions."""
     return 256 + 6 * frames
 
 
 def chain_capacity(frames: int) -> int:
-    """Return how many links a run's record holds, enough for frames that are taken again."""
+    """Return how many links have room, enough for frames that are taken again."""
     return 256 + 2 * frames
 
 
 def planned_columns(
     shots: Iterable[Shot], targets: Sequence[str], patterns: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of a run's record that follow from its shots, by name.
+    """Return the columns that follow from the shots, by name.
 
     Raises ValueError if a shot has a target or pattern that isn't among the names.
     """
@@ -198,7 +198,7 @@ def planned_columns(
 def _renumbered(
     indices: NDArray[Any], names: Sequence[str], wanted: Sequence[str]
 ) -> NDArray[np.intp]:
-    """Return indices into other names of a run's targets or patterns, in the place of own ones."""
+    """Turn indices into names into those of the same names in another order."""
     others = np.zeros(len(names), np.intp)
     for index in np.unique(indices):
         others[index] = wanted.index(names[index])

@@ -15,7 +15,7 @@ _ROOMS = ("labapp", "simulator", "drivers", "optics")
 
 
 class Logbook(logging.Handler):
-    """Writes log messages into a run's record.
+    """Log handler that writes messages into a record.
 
     Lines that the disk refuses wait in memory, and are written before the next one.
     """
@@ -33,7 +33,7 @@ class Logbook(logging.Handler):
             self.write_waiting()
 
     def write_waiting(self) -> None:
-        """Write the lines that the run's record lacks; raise OSError if the disk refuses them."""
+        """Write the lines that wait; raise OSError if the disk refuses them."""
         with self._turn:
             while self._waiting:
                 self._writer.log(*self._waiting[0])
@@ -42,7 +42,7 @@ class Logbook(logging.Handler):
 
 @contextmanager
 def logbook(writer: RecordWriter, clock: Clock) -> Iterator[Logbook]:
-    """Write the run's log messages of level INFO and above to its record while the block lasts."""
+    """Write log messages of level INFO and above to the record while the block lasts."""
     handler = Logbook(writer, clock)
     loggers = [logging.getLogger(room) for room in _ROOMS]
     levels = [logger.level for logger in loggers]

@@ -1,4 +1,4 @@
-"""Find a record whose file was moved while a run wrote it, or keep its frames if it was deleted."""
+"""Find a file that was moved while it was written, or keep its frames if it was deleted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _COPY_BYTES = 1 << 24
 
 
 def find_or_copy(handle: int, path: Path) -> Path:
-    """Return where the open file of a record is now: its path, or another after a move.
+    """Return where an open file is now: its path, or another after a move.
 
     A file that was deleted or replaced is copied to a free name beside its path. Raises OSError
     if the copy can't be written.
@@ -27,7 +27,7 @@ def find_or_copy(handle: int, path: Path) -> Path:
 
 
 def _copy(handle: int, path: Path) -> Path:
-    """Copy the open file of a record to a free name beside its path, and return the name."""
+    """Copy an open file to a free name beside its path, and return the name."""
     for number in count(1):
         copy = path.with_name(f"{path.stem}_rescued_{number}{path.suffix}")
         with suppress(FileExistsError), copy.open("xb") as file:

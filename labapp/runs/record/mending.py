@@ -40,14 +40,17 @@ _STORED = f"{layout.DATA}/stored"
 
 @dataclass(frozen=True)
 class _Record:
-    """A record that is mended. copy: what it is mended from."""
+    """A record that is mended.
+
+    copy: what it is mended from.
+    """
 
     handle: int
     table: PlaceTable
     copy: Copy
 
     def blocks(self, *, copied: bool = False) -> Iterator[NDArray[Any]]:
-        """Yield the rows of the record's chain, or of its copy."""
+        """Yield the rows of the chain, or of its copy."""
         place = self.table.places[_CHAIN]
         table = PlaceTable(self.table.size, {_CHAIN: self.copy.of(place) if copied else place})
         return table.read_blocks(self.handle, _CHAIN, AT_ONCE)
@@ -60,7 +63,7 @@ class _Record:
         return self.table.read(self.handle, _STRUCTURE).tobytes()
 
     def both(self, name: str) -> list[NDArray[Any]]:
-        """Return a dataset of the record and its copy; raise TableError if one is cut off."""
+        """Return a dataset and its copy; raise TableError if one is cut off."""
         found = read_both(self.handle, self.table, name)
         if len(found) < 2:
             raise TableError(f"the copy of {name} is cut off")
@@ -71,7 +74,7 @@ class _Record:
 
 
 def mend_from_copy(handle: int, table: PlaceTable) -> list[str]:
-    """Mend a record before its log from its copy; return what was mended, in words."""
+    """Mend what stands before the log from its copy; return what was mended, in words."""
     copy = find_copy(table)
     if copy is None:
         return []
@@ -89,7 +92,7 @@ def mend_from_copy(handle: int, table: PlaceTable) -> list[str]:
 
 
 def renew_proved_copy(handle: int, table: PlaceTable) -> list[str]:
-    """Write the copy in a record anew if what it is of is proved; return that in words."""
+    """Write the copy anew if what it is of is proved; return that in words."""
     copy = find_copy(table)
     if copy is None:
         return []
@@ -100,7 +103,7 @@ def renew_proved_copy(handle: int, table: PlaceTable) -> list[str]:
 
 
 def _mend_fixed(record: _Record) -> bool:
-    """Mend what never changes in the record, and its digest; return whether something was."""
+    """Mend what never changes, and its digest; return whether something was."""
     handle, table = record.handle, record.table
     front, second = (one.tobytes() for one in record.both(_STRUCTURE))
     own = structure_digest(handle, table)
@@ -116,7 +119,7 @@ def _mend_fixed(record: _Record) -> bool:
 
 
 def _take_fixed(record: _Record) -> None:
-    """Write the copy over all in the record that never changes."""
+    """Write the copy over all that never changes."""
     changing = sorted(
         (place.offset, place.end)
         for name, place in record.table.places.items()
@@ -131,7 +134,7 @@ def _take_fixed(record: _Record) -> None:
 
 
 def _mend_chain(record: _Record) -> bool:
-    """Mend links of the record that its copy has as they follow; return whether there were any."""
+    """Mend links that the copy has as they follow; return whether there were any."""
     structure = record.structure()
     merged = merge_copies(record.blocks(), record.blocks(copied=True), structure)
     mended = False
@@ -143,7 +146,7 @@ def _mend_chain(record: _Record) -> bool:
 
 
 def _mend_settings(record: _Record, chain: FrameChain) -> bool:
-    """Mend the record's measured columns by what the frames' links tell, and by zeros for others.
+    """Mend measured columns by what the frames' links tell, and by zeros for others.
 
     Returns whether something was mended.
     """
@@ -161,7 +164,7 @@ def _mend_settings(record: _Record, chain: FrameChain) -> bool:
 
 
 def linked_columns(blocks: Iterator[NDArray[Any]], chain: FrameChain) -> dict[str, NDArray[Any]]:
-    """Return the measured columns of a record's frames by their latest links; zeros for others."""
+    """Return the measured columns by the frames' latest links; zeros for others."""
     values = np.zeros((len(chain.latest), *layout.VALUES.shape), np.uint8)
     for number, rows in enumerate(blocks):
         first = number * AT_ONCE
@@ -176,7 +179,7 @@ def linked_columns(blocks: Iterator[NDArray[Any]], chain: FrameChain) -> dict[st
 
 
 def _mend_marks(record: _Record, chain: FrameChain) -> bool:
-    """Mend the marks of the record's stored frames; return whether something was mended."""
+    """Mend the marks of stored frames; return whether something was mended."""
     own, second = record.both(_STORED)
     right = np.where(own > 1, np.minimum(second, 1), own)
     right = np.where(chain.linked, np.maximum(right, second == 1), np.minimum(right, second))
@@ -187,7 +190,7 @@ def _mend_marks(record: _Record, chain: FrameChain) -> bool:
 
 
 def _mend_ending(record: _Record, chain: FrameChain) -> bool:
-    """Mend what the end of the record's run wrote; return whether something was mended."""
+    """Mend what the end of the run wrote; return whether something was mended."""
     structure = record.structure()
     log = record.table.read_blocks(record.handle, f"{layout.ENTRY}/log", AT_ONCE)
     lines = follow_log(log, structure)

@@ -39,7 +39,11 @@ _MOST_AXES = 3
 
 @dataclass(frozen=True)
 class HeadedDataset:
-    """A dataset that its header tells. header: where that begins. offset: None if it isn't told."""
+    """A dataset that its header tells.
+
+    header: where that begins, bytes.
+    offset: of its data, bytes; None if it isn't told.
+    """
 
     header: int
     shape: tuple[int, ...]
@@ -47,7 +51,7 @@ class HeadedDataset:
     offset: int | None
 
     def read(self, data: bytes | mmap.mmap) -> NDArray[Any]:
-        """Read the dataset from the bytes of the file; raise ValueError if they end before it."""
+        """Read the values from the bytes of the file; raise ValueError if they end before."""
         size = math.prod(self.shape) * self.dtype.itemsize
         part = data[self.offset : self.offset + size] if self.offset is not None else b""
         return np.frombuffer(part, self.dtype).reshape(self.shape)

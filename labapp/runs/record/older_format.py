@@ -55,7 +55,7 @@ _FORMAT_MARK = b"labapp_format"
 
 
 def rebuild_places(path: Path) -> PlaceTable | None:
-    """Return the places in a truncated record of format 2; None if they aren't surely the same."""
+    """Return the places in a truncated file of format 2; None if they aren't surely the same."""
     with path.open("rb") as file:
         try:
             data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
@@ -67,7 +67,7 @@ def rebuild_places(path: Path) -> PlaceTable | None:
 
 
 def _first_datasets(data: mmap.mmap) -> dict[str, HeadedDataset] | None:
-    """Return the datasets of a record by name, up to the images; None if they aren't all there."""
+    """Return the datasets by name, up to the images; None if they aren't all there."""
     if not data[:4096].count(_FORMAT_MARK):
         return None
     named = dict(zip(_ORDER, find_headed_datasets(data), strict=False))
@@ -80,7 +80,7 @@ def _first_datasets(data: mmap.mmap) -> dict[str, HeadedDataset] | None:
 def _rebuild(
     folder: Path, data: mmap.mmap, found: Mapping[str, HeadedDataset]
 ) -> PlaceTable | None:
-    """Write the structure of a record again; return its places if all is where it was."""
+    """Write the structure again; return its places if all is where it was."""
     with tempfile.TemporaryDirectory(dir=folder, prefix=".salvage-") as scratch:
         again = Path(scratch, "structure.h5")
         try:
@@ -92,7 +92,7 @@ def _rebuild(
 
 
 def _places_if_same(again: Path, found: Mapping[str, HeadedDataset]) -> PlaceTable | None:
-    """Return the places in a record that was written again, if they are those that were found."""
+    """Return the places in a file that was written again, if they are those that were found."""
     with again.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as new:
         there = _first_datasets(new)
     if there is None or not all(_lies_as(one, there[name]) for name, one in found.items()):
@@ -108,7 +108,7 @@ def _lies_as(one: HeadedDataset, other: HeadedDataset) -> bool:
 
 
 def _write_structure(file: h5py.File, data: mmap.mmap, found: Mapping[str, HeadedDataset]) -> None:
-    """Write the structure of a record of format 2, step by step as it was written."""
+    """Write the structure of format 2, step by step as it was written."""
 
     def read(name: str) -> NDArray[Any]:
         return found[name].read(data)
@@ -155,7 +155,7 @@ def _write_structure(file: h5py.File, data: mmap.mmap, found: Mapping[str, Heade
 
 
 def _write_data(file: h5py.File, shape: tuple[int, ...]) -> None:
-    """Write the group of a record's frames, and their columns without content."""
+    """Write the group of the frames, and their columns without content."""
     data = nexus.create_group(file, layout.DATA, "NXdata")
     data.attrs.update({"signal": "images", "axes": list(layout.AXES)})
     reserve(data, "images", shape, np.dtype("u2"))
@@ -175,9 +175,11 @@ def _write_data(file: h5py.File, shape: tuple[int, ...]) -> None:
 def planned_by_older_plan(
     plan: Any, bench: Any, targets: Sequence[str], patterns: Sequence[str], video_frame: float
 ) -> dict[str, NDArray[Any]] | None:
-    """Return the planned columns that follow from the plan of a record of format 2.
+    """Return the planned columns that follow from a plan of format 2.
 
     None if they don't follow: the plan is lost, or asks for slots that the bench doesn't tell.
+
+    video_frame: seconds.
     """
     try:
         shots = planned_shots(

@@ -1,4 +1,4 @@
-"""The table of a record's places: where each dataset lies in the file, told without HDF5.
+"""The table of places: where each dataset lies in the file, told without HDF5.
 
 It stands in the file's user block, before HDF5's own beginning: a mark, the length of the table,
 its SHA-256, and the table as JSON, padded with zeros. So frames can be read from a file whose HDF5
@@ -40,10 +40,10 @@ class TableError(Exception):
 
 @dataclass(frozen=True)
 class Place:
-    """The place of a dataset in a record's file.
+    """Where a dataset lies in the file.
 
-    offset: in bytes from the file's beginning. digest: SHA-256 of its bytes in hexadecimal; empty
-    for a dataset that changes.
+    offset: from the file's beginning, bytes.
+    digest: SHA-256 of its bytes in hexadecimal; empty for a dataset that changes.
     """
 
     offset: int
@@ -66,13 +66,17 @@ class Place:
 
 @dataclass(frozen=True)
 class PlaceTable:
-    """Where the datasets of a record lie. size: of the file, in bytes. places: by path."""
+    """Where all datasets lie.
+
+    size: of the file, bytes.
+    places: by path.
+    """
 
     size: int
     places: Mapping[str, Place]
 
     def read(self, handle: int, name: str) -> NDArray[Any]:
-        """Read a dataset of the record; raise TableError if the file ends before it does."""
+        """Read a dataset; raise TableError if the file ends before it does."""
         place = self.places[name]
         data = os.pread(handle, place.size, place.offset)
         if len(data) < place.size:
@@ -80,7 +84,7 @@ class PlaceTable:
         return np.frombuffer(data, place.dtype).reshape(place.shape)
 
     def read_blocks(self, handle: int, name: str, at_once: int) -> Iterator[NDArray[Any]]:
-        """Yield the rows of a dataset of the record in blocks; raise TableError as read() does."""
+        """Yield the rows of a dataset in blocks; raise TableError as read() does."""
         place = self.places[name]
         for first in range(0, place.shape[0], at_once):
             rows = min(at_once, place.shape[0] - first)
@@ -91,12 +95,12 @@ class PlaceTable:
             yield np.frombuffer(data, place.dtype).reshape(rows, *place.shape[1:])
 
     def write(self, handle: int, name: str, data: bytes, row: int = 0) -> None:
-        """Write bytes to a dataset of the record, from one of its rows on."""
+        """Write bytes to a dataset, from one of its rows on."""
         place = self.places[name]
         write_all(handle, memoryview(data), place.offset + row * place.row_bytes)
 
     def is_whole(self, handle: int, name: str) -> bool:
-        """Return whether a dataset that never changes is as it was when the record was made."""
+        """Return whether a dataset that never changes is as it was when it was made."""
         place = self.places[name]
         data = os.pread(handle, place.size, place.offset)
         return sha256(data).hexdigest() == place.digest
@@ -118,7 +122,7 @@ def find_places(file: h5py.File, size: int) -> PlaceTable:
 
 
 def with_digests(table: PlaceTable, handle: int) -> PlaceTable:
-    """Return a record's table with the SHA-256 of each dataset that never changes."""
+    """Return a table with the SHA-256 of each dataset that never changes."""
     digests = {
         name: sha256(table.read(handle, name).tobytes()).hexdigest()
         for name in table.places
@@ -132,7 +136,7 @@ def with_digests(table: PlaceTable, handle: int) -> PlaceTable:
 
 
 def rebuild_table(path: Path, handle: int) -> PlaceTable:
-    """Return the table of a record by what HDF5 and the file's bytes tell now.
+    """Return the table of places by what HDF5 and the file's bytes tell now.
 
     Raises OSError, RuntimeError, ValueError or KeyError if HDF5 can't read the file.
     """
@@ -141,7 +145,7 @@ def rebuild_table(path: Path, handle: int) -> PlaceTable:
 
 
 def encode(table: PlaceTable) -> bytes:
-    """Return the bytes of a record's user block."""
+    """Return the bytes of the user block."""
     rows = {
         name: [place.offset, list(place.shape), _type_name(place.dtype), place.digest]
         for name, place in table.places.items()
@@ -154,7 +158,7 @@ def encode(table: PlaceTable) -> bytes:
 
 
 def read_table(handle: int, offset: int = 0) -> PlaceTable:
-    """Read the table of an open record at its place; raise TableError if it isn't whole."""
+    """Read the table at its place in an open file; raise TableError if it isn't whole."""
     block = os.pread(handle, USER_BLOCK, offset)
     length = int.from_bytes(block[len(_MARK) : len(_MARK) + 8], "little")
     text = block[_HEAD : _HEAD + length]

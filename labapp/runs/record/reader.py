@@ -55,7 +55,7 @@ _DAMAGE_ERRORS = (
     AttributeError,
     MemoryError,
 )
-"""Exceptions of h5py, and of decoding, when a record is damaged."""
+"""Exceptions of h5py, and of decoding, when a file is damaged."""
 
 
 class Record:
@@ -109,7 +109,7 @@ class Record:
             raise
 
     def _require_known_format(self) -> None:
-        """Raise UserError if the file isn't a record of a run that this program reads."""
+        """Raise UserError if the file isn't a record that this program reads."""
         with self._damage_as_user_error("labapp_format"):
             self.format = self._file.attrs.get("labapp_format")
         if self.format not in (*layout.PROTECTED_FORMATS, layout.UNPROTECTED_FORMAT):
@@ -130,7 +130,7 @@ class Record:
 
     @property
     def state(self) -> State:
-        """State of the recorded run; INTERRUPTED if the writing process is gone before the end."""
+        """How the run stands; INTERRUPTED if the writing process is gone before the end."""
         with self._damage_as_user_error("entry/state"):
             written = State(self._single_text("state"))
         with self._damage_as_user_error("entry/writer"):
@@ -139,7 +139,7 @@ class Record:
 
     @property
     def writer(self) -> str:
-        """The process that wrote the run's record last, as JSON: host, number and start."""
+        """The process that wrote last, as JSON: host, number and start."""
         return self._single_text("writer")
 
     @property
@@ -152,21 +152,21 @@ class Record:
 
     @property
     def bench(self) -> BenchFile:
-        """The bench of the recorded run, with the clip level by which its frames were judged."""
+        """The bench file, with the clip level by which the frames were judged."""
         from labapp.runs.brackets.clip_remarks import bench_as_metered
 
         return bench_as_metered(self.bench_as_opened, self.plan)
 
     @property
     def bench_as_opened(self) -> BenchFile:
-        """The bench file with which the recorded run began."""
+        """The bench file as it was at the start."""
         from labapp.files.bench_file import BenchFile
 
         return self._validated("bench", BenchFile)
 
     @property
     def scene(self) -> SceneFile | None:
-        """The recorded run's scene before simulated devices; None if the devices were real."""
+        """The scene before simulated devices; None if the devices were real."""
         from labapp.files.scene_file import SceneFile
 
         data = self._json("scene")
@@ -197,7 +197,7 @@ class Record:
         return [name for name, device in self.devices.items() if device["simulated"]]
 
     def text(self, name: str) -> str:
-        """Return a text in the entry of the run's record, such as title or start_time, by name."""
+        """Return a text of the entry, such as title or start_time, by name."""
         with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}").decode()
 
@@ -218,7 +218,7 @@ class Record:
         return self._texts(f"{layout.PATTERNS}/names")
 
     def changed_patterns(self) -> list[str]:
-        """Return the names of the record's patterns that have changed since the run began.
+        """Return the names of the patterns that have changed since they were shown.
 
         They are compared by SHA-256.
         """
@@ -231,7 +231,7 @@ class Record:
         ]
 
     def patterns(self) -> dict[str, NDArray[np.uint8]]:
-        """Return all patterns in a run's record by name; raise UserError if one has changed."""
+        """Return all patterns by name; raise UserError if one has changed."""
         if changed := self.changed_patterns():
             raise UserError(
                 f"{self.path}: the pattern {changed[0]!r} isn't as it was shown: the file is "
@@ -240,7 +240,7 @@ class Record:
         return {name: self.pattern(name) for name in self.pattern_names}
 
     def pattern(self, name: str) -> NDArray[np.uint8]:
-        """Return a pattern's grey levels from the run's record, (rows, columns).
+        """Return a pattern's grey levels, (rows, columns).
 
         The grey levels of a video are (frames, rows, columns).
         """
@@ -253,14 +253,14 @@ class Record:
 
     @property
     def capabilities(self) -> BenchCapabilities | None:
-        """What the recorded run's bench could do; None in records of older formats."""
+        """What the bench could do; None in older formats."""
         if self.format == layout.UNPROTECTED_FORMAT or not (known := self._json("capabilities")):
             return None
         return BenchCapabilities.of_data(known)
 
     @property
     def closing_digest(self) -> str:
-        """The digest over the whole record, in hexadecimal; empty before the run has ended."""
+        """The digest over all, in hexadecimal; empty before the end."""
         if self.format == layout.UNPROTECTED_FORMAT:
             return ""
         digest = self._read(f"{layout.DIGESTS}/closing")[0]
@@ -268,21 +268,21 @@ class Record:
 
     @property
     def expected_seconds(self) -> float:
-        """Expected duration of the recorded run in seconds of bench time, settling included."""
+        """Expected duration in seconds of bench time, settling included."""
         return float(self._read("entry/expected_seconds"))
 
     @property
     def faults(self) -> list[dict[str, Any]]:
-        """The fault script of the recorded run's virtual bench, as plain data."""
+        """The fault script of the virtual bench, as plain data."""
         return self._json("faults")
 
     @property
     def scene_picture_digests(self) -> dict[str, str]:
-        """SHA-256 of the picture files of a recorded run's simulated scene, by path."""
+        """SHA-256 of the picture files of the simulated scene, by path."""
         return self._json("pictures")
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column of the run's record, one value per planned frame.
+        """Return a column, one value per planned frame.
 
         labapp.runs.record.layout lists the columns.
         """
@@ -293,7 +293,7 @@ class Record:
     def image(
         self, index: int, rows: slice = slice(None), columns: slice = slice(None)
     ) -> NDArray[Any]:
-        """Return a frame of the run's record in DN, or some of its rows and columns.
+        """Return a frame in DN, or some of its rows and columns.
 
         It is of uint16, or of float32 where it is the mean of several frames.
         """
@@ -302,39 +302,39 @@ class Record:
     def stored_image(
         self, index: int, rows: slice = slice(None), columns: slice = slice(None)
     ) -> NDArray[np.uint16]:
-        """Return a frame of the run's record, or a part, in the steps in which it is stored."""
+        """Return a frame, or a part, in the steps in which it is stored."""
         found: NDArray[np.uint16] = self._read(
             f"{layout.DATA}/images", (index, *self._part(index, rows, columns))
         )
         return found
 
     def _part(self, index: int, rows: slice, columns: slice) -> tuple[slice, slice]:
-        """Return where a part of the run's frame lies in the row that holds it."""
+        """Return where a part of a frame lies in the row that holds it."""
         if self._reads_plainly:
             return rows, columns
         height, width = self.frame_size(index)
         return slice(*rows.indices(height)), slice(*columns.indices(width))
 
     def frame_size(self, index: int) -> tuple[int, int]:
-        """Return rows and columns of a frame of the run."""
+        """Return rows and columns of a frame."""
         return self.readout_of(index).shape(self.whole_frame)
 
     def readout_of(self, index: int) -> Readout:
-        """Return how the sensor was read for a frame of the run."""
+        """Return how the sensor was read for a frame."""
         if self._reads_plainly:
             return self.readouts[0]
         return self.readouts[int(self._read(f"{layout.DATA}/readout", index))]
 
     @cached_property
     def readouts(self) -> list[Readout]:
-        """How the run's sensor was read: what the column `readout` has indices into."""
+        """How the sensor was read: what the column `readout` has indices into."""
         if not self._has(layout.READOUTS):
             return [AS_OPENED]
         with self._damage_as_user_error(layout.READOUTS):
             return [Readout.of_data(one) for one in self._json("readouts")]
 
     def _listed(self) -> str:
-        """List how the frames of the run are read."""
+        """List the readouts in words, for errors."""
         told = [
             f"{n}: {one.describe() or 'whole frames'}" for n, one in enumerate(self.readouts[:12])
         ]
@@ -342,7 +342,7 @@ class Record:
 
     @property
     def chosen_readout(self) -> int:
-        """The number of the chosen readout of the record, or else of the only one.
+        """The number of the chosen readout, or else of the only one.
 
         Raises UserError if there are several, or none of the chosen number.
         """
@@ -355,23 +355,23 @@ class Record:
 
     @property
     def camera(self) -> Camera:
-        """The description of the run's camera, with its sensor as the chosen readout reads it."""
+        """The description of the camera, with its sensor as the chosen readout reads it."""
         return self.readouts[self.chosen_readout].read_camera(self.bench.build_camera())
 
     @cached_property
     def _reads_plainly(self) -> bool:
-        """Whether all frames of the run are whole ones, none of which is a mean."""
+        """Whether all frames are whole ones, none of which is a mean."""
         return all(one == AS_OPENED for one in self.readouts)
 
     @cached_property
     def whole_frame(self) -> tuple[int, int]:
-        """Rows and columns of the frames as the run's bench opened the camera."""
+        """Rows and columns of the frames as the bench opened the camera."""
         known = self.capabilities
         return known.frame_shape if known else self.frame_shape
 
     @cached_property
     def frame_shape(self) -> tuple[int, int]:
-        """Rows and columns of the largest frame of the run."""
+        """Rows and columns of the largest frame."""
         with self._damage_as_user_error(f"{layout.DATA}/images"):
             _, rows, columns = self._file[f"{layout.DATA}/images"].shape
             return int(rows), int(columns)
@@ -386,25 +386,25 @@ class Record:
         return list(self.log_lines())
 
     def log_lines(self) -> Iterator[tuple[float, str]]:
-        """Yield bench time and text of the lines in the log of the run's record, one by one."""
+        """Yield bench time in seconds and text of the lines in the log, one by one."""
         for rows in self._blocks("entry/log"):
             with self._damage_as_user_error("entry/log"):
                 lines = [(float(r["time"]), r["text"]) for r in rows[rows["text"] != b""]]
             yield from ((time, text.decode(errors="replace")) for time, text in lines)
 
     def frames_not_stored(self) -> list[int]:
-        """Return the indices of planned frames that were never stored in the run's record."""
+        """Return the indices of planned frames that were never stored."""
         return np.flatnonzero(self.column("stored") == 0).tolist()
 
     def missing_frames(self) -> list[int]:
-        """Return the indices of a run's frames that were never stored, or are damaged since."""
+        """Return the indices of frames that were never stored, or are damaged since."""
         stored = np.flatnonzero(self.column("stored"))
         return sorted(self.frames_not_stored() + self.damaged_frames(stored, Progress()))
 
     def read_back(
         self, indices: Sequence[int], progress: Progress
     ) -> tuple[list[int], list[int], list[int]]:
-        """Read a run's frames back; return the indices of intact, never stored and damaged ones."""
+        """Read frames back; return the indices of intact, never stored and damaged ones."""
         wanted, stored = np.array(indices, np.intp), self.column("stored") != 0
         damaged = self.damaged_frames(wanted[stored[wanted]], progress)
         whole = stored.copy()
@@ -412,7 +412,7 @@ class Record:
         return wanted[whole[wanted]].tolist(), wanted[~stored[wanted]].tolist(), damaged
 
     def damaged_frames(self, indices: NDArray[np.intp], progress: Progress) -> list[int]:
-        """Return those of some stored frames of the run's record that don't read back."""
+        """Return those of some stored frames that don't read back."""
         is_whole, count = self._frame_check(), len(indices)
 
         def is_damaged(done: int, index: int) -> bool:
@@ -423,7 +423,7 @@ class Record:
         return [index for done, index in enumerate(map(int, indices)) if is_damaged(done, index)]
 
     def _frame_check(self) -> Callable[[int], bool]:
-        """Return the function that tells whether a stored frame of the record is whole.
+        """Return the function that tells whether a stored frame is whole.
 
         By its link, which covers image and settings; in older formats by its checksum.
         """
@@ -449,7 +449,7 @@ class Record:
         return is_whole
 
     def _link(self, number: int) -> np.void:
-        """Return a row of the chain of the run's frames; rows nearby are read along with it."""
+        """Return a row of the frames' chain; rows nearby are read along with it."""
         first = number - number % _LINKS_AT_ONCE
         if first not in self._links:
             if len(self._links) == _LINK_BLOCKS:
@@ -460,7 +460,7 @@ class Record:
         return found
 
     def _image_has(self, index: int, test: Callable[[NDArray[np.uint16]], bool]) -> bool:
-        """Return whether a frame's image in the run's record can be read and passes a test."""
+        """Return whether a frame's image can be read and passes a test."""
         try:
             return test(self._read(f"{layout.DATA}/images", index))
         except UserError:
@@ -468,12 +468,12 @@ class Record:
 
     @property
     def is_protected(self) -> bool:
-        """Whether digests protect the run's record; older formats have none."""
+        """Whether there are digests; older formats have none."""
         return bool(self.format != layout.UNPROTECTED_FORMAT)
 
     @cached_property
     def frame_chain(self) -> FrameChain:
-        """The links of the run's frames, as they were when they were first asked for."""
+        """The links of the frames, as they were when they were first asked for."""
         name = f"{layout.DIGESTS}/chain"
         with self._damage_as_user_error(name):
             return follow_frames(self._blocks(name), self._structure_digest, self.frame_count)
@@ -485,7 +485,7 @@ class Record:
 
     @property
     def lost_log_lines(self) -> int:
-        """Lines of the run's log for which its record had no room."""
+        """Lines for which the log had no room."""
         return int(self._read("entry/log_lost")[0]) if self.is_protected else 0
 
     @property
@@ -493,7 +493,7 @@ class Record:
         return bytes(self._read(f"{layout.DIGESTS}/structure")[0])
 
     def compute_closing_digest(self, state: State | None = None) -> str:
-        """Return the digest over the whole record, in hexadecimal: as it is, or with that state."""
+        """Compute the digest over all, in hexadecimal: as it is, or with another state."""
         frames, lines = self.frame_chain, self.log_chain
         ending = {name: self._read(f"entry/{name}").tobytes() for name in digests.ENDING}
         if state is not None:
@@ -504,7 +504,7 @@ class Record:
         ).hex()  # fmt: skip
 
     def moved_datasets(self) -> list[str]:
-        """Return the datasets that lie elsewhere in a run's record than its table tells."""
+        """Return the datasets that lie elsewhere than the table of places tells."""
         if self.structure is None:
             return []
         known = self.structure.table
@@ -518,7 +518,7 @@ class Record:
         ]
 
     def select(self, **criteria: Any) -> list[int]:
-        """Return the indices of stored frames in a run's record that have given column values.
+        """Return the indices of stored frames that have given column values.
 
         target and pattern are given by name, others by value, for example exposure_asked. The
         frames are those of one readout.
@@ -536,7 +536,7 @@ class Record:
         return np.flatnonzero(keep).tolist()
 
     def seeded_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the record that the run's plan, seed and bench determine, by path.
+        """Return the arrays that plan, seed and bench determine, by path.
 
         Arrays that differ between runs of the same plan are left out: wall-clock times, log,
         the camera's frame numbers, and numbers of attempts.
@@ -553,12 +553,12 @@ class Record:
         return found
 
     def _has(self, name: str) -> bool:
-        """Return whether the run's record has a dataset, which older ones may lack."""
+        """Return whether there is a dataset, which older records may lack."""
         with self._damage_as_user_error(name):
             return name in self._file
 
     def _read(self, name: str, rows: Any = ()) -> Any:
-        """Read a dataset of the run's record by its path, or some of its rows."""
+        """Read a dataset by its path, or some of its rows."""
         with self._damage_as_user_error(name):
             # Finding a dataset takes HDF5 longer than reading a small frame.
             if name not in self._found:
@@ -566,14 +566,14 @@ class Record:
             return self._found[name][rows]
 
     def _blocks(self, name: str) -> Iterator[NDArray[Any]]:
-        """Yield the rows of a dataset of the run's record, some thousands at once."""
+        """Yield the rows of a dataset, some thousands at once."""
         with self._damage_as_user_error(name):
             count = len(self._file[name])
         for first in range(0, count, AT_ONCE):
             yield self._read(name, slice(first, first + AT_ONCE))
 
     def _single_text(self, name: str) -> str:
-        """Read a text that is a dataset with a single row in the entry of the run's record."""
+        """Read a text that is a dataset with a single row in the entry."""
         with self._damage_as_user_error(f"entry/{name}"):
             return self._read(f"entry/{name}")[0].decode()
 
@@ -586,8 +586,10 @@ class Record:
             return json.loads(self.text(name))
 
     def _validated(self, name: str, model: type[M]) -> M:
-        """Return a file that the run's record keeps as text, validated once as long as it's the
-        same text: what a sensor's spectra are checked for takes longer than a frame is read."""
+        """Return a file that is kept as text, validated once as long as it's the same text.
+
+        What a sensor's spectra are checked for takes longer than a frame is read.
+        """
         known = name, self.text(name)
         if known not in self._known:
             self._known[known] = validate(self._json(name), model, f"{self.path}: {name}")
@@ -596,7 +598,7 @@ class Record:
 
     @contextmanager
     def _damage_as_user_error(self, name: str) -> Iterator[None]:
-        """Raise UserError that names a part of the run's record if the block can't read it."""
+        """Raise UserError that names a damaged part if the block can't read it."""
         try:
             yield
         except _DAMAGE_ERRORS as error:
@@ -609,7 +611,7 @@ class Record:
 
 
 def _explain_open_failure(path: Path, error: Exception) -> str:
-    """Return why HDF5 doesn't open a run's record, and what the user should do."""
+    """Return why HDF5 doesn't open a file, and what the user should do."""
     if (told := explain_system_error(error)) is not None:
         return told
     if not _is_record(path):
@@ -620,7 +622,7 @@ def _explain_open_failure(path: Path, error: Exception) -> str:
 
 
 def _is_record(path: Path) -> bool:
-    """Return whether a file that HDF5 can't open may be the record of a run all the same."""
+    """Return whether a file that HDF5 can't open may be a record all the same."""
     with path.open("rb") as file:
         try:
             read_either_table(file.fileno())
@@ -640,7 +642,7 @@ def _cut_short(path: Path, there: int, full: int) -> str:
 
 
 def file_sha256(file: Path) -> str:
-    """Return a file's SHA-256 for a run's record, in hexadecimal; empty if it can't be read."""
+    """Return a file's SHA-256 in hexadecimal; empty if it can't be read."""
     try:
         with open_regular(file) as opened:
             return file_digest(opened, "sha256").hexdigest()

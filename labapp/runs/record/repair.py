@@ -61,10 +61,11 @@ EndProof = Callable[[int, bytes], bool]
 
 
 def repair_record(path: Path, handle: int) -> list[str]:
-    """Repair table, planned columns and links of a run's record where that is surely right.
+    """Repair table, planned columns and links where that is surely right.
 
-    Returns what was repaired, in words. Nothing else is changed. `handle` is that of
-    open_for_writing().
+    Returns what was repaired, in words. Nothing else is changed.
+
+    handle: that of open_for_writing().
     """
     try:
         table, done = _repaired_table(path, handle)
@@ -78,7 +79,7 @@ def repair_record(path: Path, handle: int) -> list[str]:
 
 
 def _repaired_table(path: Path, handle: int) -> tuple[PlaceTable, list[str]]:
-    """Return the table of places of a run's record, and what was done to it, in words."""
+    """Return the table of places, and what was done to it, in words."""
     try:
         return read_table(handle), []
     except TableError:
@@ -95,7 +96,7 @@ def _repaired_table(path: Path, handle: int) -> tuple[PlaceTable, list[str]]:
 
 
 def proved_table(path: Path, handle: int) -> PlaceTable | None:
-    """Return the table of a record that has lost it, as the digest of its structure proves it.
+    """Return the table of places made anew, as the digest of the structure proves it.
 
     None if HDF5 can't read the file, or something else has changed, too.
     """
@@ -108,7 +109,7 @@ def proved_table(path: Path, handle: int) -> PlaceTable | None:
 
 
 def _repair_planned(handle: int, table: PlaceTable, path: Path) -> list[str]:
-    """Write the planned columns of a run's record anew if they alone have changed."""
+    """Write the planned columns anew if they alone have changed."""
     names = [f"{layout.DATA}/{name}" for name in layout.planned_names(table.places)]
     lost = [name for name in names if not table.is_whole(handle, name)]
     if not lost:
@@ -129,9 +130,9 @@ def _repair_planned(handle: int, table: PlaceTable, path: Path) -> list[str]:
 def planned_from_texts(
     handle: int, table: PlaceTable, path: Path
 ) -> dict[str, NDArray[Any]] | None:
-    """Return the planned columns that follow from the plan of a run's record.
+    """Return the planned columns that follow from the plan that is kept as text.
 
-    None if the plan, or what else they follow from, has changed since the record was made.
+    None if the plan, or what else they follow from, has changed since it was written.
     """
     needed = ("entry/plan", "entry/capabilities", "entry/targets/names", "entry/patterns/names")
     if not all(table.is_whole(handle, name) for name in needed):
@@ -152,7 +153,7 @@ def planned_from_texts(
 
 
 def _repair_links(handle: int, table: PlaceTable) -> list[str]:
-    """Write damaged links of a run's frames anew where the next link proves them."""
+    """Write damaged links of frames anew where the next link proves them."""
     name = f"{layout.DIGESTS}/chain"
     structure = table.read(handle, f"{layout.DIGESTS}/structure").tobytes()
     if structure_digest(handle, table) != structure:
@@ -173,7 +174,7 @@ def _repair_links(handle: int, table: PlaceTable) -> list[str]:
 
 
 def frame_digests(handle: int, table: PlaceTable, *, keep: bool = True) -> Digests:
-    """Return the function that computes the digests of a frame in a run's record.
+    """Return the function that computes the digests of a frame.
 
     keep: whether it computes them once for each frame, which takes some 300 bytes.
     """
@@ -191,7 +192,7 @@ def frame_digests(handle: int, table: PlaceTable, *, keep: bool = True) -> Diges
 
 
 def end_proof(handle: int, table: PlaceTable, structure: bytes) -> EndProof:
-    """Return the function that compares links with the closing digest of a run's record."""
+    """Return the function that compares links with the closing digest."""
     closing = table.read(handle, f"{layout.DIGESTS}/closing").tobytes()
     lines = follow_log(table.read_blocks(handle, "entry/log", AT_ONCE), structure)
     ending = [table.read(handle, f"{layout.ENTRY}/{name}").tobytes() for name in ENDING]
@@ -209,7 +210,7 @@ def repair_links(
     compute: Digests,
     is_proved: EndProof,
 ) -> list[int]:
-    """Compute damaged links of a record's frames anew, in place; return their rows.
+    """Compute damaged links of frames anew, in place; return their rows.
 
     A link is computed for the frame that its image and settings tell, otherwise for the one that
     lacks a link and comes next in the order of the plan. It is kept only if an undamaged link
@@ -245,7 +246,7 @@ def repair_links(
 
 
 def _make_link(frame: int, before: bytes, compute: Digests) -> tuple[Any, ...]:
-    """Return the row of a record's frame that builds on the link before."""
+    """Return the row of a frame that builds on the link before."""
     image, values = compute(frame)
     settings = packed_digest(values)
     link = link_digest(before, frame, image, settings)
@@ -253,7 +254,7 @@ def _make_link(frame: int, before: bytes, compute: Digests) -> tuple[Any, ...]:
 
 
 def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> Iterator[tuple[int, int]]:
-    """Yield number and frame of each row that has the digests of that frame of the record."""
+    """Yield number and frame of each row that has the digests of that frame."""
     for number, row in enumerate(rows):
         frame = int(row["frame"])
         if frame < frames and row["image"].any():
@@ -266,7 +267,7 @@ def own_frames(rows: NDArray[Any], compute: Digests, frames: int) -> Iterator[tu
 def _frames_without_link(
     rows: NDArray[Any], stored: NDArray[Any], own: Mapping[int, int]
 ) -> list[int]:
-    """Return the stored frames of a record that no row names, in the order of the plan.
+    """Return the stored frames that no row names, in the order of the plan.
 
     A row names its frame if it has the digests of the frame, or follows from the row before.
     """

@@ -54,8 +54,9 @@ _JSON = ("plan", "bench", "scene", "effect_plan", "pictures", "faults", "capabil
 class Remains:
     """What a damaged record still tells.
 
-    contents: to make a new record from. whole: indices of frames that are whole with their
-    settings. lacks: what is lost, in words.
+    contents: to make a new record from.
+    whole: indices of frames that are whole with their settings.
+    lacks: what is lost, in words.
     """
 
     contents: RecordContents
@@ -64,7 +65,7 @@ class Remains:
 
 
 class DamagedRecord:
-    """Reads what is whole in a damaged record of a run; see `open_damaged`."""
+    """Reads what is whole in a damaged record; see `open_damaged`."""
 
     def __init__(self, path: Path, handle: int, table: PlaceTable, form: int) -> None:
         self._path, self._handle, self._table, self._format = path, handle, table, form
@@ -89,7 +90,7 @@ class DamagedRecord:
         return found
 
     def frame(self, index: int) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-        """Return the image of a frame of the run's record, and its measured columns by name."""
+        """Return the image of a frame, and its measured columns by name."""
         place, data = self._table.places[f"{layout.DATA}/images"], self._frames.image_bytes(index)
         image = np.frombuffer(data, place.dtype).reshape(place.shape[1:])
         if self._frames.known[index]:
@@ -98,7 +99,7 @@ class DamagedRecord:
 
     @cached_property
     def _planned_settings(self) -> dict[str, NDArray[Any]]:
-        """The measured columns of the run's record as they were planned."""
+        """The measured columns as they were planned."""
         bench, exposures = self._json_or_none("bench") or {}, self._planned["exposure_asked"]
         count = len(exposures)
         gain = (bench.get("sensor") or {}).get("gain_electrons_per_dn", _UNKNOWN_GAIN)
@@ -114,7 +115,7 @@ class DamagedRecord:
         }
 
     def log_lines(self) -> Iterator[tuple[float, str]]:
-        """Yield the lines of the run's log as far as they can be read."""
+        """Yield bench time in seconds and text of the lines of the log that can be read."""
         with suppress(TableError, KeyError):
             for rows in self._table.read_blocks(self._handle, "entry/log", AT_ONCE):
                 for time, text in ((float(row["time"]), bytes(row["text"])) for row in rows):
@@ -122,21 +123,21 @@ class DamagedRecord:
                         yield time, text.decode(errors="replace")
 
     def _read_or_none(self, name: str) -> NDArray[Any] | None:
-        """Read a dataset of the run's record; None if it is cut off, or isn't there."""
+        """Read a dataset; None if it is cut off, or isn't there."""
         try:
             return self._table.read(self._handle, name)
         except (TableError, KeyError):
             return None
 
     def _read_known(self, name: str) -> NDArray[Any] | None:
-        """Read a dataset that was known before the run began, if it is as it was."""
+        """Read a dataset that was known before the first frame, if it is as it was."""
         found = self._read_or_none(name)
         if found is None or not self._table.places[name].digest:
             return found
         return found if self._table.is_whole(self._handle, name) else None
 
     def _planned_columns(self) -> dict[str, NDArray[Any]]:
-        """Return the planned columns of the run's record, or what its plan makes of them."""
+        """Return the planned columns, or what the plan makes of them."""
         expected = layout.planned_names(self._table.places)
         found = {name: self._read_known(f"{layout.DATA}/{name}") for name in expected}
         whole = {name: column for name, column in found.items() if column is not None}
@@ -161,7 +162,7 @@ class DamagedRecord:
         return left | {name: np.minimum(left[name], count - 1) for name, count in counts.items()}
 
     def _columns_of_plan(self) -> dict[str, NDArray[Any]] | None:
-        """Return the planned columns that follow from the plan of the run's record."""
+        """Return the planned columns that follow from the plan."""
         if self._format != layout.UNPROTECTED_FORMAT:
             return planned_from_texts(self._handle, self._table, self._path)
         times = self._read_known(f"{layout.PATTERNS}/frame_time")
@@ -179,7 +180,7 @@ class DamagedRecord:
         )
 
     def _contents(self, columns: Mapping[str, NDArray[Any]]) -> RecordContents:
-        """Return what a new record of the run is made from; what is lost is left empty."""
+        """Return what a new record is made from; what is lost is left empty."""
         texts = {name: self._json(name) for name in _JSON}
         names = self._names("entry/targets/names", columns["target"], "target")
         patterns = self._patterns(columns["pattern"])
@@ -219,7 +220,7 @@ class DamagedRecord:
         )
 
     def _text(self, name: str) -> str | None:
-        """Return a text of the run's record; None if it is lost."""
+        """Return a text; None if it is lost."""
         found = self._read_known(f"entry/{name}")
         try:
             return None if found is None else bytes(found[()]).decode()
@@ -227,7 +228,7 @@ class DamagedRecord:
             return None
 
     def _json(self, name: str) -> Any:
-        """Return plain data of the run's record; None if they are lost, which is noted."""
+        """Return plain data; None if they are lost, which is noted."""
         if name == "capabilities" and self._format == layout.UNPROTECTED_FORMAT:
             return None
         found = self._json_or_none(name)
@@ -236,14 +237,14 @@ class DamagedRecord:
         return found
 
     def _json_or_none(self, name: str) -> Any:
-        """Return plain data of the run's record; None if they are lost, or are null."""
+        """Return plain data; None if they are lost, or are null."""
         try:
             return json.loads(self._text(name) or "")
         except ValueError:
             return None
 
     def _names(self, name: str, indices: NDArray[Any], kind: str) -> list[str]:
-        """Return names in the run's record; if they are lost, numbers instead."""
+        """Return names; if they are lost, numbers instead."""
         found = self._read_known(name)
         if found is not None:
             return [one.decode(errors="replace") for one in found.tolist()]
@@ -251,7 +252,7 @@ class DamagedRecord:
         return [f"{kind} {number}" for number in range(int(indices.max()) + 1)]
 
     def _readouts(self, indices: NDArray[Any] | None) -> list[Readout]:
-        """Return how the run's sensor was read; if that is lost, as the bench opened it."""
+        """Return how the sensor was read; if that is lost, as the bench opened it."""
         if indices is None:
             return [AS_OPENED]
         told = self._json("readouts")
@@ -260,7 +261,7 @@ class DamagedRecord:
         return [AS_OPENED] * (int(indices.max(initial=0)) + 1)
 
     def _patterns(self, indices: NDArray[Any]) -> dict[str, NDArray[np.uint8]]:
-        """Return the patterns of the run's record by name; those that are lost are black."""
+        """Return the patterns by name; those that are lost are black."""
         names = self._names(f"{layout.PATTERNS}/names", indices, "pattern")
         first, count, times = (
             self._read_known(f"{layout.PATTERNS}/{name}")
@@ -280,7 +281,7 @@ class DamagedRecord:
         return shown
 
     def _identities(self) -> dict[str, Identity]:
-        """Return the devices of the run's record that are still known."""
+        """Return the devices that are still known."""
         names = {
             name.split("/")[2]
             for name in self._table.places
@@ -299,7 +300,7 @@ class DamagedRecord:
 
 @contextmanager
 def open_damaged(path: Path) -> Iterator[DamagedRecord]:
-    """Open a damaged record of a run for salvage; raise UserError if nothing tells its places."""
+    """Open a damaged record for salvage; raise UserError if nothing tells its places."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:
@@ -313,7 +314,7 @@ def open_damaged(path: Path) -> Iterator[DamagedRecord]:
 
 
 def _find_table(path: Path, handle: int) -> tuple[PlaceTable, int]:
-    """Return the places of a record's datasets, and the record's format."""
+    """Return the places of the datasets, and the number of the format."""
     try:
         return read_either_table(handle), layout.FORMAT
     except TableError:
@@ -333,7 +334,7 @@ def _find_table(path: Path, handle: int) -> tuple[PlaceTable, int]:
 
 
 def _places_by_hdf5(path: Path) -> tuple[PlaceTable, int]:
-    """Return the places of a record's datasets as HDF5 tells them, and the record's format."""
+    """Return the places of the datasets as HDF5 tells them, and the number of the format."""
     with _openable(path) as whole:
         try:
             with open_hdf5(whole) as file:

@@ -1,4 +1,4 @@
-"""The copy of all that a record's frames need: where it lies, and which of both is right.
+"""The copy of all that frames need: where it lies, and which of both is right.
 
 All bytes before the log (table of places, HDF5's structure, texts, columns, chain) stand once more
 in the dataset `copy` at the file's end, at least APART bytes further on. So whatever page is lost,
@@ -34,32 +34,40 @@ BETWEEN = "bytes between its datasets"
 
 @dataclass(frozen=True)
 class Copy:
-    """Where the copy lies in a record. begin, size: of the bytes that stand once more."""
+    """Where the copy lies in the file.
+
+    begin: first byte of the copy.
+    size: number of bytes that stand once more.
+    """
 
     begin: int
     size: int
 
     def has(self, place: Place) -> bool:
-        """Return whether a dataset of the record stands in its copy, too."""
+        """Return whether a dataset stands in the copy, too."""
         return place.end <= self.size
 
     def of(self, place: Place) -> Place:
-        """Return where a dataset of the record stands once more."""
+        """Return where a dataset stands once more."""
         return replace(place, offset=place.offset + self.begin)
 
     def foot(self) -> bytes:
-        """Return the last bytes of the dataset, by which the record's copy is found."""
+        """Return the last bytes of the dataset, by which the copy is found."""
         told = self.begin.to_bytes(8, "little") + self.size.to_bytes(8, "little")
         return _MARK + told + sha256(told).digest()
 
 
 def room_for_copy(front: int, offset: int) -> int:
-    """Return the bytes of a record's dataset `copy`, of so many first bytes, from that place on."""
+    """Return the size in bytes of the dataset `copy`.
+
+    front: number of bytes that stand once more.
+    offset: bytes from their end to the dataset.
+    """
     return max(APART - offset, 0) + front + _FOOT
 
 
 def find_copy(table: PlaceTable) -> Copy | None:
-    """Return where the copy lies by a record's table of places; None in older formats."""
+    """Return where the copy lies by the table of places; None in older formats."""
     place = table.places.get(layout.COPY)
     if place is None:
         return None
@@ -71,7 +79,7 @@ def find_copy(table: PlaceTable) -> Copy | None:
 
 
 def read_either_table(handle: int) -> PlaceTable:
-    """Read a record's table of places, or its copy; raise TableError if neither is whole."""
+    """Read the table of places, or its copy; raise TableError if neither is whole."""
     try:
         return read_table(handle)
     except TableError:
@@ -84,7 +92,7 @@ def read_either_table(handle: int) -> PlaceTable:
 
 
 def choose_places(handle: int, table: PlaceTable) -> PlaceTable:
-    """Return a record's table with the places of copies for fixed datasets that are whole there."""
+    """Return a table with the places of copies for fixed datasets that are whole only there."""
     copy = find_copy(table)
     if copy is None:
         return table
@@ -98,12 +106,12 @@ def choose_places(handle: int, table: PlaceTable) -> PlaceTable:
 
 
 def read_both(handle: int, table: PlaceTable, name: str) -> list[NDArray[Any]]:
-    """Read a dataset of the record and its copy: those of both that aren't cut off."""
+    """Read a dataset and its copy: those of both that aren't cut off."""
     return [one.read(handle, name) for one in tables_of_both(handle, table, name)]
 
 
 def tables_of_both(handle: int, table: PlaceTable, name: str) -> list[PlaceTable]:
-    """Return a table of a dataset of the record, and one of its copy, if they aren't cut off."""
+    """Return a table of a dataset, and one of its copy, if they aren't cut off."""
     copy, place, size = find_copy(table), table.places.get(name), os.fstat(handle).st_size
     if place is None:
         return []
@@ -112,7 +120,7 @@ def tables_of_both(handle: int, table: PlaceTable, name: str) -> list[PlaceTable
 
 
 def differing_rows(handle: int, table: PlaceTable) -> Iterator[tuple[str, int]]:
-    """Yield dataset and row wherever a record's copy isn't what stands before the log.
+    """Yield dataset and row wherever the copy isn't what stands before the log.
 
     What lies in no dataset is BETWEEN, with its place in the file.
     """
@@ -135,7 +143,7 @@ def differing_rows(handle: int, table: PlaceTable) -> Iterator[tuple[str, int]]:
 
 
 def renew_copy(handle: int, table: PlaceTable, *, is_new: bool = False) -> bool:
-    """Write a record's copy anew from what stands before the log; return whether it differed.
+    """Write the copy anew from what stands before the log; return whether it differed.
 
     is_new: whether all of it is written, so that disk space is taken.
     """
@@ -156,7 +164,7 @@ def renew_copy(handle: int, table: PlaceTable, *, is_new: bool = False) -> bool:
 
 
 def _blocks(handle: int, copy: Copy) -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Yield place, bytes and copied bytes of a record, block by block; zeros for what is cut."""
+    """Yield place, bytes and copied bytes, block by block; zeros for what is cut."""
     for first in range(0, copy.size, _AT_ONCE):
         size = min(_AT_ONCE, copy.size - first)
         front, second = (

@@ -33,7 +33,7 @@ _READ_IN_PARTS = (*layout.LARGE, f"{layout.DIGESTS}/chain")
 _SHORT_TEXTS = frozenset(
     f"entry/{name}" for name in ("title", "definition", "start_time", "clock", "writer")
 )
-"""Texts of a record that are shown, and have a line."""
+"""Texts that are shown, and have a line."""
 
 _LONGEST_TEXT = 1 << 16
 """Bytes of such a text. Chosen."""
@@ -41,10 +41,11 @@ _LONGEST_TEXT = 1 << 16
 
 @dataclass(frozen=True)
 class Structure:
-    """The structure of a record's file.
+    """How a file is built, and whether that has changed.
 
-    table: where its datasets lie. changed: whether the structure isn't the one that its digest
-    tells. lost: names of datasets that have changed, or are cut off.
+    table: where its datasets lie.
+    changed: whether the structure isn't the one that its digest tells.
+    lost: names of datasets that have changed, or are cut off.
     """
 
     table: PlaceTable
@@ -52,13 +53,13 @@ class Structure:
     lost: tuple[str, ...]
 
     def explain(self, path: Path) -> str:
-        """Return what has changed in the structure of a run's record, and the remedy."""
+        """Return what has changed, and the remedy."""
         parts = ", ".join(self.lost) or BETWEEN
         return f"{parts} changed since the run began. {advise_salvage(path)}"
 
 
 def read_structure(path: Path) -> Structure | None:
-    """Read the structure of a run's record without HDF5; None if it has no table of places."""
+    """Read the structure without HDF5; None if there is no table of places."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         table = read_table(handle)
@@ -91,7 +92,7 @@ def require_plain_structure(file: h5py.File, path: Path) -> None:
 
 
 def _require_plain(file: h5py.File, path: Path) -> None:
-    """Raise UserError for data elsewhere than in the record's file, and h5py's errors."""
+    """Raise UserError for data elsewhere than in the file, and h5py's errors."""
     size = path.stat().st_size
     for name, dataset in walk_datasets(file, path):
         storage = dataset.id.get_create_plist()

@@ -1,4 +1,4 @@
-"""Mend state and log of a record after a power cut, which may take any of its last pages."""
+"""Mend state and log after a power cut, which may take any of the file's last pages."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _LOG, _STATE = (f"{layout.ENTRY}/{name}" for name in ("log", "state"))
 
 
 def mend_torn_end(handle: int, table: PlaceTable) -> list[str]:
-    """Write state and log of a run's record anew as far as a power cut took them.
+    """Write state and log anew as far as a power cut took them.
 
-    All lines that can be read are kept. Nothing is changed in the record of a run that has ended:
-    all of its log was on the disk before. Returns what was done, in words.
+    All lines that can be read are kept. Nothing is changed after the end of a run: all of its log
+    was on the disk before. Returns what was done, in words.
     """
     done = []
     state = state_of(table.read(handle, _STATE).tobytes())
@@ -38,12 +38,12 @@ def mend_torn_end(handle: int, table: PlaceTable) -> list[str]:
 
 
 def state_of(data: bytes) -> State | None:
-    """Return the state that these bytes of a run's record tell; None if they tell none."""
+    """Return the state that these bytes tell; None if they tell none."""
     return next((one for one in State if one.value.encode() == data.rstrip(b"\0")), None)
 
 
 def _chain_anew(handle: int, table: PlaceTable, found: LogChain, first: int) -> bool:
-    """Chain what is left of a run's log behind a line that says so; false if it has no room."""
+    """Chain what is left of the log behind a line that says so; false if it has no room."""
     left, end = _lines_left(handle, table, first)
     told = f"lines of the log were lost from here on; {len(left)} that were found follow"
     if first + 1 + len(left) > table.places[_LOG].shape[0]:
@@ -60,7 +60,7 @@ def _chain_anew(handle: int, table: PlaceTable, found: LogChain, first: int) -> 
 def _lines_left(
     handle: int, table: PlaceTable, first: int
 ) -> tuple[list[tuple[float, bytes]], int]:
-    """Return the lines of a run's log that can be read, and the row behind the last of any."""
+    """Return the lines of the log that can be read, and the row behind the last of any."""
     left, end = [], first
     for begin, rows in zip(count(0, AT_ONCE), table.read_blocks(handle, _LOG, AT_ONCE)):
         for place in _used(rows):
@@ -74,12 +74,11 @@ def _lines_left(
 
 
 def _used(rows: NDArray[Any]) -> list[int]:
-    """Return the places of those rows of a run's log that aren't zeros."""
+    """Return the places of those rows that aren't zeros."""
     flat = rows.view(np.uint8).reshape(len(rows), -1)
     places: list[int] = np.flatnonzero(flat.any(axis=1)).tolist()
     return places
 
 
 def _write(handle: int, table: PlaceTable, name: str, row: int, value: Any) -> None:
-    """Write a row of a dataset in a run's record."""
     table.write(handle, name, np.array(value, table.places[name].dtype).tobytes(), row)

@@ -19,11 +19,11 @@ _FIXED_BY_RESUME = {
     "closing",
     "copy",
 }
-"""Checks of a record that pass again when a run is resumed, which mends it and takes frames."""
+"""Checks that pass again when a run is resumed, which mends its record and takes frames."""
 
 
 def advise_salvage(path: Path | str) -> str:
-    """Return what to do about a record that is damaged, as a sentence."""
+    """Say what to do about a damaged file, as a sentence."""
     command = f"labapp salvage {shell_word(str(path))} --out FILE"
     return f"Restore it from a copy, or save its frames with: {command}"
 
@@ -34,12 +34,12 @@ _TORN = {"log"}
 CheckStatus = Literal["ok", "note", "unfinished", "WRONG"]
 
 StatusAndDetail = tuple[CheckStatus, str]
-"""The status of a check of a record, and its details in words."""
+"""The status of a check, and its details in words."""
 
 
 @dataclass(frozen=True)
 class RecordFinding:
-    """The finding of one check of a record; "note" means a remark that isn't an error."""
+    """What one check found; "note" means a remark that isn't an error."""
 
     check: str
     result: CheckStatus
@@ -48,11 +48,11 @@ class RecordFinding:
 
 @dataclass
 class Verification:
-    """The findings of all checks of a record.
+    """The findings of all checks.
 
-    `is_being_written` says whether a process still writes the record. `not_stored` are the
-    indices of planned frames that aren't in the record, and `damaged` those of frames that don't
-    have their checksum.
+    is_being_written: whether a process still writes the record.
+    not_stored: indices of planned frames that aren't in the record.
+    damaged: indices of frames that don't have their checksum.
     """
 
     path: str
@@ -64,22 +64,22 @@ class Verification:
 
     @property
     def failed_checks(self) -> list[str]:
-        """Names of the checks that a run's record failed."""
+        """Names of the checks that failed."""
         return [one.check for one in self.findings if one.result == "WRONG"]
 
     @property
     def is_in_order(self) -> bool:
-        """Whether the run's record passed all checks."""
+        """Whether all checks passed."""
         return all(one.result in ("ok", "note") for one in self.findings)
 
     @property
     def lacks_frames(self) -> bool:
-        """Whether frames of the run's record are missing or damaged."""
+        """Whether frames are missing or damaged."""
         return bool(self.not_stored or self.damaged)
 
     @property
     def resume_command(self) -> str | None:
-        """The command that completes the run's record; None if none is needed, or none can."""
+        """The command that completes the record; None if none is needed, or none can."""
         fixed = _FIXED_BY_RESUME | (set() if self._has_ended else _TORN)
         if self.is_in_order or self.is_being_written or set(self.failed_checks) - fixed:
             return None
@@ -91,7 +91,7 @@ class Verification:
 
     @property
     def reason(self) -> str:
-        """What is wrong or lacking in a run's record, in words; empty if it is in order."""
+        """What is wrong or lacking, in words; empty if all is in order."""
         bad = [one for one in self.findings if one.result == "WRONG"] or [
             one for one in self.findings if one.result == "unfinished"
         ]
@@ -99,7 +99,7 @@ class Verification:
 
     @property
     def verdict(self) -> str:
-        """One line for the user on the condition of a run's record and what to do."""
+        """One line for the user on the condition of the file and what to do."""
         if self.is_in_order:
             return f"{self.path}: in order, {self.state}."
         if self.failed_checks == ["file"]:

@@ -38,10 +38,12 @@ _Columns = dict[str, NDArray[Any]]
 
 
 class WholeFrames:
-    """The frames that are whole in a damaged record of a run.
+    """Finds the frames of a damaged file that are whole.
 
-    whole: which of the planned frames. known: of which of them the settings are, too. values: these
-    settings as bytes. lacks: what else is lost, in words.
+    whole: which of the planned frames.
+    known: of which of them the settings are, too.
+    values: these settings as bytes.
+    lacks: what else is lost, in words.
     """
 
     def __init__(self, handle: int, table: PlaceTable) -> None:
@@ -53,12 +55,12 @@ class WholeFrames:
         self.lacks: list[str] = []
 
     def image_bytes(self, index: int) -> bytes:
-        """Return the bytes of a frame of the record; fewer if the file ends before they do."""
+        """Return the bytes of a frame; fewer if the file ends before they do."""
         size = self._place.row_bytes
         return os.pread(self._handle, size, self._place.offset + index * size)
 
     def find_linked(self, progress: Progress) -> None:
-        """Find the frames by the links of a record that has digests."""
+        """Find the frames by their links, where there are digests."""
         columns = list(self._columns())
         try:
             structure = self._structure()
@@ -73,7 +75,7 @@ class WholeFrames:
             self._note(self._repaired(structure, marks), columns, progress)
 
     def _links(self, structure: bytes) -> Iterator[NDArray[Any]]:
-        """Return the rows of the record's chain, each from the copy in which it is whole."""
+        """Return the rows of the chain, each from the copy in which it is whole."""
         blocks = [
             table.read_blocks(self._handle, _CHAIN, AT_ONCE)
             for table in tables_of_both(self._handle, self._table, _CHAIN)
@@ -84,7 +86,7 @@ class WholeFrames:
         return merge_copies(own, copied[0], structure) if copied else own
 
     def _structure(self) -> bytes:
-        """Return the digest from which the record's chain begins; one of two, if they differ."""
+        """Return the digest from which the chain begins; one of two, if they differ."""
         known = [one.tobytes() for one in read_both(self._handle, self._table, _STRUCTURE)]
         for structure in known:
             for rows in self._links(structure):
@@ -94,13 +96,13 @@ class WholeFrames:
         return known[0]
 
     def _columns(self) -> Iterator[_Columns]:
-        """Yield the measured columns of the record, and their copy, as far as they are there."""
+        """Yield the measured columns, and their copy, as far as they are there."""
         both = [read_both(self._handle, self._table, f"{layout.DATA}/{n}") for n in SETTINGS]
         for number in range(min(map(len, both))):
             yield {name: one[number] for name, one in zip(SETTINGS, both, strict=True)}
 
     def _note(self, rows: NDArray[Any], columns: Iterable[_Columns], progress: Progress) -> None:
-        """Note the whole frames of some of the record's links; of a frame's links, the last."""
+        """Note the whole frames of some links; of a frame's links, the last."""
         for row in rows[rows["image"].any(axis=1)]:
             frame, count = int(row["frame"]), len(self.whole)
             if frame >= count:
@@ -117,7 +119,7 @@ class WholeFrames:
                 self.values[frame] = np.frombuffer(known, np.uint8)
 
     def _repaired(self, structure: bytes, marks: list[NDArray[Any]]) -> NDArray[Any]:
-        """Return the record's links with those that follow from frames and other links."""
+        """Return the links with those that follow from frames and other links."""
         rows = np.concatenate(list(self._links(structure)))
         if marks:
             compute = frame_digests(self._handle, self._table)
@@ -126,7 +128,7 @@ class WholeFrames:
         return rows
 
     def find_summed(self) -> None:
-        """Find the frames by the checksums of a record of format 2."""
+        """Find the frames of format 2 by their checksums."""
         columns = next(self._columns(), None)
         stored, sums = (
             next(iter(read_both(self._handle, self._table, f"{layout.DATA}/{name}")), None)
@@ -149,7 +151,7 @@ class WholeFrames:
 
 
 def _find_settings(row: np.void, columns: Iterable[_Columns]) -> bytes | None:
-    """Return the settings of a frame of the record that have the digest in its link."""
+    """Return the settings of a frame that have the digest in its link."""
     known, frame = row["settings"].tobytes(), int(row["frame"])
     inside = [row["values"].tobytes()] if "values" in (row.dtype.names or ()) else []
     told = chain(inside, (_pack(one, frame) for one in columns))
@@ -157,5 +159,5 @@ def _find_settings(row: np.void, columns: Iterable[_Columns]) -> bytes | None:
 
 
 def _pack(columns: _Columns, frame: int) -> bytes:
-    """Return the bytes of a frame's measured columns in the record."""
+    """Return the bytes of a frame's measured columns."""
     return b"".join(pack_settings({name: one[frame] for name, one in columns.items()}).values())

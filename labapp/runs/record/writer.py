@@ -40,9 +40,10 @@ class CorruptFrame(Exception):
 class RecordWriter:
     """Writes frames, state and log into an existing record; a context manager.
 
-    HDF5 isn't used: the table of places tells where each dataset lies. `lock` is the handle of
-    create_record() or open_for_writing(), which is closed with the writer. Raises UserError if
-    another process writes the record, or its table or chains are damaged.
+    HDF5 isn't used: the table of places tells where each dataset lies. Raises UserError if another
+    process writes the record, or its table or chains are damaged.
+
+    lock: handle of create_record() or open_for_writing(), which is closed with the writer.
     """
 
     def __init__(self, path: Path, lock: int | None = None) -> None:
@@ -70,7 +71,7 @@ class RecordWriter:
         self._put("writer", 0, writer_process.describe_this_process().encode())
 
     def _continue_chains(self) -> None:
-        """Find where the record's links and log lines end."""
+        """Find where links and log lines end."""
         table = read_table(self._handle)
         changing = {name: table.places[name] for name in layout.CHANGING if name in table.places}
         self._places = {name.rpartition("/")[2]: place for name, place in changing.items()}
@@ -108,17 +109,16 @@ class RecordWriter:
 
     @property
     def handle(self) -> int:
-        """Handle of the run's open record."""
         return self._handle
 
     @property
     def lock_limit(self) -> str:
-        """What the lock of the run's record can't promise, in words; empty if it is a whole one."""
+        """What the lock can't promise, in words; empty if it is a whole one."""
         return lock_limit(self._lock)
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes of a frame's image in the run's record."""
+        """Bytes of a frame's image."""
         return self._places["images"].row_bytes
 
     @property
@@ -126,7 +126,7 @@ class RecordWriter:
         return self._places["images"].shape[0]
 
     def reopen(self) -> None:
-        """Reopen the run's record after a failed write, because the old handle may be unusable."""
+        """Reopen the file after a failed write, because the old handle may be unusable."""
         os.close(self._handle)
         self._handle = -1
         self._open()
@@ -134,11 +134,13 @@ class RecordWriter:
     def store(
         self, shot: Shot, frame: Frame, wavelength: float, *, start_time: float, attempts: int = 1
     ) -> None:
-        """Store a frame in the run's record; on return, it survives the end of this process.
+        """Store a frame; on return, it survives the end of this process.
 
-        `start_time` is the value of the column `time`. Raises CorruptFrame if the picture differs
-        from the one that the camera sent, and OSError if the disk refuses it. In both cases the
-        frame isn't marked as stored.
+        Raises CorruptFrame if the picture differs from the one that the camera sent, and OSError if
+        the disk refuses it. In both cases the frame isn't marked as stored.
+
+        wavelength: metres.
+        start_time: value of the column `time`, seconds.
         """
         values = {
             "exposure": frame.exposure,
@@ -156,7 +158,7 @@ class RecordWriter:
         self.store_values(shot.index, frame.image, values, frame.checksum)
 
     def _fill_row(self, image: NDArray[np.uint16], known: int | None) -> NDArray[np.uint16]:
-        """Return a frame of a part of the run's sensor with zeros up to the size of all frames."""
+        """Pad a frame of a part of the sensor with zeros up to the size of all frames."""
         (rows, columns), (height, width) = self._places["images"].shape[1:], image.shape
         if height > rows or width > columns:
             raise CorruptFrame(f"it has {image.shape} pixels")
@@ -170,10 +172,10 @@ class RecordWriter:
         values: Mapping[str, Any],
         known: int | None = None,
     ) -> None:
-        """Store a frame's image and measured columns in the run's record: see `store`.
+        """Store a frame's image and measured columns: see `store`.
 
-        values: all measured columns; `checksum` and `stored` may be left out. known: CRC-32 that
-        the image should have.
+        values: all measured columns; `checksum` and `stored` may be left out.
+        known: CRC-32 that the image should have.
         """
         image = np.ascontiguousarray(image, dtype=self._places["images"].dtype)
         if image.shape != self._places["images"].shape[1:]:
@@ -192,7 +194,7 @@ class RecordWriter:
             raise
 
     def _give_up(self, frames: Iterable[int]) -> None:
-        """Note that frames of the run's record aren't stored, because the disk may not have them.
+        """Note that frames aren't stored, because the disk may not have them.
 
         The operating system still shows them as they were written, for as long as it likes.
         """
@@ -202,7 +204,7 @@ class RecordWriter:
                 self._put("stored", index, 0)
 
     def _write_image(self, index: int, image: NDArray[np.uint16]) -> tuple[int, bytes]:
-        """Write a frame's image to the run's record; return its checksum and its digest."""
+        """Write a frame's image; return its checksum and its digest."""
         if image.nbytes < _SMALL:
             self._write("images", index, image.data.cast("B"))
             return checksum(image), digests.image_digest(image)
@@ -213,7 +215,7 @@ class RecordWriter:
         return checksum(image), digested.result()
 
     def _append_link(self, frame: int, image: bytes, values: bytes) -> None:
-        """Append a stored frame's link, with its settings, to the chain of the run's record."""
+        """Append a stored frame's link, with its settings, to the chain."""
         if self._links == self._places["chain"].shape[0]:
             raise UserError(
                 f"{self.path}: so many frames were taken again that there is no room for their "
@@ -228,7 +230,7 @@ class RecordWriter:
         self._links, self._last_link = self._links + 1, link
 
     def is_stored_intact(self, index: int) -> bool:
-        """Return whether the file of the run's record holds a frame intact, by its digest."""
+        """Return whether the file holds a frame intact, by its digest."""
         if self._latest[index] < 0:
             return False
         data = self._read("images", index)
@@ -238,7 +240,7 @@ class RecordWriter:
         return digests.image_digest(image) == row["image"].tobytes()
 
     def log(self, time_: float, text: str) -> None:
-        """Add a line to the log of the run's record; if it is full, count the line as lost."""
+        """Add a line to the log; if it is full, count the line as lost."""
         if self._lines == self._places["log"].shape[0]:
             (lost,) = np.frombuffer(self._read("log_lost", 0), self._places["log_lost"].dtype)
             self._put("log_lost", 0, lost + 1)
@@ -258,7 +260,7 @@ class RecordWriter:
                 raise
 
     def set_state(self, state: State, message: str = "") -> str:
-        """Write the run's state and its reason to the record, and the time if the run has ended.
+        """Write a state and its reason, and the time if the run has ended.
 
         Returns the closing digest of an ended run in hexadecimal, which covers the whole record;
         otherwise an empty text. A run is COMPLETE only once all of its record is on the disk, and
@@ -274,7 +276,7 @@ class RecordWriter:
         return digest
 
     def _flush_end(self, state: State) -> None:
-        """Flush the record of a run that ends; what was told to be lost ends it no other way."""
+        """Flush at the end of a run; raise a loss that was told before again only if COMPLETE."""
         was_told = self._lost
         try:
             self.flush()
@@ -283,7 +285,7 @@ class RecordWriter:
                 raise
 
     def flush(self) -> None:
-        """Return when all of the run's record is on the disk; give up frames that it refuses."""
+        """Return when all is on the disk; give up frames that it refuses."""
         try:
             self._sync.flush()
         except LostWrites as error:
@@ -306,13 +308,13 @@ class RecordWriter:
         return digest
 
     def _close_record(self, ended: State | None) -> str:
-        """Write the closing digest of a run's record that ended in a state, and return it."""
+        """Write the digest over all for a final state, or zeros for None; return it, or ""."""
         digest = self._closing_digest(ended) if ended else bytes(layout.DIGEST.itemsize)
         self._put("closing", 0, np.frombuffer(digest, np.uint8))
         return digest.hex() if ended else ""
 
     def _closing_digest(self, state: State) -> bytes:
-        """Return the digest over the run's record with the state that it's about to have."""
+        """Return the digest over all with the state that the record is about to have."""
         ending = {name: self._read(name, 0) for name in digests.ENDING}
         ending["state"] = np.array(state.value.encode(), layout.STATE).tobytes()
         return digests.closing_digest(
@@ -326,7 +328,7 @@ class RecordWriter:
         self._handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
 
     def _begin_writeback(self, index: int, size: int) -> None:
-        """Let the disk take a large picture of a run's record while its digest is computed.
+        """Let the disk take a large picture while its digest is computed.
 
         On Linux the advice begins to write, and keeps what isn't on the disk yet in memory.
         """
@@ -337,12 +339,12 @@ class RecordWriter:
                 os.posix_fadvise(self._handle, offset, size, os.POSIX_FADV_DONTNEED)
 
     def _put(self, name: str, row: int, value: Any) -> None:
-        """Write a row of a dataset at its place in the file of the run's record."""
+        """Write a row of a dataset at its place in the file."""
         place = self._places[name]
         self._write(name, row, memoryview(np.array(value, place.dtype).tobytes()))
 
     def _read(self, name: str, row: int) -> bytes:
-        """Read the bytes of a row in the run's record; fewer if the file ends before the row."""
+        """Read the bytes of a row; fewer if the file ends before the row."""
         place = self._places[name]
         return os.pread(self._handle, place.row_bytes, place.offset + row * place.row_bytes)
 
@@ -356,6 +358,6 @@ class RecordWriter:
 
 
 def _require_checksum(found: int, known: int | None) -> None:
-    """Raise CorruptFrame if the image of a run's frame isn't the one that the camera sent."""
+    """Raise CorruptFrame if an image isn't the one that the camera sent."""
     if known is not None and found != known:
         raise CorruptFrame(f"its checksum is {found:08x}, the camera's {known:08x}")

@@ -27,9 +27,9 @@ _REMEDIES = {
 
 
 def open_for_writing(path: Path) -> int:
-    """Open a run's record for writing; return its handle, which holds the lock until it's closed.
+    """Open a record for writing; return its handle, which holds the lock until it's closed.
 
-    Raises UserError if another process writes the record, or it isn't a file that may be written.
+    Raises UserError if another process writes it, or it isn't a file that may be written.
     """
     try:
         handle = open_locked(path)
@@ -43,21 +43,23 @@ def open_for_writing(path: Path) -> int:
 
 
 def warn_of_lock(path: Path, handle: int) -> None:
-    """Name in the log what the lock of a run's record can't promise, where there is something."""
+    """Name in the log what a file's lock can't promise, where there is something."""
     if limit := lock_limit(handle):
         log.warning("%s: %s", path, limit)
 
 
 def describe_this_process() -> str:
-    """Describe this process as the writer of a run's record, as JSON: host, number and start."""
+    """Describe this process as a writer, in JSON: host, number and start."""
     return json.dumps({"host": socket.gethostname(), "pid": os.getpid(), "start": _start("self")})
 
 
 def is_alive(writer: str) -> bool:
-    """Return whether the writer of a run's record still runs.
+    """Return whether a writer still runs.
 
-    `writer` is what describe_this_process() returned. A process on another host can't be checked,
-    and counts as running; one whose description is torn is gone.
+    A process on another host can't be checked, and counts as running; one whose description is torn
+    is gone.
+
+    writer: what describe_this_process() returned.
     """
     try:
         described = json.loads(writer)
@@ -69,10 +71,9 @@ def is_alive(writer: str) -> bool:
 
 
 def _start(process: str) -> str | None:
-    """Return when the process that writes a run's record started; None if it has ended.
+    """Return when a process started, in clock ticks since boot; None if it has ended.
 
-    The time is in clock ticks since boot. Number and start together identify a process, because
-    numbers are reused.
+    Number and start together identify a process, because numbers are reused.
     """
     try:
         status = Path("/proc", process, "stat").read_text()

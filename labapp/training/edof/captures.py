@@ -1,4 +1,4 @@
-"""Draw scenes at random depths, and simulate their captures for the training of a decoder."""
+"""Draw scenes at random depths, and simulate their captures for a decoder to learn from."""
 
 from __future__ import annotations
 
@@ -25,18 +25,11 @@ from optics.edof.protocol import decode_srgb, encode_srgb
 class DrawnScene:
     """A scene at its depths, before it is captured.
 
-    Attributes
-    ----------
-    scene : Scene
-        Pictures and mattes of its layers, the nearest first.
-    depths : NDArray, (layers,)
-        Random numbers from 0 to below 1 that decide the depths, falling: 0 is the farthest.
-    noise : float
-        Standard deviation of the capture's noise, where white is 1.
-    unmodulated : float
-        Share of the light that the panel leaves unmodulated.
-    grain : NDArray, (side, side), float32
-        The noise, with a standard deviation of 1.
+    depths: random numbers from 0 to below 1 that decide the depths, (layers,), falling: 0 is the
+    farthest.
+    noise: standard deviation of the capture's noise, where white is 1.
+    unmodulated: share of the light that the panel leaves unmodulated.
+    grain: the noise with a standard deviation of 1, (side, side).
     """
 
     scene: Scene
@@ -50,14 +43,9 @@ class DrawnScene:
 class Captures:
     """Simulated captures with their truth.
 
-    Attributes
-    ----------
-    pictures : torch.Tensor, (captures, 1, side, side)
-        The captures.
-    truth : torch.Tensor, (captures, 1, side, side)
-        The sharp scenes, in the scale in which decoders are compared.
-    noise : torch.Tensor, (captures,)
-        Standard deviation of each.
+    pictures: the captures, (captures, 1, side, side).
+    truth: the sharp scenes, (captures, 1, side, side), in the scale in which decoders are compared.
+    noise: standard deviation of each, (captures,).
     """
 
     pictures: torch.Tensor
@@ -66,14 +54,10 @@ class Captures:
 
 
 class MixedPictures:
-    """Training patches from photographs, some of them drawn instead.
+    """Patches from photographs, some of them drawn instead.
 
-    Parameters
-    ----------
-    photographs : PatchSource or None
-        Where photographs come from; None draws all patches.
-    procedural_share : float
-        Share of patches that are drawn.
+    photographs: where photographs come from; None draws all patches.
+    procedural_share: share of patches that are drawn.
     """
 
     def __init__(self, photographs: PatchSource | None, procedural_share: float) -> None:
@@ -83,24 +67,17 @@ class MixedPictures:
     def patch(
         self, generator: np.random.Generator, side: int, split: Split = "training"
     ) -> NDArray[np.float32]:
-        """Return a random grey patch for training, (side, side), sRGB values from 0 to 1."""
+        """Return a random grey patch, (side, side), sRGB values from 0 to 1."""
         if self._photographs is None or generator.random() < self._share:
             return self._procedural.patch(generator, side, split)
         return self._photographs.patch(generator, side, split)
 
 
 class SceneSampler:
-    """Draws the scenes of a training step, each from its own random numbers.
+    """Draws the scenes of a step, each from its own random numbers.
 
-    Parameters
-    ----------
-    pictures : PatchSource
-        Where the pictures come from.
-    config : EdofTrainingConfig
-        What scenes are like.
-    ahead : int, optional
-        Steps of which scenes are drawn beforehand by threads of their own, while another device
-        trains; 0 draws them when they're needed. The scenes are the same.
+    ahead: steps of which scenes are drawn beforehand by threads of their own, while another device
+    trains; 0 draws them when they're needed. The scenes are the same.
     """
 
     def __init__(self, pictures: PatchSource, config: EdofTrainingConfig, ahead: int = 0) -> None:
@@ -111,7 +88,7 @@ class SceneSampler:
     def draw(
         self, step: int, samples: Sequence[int], split: Split = "training"
     ) -> list[DrawnScene]:
-        """Draw scenes of a training step with their depths and noise."""
+        """Draw scenes of a step with their depths and noise."""
         if self._pool is None or split != "training":
             return [self._draw_scene(step, one, split) for one in samples]
         for later in range(step, step + 1 + self._ahead):
@@ -123,7 +100,6 @@ class SceneSampler:
         return [self._pending.pop((step, one)).result() for one in samples]
 
     def _draw_scene(self, step: int, sample: int, split: Split) -> DrawnScene:
-        """Draw one scene of a training step."""
         generator = sample_generator(self._config.seed, step, sample)
         side = self._config.training.side
         scene = draw_scene(self._pictures, generator, side, self._config.scenes.settings, split)
@@ -146,21 +122,11 @@ def unmodulated_shares(drawn: Sequence[DrawnScene]) -> torch.Tensor:
 def capture_scenes(
     drawn: Sequence[DrawnScene], transfers: Sequence[torch.Tensor], *, linear: bool
 ) -> Captures:
-    """Simulate the captures of scenes for a decoder's training; differentiable in the optics.
+    """Simulate the captures of scenes, in their order; differentiable in the optics.
 
-    Parameters
-    ----------
-    drawn : sequence of DrawnScene
-        The scenes.
-    transfers : sequence of torch.Tensor, each (layers, side, side // 2 + 1)
-        Transfer function of each layer's depth.
-    linear : bool
-        Whether pictures are decoded to linear light; decoders are then compared in sRGB.
-
-    Returns
-    -------
-    Captures
-        The captures in the order of the scenes, on the device of the transfer functions.
+    The captures are on the device of the transfer functions.
+    transfers: transfer function of each layer's depth, each (layers, side, side // 2 + 1).
+    linear: whether pictures are decoded to linear light; decoders are then compared in sRGB.
     """
     device = transfers[0].device
     images: list[torch.Tensor | None] = [None] * len(drawn)

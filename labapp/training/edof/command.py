@@ -38,10 +38,10 @@ from optics.edof.picture_spectrum import SpectrumModel
 from optics.threads import single_threaded
 
 DEFAULT_STEPS = 20000
-"""Steps of a training, unless others or minutes are asked for. Chosen."""
+"""Steps unless others or minutes are asked for. Chosen."""
 
 _SHOWN_DEPTHS = 16
-"""Depths of the scenes in the training's picture. Chosen."""
+"""Depths of the scenes in the picture of the result. Chosen."""
 
 _STEPS_AHEAD = 8
 """Steps of which scenes are drawn while a GPU trains. Chosen."""
@@ -51,22 +51,12 @@ _STEPS_AHEAD = 8
 class TrainingRequest:
     """What `labapp train edof` is asked for.
 
-    Attributes
-    ----------
-    config : EdofTrainingConfig
-        What is trained, and how.
-    folder : Path
-        The folder that the configuration's paths are relative to.
-    pictures : sequence of Path
-        Folders of photographs; none for drawn pictures alone.
-    test_pictures : sequence of Path
-        Pictures, folders or fingerprints of what the result will be tested on.
-    steps : int or None
-        Steps in all.
-    minutes : float or None
-        Time of which the number of steps is made once, in the place of `steps`.
-    device : {"auto", "cpu", "cuda"}
-        What to compute on.
+    folder: the folder that the configuration's paths are relative to.
+    pictures: folders of photographs; none for drawn pictures alone.
+    test_pictures: pictures, folders or fingerprints of what the result will be tested on.
+    steps: in all.
+    minutes: time of which the number of steps is made once, in the place of `steps`.
+    device: "auto", "cpu" or "cuda".
     """
 
     config: EdofTrainingConfig
@@ -80,7 +70,7 @@ class TrainingRequest:
 
 @dataclass(frozen=True, eq=False)
 class _Stages:
-    """The steps of the two stages of a training."""
+    """The steps of the decoder alone, and of pattern and decoder together."""
 
     decoder: int
     joint: int
@@ -90,19 +80,10 @@ class _Stages:
 def train_edof(request: TrainingRequest, files: Sequence[Path]) -> None:
     """Train a pattern for depth of field with its decoder, and write both.
 
-    Parameters
-    ----------
-    request : TrainingRequest
-        What is trained.
-    files : sequence of Path
-        The design file (.h5), the pattern (.png), its picture with scores and decoded scenes
-        (.png), and the list of the data (.json).
-
-    Raises
-    ------
-    UserError
-        If the configuration, the bench, the pictures, the device or a kept state can't be used, or
-        there are more processes than scenes of a step.
+    Raises UserError if the configuration, the bench, the pictures, the device or a kept state can't
+    be used, or there are more processes than scenes of a step.
+    files: the design file (.h5), the pattern (.png), its picture with scores and decoded scenes
+    (.png), and the list of the data (.json).
     """
     started = time.process_time()
     with join_processes(request.device) as processes:
@@ -114,7 +95,7 @@ def train_edof(request: TrainingRequest, files: Sequence[Path]) -> None:
 
 
 class _EdofTraining:
-    """A training of a pattern with its decoder, stage by stage."""
+    """Trains a pattern with its decoder, stage by stage."""
 
     def __init__(
         self, request: TrainingRequest, files: Sequence[Path], processes: Processes
@@ -151,7 +132,7 @@ class _EdofTraining:
         self._account: dict[str, Any] = {}
 
     def run(self) -> None:
-        """Go through the stages of the training of pattern and decoder."""
+        """Design the pattern, train its decoder, and then both together."""
         config, processes = self._request.config, self._processes
         parameters = self._design()
         table = tabulate_optics(self._problem, parameters, config).to(processes.device)
@@ -183,7 +164,7 @@ class _EdofTraining:
             self._train_jointly(stages.joint)
 
     def write(self, cpu_seconds: float) -> None:
-        """Write the trained pattern with its decoder, and print what was reached."""
+        """Write the pattern with its decoder, and print what was reached."""
         self._account |= {
             "seed": self._request.config.seed,
             "processes": self._processes.count,
@@ -207,7 +188,7 @@ class _EdofTraining:
         print_result(result, self._files)
 
     def _choose_scenes(self) -> list[ShownScene]:
-        """Decode a few validation scenes behind the trained pattern, for its picture."""
+        """Decode a few validation scenes behind the pattern, for its picture."""
         config = self._request.config
         few = config.depths.model_copy(update={"count": _SHOWN_DEPTHS})
         config = config.model_copy(update={"depths": few})
@@ -265,7 +246,7 @@ class _EdofTraining:
             self._network.load_state_dict(decoder)
 
     def _joint_task(self, parameters: torch.Tensor) -> JointTask:
-        """Return the joint training of the network as it is and a pattern."""
+        """Return the joint task of a pattern and the network as it is."""
         module = PatternWithDecoder(self._network, parameters).to(self._processes.device)
         return JointTask(
             module,
@@ -277,7 +258,7 @@ class _EdofTraining:
         )
 
     def _count_stages(self, task: TrainingTask, parameters: torch.Tensor) -> _Stages:
-        """Return the steps of both stages: those of a kept state, or those that are asked for."""
+        """Return the steps of both stages: those that are asked for, or those of a kept state."""
         request, config = self._request, self._request.config
         share = config.joint.share
         if request.steps is not None:
@@ -299,21 +280,21 @@ class _EdofTraining:
         return _Stages(alone, joint)
 
     def _state(self, stage: str) -> Path:
-        """Return the file that keeps the state of a stage of the training."""
+        """Return the file that keeps the state of a stage."""
         return self._files[0].with_suffix(f".{stage}-state")
 
 
 def _share_steps(steps: int, share: float) -> _Stages:
-    """Return the steps of both stages of a training, of so many in all and a joint share."""
+    """Return the steps of both stages, of so many in all and a joint share."""
     joint = round(steps * share)
     return _Stages(max(steps - joint, 1), joint)
 
 
 def _digest(manifest: DataManifest | None) -> str:
-    """Return the checksum of a training's data; "drawn" without photographs."""
+    """Return the checksum of the photographs; "drawn" without any."""
     return "drawn" if manifest is None else manifest.digest
 
 
 def _checksum(content: bytes) -> str:
-    """Return a short checksum of what a training depends on, by which another one is noticed."""
+    """Return a short checksum of what the result depends on, by which a change is noticed."""
     return hashlib.sha256(content).hexdigest()[:16]

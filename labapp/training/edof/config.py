@@ -104,12 +104,12 @@ class EdofTrainingConfig(FileModel):
         return self.model_dump(mode="json")
 
     def as_settings(self) -> dict[str, Any]:
-        """Return the configuration's keys and values side by side, as "config.training.side"."""
+        """Return all keys and values side by side, as "config.training.side"."""
         return dict(_flatten("config", self.as_data()))
 
 
 def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the keys and values of a configuration's table, with the table's name before them."""
+    """Yield the keys and values of a table, with the table's name before them."""
     if not isinstance(value, Mapping):
         yield name, value
         return
@@ -118,5 +118,5 @@ def _flatten(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def read_edof_config(path: Path) -> EdofTrainingConfig:
-    """Read the configuration of a pattern's and decoder's training; UserError if it is invalid."""
+    """Read a configuration; UserError if it is invalid."""
     return read_file(path, EdofTrainingConfig)

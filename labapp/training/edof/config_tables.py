@@ -265,7 +265,7 @@ class JointTable(FileModel):
 
 
 def _require_falling(first_rate: float, last_rate: float) -> None:
-    """Raise ValueError if a training's learning rate would grow."""
+    """Raise ValueError if the learning rate would grow."""
     if last_rate > first_rate:
         raise ValueError(
             f"last_rate is {last_rate:g} and first_rate {first_rate:g}; the last one may be as "

@@ -32,7 +32,7 @@ vanish, mustn't decide the training. Chosen."""
 
 
 def decoder_schedule(config: EdofTrainingConfig, steps: int) -> TrainingSchedule:
-    """Return the schedule with which a decoder is trained behind a pattern."""
+    """Return the schedule of a decoder behind a pattern that stays as it is."""
     table = config.training
     return TrainingSchedule(
         steps,
@@ -47,20 +47,11 @@ def decoder_schedule(config: EdofTrainingConfig, steps: int) -> TrainingSchedule
 
 
 class DecoderTask:
-    """The training of a decoder on captures behind a pattern, whose optics are tabulated.
+    """A decoder that learns from captures behind a pattern, whose optics are tabulated.
 
-    Parameters
-    ----------
-    network : DecoderNetwork
-        The network, on the device of the training.
-    optics : OpticsTable
-        The pattern's transfer functions, on the same device.
-    sampler : SceneSampler
-        Draws the scenes.
-    config : EdofTrainingConfig
-        How it is trained.
-    settings : mapping
-        Everything that the result depends on, as plain data.
+    network: on the device of the training.
+    optics: the pattern's transfer functions, on the same device.
+    settings: everything that the result depends on, as plain data.
     """
 
     def __init__(
@@ -76,7 +67,7 @@ class DecoderTask:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """Everything that the decoder's training depends on besides its schedule."""
+        """Everything that the result depends on besides the schedule."""
         return self._settings
 
     @property
@@ -86,11 +77,11 @@ class DecoderTask:
 
     @property
     def samples(self) -> int:
-        """Scenes of a step of the decoder's training."""
+        """Scenes of a step."""
         return self._config.training.samples
 
     def parameter_groups(self) -> list[dict[str, Any]]:
-        """Return all weights of the decoder's network, as one group."""
+        """Return all weights of the network, as one group."""
         return [{"params": list(self._network.parameters()), "rate": 1.0}]
 
     def losses(self, step: int, samples: Sequence[int]) -> torch.Tensor:
@@ -138,7 +129,7 @@ def decode_captures(
     front: WienerFront,
     transfers: Sequence[torch.Tensor],
 ) -> torch.Tensor:
-    """Decode captures in training, with what the decoder's settings let it have.
+    """Decode captures with what the decoder's settings let it have.
 
     transfers: of each capture's layers, the nearest first. A decoder that is told the depth is told
     that of the farthest layer.
@@ -163,7 +154,7 @@ def decode_captures(
 def scene_losses(
     decoded: tuple[torch.Tensor, Captures], config: EdofTrainingConfig
 ) -> torch.Tensor:
-    """Return the loss of each decoded scene of a training step, (scenes,)."""
+    """Return the loss of each decoded scene, (scenes,)."""
     pictures, captures = decoded
     errors = (pictures - captures.truth).square().mean((1, 2, 3))
     if config.training.loss == "squared":
@@ -176,7 +167,7 @@ def scene_losses(
 
 
 def validation_score(sampler: SceneSampler, config: EdofTrainingConfig, decode: Any) -> float:
-    """Return the mean PSNR in dB of validation scenes that a training's decoder restores.
+    """Return the mean PSNR in dB of decoded validation scenes.
 
     decode: takes scenes, and gives their decoded pictures and captures.
     """

@@ -1,4 +1,4 @@
-"""Choose the depths of a training's scenes, evenly or by how much the PSF changes with depth."""
+"""Choose the depths of scenes, evenly or by how much the PSF changes with depth."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from labapp.training.edof.config import EdofTrainingConfig
 
 
 def depth_chances(transfers: torch.Tensor, config: EdofTrainingConfig) -> torch.Tensor:
-    """Return the probability of each depth in training, (depths,), float64.
+    """Return the probability of each depth, (depths,), float64.
 
     With the importance "focus-shift" it is proportional to the change of the PSF from depth to
     depth. In metres that is thesis Eq. 5.10: the density of distances d is |dh/dd|, and a distance
     of d metres is 1/d dioptres, so that the density of dioptres D is |dh/dD|.
+    transfers: at each depth, (depths, side, side // 2 + 1).
     """
     count = len(transfers)
     if config.depths.importance == "even" or config.depths.distances_m or count < 3:
@@ -30,7 +31,7 @@ def depth_chances(transfers: torch.Tensor, config: EdofTrainingConfig) -> torch.
 def depth_indices(
     chances: torch.Tensor, depths: NDArray[np.float64] | Sequence[float]
 ) -> list[int]:
-    """Return which of the depths of a training random numbers from 0 to below 1 choose.
+    """Return which of the depths random numbers from 0 to below 1 choose.
 
     chances: probability of each depth, (depths,).
     """
@@ -42,7 +43,7 @@ def depth_indices(
 def choose_dioptres(
     chances: torch.Tensor, depths: Sequence[float], depth_range: tuple[float, float]
 ) -> list[float]:
-    """Return the depths in dioptres that random numbers from 0 to below 1 choose in training.
+    """Return the depths in dioptres that random numbers from 0 to below 1 choose.
 
     chances: probability of each of so many equal parts of the range of depths, farthest first;
     within a part all depths are equally likely.
@@ -53,6 +54,6 @@ def choose_dioptres(
 
 
 def _cumulative(chances: torch.Tensor) -> NDArray[np.float64]:
-    """Return the sums of probabilities of a training's depths up to each; the last one is 1."""
+    """Return the sums of probabilities up to each depth; the last one is 1."""
     ends = np.cumsum(chances.double().cpu().numpy())
     return np.asarray(ends / ends[-1])

@@ -1,4 +1,4 @@
-"""Draw what the training of a pattern with its decoder reached: pattern, scores and scenes."""
+"""Draw what a pattern with its decoder reached: pattern, validation scores and decoded scenes."""
 
 from __future__ import annotations
 
@@ -23,14 +23,11 @@ _TITLES = ("captured", "filtered", "decoded", "scene")
 
 @dataclass(frozen=True, eq=False)
 class ShownScene:
-    """A validation scene of the training's picture.
+    """A validation scene in the picture of the result.
 
-    Attributes
-    ----------
-    caption : str
-        Number of layers, noise and PSNR.
-    pictures : tuple of numpy.ndarray, each (side, side)
-        As captured, as filtered, as decoded, and as it is; in the scale of the comparison.
+    caption: number of layers, noise and PSNR.
+    pictures: as captured, as filtered, as decoded, and as it is, each (side, side); in the scale of
+    the comparison.
     """
 
     caption: str
@@ -39,7 +36,7 @@ class ShownScene:
 
 @torch.no_grad()
 def choose_scenes(task: DecoderTask, sampler: SceneSampler) -> list[ShownScene]:
-    """Decode a few validation scenes of a training, planes and layered ones in turn."""
+    """Decode a few validation scenes, planes and layered ones."""
     drawn = sampler.draw(VALIDATION_STEP, range(_DRAWN), "validation")
     planes = [one for one in drawn if len(one.depths) == 1]
     layered = [one for one in drawn if len(one.depths) > 1]
@@ -61,7 +58,7 @@ def draw_training(
     histories: dict[str, list[tuple[int, float]]],
     scenes: list[ShownScene],
 ) -> bytes:
-    """Draw a trained pattern, its validation scores and decoded scenes as PNG.
+    """Draw a pattern, its validation scores and decoded scenes as PNG.
 
     histories: step and score in dB of each validation, by the stage of the training.
     """
@@ -81,7 +78,7 @@ def draw_training(
 
 
 def _draw_histories(axes: Axes, histories: dict[str, list[tuple[int, float]]]) -> None:
-    """Draw the validation scores of a training's stages over their steps."""
+    """Draw the validation scores of each stage over its steps."""
     for name, history in histories.items():
         if history:
             steps, scores = zip(*history, strict=True)

@@ -43,7 +43,7 @@ one of half a million pixels."""
 
 
 def joint_schedule(config: EdofTrainingConfig, steps: int) -> TrainingSchedule:
-    """Return the schedule with which a pattern is trained with its decoder."""
+    """Return the schedule of a pattern together with its decoder."""
     table, own = config.training, config.joint
     return TrainingSchedule(
         steps,
@@ -60,12 +60,7 @@ def joint_schedule(config: EdofTrainingConfig, steps: int) -> TrainingSchedule:
 class PatternWithDecoder(nn.Module):
     """Holds the parameters of a pattern and the network of its decoder, which train together.
 
-    Parameters
-    ----------
-    network : DecoderNetwork
-        The decoder's network.
-    parameters : torch.Tensor
-        The pattern's parameters, radians.
+    parameters: the pattern's, radians.
     """
 
     def __init__(self, network: DecoderNetwork, parameters: torch.Tensor) -> None:
@@ -75,27 +70,16 @@ class PatternWithDecoder(nn.Module):
 
 
 class JointTask:
-    """The training of a pattern with its decoder, through the optics between them.
+    """A pattern and its decoder that learn together, through the optics between them.
 
     The transfer functions of all parts of the range of depths are remembered, for the filter and
     for scenes with several layers. Each scene has one layer whose transfer function is computed
     anew, for the derivative by the pattern, and then remembered. The filter is held constant in
     each step, as it is nearly the best for the pattern.
-
-    Parameters
-    ----------
-    module : PatternWithDecoder
-        What is trained, its network on the device of the training.
-    problem : EdofProblem
-        The optics, for scenes of the training's side.
-    sampler : SceneSampler
-        Draws the scenes.
-    config : EdofTrainingConfig
-        How it is trained.
-    processes : Processes
-        The processes that share the scenes of a step.
-    settings : mapping
-        Everything that the result depends on, as plain data.
+    module: its network is on the device of the training.
+    problem: the optics, for scenes of the training's side.
+    processes: share the scenes of a step.
+    settings: everything that the result depends on, as plain data.
     """
 
     def __init__(
@@ -119,7 +103,7 @@ class JointTask:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """Everything that the joint training depends on besides its schedule."""
+        """Everything that the result depends on besides the schedule."""
         return self._settings
 
     @property
@@ -129,7 +113,7 @@ class JointTask:
 
     @property
     def samples(self) -> int:
-        """Scenes of a step of the joint training."""
+        """Scenes of a step."""
         return self._config.joint.samples
 
     def parameter_groups(self) -> list[dict[str, Any]]:
@@ -208,11 +192,11 @@ class JointTask:
             self._remembered = kept
 
     def extra_state(self) -> dict[str, Any]:
-        """Return the transfer functions that the joint training remembers."""
+        """Return the transfer functions that are remembered."""
         return {"remembered": self._remembered.cpu()}
 
     def load_extra_state(self, state: dict[str, Any]) -> None:
-        """Take over the transfer functions that a joint training remembered."""
+        """Take over remembered transfer functions."""
         self._remembered = state["remembered"].to(self._processes.device)
 
     def _decode(

@@ -1,4 +1,4 @@
-"""Transfer functions of a pattern over depth, computed once for the training of its decoder."""
+"""Transfer functions of a pattern over depth, computed once for all steps of its decoder."""
 
 from __future__ import annotations
 
@@ -20,20 +20,13 @@ from optics.progress import Progress
 
 @dataclass(frozen=True, eq=False)
 class OpticsTable:
-    """Holds the transfer functions of a pattern at the depths of its decoder's training.
+    """Transfer functions of a pattern at many depths, and how often each depth is drawn.
 
-    Attributes
-    ----------
-    dioptres : tuple of float
-        Depths.
-    transfers : torch.Tensor, (depths, side, side // 2 + 1), complex64
-        Transfer functions about the optical axis, on the grid of rfft2.
-    flat : torch.Tensor, (depths, side, side // 2 + 1), complex64
-        Those of a flat pattern, for unmodulated light.
-    chances : torch.Tensor, (depths,)
-        Probability of each depth in training.
-    spectrum : torch.Tensor, (side, side // 2 + 1)
-        Power spectrum of the pictures.
+    transfers: about the optical axis, on the grid of rfft2, complex64,
+    (depths, side, side // 2 + 1).
+    flat: those of a flat pattern, for unmodulated light, of the same shape.
+    chances: probability of each depth, (depths,).
+    spectrum: power spectrum of the pictures, (side, side // 2 + 1).
     """
 
     dioptres: tuple[float, ...]
@@ -44,11 +37,11 @@ class OpticsTable:
 
     @cached_property
     def statistics(self) -> DepthStatistics:
-        """What the filter for all depths of the training follows from."""
+        """What the filter for all depths follows from."""
         return DepthStatistics.of_transfers(self.transfers, self.flat, self.spectrum)
 
     def to(self, device: torch.device) -> OpticsTable:
-        """Return the pattern's table on a device."""
+        """Return the table with its transfer functions on a device."""
         transfers, flat = self.transfers.to(device), self.flat.to(device)
         return OpticsTable(self.dioptres, transfers, flat, self.chances, self.spectrum)
 
@@ -60,23 +53,10 @@ def tabulate_optics(
     config: EdofTrainingConfig,
     progress: Progress | None = None,
 ) -> OpticsTable:
-    """Compute the transfer functions of a pattern at the depths of its decoder's training.
+    """Compute the transfer functions of a pattern at all depths of the configuration.
 
-    Parameters
-    ----------
-    problem : EdofProblem
-        The optics, for scenes of the training's side.
-    parameters : torch.Tensor
-        The pattern's parameters.
-    config : EdofTrainingConfig
-        Which depths, and how often each.
-    progress : Progress, optional
-        Told how far the work is.
-
-    Returns
-    -------
-    OpticsTable
-        The table, on the processor.
+    The table is on the processor.
+    problem: the optics, for scenes of the training's side.
     """
     transfer = problem.transfer(problem.request.wavelengths[0])
     phase = problem.phase(parameters)
@@ -114,8 +94,8 @@ def transfer_on_axis(
 ) -> torch.Tensor:
     """Compute a pattern's transfer functions about the optical axis; differentiable.
 
-    condition: of the panel; as it should be by default. Returns (depths, side, side // 2 + 1),
-    complex64.
+    Returns (depths, side, side // 2 + 1), complex64.
+    condition: of the panel; as it should be by default.
     """
     seen = transfer if condition is None else ConditionTransfer(transfer, condition)
     found = seen(phase, tuple(dioptres))
@@ -125,7 +105,7 @@ def transfer_on_axis(
 
 
 def training_dioptres(config: EdofTrainingConfig, count: int | None = None) -> tuple[float, ...]:
-    """Return the depths in dioptres at which a training knows the pattern's optics, farthest first.
+    """Return the depths in dioptres at which the optics are tabulated, farthest first.
 
     count: parts of the range of depths, if no distances are given; the configuration's by default.
     """

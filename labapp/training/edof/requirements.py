@@ -1,4 +1,4 @@
-"""Refuse trainings of a pattern with its decoder that couldn't end, before they begin."""
+"""Refuse configurations that can't be trained for, before anything is computed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from optics.slm import phase_to_grey
 def require_usable(problem: EdofProblem, phase: torch.Tensor, config: EdofTrainingConfig) -> None:
     """Raise UserError if a bench can't be trained for.
 
-    problem: the optics in training. phase: the pattern before training, (rows, columns), radians.
+    problem: the optics in training.
+    phase: the pattern before training, (rows, columns), radians.
     """
     try:
         problem.transfer(config.wavelength)
@@ -27,7 +28,7 @@ def require_usable(problem: EdofProblem, phase: torch.Tensor, config: EdofTraini
 
 
 def require_samples(config: EdofTrainingConfig, processes: Processes) -> None:
-    """Raise UserError if a step of a training has fewer scenes than there are processes."""
+    """Raise UserError if a step has fewer scenes than there are processes."""
     tables = {"training": config.training.samples}
     if config.joint.share:
         tables["joint"] = config.joint.samples

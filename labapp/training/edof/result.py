@@ -1,4 +1,4 @@
-"""Write a trained pattern with its decoder, and print what its training reached."""
+"""Write a trained pattern with its decoder, and print what was reached."""
 
 from __future__ import annotations
 
@@ -34,24 +34,11 @@ _SHOWN_DEPTHS, _SHOWN_PIXELS = 3, 129
 class TrainedResult:
     """A pattern and its decoder at the end of their training.
 
-    Attributes
-    ----------
-    config : EdofTrainingConfig
-        What was trained.
-    bench : BenchFile
-        The bench that it was trained for.
-    problem : EdofProblem
-        The optics in training.
-    spectrum : SpectrumModel
-        Power spectrum of the pictures.
-    phase : torch.Tensor, (rows, columns)
-        The pattern, radians.
-    network : DecoderNetwork
-        The decoder's network.
-    manifest : DataManifest or None
-        The list of the photographs; None without.
-    account : mapping
-        Steps, scores and data of the training, as plain data.
+    problem: the optics in training.
+    spectrum: power spectrum of the pictures.
+    phase: the pattern, (rows, columns), radians.
+    manifest: the list of the photographs; None without.
+    account: steps, scores and data of the training, as plain data.
     """
 
     config: EdofTrainingConfig
@@ -65,16 +52,18 @@ class TrainedResult:
 
     @property
     def validation(self) -> float:
-        """The validation score of the trained pattern and decoder, in dB."""
+        """The validation score of pattern and decoder, dB."""
         if self.account.get("joint_accepted"):
             return float(self.account["joint_validation"][1])
         return float(self.account["decoder_validation"])
 
 
 def write_result(result: TrainedResult, scenes: list[ShownScene], files: Sequence[Path]) -> None:
-    """Write a trained pattern and its decoder: design file, pattern, picture, list of the data.
+    """Write the design file, the pattern, its picture and the list of the data.
 
-    scenes: those that the picture shows. Raises UserError if a file can't be written.
+    Raises UserError if a file can't be written.
+    scenes: those that the picture shows.
+    files: in the order of the first line.
     """
     camera, wavelength = result.problem.camera, result.config.wavelength
     design, pattern, picture, listed = files
@@ -104,7 +93,7 @@ def write_result(result: TrainedResult, scenes: list[ShownScene], files: Sequenc
 
 
 def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
-    """Print what the training of a pattern and its decoder reached, and which files it wrote."""
+    """Print what pattern and decoder reached, and which files were written."""
     account, decoder = result.account, result.network.settings
     rows = [
         ["decoder", f"{decoder.knowledge}, {result.network.weight_count:,} weights"],
@@ -123,7 +112,7 @@ def print_result(result: TrainedResult, files: Sequence[Path]) -> None:
 
 
 def _title(result: TrainedResult) -> str:
-    """Return the title of a training's picture."""
+    """Return the picture's title."""
     far, near = result.problem.depth_range
     network = result.network
     return (
@@ -134,13 +123,13 @@ def _title(result: TrainedResult) -> str:
 
 
 def _histories(result: TrainedResult) -> dict[str, list[tuple[int, float]]]:
-    """Return step and validation score by the stage of a training."""
+    """Return step and validation score by stage."""
     kept = {"decoder": result.account["history"], "joint": result.account.get("joint_history", [])}
     return {name: [(int(a), float(b)) for a, b in one] for name, one in kept.items()}
 
 
 def _compute_psfs(result: TrainedResult, camera: Camera, wavelength: float) -> Grid:
-    """Compute PSFs of the trained pattern at some depths, for its file."""
+    """Compute PSFs of the pattern at some depths, for its file."""
     side = min(_SHOWN_PIXELS, *camera.sensor.shape)
     pixels = camera.sensor.window_plane((side, side))
     found = []

@@ -1,4 +1,4 @@
-"""Read the photographs of a decoder's training, and measure their power spectrum."""
+"""Read photographs, and measure their power spectrum."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def read_pictures(
     config: EdofTrainingConfig,
     progress: Progress,
 ) -> tuple[TrainingPictures | None, DataManifest | None]:
-    """Read the photographs of a decoder's training; none without folders.
+    """Read the photographs of folders; none without folders.
 
     Raises UserError if there is one picture only, a file isn't a picture, or one is a test picture.
     """
@@ -51,7 +51,7 @@ def read_pictures(
 
 
 def measure_spectrum(pictures: PatchSource, config: EdofTrainingConfig) -> SpectrumModel:
-    """Return the power spectrum that a decoder's training takes pictures to have.
+    """Return the power spectrum that pattern and decoder take pictures to have.
 
     It is measured on patches of the pictures as they are shown to the camera, unless the
     configuration asks for that of natural photographs.

@@ -1,4 +1,4 @@
-"""The engine's forecasts of what each tolerance costs, for the window's tab "Accuracy"."""
+"""Forecasts of what each tolerance costs, for the tab "Accuracy"."""
 
 from __future__ import annotations
 
@@ -32,10 +32,12 @@ def forecast_accuracy(
     window: int,
     progress: Progress,
 ) -> AccuracyForecast:
-    """Predict for the window what each tolerance costs in predicted PSFs and simulated pictures.
+    """Predict what each tolerance costs in predicted PSFs and simulated pictures.
 
-    `window` is the side of the PSF in sensor pixels, `exposure` that of live pictures in seconds.
-    `world` is None for a bench whose camera is real. Wavelengths are in metres.
+    world: None for a bench whose camera is real.
+    exposure: that of live pictures, s.
+    wavelength: m.
+    window: side of the PSF, sensor pixels.
     """
     speed = machine_speed(progress.part(0.0, 0.3))
     pixels = camera.sensor.window_plane((window, window))
@@ -63,7 +65,7 @@ def _point(row: Row) -> AccuracyPoint:
 def _forecast_pictures(
     world: World, s: Situation, speed: MachineSpeed, progress: Progress
 ) -> tuple[LivePrediction, ...]:
-    """Predict error and time of a live picture on the virtual bench at each of the tolerances."""
+    """Predict error and time of a live picture on the virtual bench at each tolerance."""
     from simulator.imaging import Imaging
 
     imaging = Imaging(forced=world.imaging.forced, memory=_MEMORY, decide_by="estimate")

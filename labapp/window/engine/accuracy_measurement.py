@@ -1,4 +1,4 @@
-"""The engine's full measurement of what accuracy costs, which the window can start and cancel."""
+"""The full measurement of what accuracy costs, which a person can start and cancel."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from optics.progress import Progress
 
 
 def measure_accuracy(camera: Camera, parent: Path, progress: Progress) -> AccuracyMeasured:
-    """Measure every operation for the window's camera, and write the page to a new subfolder.
+    """Measure every operation for a camera, and write the page to a new subfolder.
 
     What was measured before a person cancels is written all the same. Raises UserError, before
     anything is measured, if the folder can't be made.

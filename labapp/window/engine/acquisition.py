@@ -1,4 +1,4 @@
-"""Acquisition by the window's engine: take a queued run, and show its frames on the way."""
+"""Acquisition of a queued run, whose frames are shown on the way."""
 
 from __future__ import annotations
 
@@ -39,10 +39,7 @@ class Acquisition:
         self._waiting, self._on_frame = waiting, on_frame
 
     def take_run(self, run: QueuedRun) -> RunEnded:
-        """Take a queued run of the window on the engine's bench, and return how it ended.
-
-        Raises UserError, DeviceError or OSError if the run couldn't begin.
-        """
+        """Take a queued run; raises UserError, DeviceError or OSError if it couldn't begin."""
         run.on_pause, run.on_plug_change = self._tell, self._send_last_state
 
         def on_frame(shot: Shot, frame: Frame) -> None:
@@ -90,7 +87,7 @@ class Acquisition:
         self._channel.send(self._controller.read_state(live=False, running=True))
 
     def _send_last_state(self) -> None:
-        """Send the window the last known state, while the run is waiting for a device.
+        """Send the last known state, while the run is waiting for a device.
 
         No device is asked for its setting, since it could be the one that the run waits for.
         """
@@ -99,7 +96,7 @@ class Acquisition:
         )
 
     def _show(self, shot: Shot, frame: Frame, *, at_once: bool = False) -> None:
-        """Send a run's frame to the window if the window's next frame is due, or at once."""
+        """Show a run's frame if the next frame is due, or at once."""
         self._controller.note_run_frame(frame)
         if not (self._pace.is_due or at_once):
             self._sender.skip(frame.number)

@@ -1,4 +1,4 @@
-"""The engine's part in finding and focusing: measure, try exposures, and keep pictures."""
+"""Finding and focusing: measure, try exposures, and keep pictures."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ EXPOSURE_JOB, BRACKET_JOB = "exposure", "bracket proposal"
 
 
 class Alignment:
-    """Carry out the window's commands for finding, focusing, exposing and keeping.
+    """Carry out the commands for finding, focusing, exposing and keeping.
 
     `by_bench` are to be called in the thread that owns the bench; `at_once` in any.
     """
@@ -78,7 +78,7 @@ class Alignment:
         self._writing.shutdown()
 
     def offer(self, frame: LiveFrame) -> None:
-        """Offer a live picture of the window for measurements, and to be kept."""
+        """Offer a live picture for measurements, and to be kept."""
         self._measurer.offer(frame)
         self._kept.offer(frame)
 
@@ -86,14 +86,14 @@ class Alignment:
         self._channel.send(describe_failure(error, self._controller))
 
     def keep_shown(self, frame: LiveFrame) -> None:
-        """Hold a run's picture that the window shows, so that it can be kept.
+        """Hold a run's picture that is shown, so that it can be kept.
 
         It isn't measured: from frame to frame, a run changes what is seen.
         """
         self._kept.offer(frame)
 
     def _keep(self, command: KeepPicture) -> None:
-        """Write a picture of the window in a thread of its own, since a disk takes its time."""
+        """Write a picture in a thread of its own, since a disk takes its time."""
 
         def work() -> None:
             try:
@@ -105,7 +105,7 @@ class Alignment:
         self._writing.submit(work)
 
     def _find_exposure(self, command: FindExposure) -> None:
-        """Set the exposure for the window that brings the brightest pixel to a level."""
+        """Set the exposure that brings the brightest pixel to a level."""
         from labapp.window.engine.light_metering import SETTINGS, find_exposure
 
         wanted = BracketTable(snr_db=SETTINGS.snr_db, longest_ms=SETTINGS.longest * 1e3)
@@ -124,7 +124,7 @@ class Alignment:
         self._try_exposures(EXPOSURE_JOB, work)
 
     def _propose_bracket(self, command: ProposeBracket) -> None:
-        """Propose a bracket to the window for the light that the camera sees now."""
+        """Propose a bracket for the light that the camera sees now."""
         from labapp.window.engine.light_metering import propose_exposures
 
         wanted = BracketTable(snr_db=command.snr_db, decades=command.decades)
@@ -165,7 +165,7 @@ class Alignment:
         self._try_exposures(BRACKET_JOB, work)
 
     def _try_exposures(self, job: str, work: Callable[[Progress], None]) -> None:
-        """Do something for the window by trial frames; if it fails, set the exposure of before."""
+        """Do something by trial frames; if it fails, set the exposure of before."""
         progress, before = self._jobs.begin(job), self._controller.exposure
         try:
             work(progress)
@@ -182,7 +182,7 @@ class Alignment:
     def _trial_frames(
         self, region: PixelRegion | None, progress: Progress
     ) -> Callable[[float], tuple[float, NDArray[Any]]]:
-        """Return what takes trial frames of a region for the window, until it is cancelled."""
+        """Return what takes trial frames of a region, until it is cancelled."""
 
         def take(exposure: float) -> tuple[float, NDArray[Any]]:
             self._raise_if_given_up(progress)
@@ -202,7 +202,7 @@ class Alignment:
         return take
 
     def _must_end(self, progress: Progress) -> bool:
-        """Return whether a trial frame for the window must end before it is complete."""
+        """Return whether a trial frame must end before it is complete."""
         # A simulated exposure takes no time, and a computation that is cancelled may seem to hang.
         unwanted = self._bench.file.is_real and self.is_given_up()
         return self._channel.closed or progress.is_cancelled or unwanted
@@ -213,13 +213,13 @@ class Alignment:
             raise Cancelled("the run goes on")
 
     def _show(self, frame: LiveFrame) -> None:
-        """Send the window a trial frame, if there is room, so that it sees what goes on."""
+        """Send a trial frame, if there is room, so that a person sees what goes on."""
         if self._sender.has_room:
             self._sender.offer(frame, on_sent=self._kept.offer)
 
 
 def _part(frame: LiveFrame, region: PixelRegion | None) -> NDArray[Any]:
-    """Return the region of a window's live picture; ValueError if it lies outside."""
+    """Return a region of a live picture; ValueError if it lies outside."""
     if region is None:
         return frame.image
     from optics.measuring import Region

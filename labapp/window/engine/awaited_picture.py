@@ -1,4 +1,4 @@
-"""What the window's picture waits for, while it isn't one of the newest settings."""
+"""What the picture on the screen waits for, while it isn't one of the newest settings."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class AwaitedPicture:
 
     @property
     def newest(self) -> int:
-        """Return the number of the person's last change of a setting in the window."""
+        """Return the number of the person's last change of a setting."""
         return self._newest
 
     @property
     def reached(self) -> int:
-        """Return the number of the change that the window's newest picture belongs to."""
+        """Return the number of the change that the newest picture belongs to."""
         return self._reached
 
     def count_request(self, *, is_pattern: bool = False) -> None:
-        """Count a change of a setting in the window, of which no picture can have come yet."""
+        """Count a change of a setting, of which no picture can have come yet."""
         with self._condition:
             self._newest += 1
             self._began = time.monotonic()
@@ -53,14 +53,14 @@ class AwaitedPicture:
             self._condition.notify()
 
     def note_activity(self, request: int, activity: str, expected: float | None = None) -> None:
-        """Note what is done for the window's picture, and in how many seconds it is expected."""
+        """Note what is done for the picture, and in how many seconds it is expected."""
         with self._condition:
             if request == self._newest:
                 self._activity = activity
                 self._end = 0.0 if expected is None else time.monotonic() + expected
 
     def note_job(self, progress: JobProgress) -> None:
-        """Note how far the computation of the window's pattern is."""
+        """Note how far the computation of the pattern is."""
         if progress.job == _PATTERN_JOB:
             self.note_activity(self._newest, _PATTERN, progress.seconds_left)
 
@@ -70,7 +70,7 @@ class AwaitedPicture:
             self._reached = max(self._reached, request)
 
     def set_live(self, on: bool) -> None:
-        """Note whether the window's live view runs; nothing is awaited while it doesn't."""
+        """Note whether live view runs; nothing is awaited while it doesn't."""
         with self._condition:
             self._is_live = on
             self._condition.notify()

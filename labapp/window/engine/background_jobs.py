@@ -1,4 +1,4 @@
-"""The engine's background jobs: patterns and reconstructions, computed while live view goes on."""
+"""Patterns and reconstructions, computed in the background while live view goes on."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ComputedPattern:
-    """Hold a computed pattern until the engine's main thread shows it on the SLM."""
+    """A computed pattern, until the main thread shows it on the SLM."""
 
     name: str
     grey: NDArray[np.uint8]
 
 
 class BackgroundJobs:
-    """Run the engine's jobs that don't use the bench; a newer job cancels one of its kind."""
+    """Run the jobs that don't use the bench; a newer job cancels one of its kind."""
 
     def __init__(self, bench: Bench, channel: Channel, jobs: Jobs, top: BenchController) -> None:
         self._channel, self._jobs, self._controller = channel, jobs, top
@@ -132,7 +132,7 @@ class BackgroundJobs:
         self._start("bands", work)
 
     def set_tolerance(self, tol: float | None) -> None:
-        """Set the relative error of the predictions that the window asks for; None: the usual."""
+        """Set the relative error of predictions; None: the usual."""
         self._designer.tol = USUAL_TOLERANCE if tol is None else tol
 
     def forecast_accuracy(self, command: ForecastAccuracy) -> None:

@@ -1,4 +1,4 @@
-"""Maps for the window of what is uncertain or wrong in each band of a restored cube."""
+"""Maps of what is uncertain or wrong in each band of a restored cube."""
 
 from __future__ import annotations
 
@@ -25,21 +25,11 @@ exceeds it in one pixel of 16 000."""
 def list_maps(
     cube: SpectralCube, truth: SpectralCube | None, residual: NDArray[np.floating]
 ) -> tuple[BandMap, ...]:
-    """List the maps that the window can show of a cube: error, difference from truth, residual.
+    """List the maps of a cube: error, if it has one, difference from a known truth, residual.
 
-    Parameters
-    ----------
-    cube : SpectralCube
-        The restored cube, with or without an error map.
-    truth : SpectralCube or None
-        The true cube, if it is known.
-    residual : NDArray, (rows, columns)
-        The snapshot less the blurred cube, over the noise; NaN where it isn't known.
-
-    Returns
-    -------
-    tuple of BandMap
-        The error first, if the cube has one; the residual, which isn't one of bands, last.
+    The residual, which isn't one of bands, is last.
+    residual: the snapshot less the blurred cube, over the noise, (rows, columns); NaN where it
+        isn't known.
     """
     maps = []
     if cube.error is not None:
@@ -86,13 +76,13 @@ def _residual_map(residual: NDArray[np.floating]) -> BandMap:
 
 
 def _scale_end(sizes: NDArray[np.floating]) -> float:
-    """Return the upper end of a map's scale in the window: 1, 2 or 5 times a power of ten."""
+    """Return the upper end of a map's scale: 1, 2 or 5 times a power of ten."""
     wanted = max(float(np.percentile(sizes, _PERCENTILE)), _LEAST_HIGHEST)
     power = 10.0 ** math.floor(math.log10(wanted))
     return next((k * power for k in (1, 2, 5) if k * power >= wanted), 10 * power)
 
 
 def _as_levels(values: NDArray[np.floating], lowest: float, highest: float) -> NDArray[np.uint8]:
-    """Scale a map's values to the levels 0 to 255 of the window's palettes."""
+    """Scale a map's values to the levels 0 to 255 of a palette."""
     share = (values - lowest) / (highest - lowest)
     return np.rint(255 * np.clip(share, 0, 1)).astype(np.uint8)

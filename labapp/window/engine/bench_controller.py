@@ -1,4 +1,4 @@
-"""The engine's control of the bench: requested settings, their settling, and live frames."""
+"""Control of the bench: requested settings, their settling, and live frames."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from labapp.window.messages import BenchOpened, BenchState, LiveFrame
 
 @dataclass(frozen=True)
 class RequestedSettings:
-    """Hold the settings that the person at the window requested last; None sets nothing."""
+    """What the person requested last; None sets nothing."""
 
     target: str | None = None
     wavelength: float | None = None
@@ -29,7 +29,7 @@ class RequestedSettings:
 
 
 class BenchController:
-    """Set the bench's devices for the window, and take frames once the settings have settled.
+    """Set the bench's devices, and take frames once the settings have settled.
 
     A run leaves the bench safe; `restore_settings()` brings back the person's settings. Methods
     raise DeviceError if a device is dead or fails; the requested setting is kept all the same.
@@ -54,7 +54,6 @@ class BenchController:
             self.devices.mark_failed(error)
 
     def place_target(self, target: str) -> None:
-        """Place the target that the window requests."""
         self._asked_target = self._target_doubt = ""
         self._target_unseen = self._bench.targets.by_hand
         self._requested = replace(self._requested, target=target)
@@ -62,27 +61,27 @@ class BenchController:
         self._note_settling("targets", self._bench.targets.place(target))
 
     def ask_for_target(self, target: str) -> None:
-        """Note which target the window asks a person to place; "" if it asks for none."""
+        """Note which target a person is asked to place; "" if none."""
         self._asked_target = target
 
     def set_wavelength(self, wavelength: float) -> None:
-        """Set the wavelength that the window requests."""
+        """Set the wavelength that the person requests, m."""
         self._requested = replace(self._requested, wavelength=wavelength)
         self.devices.require_alive("filter")
         self._note_settling("filter", self._bench.filter.set_wavelength(wavelength))
 
     def set_exposure(self, exposure: float) -> None:
-        """Set the exposure that the window requests."""
+        """Set the exposure that the person requests, s."""
         self._requested = replace(self._requested, exposure=exposure)
         self._apply_exposure(exposure)
 
     @property
     def exposure(self) -> float:
-        """Return the exposure time in seconds that the window's camera was set to last."""
+        """Return the exposure time in seconds that the camera was set to last."""
         return self._exposure
 
     def try_exposure(self, exposure: float) -> float:
-        """Set an exposure that the window doesn't request, as for metering; return the real one.
+        """Set an exposure that nobody requests, as for metering; return the real one.
 
         `restore_settings()` and `set_exposure()` bring back what is wanted.
         """
@@ -90,21 +89,17 @@ class BenchController:
         return self._exposure
 
     def show_pattern(self, name: str, grey: NDArray[np.uint8]) -> None:
-        """Show a new pattern of the window on the SLM."""
         self.show_again(self._shown.keep(name, grey))
 
     def show_again(self, number: int) -> None:
-        """Show a pattern on the SLM that the window has shown before; by its number.
-
-        Raises UserError if it isn't kept any more.
-        """
+        """Show a pattern that was on the SLM before, by its number; UserError if it isn't kept."""
         name, grey = self._shown.pattern(number)
         self._requested = replace(self._requested, pattern_number=number)
         self.devices.require_alive("slm")
         self._note_settling("slm", self._bench.slm.show(name, grey))
 
     def restore_settings(self) -> None:
-        """Set the bench's devices to the settings last requested in the window.
+        """Set the devices to the settings last requested.
 
         A target that a person places stays as it is; the person is asked for the next one.
         """
@@ -119,7 +114,7 @@ class BenchController:
             self.show_again(wanted.pattern_number)
 
     def take_frame(self, cancelled: Callable[[], bool]) -> LiveFrame:
-        """Take a live frame, with its settings, for the window when all settings have settled."""
+        """Take a live frame, with its settings, when all settings have settled."""
         bench = self._bench
         self.devices.require_alive()
         bench.clock.wait_until(self._ready, cancelled)
@@ -129,7 +124,7 @@ class BenchController:
         return self.label_frame(frame.image, frame.exposure, frame.number)
 
     def label_frame(self, image: NDArray[np.uint16], exposure: float, number: int) -> LiveFrame:
-        """Return a live frame for the window: an image with the settings of the devices."""
+        """Return a live frame: an image with the settings of the devices."""
         bench = self._bench
         return LiveFrame(
             image=image,
@@ -142,25 +137,25 @@ class BenchController:
 
     @property
     def frame_seconds(self) -> float:
-        """Return the seconds that the window's next frame takes: settling, and the exposure."""
+        """Return the seconds that the next frame takes: settling, and the exposure."""
         return max(0.0, self._ready - self._bench.clock.now()) + self._exposure
 
     def note_run_frame(self, frame: Frame) -> None:
-        """Note a run's frame for the window: every device works, and the exposure is the run's."""
+        """Note of a run's frame that every device works, and that the exposure is the run's."""
         self._exposure = frame.exposure
         self.devices.mark_working()
 
     def reconnect(self, role: str) -> None:
-        """Open a failed device again for the window; raises DeviceError if that fails, too."""
+        """Open a failed device again; raises DeviceError if that fails, too."""
         self.devices.reopen(role)
         if role == "camera":
             self._apply_exposure(self._exposure)
 
     def read_state(self, live: bool, running: bool, *, query_devices: bool = True) -> BenchState:
-        """Return the state of the bench for the window.
+        """Return the state of the bench.
 
-        With `query_devices`, the devices are asked for their settings; otherwise, the last known
-        ones are returned.
+        query_devices: whether the devices are asked for their settings; otherwise, the last known
+            ones are returned.
         """
         infos = self.devices.device_infos(
             self._exposure, live=live, running=running, query_devices=query_devices
@@ -183,7 +178,7 @@ class BenchController:
         return replace(self._opened, devices=infos)
 
     def _judge_target(self, frame: Frame) -> None:
-        """Judge by the window's first frame whether a target is there that a person confirmed."""
+        """Judge by the first frame whether a target is there that a person confirmed."""
         if not self._target_unseen:
             return
         # It is loaded only where a person places targets.
@@ -201,7 +196,7 @@ class BenchController:
 
     @property
     def target_doubt(self) -> str:
-        """Return how the window's first frame of a confirmed target doesn't fit it; "" if it does.
+        """Return how the first frame of a confirmed target doesn't fit it; "" if it does.
 
         Only targets that a person places are judged.
         """
@@ -225,16 +220,13 @@ class BenchController:
         self._note_settling("camera", setting)
 
     def _note_settling(self, role: str, setting: Setting[Any]) -> None:
-        """Note for the window that a device works, and when its setting will have settled.
-
-        The next live frame waits until that time.
-        """
+        """Note that a device works, and when its setting will have settled for the next frame."""
         self._ready = max(self._ready, setting.ready_at)
         self.devices.mark_working(role)
 
 
 def _describe_capabilities(bench: Bench) -> BenchOpened:
-    """Ask the devices what the window's bench can do; the list of devices is added later."""
+    """Ask the devices what the bench can do; the list of devices is added later."""
     return BenchOpened(
         name=bench.file.name,
         devices=(),

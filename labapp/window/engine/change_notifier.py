@@ -1,4 +1,4 @@
-"""Notification of the window about changes in the engine, at a limited rate."""
+"""Notification of changes at a limited rate."""
 
 from __future__ import annotations
 
@@ -11,10 +11,7 @@ REPORT_INTERVAL = 0.1
 
 
 class ChangeNotifier:
-    """Call `report` after notify(), in a thread of its own and at a limited rate.
-
-    The last change is always reported to the window.
-    """
+    """Call `report` after notify(), in a thread, at a limited rate, and after the last change."""
 
     def __init__(self, report: Callable[[], None]) -> None:
         self._tell = report
@@ -22,7 +19,7 @@ class ChangeNotifier:
         threading.Thread(target=self._watch, name="change-notifier", daemon=True).start()
 
     def notify(self) -> None:
-        """Request that a change be reported to the window."""
+        """Request that a change be reported."""
         self._news.set()
 
     def _watch(self) -> None:

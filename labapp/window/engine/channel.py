@@ -35,7 +35,7 @@ class Channel:
         threading.Thread(target=self._read, name="window", daemon=True).start()
 
     def send(self, report: object) -> None:
-        """Send a report to the window; do nothing once the window is gone."""
+        """Send a report; do nothing once the window is gone."""
         try:
             if not self.closed:
                 self._line.send(report)
@@ -43,22 +43,22 @@ class Channel:
             self._close()
 
     def wake(self) -> None:
-        """Let take_command() of the window's engine return, though there may be no command."""
+        """Let take_command() return, though there may be no command."""
         with self._condition:
             self._condition.notify()
 
     @property
     def has_commands(self) -> bool:
-        """Return whether commands of the window wait to be taken."""
+        """Return whether commands wait to be taken."""
         return bool(self._waiting)
 
     @property
     def memory(self) -> int:
-        """Return the descriptor of the memory that the engine shares with the window."""
+        """Return the descriptor of the memory that both processes share."""
         return self._line.memory
 
     def post(self, command: object) -> None:
-        """Queue a command for the window's engine as if the window had sent it."""
+        """Queue a command as if the window had sent it."""
         with self._condition:
             if isinstance(command, _NEWEST_ONLY):
                 kept = [c for c in self._waiting if type(c) is not type(command)]
@@ -67,17 +67,14 @@ class Channel:
             self._condition.notify()
 
     def take_command(self, timeout: float) -> Any:
-        """Return the window's next command; None if none comes within `timeout` seconds."""
+        """Return the next command; None if none comes within `timeout` seconds."""
         with self._condition:
             if not self._waiting and not self.closed:
                 self._condition.wait(timeout)
             return self._waiting.popleft() if self._waiting else None
 
     def take_command_of(self, kinds: Collection[type], timeout: float) -> Any:
-        """Return the window's next command of these kinds, and leave the others in their order.
-
-        Returns None if none comes within `timeout` seconds.
-        """
+        """Take a command of these kinds within `timeout` s, else None; others keep their order."""
         with self._condition:
             if not self._is_waiting(kinds) and not self.closed:
                 self._condition.wait_for(lambda: self.closed or self._is_waiting(kinds), timeout)

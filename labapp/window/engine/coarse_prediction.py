@@ -1,4 +1,4 @@
-"""The engine's coarse predictions, shown until the exact live picture is simulated."""
+"""Coarse predictions, shown until the exact live picture is simulated."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ _LEAST_PIXELS = 1 << 17
 class CoarsePrediction:
     """Predict live pictures of large sensors in a thread, while the exact ones are simulated.
 
-    `show` is called with a frame that holds a prediction, and with a function that tells whether
-    it is still wanted.
+    `show` is called with a frame that holds a prediction, and with a function that tells whether it
+    is still wanted.
     """
 
     def __init__(self, world: World, show: Callable[[LiveFrame, Callable[[], bool]], None]) -> None:
@@ -45,10 +45,11 @@ class CoarsePrediction:
         self._thread.shutdown(cancel_futures=True)
 
     def begin(self, labels: LiveFrame, is_wanted: Callable[[], bool]) -> None:
-        """Begin to predict the picture of the bench's present state for the window.
+        """Begin to predict the picture of the bench's present state.
 
         Nothing is predicted for small sensors and those with colour filters, nor where the exact
-        picture is planned already, since it then comes as soon. `labels` holds the settings.
+        picture is planned already, since it then comes as soon.
+        labels: holds the settings.
         """
         s = self._world.situation(labels.exposure)
         sensor = s.camera.sensor
@@ -75,7 +76,7 @@ class CoarsePrediction:
 
 
 def _digital_numbers(electrons: torch.Tensor, sensor: Sensor) -> NDArray[np.uint16]:
-    """Return the window's frame, without noise, of coarse electrons on each pixel of a sensor."""
+    """Return the frame, without noise, of coarse electrons on each pixel of a sensor."""
     held = electrons.clamp(max=sensor.full_well) / sensor.gain + sensor.black_level
     rows, columns = sensor.shape
     numbers = held.round().clamp(0, sensor.top_number).to(torch.float32).numpy()

@@ -1,4 +1,4 @@
-"""Spectral cubes for the window: restore a record's snapshot, show it in a light, and save it."""
+"""Spectral cubes: restore a record's snapshot, show it in a light, and save it."""
 
 from __future__ import annotations
 
@@ -44,18 +44,10 @@ _PICTURE = ".png"
 
 @dataclass(frozen=True, eq=False)
 class CubeRestoration:
-    """Hold a restored cube in the engine until another restoration replaces it.
+    """A restored cube, kept until another restoration replaces it.
 
-    Attributes
-    ----------
-    path : Path
-        The record.
-    problem : SpectralProblem
-        What was restored.
-    restored : RestoredCube
-        The cube.
-    light : ViewingLight
-        The light in which the window shows it.
+    path: the record.
+    light: light in which the cube is shown.
     """
 
     path: Path
@@ -95,7 +87,7 @@ class CubeRestoration:
 
     @property
     def colours(self) -> CubeColours:
-        """Return the colours of the restored cube and of the true one, as a message to the window.
+        """Return the colours of the restored cube and of the true one.
 
         The colour difference is that over the whole frame, as `labapp reconstruct` prints it.
         """
@@ -113,10 +105,7 @@ class CubeRestoration:
         )
 
     def with_light(self, name: str) -> CubeRestoration:
-        """Return the restored cube with another light in which the window shows it.
-
-        Raises UserError if there is no light of that name.
-        """
+        """Return the cube as shown in another light; UserError if there is none of that name."""
         return replace(self, light=find_light(name))
 
     def save(self, path: Path) -> None:
@@ -135,27 +124,27 @@ class CubeRestoration:
 
     @property
     def _step(self) -> int:
-        """Return the step between the rows and columns of the cube that the window is sent."""
+        """Return the step between the rows and columns of the cube that are sent."""
         bands, rows, columns = self.restored.cube.shape
         by_side = max(rows, columns) / _MOST_PIXELS
         by_size = math.sqrt(bands * rows * columns / _MOST_VALUES)
         return max(math.ceil(by_side), math.ceil(by_size), 1)
 
     def _shown_pixels(self, cube: SpectralCube) -> SpectralCube:
-        """Return the pixels of a cube that the window is sent."""
+        """Return the pixels of a cube that are sent."""
         at = slice(None, None, self._step)
         error = None if cube.error is None else cube.error[:, at, at].copy()
         return replace(cube, values=cube.values[:, at, at].copy(), error=error)
 
     @property
     def _shown_truth(self) -> SpectralCube | None:
-        """Return the pixels of the true cube that the window is sent; None if it isn't known."""
+        """Return the pixels of the true cube that are sent; None if it isn't known."""
         truth = self.restored.truth
         return None if truth is None else self._shown_pixels(truth)
 
     @property
     def _quality(self) -> CubeQuality | None:
-        """Return the scores of the restored cube for the window; None without a truth."""
+        """Return the scores of the restored cube; None without a truth."""
         scores = self.restored.scores
         if scores is None:
             return None
@@ -170,7 +159,7 @@ class CubeRestoration:
 
 
 def restore_cube(command: RestoreCube, progress: Progress) -> CubeRestoration:
-    """Restore the spectral cube of a record's snapshot as the window requests.
+    """Restore the spectral cube of a record's snapshot.
 
     Raises UserError if the record has no snapshot of two bands or more, or no star in one of them.
     """
@@ -188,7 +177,7 @@ def restore_cube(command: RestoreCube, progress: Progress) -> CubeRestoration:
 
 
 def list_bands(path: Path) -> RecordBands:
-    """List the wavelengths of the coded photograph of a record for the window.
+    """List the wavelengths of a record's coded photograph.
 
     There are none for a file that can't be read; its restoration says why.
     """

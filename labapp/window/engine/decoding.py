@@ -1,4 +1,4 @@
-"""Decode photographs for the window: find the decoder of a record's photograph, and decode it."""
+"""Decoded photographs: find the decoder of a record's photograph, and decode it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from optics.progress import Progress
 
 @dataclass(frozen=True, eq=False)
 class Decoding:
-    """Hold a decoded photograph in the engine until another restoration replaces it."""
+    """A decoded photograph, kept until another restoration replaces it."""
 
     path: Path
     posed: DecodingProblem
@@ -61,10 +61,7 @@ class Decoding:
         )
 
     def save(self, path: Path) -> None:
-        """Save the photograph decoded for the window in the format of the file's ending.
-
-        Raises UserError if the ending isn't known.
-        """
+        """Save the picture in the format of the file's ending; UserError if that isn't known."""
         require_photograph_ending(path)
         if not path.parent.is_dir():
             raise UserError(f"{path.parent}: is not a folder. Choose another place.")
@@ -72,7 +69,7 @@ class Decoding:
 
 
 def decode_record(command: ReconstructRun, progress: Progress) -> Decoding:
-    """Decode the photograph of a record as the window requests.
+    """Decode the photograph of a record.
 
     Raises UserError if it wasn't taken through a trained pattern whose decoder is at hand.
     """

@@ -1,4 +1,4 @@
-"""The engine's monitor of the bench's devices: identities, failures and last known settings."""
+"""Identities, failures and last known settings of the bench's devices."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _SETTING_QUERIES: dict[str, Callable[[Bench], Any]] = {
 
 
 class DeviceMonitor:
-    """Monitor the bench's devices for the window's list of devices.
+    """Follow the devices for the list that a person sees.
 
     A device that fails raises no error here: it is listed as failed, with its last value.
-    Identities are read once, because a dead device doesn't answer. `last_settings` holds, by
-    role, the settings that the devices returned when they were asked last.
+    Identities are read once, because a dead device doesn't answer.
+    last_settings: what the devices returned when they were asked last, by role.
     """
 
     def __init__(self, bench: Bench) -> None:
@@ -32,10 +32,7 @@ class DeviceMonitor:
         self.last_settings = {role: question(bench) for role, question in _SETTING_QUERIES.items()}
 
     def require_alive(self, *roles: str) -> None:
-        """Raise DeviceError if the window's engine knows one of these devices to be dead.
-
-        Without roles, all devices are checked.
-        """
+        """Raise DeviceError if one of these devices is known to be dead; without roles, any."""
         for role in roles or tuple(self._identities):
             if why := self._dead_reason(role):
                 model, remedy = self._identities[role].model, "Mend it, then click Reconnect"
@@ -44,34 +41,29 @@ class DeviceMonitor:
                 raise error
 
     def mark_failed(self, error: DeviceError) -> str:
-        """Mark a device as failed in the window until it works again; return its role.
-
-        The role is the device's name on the bench.
-        """
+        """Mark a device as failed until it works again; return its name on the bench."""
         if error.role:
             self._failed[error.role] = f"{error.command}: {error.reply}"
         return error.role
 
     def mark_working(self, *roles: str) -> None:
-        """Note that devices work, so that the window doesn't list them as failed any more.
-
-        Without roles, all devices are meant.
-        """
+        """Note that devices work again; without roles, all of them."""
         for role in roles or tuple(self._identities):
             self._failed.pop(role, None)
 
     def reopen(self, role: str) -> None:
-        """Open a failed device again for the window; raises DeviceError if that fails, too."""
+        """Open a failed device again; raises DeviceError if that fails, too."""
         self._bench.supervised_devices[role].revive()
         self.mark_working(role)
 
     def device_infos(
         self, exposure: float, *, live: bool, running: bool, query_devices: bool = True
     ) -> tuple[DeviceInfo, ...]:
-        """Describe every device for the window's list of devices.
+        """Describe every device.
 
-        `exposure` is the camera's exposure time in seconds. With `query_devices`, the devices are
-        asked for their settings; otherwise, the last known ones are used.
+        exposure: the camera's, s.
+        query_devices: whether the devices are asked for their settings; otherwise, the last known
+            ones are used.
         """
         if query_devices:
             self.last_settings = {role: self._query_setting(role) for role in _SETTING_QUERIES}
@@ -99,7 +91,7 @@ class DeviceMonitor:
         return tuple(info(name) for name in self._identities)
 
     def _query_setting(self, role: str) -> Any:
-        """Return a device's present setting for the window; without an answer, the last known."""
+        """Return a device's present setting; without an answer, the last known."""
         if not (self._dead_reason(role) or self._unplugged_reason(role)):
             try:
                 return _SETTING_QUERIES[role](self._bench)
@@ -108,9 +100,9 @@ class DeviceMonitor:
         return self.last_settings[role]
 
     def _unplugged_reason(self, role: str) -> str:
-        """Return why the window lists a device as unplugged; empty if it isn't, or can't tell."""
+        """Return why a device is listed as unplugged; empty if it isn't, or can't tell."""
         return self._bench.supervised_devices[role].unplugged_reason() or ""
 
     def _dead_reason(self, role: str) -> str:
-        """Return why the window lists a device as given up after a failure; else empty."""
+        """Return why a device is listed as given up after a failure; else empty."""
         return self._bench.supervised_devices[role].failure_reason

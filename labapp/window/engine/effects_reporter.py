@@ -1,4 +1,4 @@
-"""The engine's reports of the simulator's effect plans, sent to the window when they change."""
+"""Reports of the simulator's effect plans, sent when they change."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class EffectsReporter:
         self._last_reported: Hashable = None
 
     def report_if_changed(self, frame: LiveFrame) -> None:
-        """Send the window the effect plan of a live frame if the frame's settings are new.
+        """Send the effect plan of a live frame if the frame's settings are new.
 
         Settings are new if they differ from those reported last. Call this before the bench changes
         again: the plan is for the bench's present state.
@@ -46,7 +46,6 @@ class EffectsReporter:
 
 
 def build_effects_report(plan: EffectPlan, frame: LiveFrame) -> EffectsReport:
-    """Build the window's report of the simulator's effect plan for a live frame."""
     return EffectsReport(
         target=frame.target,
         pattern=frame.pattern,
@@ -76,7 +75,7 @@ def _effect_info(decision: Decision) -> EffectInfo:
 
 
 def _level(decision: Decision) -> str:
-    """Return an effect's level as text for the window; on an axis, "n of N" with N the finest."""
+    """Return an effect's level as text; on an axis, "n of N" with N the finest."""
     sampled = decision.kind == "axis" and len(decision.levels) > 1 and decision.level != "off"
     return f"{decision.level} of {decision.levels[-1]}" if sampled else decision.level
 

@@ -1,4 +1,4 @@
-"""The main loop of the window's engine: handle commands and take live frames in turn."""
+"""The main loop, which handles commands and takes live frames in turn."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ _COMPUTING = "computing the picture"
 
 
 class StartQueuedRuns:
-    """Tell the engine, from within itself, that the next run of the queue may begin."""
+    """Tell the loop, from within the engine, that the next run of the queue may begin."""
 
 
 class Engine:
@@ -206,7 +206,7 @@ class Engine:
             self._prediction.close()
 
     def _do(self, command: object) -> None:
-        """Carry out a command of the window, report errors, and report the bench's state."""
+        """Carry out a command, report errors, and report the bench's state."""
         try:
             self._obey[type(command)](command)
         except Exception as error:
@@ -214,10 +214,7 @@ class Engine:
         self._tell()
 
     def _reporting_errors(self, obey: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Wrap a handler of the window's urgent commands to report errors instead of raising.
-
-        An error must not end the thread that receives Cancel.
-        """
+        """Wrap a handler to report errors, which must not end the thread that receives Cancel."""
 
         def handle(command: object) -> None:
             try:
@@ -242,7 +239,7 @@ class Engine:
         self._channel.send(QueueState(queue.run_infos(), queue.hold_reason, self._person.prompt))
 
     def _count_request(self, command: object) -> None:
-        """Count a change of what the window's pictures depend on, once it waits or is obeyed."""
+        """Count a change of what pictures depend on, once it waits or is obeyed."""
         is_simulated = self._controller.live_tolerance.is_simulated
         if isinstance(command, _SETTINGS) or (isinstance(command, SetTolerance) and is_simulated):
             self._awaited.count_request(is_pattern=isinstance(command, ShowPattern))
@@ -284,7 +281,7 @@ class Engine:
             self._tell()
 
     def _take_awaited_frame(self, request: int) -> LiveFrame:
-        """Take a frame, and say meanwhile what the window waits for if its settings are new."""
+        """Take a frame, and say meanwhile what is awaited if its settings are new."""
         controller, cancelled = self._controller, self._outdated.is_cancelled
         if request <= self._awaited.reached:
             return controller.take_frame(cancelled)
@@ -299,7 +296,7 @@ class Engine:
             return controller.take_frame(cancelled)
 
     def _predict(self, request: int) -> None:
-        """Show a coarse prediction of the window's next picture, unless the picture is earlier."""
+        """Show a coarse prediction of the next picture, unless the picture is earlier."""
         if self._prediction is None or request == 0:
             return
 
@@ -311,10 +308,7 @@ class Engine:
         self._prediction.begin(self._controller.label_frame(nothing, exposure, 0), is_wanted)
 
     def _settled_request(self) -> int:
-        """Return the number of the person's last change that a frame taken now belongs to.
-
-        It is 0 while settings are on their way to the devices.
-        """
+        """Return which change a frame taken now belongs to; 0 while settings are on their way."""
         request = self._awaited.newest
         # In this order: a job posts its pattern before it ends.
         on_their_way = self._jobs.is_running("pattern") or self._channel.has_commands
@@ -338,7 +332,7 @@ class Engine:
         self._channel.send(CancelAcknowledged())
 
     def _stop(self) -> None:
-        """Cancel the background jobs of the window's engine, and the run under way."""
+        """Cancel the background jobs and the run under way."""
         self._jobs.cancel()
         self._queue.cancel()
 
@@ -347,7 +341,7 @@ class Engine:
         self._channel.post(StartQueuedRuns())
 
     def _run_all(self, command: StartQueuedRuns) -> None:
-        """Take the window's queued runs in turn, with live view stopped.
+        """Take the queued runs in turn, with live view stopped.
 
         Live view is restored after the last run, if that run allows it.
         """
@@ -362,7 +356,7 @@ class Engine:
                 self._change_live(True)
 
     def _take(self, run: QueuedRun) -> bool:
-        """Take one of the window's queued runs; return whether devices may be set after it."""
+        """Take a queued run; return whether devices may be set after it."""
         try:
             ended = self._acquisition.take_run(run)
         except Exception as error:

@@ -1,4 +1,4 @@
-"""The main function of the engine's process, which labapp.window.engine_connection starts."""
+"""The main function of the process that labapp.window.engine_connection starts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from labapp.window.messages import OpeningFailed
 
 
 def run_engine(line: MessageSocket, options: BenchOptions) -> None:
-    """Open a bench, and serve as the window's engine until the window is gone."""
+    """Open a bench, and serve the window until it is gone."""
     keep_freed_memory()
     channel = Channel(line)
     with lasting_objects():

@@ -1,4 +1,4 @@
-"""Errors of the engine as reports that the window shows."""
+"""Errors as reports to the person."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 def describe_failure(error: Exception, controller: BenchController) -> FailureReport:
-    """Turn an engine's error into a report for the window; log an unexpected one in full."""
+    """Turn an error into a report; log an unexpected one in full."""
     shortage = "" if isinstance(error, UserError | ValueError) else explain_shortage(error)
     if isinstance(error, DeviceError):
         return FailureReport(shortage or str(error), controller.devices.mark_failed(error))

@@ -35,7 +35,6 @@ _MOST_BYTES = 1 << 20
 
 
 def setting_of(shot: Shot) -> Setting:
-    """Return the setting of a frame in a run of the window."""
     return (shot.place or shot.target, shot.pattern, shot.wavelength, shot.exposure)
 
 
@@ -65,17 +64,9 @@ def cost_file() -> Path:
 class FrameCosts:
     """Keep the seconds that each kind of frame cost in the last runs on a bench, in a file.
 
-    Parameters
-    ----------
-    file : Path
-        The file, which may be missing or damaged.
-    bench : str
-        Name of the bench.
-
-    Attributes
-    ----------
-    known : set of tuples
-        Settings that were taken in this session, whose pictures a simulated bench may have kept.
+    file: may be missing or damaged.
+    bench: name of the bench.
+    known: settings that were taken in this session, whose pictures a simulated bench may have kept.
     """
 
     def __init__(self, file: Path, bench: str) -> None:
@@ -86,7 +77,7 @@ class FrameCosts:
 
     @property
     def kinds(self) -> list[str]:
-        """Return the kinds of frames of the window's runs whose costs were measured."""
+        """Return the kinds of frames whose costs were measured."""
         return list(self._own)
 
     def seconds(self, kind: str) -> float | None:
@@ -94,7 +85,7 @@ class FrameCosts:
         return statistics.median(self._own[kind]) if self._own.get(kind) else None
 
     def add(self, measured: dict[str, float]) -> None:
-        """Add the mean costs of a run of the window, in seconds by kind, and keep them."""
+        """Add the mean costs of a run, in seconds by kind, and keep them."""
         for kind, seconds in measured.items():
             self._own[kind] = [*self._own.get(kind, [])[1 - _KEPT :], round(seconds, 5)]
         try:

@@ -1,4 +1,4 @@
-"""The rate at which the engine takes frames for the window."""
+"""The rate at which frames are taken for the screen."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _USUAL_INTERVAL = 1 / 60
 
 
 class FramePacer:
-    """Tell when the next frame for the window is due: as often as its screen is redrawn.
+    """Tell when the next frame is due: as often as the window's screen is redrawn.
 
     No frame is due while another one waits for the window.
     """
@@ -27,13 +27,9 @@ class FramePacer:
 
     @property
     def is_due(self) -> bool:
-        """Return whether the window's next live frame is due."""
         return self._sender.has_room and self.seconds_left == 0
 
     def begin(self) -> None:
-        """Note that a frame for the window is being taken now.
-
-        A frame that began somewhat late doesn't delay the next one.
-        """
+        """Note that a frame is being taken now; one somewhat late doesn't delay the next."""
         now = time.monotonic()
         self._next = max(self._next + self.interval, now)

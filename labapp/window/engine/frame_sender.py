@@ -1,4 +1,4 @@
-"""The engine's thread that reduces live frames and hands them to the window in shared memory."""
+"""A thread that reduces live frames and hands them to the window in shared memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COUNTS_BYTES = 1 << 16
 
 @dataclass(frozen=True)
 class _Waiting:
-    """Hold a frame that waits to be shown in the window, and what it was taken for."""
+    """A frame that waits to be shown, and what it was taken for."""
 
     frame: LiveFrame
     request: int = 0
@@ -32,7 +32,7 @@ class _Waiting:
 
 
 class FrameSender:
-    """Reduce frames to the window's view in a thread of their own, while the next one is taken.
+    """Reduce frames to the window's view in a thread, while the next one is taken.
 
     A frame is sent once the one before is on the window's screen. Only the newest frame waits for
     that; one that a newer frame replaces counts as dropped.
@@ -55,11 +55,11 @@ class FrameSender:
 
     @property
     def has_room(self) -> bool:
-        """Return whether no frame waits for the window, so that another one is worth taking."""
+        """Return whether no frame waits to be shown, so that another one is worth taking."""
         return self._waiting is None
 
     def set_view(self, view: FrameView) -> None:
-        """Reduce later frames to another view of the window's; any thread may call this."""
+        """Reduce later frames to another view; any thread may call this."""
         self._view = view
 
     def offer(
@@ -68,7 +68,7 @@ class FrameSender:
         request: int = 0,
         on_sent: Callable[[LiveFrame], None] = lambda _: None,
     ) -> None:
-        """Have a frame shown in the window, taken after the person's change number `request`.
+        """Have a frame shown, taken after the person's change number `request`.
 
         `on_sent` is called with the frame just before the window gets it, in the sender's thread;
         not if another frame takes its place.
@@ -81,23 +81,20 @@ class FrameSender:
             self._condition.notify_all()
 
     def offer_prediction(self, frame: LiveFrame, is_wanted: Callable[[], bool]) -> None:
-        """Have a coarse prediction shown in the window, if it is still wanted and nothing waits."""
+        """Have a coarse prediction shown, if it is still wanted and nothing waits."""
         with self._condition:
             if self._waiting is None and is_wanted():
                 self._waiting = _Waiting(frame, is_prediction=True)
                 self._condition.notify_all()
 
     def skip(self, number: int) -> None:
-        """Count a frame that was taken but isn't shown in the window."""
+        """Count a frame that was taken but isn't shown."""
         with self._condition:
             self.tally.count_taken(number)
             self.tally.count_dropped()
 
     def discard(self) -> None:
-        """Drop the frames that aren't sent yet, and begin to count anew, for a new live view.
-
-        After this call, no frame that was offered before it is sent to the window.
-        """
+        """Drop all frames offered before, which then never reach the window, and count anew."""
         with self._condition:
             self._waiting = None
             self._discards += 1
@@ -106,7 +103,7 @@ class FrameSender:
             self.tally = FrameTally()
 
     def acknowledge(self, report: AcknowledgeFrame) -> None:
-        """Note that a frame is on the window's screen: slots of earlier ones are free again."""
+        """Note that a frame is on the screen: slots of earlier ones are free again."""
         with self._condition:
             while self._sent and self._sent[0] != report.slot:
                 self._sent.popleft()
@@ -138,7 +135,7 @@ class FrameSender:
                     self._condition.notify_all()
 
     def _write(self, waiting: _Waiting) -> SlotHeader:
-        """Write a frame and the window's view of it into a slot that the window doesn't use."""
+        """Write a frame and the view of it into a slot that isn't in use."""
         frame = replace(waiting.frame, image=np.ascontiguousarray(waiting.frame.image))
         shown = reduce_frame(frame.image, self._view, self._scale)
         # A view has at most as many bytes as the frame has pixels.
@@ -152,7 +149,7 @@ class FrameSender:
         return self._memory.write(slot, picture)
 
     def _send(self, header: SlotHeader, waiting: _Waiting, discards: int) -> None:
-        """Send a frame once the one before is on the window's screen, unless it is discarded."""
+        """Send a frame once the one before is on the screen, unless it is discarded."""
 
         def is_due() -> bool:
             return self._is_shown or self._discards != discards or self._channel.closed

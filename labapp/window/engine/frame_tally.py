@@ -1,4 +1,4 @@
-"""How many live frames the window doesn't get to see."""
+"""How many live frames a person doesn't get to see."""
 
 from __future__ import annotations
 
@@ -7,14 +7,10 @@ from dataclasses import dataclass
 
 @dataclass
 class FrameTally:
-    """Count the engine's frames that were taken but not shown, and those that never came.
+    """Count the frames that were taken but not shown, and those that never came.
 
-    Attributes
-    ----------
-    dropped : int
-        Frames that were taken but not shown, because newer ones replaced them.
-    missed : int
-        Frames that the camera counted but didn't deliver: gaps in the frames' numbers.
+    dropped: frames that were taken but not shown, because newer ones replaced them.
+    missed: frames that the camera counted but didn't deliver: gaps in the frames' numbers.
     """
 
     dropped: int = 0
@@ -28,5 +24,4 @@ class FrameTally:
         self._last = number
 
     def count_dropped(self) -> None:
-        """Count a frame that was taken but isn't shown in the window."""
         self.dropped += 1

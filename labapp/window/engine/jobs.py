@@ -1,4 +1,4 @@
-"""The engine's register of background jobs, with progress for the window and a way to cancel."""
+"""Register of background jobs, with their progress and a way to cancel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from optics.progress import Progress
 
 
 class Jobs:
-    """Register the engine's background jobs by name; any thread may call `cancel()`."""
+    """Register background jobs by name; any thread may call `cancel()`."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
@@ -22,14 +22,10 @@ class Jobs:
         self.on_progress: Callable[[JobProgress], None] = lambda _: None
 
     def is_running(self, job: str) -> bool:
-        """Return whether a job of the window's engine is under way."""
         return job in self._running
 
     def begin(self, job: str) -> Progress:
-        """Register a job of the window's engine, and cancel an older job of the same name.
-
-        Returns the new job's progress, which is reported to the window.
-        """
+        """Register a job, cancel an older one of its name, and return the new job's progress."""
         progress = Progress(_Reporter(job, self._report))
         with self._lock:
             if job in self._running:
@@ -50,7 +46,7 @@ class Jobs:
         self._channel.send(JobEnded(job))
 
     def cancel(self, job: str | None = None) -> None:
-        """Cancel the engine's background job of this name, or all of them if it is None."""
+        """Cancel the background job of this name, or all of them if it is None."""
         with self._lock:
             for name, progress in self._running.items():
                 if job in (None, name):

@@ -26,14 +26,14 @@ _UNITS = {"wavelength": "m", "exposure": "s", "full_scale": "DN", "black_level":
 
 @dataclass(frozen=True, eq=False)
 class _HeldPicture:
-    """Hold a live picture of the window with the time at which it came."""
+    """A live picture with the time at which it came."""
 
     frame: LiveFrame
     moment: datetime
 
 
 class KeptPictures:
-    """Hold the window's last live pictures, and write those that a person keeps.
+    """Hold the last live pictures, and write those that a person keeps.
 
     Any thread may call the methods.
     """
@@ -49,7 +49,7 @@ class KeptPictures:
             self._held.append(_HeldPicture(frame, datetime.now().astimezone()))
 
     def keep(self, number: int, folder: Path) -> Path:
-        """Write the window's picture of a number to a new file, and return its path.
+        """Write the picture of a number to a new file, and return its path.
 
         The file is a TIFF of the raw digital numbers, with the settings as JSON in its description.
         Raises UserError if the picture is gone, or can't be written.
@@ -81,7 +81,7 @@ class KeptPictures:
         return buffer.getvalue()
 
     def _settings(self, held: _HeldPicture) -> dict[str, Any]:
-        """Return what the file of a window's picture says about it, in SI units."""
+        """Return what a picture's file says about it, in SI units."""
         frame, sensor = held.frame, self._bench.description.sensor
         return {
             "target": frame.target,
@@ -100,7 +100,7 @@ class KeptPictures:
 
 
 def _new_path(folder: Path, moment: datetime) -> Path:
-    """Return an unused path for a picture of the window, named after the time of the picture."""
+    """Return an unused path, named after the time of the picture."""
     stem = f"{moment:%Y-%m-%d_%H%M%S}_picture"
     path, number = folder / f"{stem}.tiff", 1
     while path.exists():

@@ -1,4 +1,4 @@
-"""Exposures for the window that are found by trial frames: one for a level, or a bracket."""
+"""Exposures that are found by trial frames: one for a level, or a bracket."""
 
 from __future__ import annotations
 
@@ -22,28 +22,21 @@ TakeTrial = Callable[[float], tuple[float, NDArray[Any]]]
 """Takes a trial frame of about this exposure in seconds, and returns the real one and the frame."""
 
 _PATTERNS = 2
-"""Patterns of the window's brackets, which share the dark frames: neutral, and the chosen one."""
+"""Patterns of a bracket, which share the dark frames: neutral, and the chosen one."""
 
 
 @dataclass(frozen=True)
 class LevelSettings:
-    """Tune the search for an exposure of the window; all values are chosen.
+    """Tune the search for an exposure; all values are chosen.
 
-    Attributes
-    ----------
-    snr_db, decades : float
-        What is asked of the meter: the brightest pixels' light to some percent, and no more.
-    longest : float
-        Longest exposure in seconds. A longer one is for a person to ask for.
-    closeness : float
-        Relative difference from the wanted level that is near enough.
-    corrections : int
-        Most trial frames after the first at the exposure that was found.
-    least_snr : float
-        Signal over noise of the brightest pixel below which it isn't taken for light, where the
-        longest exposure shows no more. The noise alone reaches 5 in some pixel of ten million.
-    dimmer : float
-        Factor to the next exposure if pixels are saturated against expectation.
+    snr_db, decades: what is asked of the meter: the brightest pixels' light to some percent, and no
+        more.
+    longest: longest exposure, s. A longer one is for a person to ask for.
+    closeness: relative difference from the wanted level that is near enough.
+    corrections: most trial frames after the first at the exposure that was found.
+    least_snr: signal over noise of the brightest pixel below which it isn't taken for light, where
+        the longest exposure shows no more. The noise alone reaches 5 in some pixel of ten million.
+    dimmer: factor to the next exposure if pixels are saturated against expectation.
     """
 
     snr_db: float = 30.0
@@ -60,9 +53,12 @@ SETTINGS = LevelSettings()
 
 @dataclass(frozen=True)
 class FoundExposure:
-    """Exposure that brings the window's picture to a level, in seconds, and the level it reaches.
+    """An exposure that brings the picture to a level.
 
-    frames: trial frames. limit: "shortest" or "longest" if that end of the range was reached first.
+    exposure: s.
+    level: the level that it reaches.
+    frames: trial frames.
+    limit: "shortest" or "longest" if that end of the range was reached first.
     """
 
     exposure: float
@@ -79,35 +75,16 @@ def find_exposure(
     first: float,
     is_clip_told: bool = True,
 ) -> FoundExposure:
-    """Find the exposure for the window that brings the brightest pixel to a level.
+    """Find the exposure that brings the brightest pixel to a level.
 
     Frames are metered until the brightest pixel's light is known; the exposure that follows is
-    tried, and corrected.
+    tried, and corrected. Raises ValueError if pixels are saturated in the shortest exposure,
+    nothing is seen in the longest, or the level is none.
 
-    Parameters
-    ----------
-    take : callable
-        Takes a trial frame.
-    sensor : Sensor
-        Tells gain, noise and full scale.
-    limits : ExposureLimits
-        Exposures that are allowed.
-    level : float
-        Share of the range from the black level to full scale, above 0 and below 1.
-    first : float
-        Exposure to begin with, in seconds.
-    is_clip_told : bool
-        Whether it is known that pixels clip at the sensor's full scale.
-
-    Returns
-    -------
-    FoundExposure
-
-    Raises
-    ------
-    ValueError
-        If pixels are saturated in the shortest exposure, nothing is seen in the longest, or the
-        level is none.
+    sensor: tells gain, noise and full scale.
+    level: share of the range from the black level to full scale, above 0 and below 1.
+    first: exposure to begin with, s.
+    is_clip_told: whether it is known that pixels clip at the sensor's full scale.
     """
     allowed = AllowedTimes(limits)
     metered = _meter(take, sensor, limits, first, SETTINGS.snr_db, SETTINGS.decades, is_clip_told)
@@ -128,7 +105,7 @@ def find_exposure(
 
 
 def _require_seen(level: float, exposure: float, sensor: Sensor) -> None:
-    """Raise ValueError if the brightest pixel of the window's picture may be noise."""
+    """Raise ValueError if the brightest pixel may be noise."""
     charge = level * (sensor.full_scale - sensor.black_level) * sensor.gain
     light = max(charge - sensor.dark_current * exposure, 0.0)
     if light < SETTINGS.least_snr * math.sqrt(light + ExposureSNR(sensor).floor(exposure)):
@@ -139,7 +116,7 @@ def _require_seen(level: float, exposure: float, sensor: Sensor) -> None:
 
 
 def _limit(wanted: float, limits: ExposureLimits) -> str:
-    """Return which end of the exposures an exposure of the window lies beyond; empty for none."""
+    """Return which end of the allowed exposures one lies beyond; empty for none."""
     if wanted > limits.longest * (1 + SETTINGS.closeness):
         return "longest"
     return "shortest" if wanted < limits.shortest * (1 - SETTINGS.closeness) else ""
@@ -147,7 +124,7 @@ def _limit(wanted: float, limits: ExposureLimits) -> str:
 
 @dataclass(frozen=True)
 class ProposedExposures:
-    """Bracket that is proposed to the window, with the range of light that was metered.
+    """A proposed bracket, with the range of light that was metered.
 
     ladders: seconds of the ladders that reach the same, by name.
     """
@@ -168,7 +145,7 @@ def propose_exposures(
     first: float,
     is_clip_told: bool = True,
 ) -> ProposedExposures:
-    """Propose a bracket to the window for the light in its picture.
+    """Propose a bracket for the light in the picture.
 
     Raises ValueError if the light is too bright or too dim, or no bracket reaches the ratio.
     """
@@ -196,7 +173,7 @@ def _meter(
     decades: float,
     is_clip_told: bool,
 ) -> MeteredRange:
-    """Meter the light in the window's picture by trial frames."""
+    """Meter the light in the picture by trial frames."""
     meter = Meter(sensor, limits, first, snr_db, decades, is_clip_told)
     while meter.next_time is not None:
         exposure, numbers = take(meter.next_time)

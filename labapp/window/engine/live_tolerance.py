@@ -1,4 +1,4 @@
-"""How the window's live pictures are simulated on a virtual bench; runs keep the scene's own."""
+"""How live pictures are simulated on a virtual bench; runs keep the scene's own."""
 
 from __future__ import annotations
 
@@ -26,14 +26,10 @@ class LiveTolerance:
         self._given_up = threading.Event()
 
     def set(self, tol: float | None) -> None:
-        """Set the relative error of live pictures for the window, from any thread.
+        """Set the relative error of live pictures, from any thread.
 
-        None is the scene's own. A picture that is being simulated is given up.
-
-        Raises
-        ------
-        ValueError
-            For a tolerance that isn't positive and finite.
+        None is the scene's own. A picture that is being simulated is given up. Raises ValueError
+        for a tolerance that isn't positive and finite.
         """
         if tol is not None and not 0 < tol < math.inf:
             raise ValueError(f"tolerance {tol:g}: give a positive number, as 1e-3")
@@ -43,17 +39,17 @@ class LiveTolerance:
 
     @property
     def is_simulated(self) -> bool:
-        """Return whether the window's live pictures are simulated."""
+        """Return whether live pictures are simulated."""
         return self._world is not None
 
     @property
     def is_frame_given_up(self) -> bool:
-        """Return whether the window's last live frame is given up for another tolerance."""
+        """Return whether the last live frame is given up for another tolerance."""
         return self._given_up.is_set()
 
     @contextmanager
     def during_frame(self) -> Iterator[None]:
-        """Simulate pictures by estimates at the window's tolerance while the block runs."""
+        """Simulate pictures by estimates at the set tolerance while the block runs."""
         self._given_up.clear()
         if self._world is None:
             yield

@@ -1,4 +1,4 @@
-"""Open a record for the window: what it holds, one of its frames, and if it can be restored."""
+"""Opening of a record: what it holds, one of its frames, and if it can be restored."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from labapp.runs.record.reader import Record
 from labapp.window.messages import RecordOpened
 
 _BLACK, _WHITE = 0.5, 99.99
-"""Percentiles of a frame that the window shows as black and as white, as live view does."""
+"""Percentiles of a frame that are shown as black and as white, as live view does."""
 
 
 def open_record(path: Path) -> RecordOpened:
-    """Read what the window shows of a record; raise UserError if it can't be read."""
+    """Read what is shown of a record; raise UserError if it can't be read."""
     with Record(path) as record:
         missing = set(record.frames_not_stored())
         stored = [index for index in range(record.frame_count) if index not in missing]
@@ -42,7 +42,7 @@ def _frame_to_show(record: Record, stored: list[int]) -> int | None:
 
 
 def _summary(record: Record, stored: int) -> str:
-    """Describe a record for the window: state, frames, targets, patterns, wavelengths."""
+    """Describe a record: state, frames, targets, patterns, wavelengths."""
     wavelengths = sorted(set(record.column("wavelength_asked").tolist()))
     listed = ", ".join(f"{one * 1e9:g}" for one in wavelengths)
     return (
@@ -53,7 +53,6 @@ def _summary(record: Record, stored: int) -> str:
 
 
 def _frame_words(record: Record, index: int) -> str:
-    """Describe one frame of a record for the window."""
     target = record.target_names[int(record.column("target")[index])]
     pattern = record.pattern_names[int(record.column("pattern")[index])]
     nm = float(record.column("wavelength")[index]) * 1e9
@@ -63,7 +62,7 @@ def _frame_words(record: Record, index: int) -> str:
 
 
 def _screen_picture(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return a raw frame of a record with the grey values of a screen, stretched."""
+    """Return a raw frame with the grey values of a screen, stretched."""
     black, white = np.percentile(image, [_BLACK, _WHITE])
     share = (image - black) / max(white - black, 1.0)
     return np.rint(255 * np.clip(share, 0, 1)).astype(np.uint8)

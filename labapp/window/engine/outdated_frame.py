@@ -1,4 +1,4 @@
-"""When the engine gives up a live frame that the window waits for no more."""
+"""When a live frame is given up that nobody waits for any more."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ class OutdatedFrame:
     """Give up a frame that is being taken, because the window sent a command or a tolerance.
 
     Otherwise a command would wait for a long exposure, or for the simulation of a picture that
-    nobody wants to see any more. `world` is that of a simulated camera, or None.
+    nobody wants to see any more.
+    world: that of a simulated camera, or None.
     """
 
     def __init__(self, channel: Channel, tolerance: LiveTolerance, world: World | None) -> None:
@@ -32,12 +33,12 @@ class OutdatedFrame:
 
     @property
     def is_given_up(self) -> bool:
-        """Return whether the window's last frame was given up."""
+        """Return whether the last frame was given up."""
         return self._given_up
 
     @contextmanager
     def watch(self) -> Iterator[None]:
-        """Watch for the window's commands while a frame is taken in the block.
+        """Watch for commands while a frame is taken in the block.
 
         A simulated camera looks between the steps of a picture. Cancelling it would not do, since
         it would count as hanging if a step took long.

@@ -1,4 +1,4 @@
-"""Patterns and predicted PSFs for the window, computed by the engine and cached."""
+"""Patterns and predicted PSFs, computed and cached."""
 
 from __future__ import annotations
 
@@ -24,16 +24,12 @@ from optics.progress import Progress
 
 @dataclass(frozen=True)
 class PatternDesignerSettings:
-    """Set the sizes of the engine's pattern previews and of its cache of patterns.
+    """Tune the sizes of pattern previews and of the cache of patterns.
 
-    Attributes
-    ----------
-    cached_patterns : int
-        Most patterns that are kept. Chosen.
-    psf_window : int
-        Side of the PSF shown, in sensor pixels. Chosen so that a ring of 250 µm fits.
-    preview_columns : int
-        Columns of the grey-level preview. Chosen; the panel has more than the window can show.
+    cached_patterns: most patterns that are kept. Chosen.
+    psf_window: side of the PSF shown, sensor pixels. Chosen so that a ring of 250 µm fits.
+    preview_columns: columns of the grey-level preview. Chosen; the panel has more than the window
+        can show.
     """
 
     cached_patterns: int = 8
@@ -45,10 +41,11 @@ SETTINGS = PatternDesignerSettings()
 
 
 class PatternDesigner:
-    """Compute patterns for a camera, and their previews for the window.
+    """Compute patterns for a camera, and their previews.
 
-    Two threads may use it at the same time. `seed` is that of the random start, the same as in a
-    run. `tol` is the relative error of predicted PSFs.
+    Two threads may use it at the same time.
+    seed: that of the random start, the same as in a run.
+    tol: relative error of predicted PSFs.
     """
 
     def __init__(self, camera: Camera, seed: int = 1) -> None:
@@ -58,10 +55,7 @@ class PatternDesigner:
         self._lock = threading.Lock()
 
     def grey_levels(self, table: PatternTable, progress: Progress) -> NDArray[np.uint8]:
-        """Return the grey levels, (rows, columns), of a pattern chosen in the window.
-
-        Raises the errors of compute_pattern().
-        """
+        """Return a pattern's grey levels, (rows, columns); raises what compute_pattern() does."""
         key = json.dumps(table, sort_keys=True)
         with self._lock:
             if key in self._cached_patterns:
@@ -75,7 +69,7 @@ class PatternDesigner:
         return grey
 
     def preview(self, table: PatternTable, wavelength: float, progress: Progress) -> PatternPreview:
-        """Compute a pattern's preview for the window, and its PSF at a wavelength in metres."""
+        """Compute a pattern's preview, and its PSF at a wavelength in metres."""
         grey = self.grey_levels(table, progress.part(0, 0.9))
         progress.report(0.9, "computing the PSF")
         psf = self._psf(grey, wavelength)
@@ -87,10 +81,7 @@ class PatternDesigner:
         return PatternPreview(table, name, np.asarray(small), psf / peak, peak)
 
     def _psf(self, grey: NDArray[np.uint8], wavelength: float) -> NDArray[np.float32]:
-        """Predict a pattern's PSF for the window's preview, for an object in focus.
-
-        The PSF covers the part of the sensor that the window shows.
-        """
+        """Predict the PSF of an object in focus, on the part of the sensor that is shown."""
         pixels = self._camera.sensor.window_plane((SETTINGS.psf_window, SETTINGS.psf_window))
         greys = torch.from_numpy(grey)[None]
         psf = predicted_psf(self._camera, greys, wavelength, pixels, tol=self.tol)
@@ -98,8 +89,5 @@ class PatternDesigner:
 
 
 def _names_a_file(table: PatternTable) -> bool:
-    """Return whether a pattern chosen in the window depends on a file.
-
-    The file may change while the pattern's table stays the same.
-    """
+    """Return whether a pattern depends on a file, which may change while its table doesn't."""
     return "file" in table or "file" in table.get("target", {})

@@ -1,4 +1,4 @@
-"""Prompts of a run to the person at the window."""
+"""Prompts of a run to a person."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from optics.progress import Progress
 
 
 class PersonPrompter:
-    """Ask the person at the window to do something for a run.
+    """Ask a person to do something for a run.
 
-    `prompt` is the present prompt, None if there is none. `on_change` is called when it changes.
+    `on_change` is called when the prompt changes.
+    prompt: the present one, None if there is none.
     """
 
     def __init__(self, on_change: Callable[[], None]) -> None:
@@ -32,10 +33,9 @@ class PersonPrompter:
         done: str = "Done",
         alternative: str = "",
     ) -> bool:
-        """Show a run's prompt in the window, and wait for the answer.
+        """Show a run's prompt, wait for the answer, and return whether it is the alternative.
 
-        `meanwhile` uses the bench until the answer comes. Returns whether the person chose the
-        alternative. Raises Cancelled if the run is cancelled.
+        `meanwhile` uses the bench until the answer comes. Raises Cancelled if the run is cancelled.
         """
         self._answer_event.clear()
         self._alternative = False
@@ -48,10 +48,7 @@ class PersonPrompter:
         return self._alternative
 
     def answer(self, number: int, *, alternative: bool = False) -> None:
-        """Accept the window's answer to the present prompt.
-
-        An answer to an earlier prompt is ignored, since a person may press a key twice.
-        """
+        """Accept an answer to the present prompt only, since a person may press a key twice."""
         prompt = self.prompt
         if prompt is not None and prompt.number == number and not self._answer_event.is_set():
             self._alternative = alternative

@@ -1,4 +1,4 @@
-"""In how many seconds the window's next picture is expected."""
+"""In how many seconds the next picture is expected."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ class PictureForecast:
     """Predict the time of simulated live pictures from their effect plans.
 
     The first prediction assumes the default machine; later ones follow the pictures that were
-    computed since. `world` is that of a simulated camera.
+    computed since.
+    world: that of a simulated camera.
     """
 
     def __init__(self, world: World) -> None:
@@ -29,10 +30,10 @@ class PictureForecast:
         """Seconds of the last picture, its plan included; None before the first one."""
 
     def expected_seconds(self, exposure: float) -> float | None:
-        """Return the seconds that the picture of the bench's present state takes in the window.
+        """Return the seconds that the picture of the bench's present state takes.
 
-        The picture's effects are planned for that, which its simulation needs not do again. None
-        if they can't be planned: taking the picture says why.
+        The picture's effects are planned for that, which its simulation needs not do again. None if
+        they can't be planned: taking the picture says why.
         """
         try:
             plan = self._world.imaging.plan(self._world.situation(exposure))
@@ -43,10 +44,7 @@ class PictureForecast:
 
     @contextmanager
     def learn(self) -> Iterator[None]:
-        """Learn from the time that the window's picture takes, which is planned in the block.
-
-        A picture that fails or is given up teaches nothing.
-        """
+        """Learn from a picture's time, its plan's included, unless it fails or is given up."""
         self._work, began = 0.0, time.monotonic()
         yield
         now = time.monotonic()

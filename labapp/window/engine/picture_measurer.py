@@ -1,4 +1,4 @@
-"""Measurements for the window in live pictures, on raw pixels, in a thread of their own."""
+"""Measurements in live pictures, on raw pixels, in a thread of their own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ processor."""
 
 
 class PictureMeasurer:
-    """Measure the window's newest live picture as often as a person can read.
+    """Measure the newest live picture as often as a person can read.
 
     Any thread may call the methods. Nothing is measured until the window asks for something.
     `complain` is called with an error of the measurements' own.
@@ -48,19 +48,19 @@ class PictureMeasurer:
         threading.Thread(target=self._work, name="measuring", daemon=True).start()
 
     def ask(self, asked: MeasurePictures) -> None:
-        """Set what the window wants to be measured; the last picture is measured at once."""
+        """Set what is to be measured; the last picture is measured at once."""
         with self._condition:
             self._asked, self._is_new = asked, self._frame is not None
             self._condition.notify()
 
     def find_star(self) -> None:
-        """Find the star that stands out most in the whole of the window's last live picture."""
+        """Find the star that stands out most in the whole of the last live picture."""
         with self._condition:
             self._finding = True
             self._condition.notify()
 
     def offer(self, frame: LiveFrame) -> None:
-        """Offer a live picture of the window for measurements; only the newest counts."""
+        """Offer a live picture for measurements; only the newest counts."""
         with self._condition:
             self._frame, self._is_new = frame, True
             if self._is_wanted:
@@ -91,7 +91,7 @@ class PictureMeasurer:
 
 
 def measure_picture(frame: LiveFrame, asked: MeasurePictures, sensor: Sensor) -> PictureMeasured:
-    """Measure a live picture for the window in a region and along a line."""
+    """Measure a live picture in a region and along a line."""
     return PictureMeasured(
         number=frame.number,
         target=frame.target,
@@ -103,7 +103,7 @@ def measure_picture(frame: LiveFrame, asked: MeasurePictures, sensor: Sensor) ->
 
 
 def find_star(frame: LiveFrame | None, sensor: Sensor) -> StarFound:
-    """Find the star that stands out most in a live picture of the window."""
+    """Find the star that stands out most in a live picture."""
     if frame is None:
         return StarFound(None, "there is no picture yet; start live view with F5")
     import numpy as np
@@ -121,7 +121,7 @@ def find_star(frame: LiveFrame | None, sensor: Sensor) -> StarFound:
 
 
 def _read_region(frame: LiveFrame, asked: PixelRegion, sensor: Sensor) -> RegionReading | None:
-    """Measure a region of the window's live picture; None if it lies outside."""
+    """Measure a region of a live picture; None if it lies outside."""
     from optics.measuring import Region, focus_score, region_statistics
 
     try:
@@ -151,7 +151,7 @@ def _read_region(frame: LiveFrame, asked: PixelRegion, sensor: Sensor) -> Region
 
 
 def _read_star(frame: LiveFrame, region: Region, sensor: Sensor) -> tuple[StarReading | None, str]:
-    """Measure the star in a region of the window's live picture; or say why there is none."""
+    """Measure the star in a region; or say why there is none."""
     from optics.measuring import star_shape
 
     try:
@@ -171,7 +171,7 @@ def _read_star(frame: LiveFrame, region: Region, sensor: Sensor) -> tuple[StarRe
 
 
 def _read_line(frame: LiveFrame, line: PixelLine) -> LineReading:
-    """Measure the window's line in a live picture; its ends are moved into the picture."""
+    """Measure along a line, whose ends are moved into the picture."""
     from optics.measuring import line_profile
 
     ends = [

@@ -1,4 +1,4 @@
-"""Plans of runs that the window requests, in the same form as a plan file."""
+"""Plans of requested runs, in the same form as a plan file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _pattern() -> TypeAdapter[StillPattern]:
 
 
 def validate_pattern(table: PatternTable) -> StillPattern:
-    """Validate a pattern from the window; raise UserError, which names the key that is wrong."""
+    """Validate a pattern; raise UserError, which names the key that is wrong."""
     try:
         return _pattern().validate_python(table)
     except ValidationError as error:
@@ -39,10 +39,10 @@ def validate_pattern(table: PatternTable) -> StillPattern:
 
 
 def build_bracket_plan(request: AcquireBracket) -> PlanFile:
-    """Build the plan of an exposure bracket that the window requests.
+    """Build the plan of an exposure bracket.
 
-    The plan has dark frames at every exposure time, then star and photograph, each with the
-    neutral and the requested pattern. Raises UserError if the request isn't valid.
+    The plan has dark frames at every exposure time, then star and photograph, each with the neutral
+    and the requested pattern. Raises UserError if the request isn't valid.
     """
     pattern = validate_pattern(request.pattern)
     if isinstance(pattern, ConstantPattern):
@@ -81,7 +81,7 @@ def build_bracket_plan(request: AcquireBracket) -> PlanFile:
 
 
 def _exposure_keys(bracket: RequestedBracket, repeats: int) -> dict[str, Any]:
-    """Return the keys of a block for a bracket that the window requests.
+    """Return the keys of a block for a bracket.
 
     Exposures that are to be chosen have their dark frames in the block. Those, and proposed ones,
     have no repeats: the ratio is that of all frames.

@@ -1,4 +1,4 @@
-"""Preparation of runs that the window requests: read, check and name them, then queue them."""
+"""Preparation of runs: read, check and name them, then queue them."""
 
 from __future__ import annotations
 
@@ -76,12 +76,12 @@ class RunPlanner:
         self._thread.shutdown(cancel_futures=True)
 
     def enqueue(self, command: RunRequest) -> None:
-        """Begin to build a run that the window requests; the run is queued when it is built."""
+        """Begin to build a run, which is queued when it is built."""
         self._queue.expect_run()
         self._thread.submit(self._build_and_enqueue, command, partial(self._build, command))
 
     def restore(self, command: RestoreQueue) -> None:
-        """Queue the window's runs of a session that ended, and hold them; none begins by itself."""
+        """Queue the runs of a session that ended, and hold them; none begins by itself."""
         for _ in command.requests:
             self._queue.expect_run()
         # Held before the first one can be ready.
@@ -124,7 +124,7 @@ class RunPlanner:
         return run
 
     def _own_path(self, request: RunRequest) -> Path:
-        """Return the path that the record of a request of the window had, if it was begun."""
+        """Return the path that a request's record had, if it was begun."""
         if isinstance(request, ResumeRun):
             return request.path
         name = "bracket"
@@ -183,10 +183,7 @@ class RunPlanner:
         return RunTiming(listed, virtual=not self._bench.file.is_real, costs=self._costs)
 
     def _new_path(self, folder: Path, stem: str) -> Path:
-        """Return an unused path for the record of a run that the window requests.
-
-        No file and no queued run has this path.
-        """
+        """Return a path for a record that no file and no queued run has."""
         path, number = folder / f"{stem}.h5", 1
         while path.exists() or self._queue.has_record(path):
             number += 1
@@ -195,6 +192,6 @@ class RunPlanner:
 
 
 def _stem(name: str, ticket: str) -> str:
-    """Return the name of a run's record: the ticket of the window's request, and the run's name."""
+    """Return the name of a run's record: the request's ticket, and the run's name."""
     words = re.sub(r"\W+", "-", name.lower()).strip("-")[:60] or "run"
     return f"{ticket or format(datetime.now(), '%Y-%m-%d_%H%M%S')}_{words}"

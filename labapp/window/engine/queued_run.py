@@ -1,4 +1,4 @@
-"""A run in the engine's queue, with its state and its progress."""
+"""A run in the queue, with its state and its progress."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ _UNPLUGGED_PREFIX = "UNPLUGGED: "
 
 
 class QueuedRun:
-    """Keep the state of a run in the engine's queue; any thread may read `info`.
+    """Keep the state of a run in the queue; any thread may read `info`.
 
-    `planned_frames` are all frames of the record, `stored_frames` those that it already has, and
-    `timing` is for those that it lacks. `on_change` is called after each change. The thread that
-    owns the bench calls `on_pause` when the run is paused, and `on_plug_change` when a device was
-    unplugged or plugged in.
+    `on_change` is called after each change. The thread that owns the bench calls `on_pause` when
+    the run is paused, and `on_plug_change` when a device was unplugged or plugged in.
+    timing: for the frames that the record lacks.
+    planned_frames: all frames of the record.
+    stored_frames: those that it already has.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class QueuedRun:
         self._timing.begin()
 
     def replan(self, shots: Sequence[Shot]) -> None:
-        """Take over the frames that a run of the window's queue has after metering."""
+        """Take over the frames that the run has after metering."""
         self._planned = len(shots)
         self._timing.replan(shots)
         self.on_change()
@@ -79,17 +80,14 @@ class QueuedRun:
         self.on_change()
 
     def set_paused(self, on: bool) -> None:
-        """Pause a run of the window's queue after its current frame, or let it go on.
-
-        Any thread may call this.
-        """
+        """Pause the run after its current frame, or let it go on; any thread may call this."""
         if not on and self.progress.is_paused and self.state is State.PAUSED:
             self.mark_resumed()
         (self.progress.pause if on else self.progress.resume)()
         self.on_change()
 
     def count_stored_frame(self, shot: Shot, frame: Frame) -> None:
-        """Count a frame that a run of the window's queue has stored in its record."""
+        """Count a frame that was stored in the record."""
         self.state = State.RUNNING
         self._stored += 1
         self._timing.go_on()

@@ -1,4 +1,4 @@
-"""Reconstructions for the window: restore a record's photograph by a chosen method, and save it."""
+"""Restoration of a record's photograph by a chosen method, to be shown and saved."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from optics.progress import Progress
 
 @dataclass(frozen=True, eq=False)
 class Restoration:
-    """Hold a restored photograph in the engine until another one replaces it."""
+    """A restored photograph, kept until another one replaces it."""
 
     path: Path
     problem: RestorationProblem
@@ -57,10 +57,7 @@ class Restoration:
         )
 
     def save(self, path: Path) -> None:
-        """Save the photograph restored for the window in the format of the file's ending.
-
-        Raises UserError if the ending isn't known.
-        """
+        """Save the picture in the format of the file's ending; UserError if that isn't known."""
         require_photograph_ending(path)
         if not path.parent.is_dir():
             raise UserError(f"{path.parent}: is not a folder. Choose another place.")
@@ -68,7 +65,7 @@ class Restoration:
 
 
 def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restoration:
-    """Restore the photograph of a record as the window requests.
+    """Restore the photograph of a record.
 
     Raises UserError if the record has no photograph or no star, or if no method fits the time.
     """
@@ -89,13 +86,13 @@ def reconstruct_record(command: ReconstructRun, progress: Progress) -> Restorati
 
 
 def _noise_words(problem: RestorationProblem, outcome: RestoredPicture) -> str:
-    """Say for the window how the noise is known, and what a variance map gained."""
+    """Say how the noise is known, and what a variance map gained."""
     told = outcome.noise_source(problem)
     return f"{told}; variance map {outcome.variance_words}" if outcome.variance_uses else told
 
 
 def _bands_hint(error: UserError) -> str:
-    """Return what the window offers if a photograph has several wavelengths; else nothing."""
+    """Return what to do if a photograph has several wavelengths; else nothing."""
     if "--wavelength-nm" not in str(error):
         return ""
     return " Or tick Bands, to restore a spectral cube from all of them."

@@ -1,4 +1,4 @@
-"""The engine's queue of runs, which are taken in turn until one fails or is cancelled."""
+"""The queue of runs, which are taken in turn until one fails or is cancelled."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _NOT_WELL = {State.CANCELLED: "was cancelled", State.FAILED: "failed"}
 
 
 class RunQueue:
-    """Keep the engine's runs in their order; any thread may call the methods.
+    """Keep runs in their order; any thread may call the methods.
 
-    After a run failed or was cancelled, the others are held: what stopped it may stop them too,
-    and nobody may be there to see it. `hold_reason` tells why until release() is called. A run
-    that is still being prepared is held as well, so its preparation begins with expect_run() and
-    ends with add() or drop_expected(). `on_change` is called after each change.
+    After a run failed or was cancelled, the others are held: what stopped it may stop them too, and
+    nobody may be there to see it. `hold_reason` tells why until release() is called. A run that is
+    still being prepared is held as well, so its preparation begins with expect_run() and ends with
+    add() or drop_expected(). `on_change` is called after each change.
     """
 
     def __init__(self, on_change: Callable[[], None]) -> None:
@@ -35,29 +35,28 @@ class RunQueue:
             return tuple(run.info for run in self._runs)
 
     def has_record(self, path: Path) -> bool:
-        """Return whether a run in the window's queue writes this record now, or will write it."""
+        """Return whether a queued run writes this record now, or will write it."""
         with self._lock:
             return any(run.path == path and not run.state.has_ended for run in self._runs)
 
     @property
     def can_begin(self) -> bool:
-        """Return whether begin() would return a run of the window's queue."""
+        """Return whether begin() would return a run."""
         with self._lock:
             return not self.hold_reason and self._next() is not None
 
     def expect_run(self) -> None:
-        """Announce that a run is being prepared for the window's queue."""
+        """Announce that a run is being prepared."""
         with self._lock:
             self._expected += 1
 
     def hold(self, reason: str) -> None:
-        """Begin no further run of the window's queue until release(), because of this reason."""
+        """Begin no further run until release(), because of this reason."""
         with self._lock:
             self.hold_reason = reason
         self._on_change()
 
     def add(self, run: QueuedRun) -> None:
-        """Add a prepared run to the window's queue."""
         with self._lock:
             unwanted = self._arrives()
             self._count += 1
@@ -70,14 +69,14 @@ class RunQueue:
         self._on_change()
 
     def drop_expected(self) -> None:
-        """Withdraw an announced run that couldn't be prepared for the window's queue."""
+        """Withdraw an announced run that couldn't be prepared."""
         with self._lock:
             self._arrives()
             self._let_go()
         self._on_change()
 
     def begin(self) -> QueuedRun | None:
-        """Start the next run of the window's queue and return it; None if none may begin."""
+        """Start the next run and return it; None if none may begin."""
         with self._lock:
             run = self._next()
             if run is None or self.hold_reason:
@@ -87,14 +86,14 @@ class RunQueue:
         return run
 
     def end(self, run: QueuedRun, state: State, message: str, took: float = 0.0) -> None:
-        """Note that a run of the window's queue has ended."""
+        """Note that a run has ended."""
         with self._lock:
             run.mark_ended(state, message, took)
             self._hold_after(run)
         self._on_change()
 
     def cancel(self) -> None:
-        """Cancel the run under way in the window's queue, or the next if it is about to begin."""
+        """Cancel the run under way, or the next if it is about to begin."""
         with self._lock:
             run = self._under_way()
             if run is not None:
@@ -112,15 +111,15 @@ class RunQueue:
             run.set_paused(on)
 
     def remove(self, numbers: Sequence[int]) -> None:
-        """Remove the runs of these numbers from the window's queue if they are waiting."""
+        """Remove the runs of these numbers if they are waiting."""
         self._keep(lambda run: run.number not in numbers or run.state is not State.WAITING)
 
     def clear(self) -> None:
-        """Remove the runs that have ended from the window's queue."""
+        """Remove the runs that have ended."""
         self._keep(lambda run: not run.state.has_ended)
 
     def release(self) -> None:
-        """End the hold of the window's queue, so that its next run may begin."""
+        """End the hold, so that the next run may begin."""
         with self._lock:
             self.hold_reason = ""
         self._on_change()
@@ -132,7 +131,7 @@ class RunQueue:
         self._on_change()
 
     def _arrives(self) -> bool:
-        """Count an announced run of the window's queue as arrived; return if it was cancelled."""
+        """Count an announced run as arrived; return whether it was cancelled."""
         unwanted, self._expected_cancelled = self._expected_cancelled, False
         self._expected = max(0, self._expected - 1)
         return unwanted
@@ -142,7 +141,7 @@ class RunQueue:
         self._hold_after(run)
 
     def _let_go(self) -> None:
-        """End the hold of the window's queue if no run is waiting any more."""
+        """End the hold if no run is waiting any more."""
         if not self._has_waiting():
             self.hold_reason = ""
 
@@ -153,7 +152,6 @@ class RunQueue:
         return next((run for run in self._runs if run.state.is_under_way), None)
 
     def _next(self) -> QueuedRun | None:
-        """Return the next waiting run of the window's queue; None if none is waiting."""
         return next((run for run in self._runs if run.state is State.WAITING), None)
 
     def _hold_after(self, run: QueuedRun) -> None:

@@ -1,4 +1,4 @@
-"""The patterns that the engine has shown for the window, kept for undo and redo."""
+"""The patterns that were shown, kept for undo and redo."""
 
 from __future__ import annotations
 
@@ -38,10 +38,7 @@ class ShownPatterns:
         self.keep(name, grey)
 
     def keep(self, name: str, grey: NDArray[np.uint8]) -> int:
-        """Keep a pattern of the engine's SLM, and return its number.
-
-        A pattern that is the same as the last one has its number.
-        """
+        """Keep a pattern, and return its number: the last one's if it is the same."""
         packed = _PackedPattern(name, grey.shape, zlib.compress(grey.tobytes(), _FASTEST))
         if self._packed.get(self._count - 1) == packed:
             return self._count - 1
@@ -51,10 +48,7 @@ class ShownPatterns:
         return number
 
     def pattern(self, number: int) -> tuple[str, NDArray[np.uint8]]:
-        """Return name and grey levels of a pattern that the engine has shown.
-
-        Raises UserError if it isn't kept any more.
-        """
+        """Return a pattern's name and grey levels; UserError if it isn't kept any more."""
         packed = self._packed.get(number)
         if packed is None:
             raise UserError("That pattern isn't kept any more. Choose it again.")

@@ -1,4 +1,4 @@
-"""Times of a run in the engine's queue: the time that has passed, and an estimate of the rest."""
+"""Times of a queued run: the time that has passed, and an estimate of the rest."""
 
 from __future__ import annotations
 
@@ -23,17 +23,12 @@ class RunTiming:
 
     A frame takes its time on the bench's clock, where that is real, and a cost beyond it:
     computing, disks, failures. Costs are those measured in this run, by kind of frame. Kinds that
-    are still to come cost what they did in earlier runs, times the ratio of this run's costs to
-    the earlier ones.
+    are still to come cost what they did in earlier runs, times the ratio of this run's costs to the
+    earlier ones.
 
-    Parameters
-    ----------
-    shots : sequence of Shot
-        The frames to be taken.
-    virtual : bool
-        Whether the bench's clock takes no real time.
-    costs : FrameCosts
-        Costs of earlier runs; those of this run are added at its end.
+    shots: the frames to be taken.
+    virtual: whether the bench's clock takes no real time.
+    costs: those of earlier runs; those of this run are added at its end.
     """
 
     def __init__(self, shots: Sequence[Shot], *, virtual: bool, costs: FrameCosts) -> None:
@@ -47,7 +42,7 @@ class RunTiming:
         self.replan(shots)
 
     def replan(self, shots: Sequence[Shot]) -> None:
-        """Take over the frames of a queued run, before the first one."""
+        """Take over the frames of the run, before the first one."""
         self._shots, self._taken = ShotList.of(shots), 0
         self.expected_bench_seconds = self._shots.total_duration
         self._note_kinds()
@@ -58,25 +53,25 @@ class RunTiming:
         self._note_kinds()
 
     def end(self, *, complete: bool = False) -> None:
-        """Note the end of a run in the window's queue; a complete one's costs are kept."""
+        """Note the end of the run; a complete one's costs are kept."""
         self._ended = time.monotonic()
         if complete and self._measured:
             self._costs.add({kind: _mean(seen) for kind, seen in self._measured.items()})
 
     def rest(self) -> None:
-        """Note a pause of a run in the window's queue, which must not count as frame time."""
+        """Note a pause, which must not count as frame time."""
         self._frame_began = None
         if not self._rest_began:
             self._rest_began = time.monotonic()
 
     def go_on(self) -> None:
-        """Note the end of a pause of a run in the window's queue."""
+        """Note the end of a pause."""
         if self._rest_began:
             self._rested += time.monotonic() - self._rest_began
             self._rest_began = 0.0
 
     def count_frame(self) -> None:
-        """Count the next stored frame of a run in the window's queue."""
+        """Count the next stored frame."""
         now = time.monotonic()
         shot = self._shots[self._taken]
         kind, lasts = self._names[self._kinds[self._taken]], shot.duration
@@ -89,7 +84,7 @@ class RunTiming:
         self._taken += 1
 
     def _note_preparing(self, seconds: float) -> None:
-        """Share what came before the window's first frame among the settings that were prepared."""
+        """Share what came before the first frame among the settings that were prepared."""
         new, known = self._count("new "), self._count("known ")
         if new:
             seconds -= known * (self._costs.seconds(PREPARING_KNOWN) or 0.0)
@@ -109,7 +104,7 @@ class RunTiming:
 
     @property
     def whole_seconds(self) -> float | None:
-        """Return the real seconds that a waiting run of the window will take; None if unknown."""
+        """Return the real seconds that a waiting run will take; None if unknown."""
         new, preparing = self._count("new "), self._costs.seconds(PREPARING)
         rest = self._rest_of_frames()
         if rest is None or (new and preparing is None):
@@ -120,7 +115,7 @@ class RunTiming:
 
     @property
     def seconds_left(self) -> float | None:
-        """Return the real seconds that a queued run in the window still needs; None if unknown."""
+        """Return the real seconds that the run still needs; None if unknown."""
         if self._began is None or self._taken == 0:
             whole = self.whole_seconds
             passed = self.elapsed_seconds - self._rested
@@ -134,7 +129,7 @@ class RunTiming:
         return max(left - (time.monotonic() - self._frame_began), after or 0.0)
 
     def _rest_of_frames(self, first: int | None = None) -> float | None:
-        """Return the real seconds of the window's frames from one on; None if one isn't known."""
+        """Return the real seconds of the frames from one on; None if one isn't known."""
         first = self._taken if first is None else first
         left = self._rate * float(self._shots.column("duration")[first:].sum())
         for kind, count in zip(self._names, self._counts(first), strict=True):
@@ -145,7 +140,7 @@ class RunTiming:
         return left
 
     def _counts(self, first: int = 0) -> list[int]:
-        """Return how many of the window's frames from one on are of each kind."""
+        """Return how many of the frames from one on are of each kind."""
         return np.bincount(self._kinds[first:], minlength=len(self._names)).tolist()
 
     def _note_kinds(self) -> None:
@@ -155,7 +150,7 @@ class RunTiming:
         self._kinds = np.array([numbers[kind] for kind in kinds], np.intp)
 
     def _cost(self, kind: str) -> float | None:
-        """Return the seconds that a kind of frame costs in this run of the window."""
+        """Return the seconds that a kind of frame costs in this run; None if unknown."""
         if seen := self._measured.get(kind):
             return _mean(seen)
         usual = self._costs.seconds(kind)
@@ -166,7 +161,7 @@ class RunTiming:
         return None
 
     def _cost_of_others(self) -> float | None:
-        """Return the mean cost of the window's frames of other kinds, in this run or before it.
+        """Return the mean cost of frames of other kinds, in this run or before it.
 
         On a virtual bench, a picture that is kept costs the same whatever it shows, and one that
         isn't may take a thousand times as long. On a real bench, kinds differ little.
@@ -186,7 +181,7 @@ class RunTiming:
 
     @property
     def _ratio(self) -> float:
-        """Return how many times the usual cost the window's frames cost in this run so far."""
+        """Return how many times the usual cost frames cost in this run so far."""
         measured = usual = 0.0
         for kind, seen in self._measured.items():
             cost = self._costs.seconds(kind)
@@ -197,7 +192,7 @@ class RunTiming:
 
 
 def _is_kept(kind: str) -> bool:
-    """Return whether a simulated bench of the window has the picture of such frames already."""
+    """Return whether a simulated bench has the picture of such frames already."""
     return kind.startswith(("same ", "known "))
 
 

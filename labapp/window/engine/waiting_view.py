@@ -1,4 +1,4 @@
-"""Live pictures for the window while a run waits: a person who places a target sees it."""
+"""Live pictures while a run waits: a person who places a target sees it."""
 
 from __future__ import annotations
 
@@ -30,30 +30,15 @@ _BEING_PLACED = "being placed"
 
 
 class WaitingView:
-    """Take live pictures for the window while a run waits for a person.
+    """Take live pictures while a run waits for a person.
 
     All of it happens in the run's thread, between its frames: a picture is shown, measured if that
     is asked for, and never stored. Of the settings, only the exposure can be changed; the run sets
     it for every frame, and it is set back besides. F5 ends and begins the pictures.
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench that the run uses.
-    channel : Channel
-        Connection to the window.
-    sender : FrameSender
-        Hands the pictures to the window.
-    controller : BenchController
-        Sets the exposure and takes the pictures.
-    pace : FramePacer
-        Tells when the next picture is due.
-    allowed : mapping of type to callable
-        Further commands of the window that are carried out meanwhile.
-    on_frame : callable
-        Is given each picture.
-    complain : callable
-        Tells the window of an error.
+    allowed: further commands that are carried out meanwhile.
+    on_frame: is given each picture.
+    complain: tells the window of an error.
     """
 
     def __init__(
@@ -81,7 +66,7 @@ class WaitingView:
 
     @property
     def is_over(self) -> bool:
-        """Return whether the window's commands are to end, since a run that waited goes on."""
+        """Return whether commands are to end, since a run that waited goes on."""
         return self._is_over()
 
     def note_placing(self, on: bool) -> None:
@@ -89,7 +74,7 @@ class WaitingView:
         self._placing = on and self._bench.targets.by_hand
 
     def begin(self) -> None:
-        """Begin live pictures for the window, at the settings that the run left."""
+        """Begin live pictures, at the settings that the run left."""
         self._on, self._exposure = True, self._controller.exposure
         if self._bench.camera_world is not None:
             # No planned frame has this index, so that faults of planned frames don't strike.
@@ -97,7 +82,7 @@ class WaitingView:
         self._tell()
 
     def step(self, is_over: Callable[[], bool]) -> None:
-        """Carry out a command of the window, or take a live picture."""
+        """Carry out a command, or take a live picture."""
         self._is_over = is_over
         seconds = self._pace.seconds_left if self._on and self._sender.has_room else _INTERVAL
         command = self._channel.take_command_of(self._obey, min(seconds, _INTERVAL))
@@ -109,7 +94,7 @@ class WaitingView:
             time.sleep(_INTERVAL)
 
     def end(self) -> None:
-        """End the window's live pictures, and set the exposure that the run had set."""
+        """End the live pictures, and set the exposure that the run had set."""
         self._on, self._is_over = False, lambda: False
         if self._controller.exposure != self._exposure:
             with suppress(DeviceError):
@@ -124,13 +109,13 @@ class WaitingView:
         self._tell()
 
     def _set_live(self, command: SetLive) -> None:
-        """Begin or end the window's pictures; none of before comes to the window after this."""
+        """Begin or end the pictures; none of before comes to the window after this."""
         if command.on != self._on:
             self._sender.discard()
         self._on = command.on
 
     def _take_frame(self, is_over: Callable[[], bool]) -> None:
-        """Take a live picture for the window; an error ends the pictures, and not the run."""
+        """Take a live picture; an error ends the pictures, and not the run."""
         self._pace.begin()
         # A simulated exposure takes no time, and a computation that is cancelled may seem to hang.
         may_give_up = self._bench.file.is_real and self._controller.exposure > _LONG
