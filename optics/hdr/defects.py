@@ -59,9 +59,9 @@ class Defects:
             rows, columns = np.nonzero(mask)
             if rows.size:
                 places = ", ".join(
-                    f"({y}, {x})" for y, x in zip(rows[:5], columns[:5], strict=True)
+                    f"({y}, {x})" for y, x in zip(rows[:_LISTED], columns[:_LISTED], strict=True)
                 )
-                more = ", …" if rows.size > 5 else ""
+                more = ", …" if rows.size > _LISTED else ""
                 found.append(f"{rows.size} pixels are {what}; (row, column) {places}{more}")
         return found
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal
 
 import torch
 
-from optics.light.spectrum import Spectrum
 from optics.plane import Plane
 from optics.validation import require_positive, require_share
 
