@@ -1,4 +1,4 @@
-"""Phases that an optimiser moves by numbers: of pixels, of rows and columns, or of a quarter."""
+"""Describe a phase pattern by numbers that an optimiser moves: of pixels, lines or a quarter."""
 
 from __future__ import annotations
 
@@ -33,7 +33,18 @@ __all__ = [
 
 @dataclass(frozen=True)
 class FreePhase(PhaseParametrisation):
-    """The phase of every pixel, row by row."""
+    """Describe a phase pattern by the phase of every pixel, row by row.
+
+    Parameters
+    ----------
+    shape : tuple of (int, int)
+        (rows, columns) of the panel.
+
+    Raises
+    ------
+    ValueError
+        If the shape isn't that of a panel.
+    """
 
     shape: tuple[int, int]
     name: ClassVar[str] = "free"
@@ -44,7 +55,7 @@ class FreePhase(PhaseParametrisation):
 
     @property
     def count(self) -> int:
-        """Number of pixels."""
+        """Number of pixels of the phase pattern."""
         return self.shape[0] * self.shape[1]
 
     def _symmetric_phase(self, parameters: torch.Tensor) -> torch.Tensor:
@@ -56,10 +67,20 @@ class FreePhase(PhaseParametrisation):
 
 @dataclass(frozen=True)
 class QuarterPhase(PhaseParametrisation):
-    """The phases of a quarter's pixels, which the other quarters mirror.
+    """Describe a phase pattern by a quarter's pixels, which the other quarters mirror.
 
     The parameters are the phases of the quarter behind the centre of the pixels on both axes, row
     by row. The middle line of an odd number belongs to it.
+
+    Parameters
+    ----------
+    shape : tuple of (int, int)
+        (rows, columns) of the panel.
+
+    Raises
+    ------
+    ValueError
+        If the shape isn't that of a panel.
     """
 
     shape: tuple[int, int]
@@ -71,7 +92,7 @@ class QuarterPhase(PhaseParametrisation):
 
     @property
     def count(self) -> int:
-        """Number of a quarter's pixels."""
+        """Number of pixels of a quarter of the phase pattern."""
         rows, columns = quarter_shape(self.shape)
         return rows * columns
 
@@ -84,14 +105,23 @@ class QuarterPhase(PhaseParametrisation):
 
 @dataclass(frozen=True)
 class SeparablePhase(PhaseParametrisation):
-    """The sum of a phase of each row and one of each column.
+    """Describe a phase pattern as the sum of a phase of each row and one of each column.
 
     The parameters are the rows' phases and then the columns'; of a mirrored axis, those behind the
     centre, with the one nearest to it first. A constant may go from the rows' to the columns'
     without changing the pattern; `fit` gives both the same share of the mean.
 
-    mirrored_axes: whether the phases of the rows, and those of the columns, are mirrored about the
-        centre.
+    Parameters
+    ----------
+    shape : tuple of (int, int)
+        (rows, columns) of the panel.
+    mirrored_axes : tuple of (bool, bool), default (False, False)
+        Whether the phases of the rows, and those of the columns, are mirrored about the centre.
+
+    Raises
+    ------
+    ValueError
+        If the shape isn't that of a panel.
     """
 
     shape: tuple[int, int]
@@ -104,15 +134,17 @@ class SeparablePhase(PhaseParametrisation):
 
     @property
     def mirrored(self) -> bool:
+        """Whether the separable phase pattern equals its mirror images in both axes."""
         return all(self.mirrored_axes)
 
     @property
     def count(self) -> int:
-        """Number of phases of rows and columns."""
+        """Number of phases of rows and columns that make the phase pattern."""
         return sum(self._counts)
 
     @property
     def _counts(self) -> list[int]:
+        """Numbers of parameters of the phase pattern's rows and columns."""
         return [
             (pixels + 1) // 2 if mirrored else pixels
             for pixels, mirrored in zip(self.shape, self.mirrored_axes, strict=True)
@@ -144,7 +176,7 @@ class SeparablePhase(PhaseParametrisation):
 
 
 def _mirror_line(half: torch.Tensor, pixels: int) -> torch.Tensor:
-    """Mirror the second half of a line of pixels about the line's centre."""
+    """Mirror the second half of a line of a phase pattern's pixels about the line's centre."""
     return torch.cat([half[pixels % 2 :].flip(0), half])
 
 
@@ -162,7 +194,7 @@ PARAMETRISATIONS: Mapping[str, Callable[[tuple[int, int]], PhaseParametrisation]
 
 
 def make_parametrisation(name: str, shape: tuple[int, int]) -> PhaseParametrisation:
-    """Return the parametrisation of a phase by its name.
+    """Return the parametrisation of a phase pattern by its name.
 
     Parameters
     ----------

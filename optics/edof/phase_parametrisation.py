@@ -1,4 +1,4 @@
-"""What all parametrisations of a phase share; weights of given patterns, and a spline by radius."""
+"""Describe a phase pattern by few numbers: weights of given patterns, or a spline by radius."""
 
 from __future__ import annotations
 
@@ -28,15 +28,23 @@ from optics.validation import (
 
 
 class PhaseParametrisation(ABC):
-    """How parameters, which an optimiser moves, make a phase on a panel.
+    """Describe how parameters, which an optimiser moves, make a phase pattern on a panel.
 
     The phase is linear in the parameters and differentiable by torch. It has the parameters' type,
     float32 or float64, and device, and it isn't wrapped.
 
-    shape: (rows, columns) of the panel.
-    symmetry: what the phase's short form is: "none", the whole phase; "quarter", a quarter of it,
-        which the other quarters mirror about the centre of the pixels; or "separable", the phases
-        of all rows and then of all columns, whose sums are the phase.
+    Attributes
+    ----------
+    shape : tuple of (int, int)
+        (rows, columns) of the panel.
+    count : int
+        Number of parameters.
+    symmetry : {"none", "quarter", "separable"}
+        What the phase's short form is: the whole phase; a quarter of it, which the other quarters
+        mirror about the centre of the pixels; or the phases of all rows and then of all columns,
+        whose sums are the phase.
+    mirrored : bool
+        Whether the phase equals its mirror images in both axes, bit for bit.
     """
 
     name: ClassVar[str]
@@ -46,18 +54,31 @@ class PhaseParametrisation(ABC):
     @property
     @abstractmethod
     def count(self) -> int:
-        """Number of parameters."""
+        """Number of parameters of the phase pattern."""
 
     @property
     def mirrored(self) -> bool:
-        """Whether the phase equals its mirror images in both axes, bit for bit."""
+        """Whether the phase pattern equals its mirror images in both axes, bit for bit."""
         return self.symmetry == "quarter"
 
     @accepts_numpy
     def phase(self, parameters: torch.Tensor) -> torch.Tensor:
-        """Compute the phase on the whole panel, (rows, columns), in radians.
+        """Compute the phase pattern on the whole panel.
 
-        parameters: (count,), float32 or float64; ValueError for another number of them.
+        Parameters
+        ----------
+        parameters : torch.Tensor or numpy.ndarray, (count,)
+            float32 or float64.
+
+        Returns
+        -------
+        torch.Tensor or numpy.ndarray, (rows, columns)
+            Phase in radians.
+
+        Raises
+        ------
+        ValueError
+            If there is another number of parameters.
         """
         short = self.symmetric_phase(parameters)
         if self.symmetry == "quarter":
@@ -69,13 +90,24 @@ class PhaseParametrisation(ABC):
 
     @accepts_numpy
     def symmetric_phase(self, parameters: torch.Tensor) -> torch.Tensor:
-        """Compute the phase's short form, which its symmetry allows, in radians.
+        """Compute the short form of the phase pattern that its symmetry allows.
 
-        It is (rows, columns) for the symmetry "none", (ceil(rows / 2), ceil(columns / 2)) for
-        "quarter", with the pixel nearest to the centre first, and (rows + columns,) for
-        "separable".
+        Parameters
+        ----------
+        parameters : torch.Tensor or numpy.ndarray, (count,)
+            float32 or float64.
 
-        parameters: (count,), float32 or float64; ValueError for another number of them.
+        Returns
+        -------
+        torch.Tensor or numpy.ndarray
+            Phase in radians: (rows, columns) for the symmetry "none", (ceil(rows / 2),
+            ceil(columns / 2)) for "quarter", with the pixel nearest to the centre first, and
+            (rows + columns,) for "separable".
+
+        Raises
+        ------
+        ValueError
+            If there is another number of parameters.
         """
         require_tensor("parameters", parameters)
         if tuple(parameters.shape) != (self.count,):
@@ -87,12 +119,22 @@ class PhaseParametrisation(ABC):
 
     @accepts_numpy
     def quarter_phase(self, parameters: torch.Tensor) -> torch.Tensor:
-        """Compute a quarter of a mirrored phase, which the others mirror, in radians.
+        """Compute a quarter of a mirrored phase pattern, which the others mirror.
 
-        It is (ceil(rows / 2), ceil(columns / 2)), the pixel nearest to the centre first. Raises
-        ValueError if the phase isn't mirrored.
+        Parameters
+        ----------
+        parameters : torch.Tensor or numpy.ndarray, (count,)
+            float32 or float64.
 
-        parameters: (count,), float32 or float64; ValueError for another number of them.
+        Returns
+        -------
+        torch.Tensor or numpy.ndarray, (ceil(rows / 2), ceil(columns / 2))
+            Phase in radians, the pixel nearest to the centre first.
+
+        Raises
+        ------
+        ValueError
+            If the pattern isn't mirrored, or there is another number of parameters.
         """
         if not self.mirrored:
             raise ValueError(
@@ -104,14 +146,25 @@ class PhaseParametrisation(ABC):
 
     @accepts_numpy
     def fit(self, phase: torch.Tensor) -> torch.Tensor:
-        """Compute the parameters whose phase is nearest to a given one.
+        """Compute the parameters whose phase pattern is nearest to a given one.
 
         Nearest means the least sum of squared differences over the panel's pixels. The phase must
-        not be wrapped: a jump of a whole wave is a difference too. The result is (count,), of the
-        phase's type, float32 or float64; computed in float64. Raises ValueError if the phase has
-        another shape, or isn't finite.
+        not be wrapped: a jump of a whole wave is a difference too.
 
-        phase: radians, unwrapped, (rows, columns).
+        Parameters
+        ----------
+        phase : torch.Tensor or numpy.ndarray, (rows, columns)
+            Radians, unwrapped.
+
+        Returns
+        -------
+        torch.Tensor or numpy.ndarray, (count,)
+            Of the phase's type, float32 or float64; computed in float64.
+
+        Raises
+        ------
+        ValueError
+            If the phase has another shape, or isn't finite.
         """
         require_tensor("phase", phase)
         if tuple(phase.shape) != self.shape:
@@ -122,7 +175,7 @@ class PhaseParametrisation(ABC):
 
     @abstractmethod
     def _symmetric_phase(self, parameters: torch.Tensor) -> torch.Tensor:
-        """Compute the short form from parameters of the right number."""
+        """Compute the short form of the phase pattern from parameters of the right number."""
 
     @abstractmethod
     def _fit(self, phase: torch.Tensor) -> torch.Tensor:
@@ -137,9 +190,9 @@ def require_shape(shape: tuple[int, int]) -> None:
 
 
 def mean_of_images(phase: torch.Tensor, axes: tuple[int, ...] = (0, 1)) -> torch.Tensor:
-    """Compute the mean of a phase and its mirror images in axes.
+    """Compute the mean of a phase pattern and its mirror images in axes.
 
-    Among the phases that are mirrored in these axes it is the nearest.
+    Among the patterns that are mirrored in these axes it is the nearest.
     """
     for axis in axes:
         phase = (phase + phase.flip(axis)) / 2
@@ -151,14 +204,21 @@ _LEAST_SHARE = 1e-6
 
 
 class SumOfParts(PhaseParametrisation):
-    """A sum of given patterns, the parts, each times its weight.
+    """Describe a phase pattern as a sum of given patterns, the parts, each times its weight.
 
     The parameters are the weights, in the order of the parts. If all parts equal their mirror
-    images in both axes bit for bit, so does the pattern, and its symmetry is "quarter". Raises
-    ValueError if there are no parts, their shapes differ, values aren't finite, or a part is a sum
-    of others, so that the weights aren't determined.
+    images in both axes bit for bit, so does the pattern, and its symmetry is "quarter".
 
-    parts: the patterns by name, radians, (rows, columns).
+    Parameters
+    ----------
+    parts : mapping of str to torch.Tensor, (rows, columns)
+        The patterns by name, radians.
+
+    Raises
+    ------
+    ValueError
+        If there are none, their shapes differ, values aren't finite, or a part is a sum of others,
+        so that the weights aren't determined.
     """
 
     name: ClassVar[str] = "parts"
@@ -185,11 +245,11 @@ class SumOfParts(PhaseParametrisation):
 
     @property
     def count(self) -> int:
-        """Number of parts."""
+        """Number of parts of the phase pattern."""
         return len(self.names)
 
     def _require_independence(self) -> None:
-        """Raise ValueError for a part that is nearly a sum of those before it."""
+        """Raise ValueError for a part of the phase pattern that is nearly a sum of those before."""
         sizes = self._whole.norm(dim=1)
         triangle = torch.linalg.qr(self._whole.T, mode="r").R.diagonal().abs()
         for name, size, left in zip(self.names, sizes.tolist(), triangle.tolist(), strict=False):
@@ -215,14 +275,27 @@ def depth_of_field_parts(
 ) -> dict[str, torch.Tensor]:
     """Compute analytic patterns whose weighted sums extend the depth of field.
 
-    They are in radians, (rows, columns), float64, each about the centre of the pixels but for the
-    cubic mask: "lens", a lens of 1 dioptre; "quartic", a wave at the corners that goes as the
-    fourth power of the radius; "focal-sweep" and "multi-focus", patterns of the whole range with
-    their default settings; "cubic", a wave at half of the longer side. Raises ValueError if a
-    number is out of range, or the range is too steep for the pixels.
+    Parameters
+    ----------
+    panel : Panel
+        The panel that shows the pattern.
+    near, far : float
+        Limits of the range of depth, dioptres; 0 is infinity.
+    wavelength : float
+        Metres.
 
-    near, far: limits of the range of depth, dioptres; 0 is infinity.
-    wavelength: metres.
+    Returns
+    -------
+    dict of str to torch.Tensor, (rows, columns), float64
+        Radians, each about the centre of the pixels but for the cubic mask: "lens", a lens of 1
+        dioptre; "quartic", a wave at the corners that goes as the fourth power of the radius;
+        "focal-sweep" and "multi-focus", patterns of the whole range with their default settings;
+        "cubic", a wave at half of the longer side.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range, or the range is too steep for the pixels.
     """
     require_wavelength("wavelength", wavelength)
     y, x = quarter_distances(panel.shape, (panel.pitch, panel.pitch))
@@ -250,7 +323,7 @@ they do, it changes parameters by about this share.
 
 @dataclass(frozen=True)
 class RadialPhase(PhaseParametrisation):
-    """A round phase: a cubic spline over the distance from the pixels' centre.
+    """Describe a round phase pattern by a cubic spline over the distance from the pixels' centre.
 
     The parameters are the coefficients of B-splines, evenly spaced from the centre to the panel's
     corners: the phase at a radius is the weighted mean of the four nearest ones. The phase has no
@@ -258,9 +331,18 @@ class RadialPhase(PhaseParametrisation):
     `multi_focus_rings` on the thesis' panel, 0.9875 of the light is in step with theirs, and a
     blind filter's expected error is the same within 0.02 dB (measured).
 
-    shape: (rows, columns) of the panel.
-    values: number of parameters, 4 or more, up to the number of a quarter's pixels; by default one
+    Parameters
+    ----------
+    shape : tuple of (int, int)
+        (rows, columns) of the panel.
+    values : int, optional
+        Number of parameters, 4 or more, up to the number of a quarter's pixels; by default one
         for a pixel's pitch of radius, 1102 for the thesis' panel.
+
+    Raises
+    ------
+    ValueError
+        If the shape isn't that of a panel, or the number is out of range.
     """
 
     shape: tuple[int, int]
@@ -277,7 +359,7 @@ class RadialPhase(PhaseParametrisation):
 
     @property
     def count(self) -> int:
-        """Number of B-splines."""
+        """Number of B-splines of the round phase pattern."""
         if self.values is not None:
             return self.values
         return max(_DEGREE + 1, math.ceil(0.5 * math.hypot(*self.shape)))
@@ -305,7 +387,7 @@ class RadialPhase(PhaseParametrisation):
         return torch.from_numpy(solved).to(phase.device)
 
     def _spline_values(self) -> scipy.sparse.csr_array:
-        """Return the values of the B-splines at a quarter's pixels, as a matrix."""
+        """Return the values of the round phase's B-splines at a quarter's pixels, as a matrix."""
         if "splines" not in self._cache:
             y, x = quarter_distances(self.shape, (1.0, 1.0))
             place = torch.hypot(y, x).reshape(-1).numpy() / (0.5 * math.hypot(*self.shape))
@@ -317,7 +399,7 @@ class RadialPhase(PhaseParametrisation):
     def _splines_of_pixels(
         self, dtype: torch.dtype, device: torch.device
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return which splines act on a quarter's pixels, and their values there.
+        """Return which splines make the round phase at a quarter's pixels, and their values there.
 
         The numbers of each pixel's four splines, one pixel after the other, and the values,
         (pixels, 4). They are computed only once.
