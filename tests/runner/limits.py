@@ -47,7 +47,7 @@ class Limits:
         self._config, self._words = config, words
         self._grace = float(config.getini("grace"))
         self._limit: _Limit | None = None
-        self._longest = self._default() and self._default() + self._grace
+        self._armed = 0.0
         self._over = threading.Event()
         self._watch = threading.Thread(target=self._watch_the_clock, daemon=True)
 
@@ -85,8 +85,9 @@ class Limits:
     def _within(self, seconds: float, name: str) -> Iterator[None]:
         if seconds and not self._config.getoption("usepdb"):
             seconds += self._grace
-            self._longest = max(self._longest, seconds)
             self._limit = _Limit(name, seconds, time.monotonic() + seconds)
+            if seconds != self._armed:
+                self._arm(seconds)
         try:
             yield
         finally:
@@ -97,16 +98,17 @@ class Limits:
         self._limit = None
 
     def _watch_the_clock(self) -> None:
-        """End the process when a test is late, or when a library keeps even this from running."""
-        while True:
-            if self._longest:
-                late = self._longest + _LAST_WORD
-                faulthandler.dump_traceback_later(late, exit=True, file=self._words)
-            if self._over.wait(_BEAT):
-                return
+        while not self._over.wait(_BEAT):
             limit = self._limit
             if limit and time.monotonic() > limit.end:
                 self._end(limit)
+            if self._armed:
+                self._arm(limit.seconds if limit else self._armed)
+
+    def _arm(self, seconds: float) -> None:
+        """End the process if a library keeps even the watch from running for so long."""
+        self._armed = seconds
+        faulthandler.dump_traceback_later(seconds + _LAST_WORD, exit=True, file=self._words)
 
     def _end(self, limit: _Limit) -> None:
         print(f"{limit.name} has not ended after {limit.seconds:g} s.", file=self._words)

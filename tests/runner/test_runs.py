@@ -45,7 +45,10 @@ def test_after(number, shared):
 """
 
 HOLDING = """
-import ctypes, signal
+import ctypes, signal, time
+
+def test_before():
+    time.sleep(0.8)
 
 def test_that_holds_the_interpreter():
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
@@ -197,7 +200,7 @@ def test_what_keeps_all_of_python_from_running_has_a_name(project):
     project.add({"test_holding": HOLDING})
     said = project.run("-n", "1")
     assert "FAILED test_holding.py::test_that_holds_the_interpreter: Timeout (0:00:07)!" in said
-    assert "1 failed, 1 passed" in said
+    assert "1 failed, 2 passed" in said
 
 
 def test_what_is_late_fails_and_the_process_lives(project):
