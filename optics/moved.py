@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from functools import partial
 from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
 from importlib.util import find_spec, spec_from_loader
@@ -52,6 +53,6 @@ class _Forwarding(Loader):
         new = importlib.import_module(self._new)
         module.__doc__ = new.__doc__
         module.__path__ = []
-        module.__dict__["__getattr__"] = new.__getattribute__
+        module.__dict__["__getattr__"] = partial(getattr, new)
         if hasattr(new, "__all__"):
             module.__dict__["__all__"] = new.__all__
