@@ -36,13 +36,13 @@ from optics.psf.chain_grid import GridEngine
 from optics.psf.dim_windows import (
     UNKNOWN_LIGHT,
     AddedLight,
+    LowLightCorrection,
     allowed_own_error,
     largest_ratio,
     window_norm,
 )
 from optics.psf.edge_scatter import window_frequencies
 from optics.psf.lens_grid import LensGridSearch
-from optics.psf.light_budget import LowLightCorrection
 from optics.psf.panel_engine import PanelEngine
 from optics.psf.request import PSFRequest
 from optics.quarter_symmetry import mirror_quarter

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,33 +28,28 @@ _BLOCK_SAMPLES = 1 << 16
 """Samples of a phase that are processed at a time, so that they fit in the cache."""
 
 
-@dataclass(frozen=True)
-class PhaseSlopeSettings:
-    """Tune the check that nodes resolve a pattern, and what is told of it.
+_SLOPE_MARGIN = 1.05
+"""Factor by which a phase may be steeper than planned. Chosen."""
 
-    margin: factor by which a phase may be steeper than planned. Chosen.
-    samples: points at which the slope is evaluated. Chosen.
-    neighbours: nearest points to each of them, itself included, to which slopes are measured.
-    Chosen.
-    slow_variation: slope of the waves by which a phase may vary without further nodes, radians per
-    stop radius. Chosen: the nodes have harmonics to spare for it.
-    spare_slope: slope, radians per stop radius, for which nodes are to spare. Chosen.
-    pattern_error_factor: factor on the error that is told of a pattern's light, from that without a
-    pattern. Chosen; 2.2 was needed among 50 random patterns.
-    bright_samples: brightest points of an amplitude at which its detail is measured besides.
-    Chosen.
-    """
+_SLOPE_SAMPLES = 3000
+"""Points at which the slope is evaluated. Chosen."""
 
-    margin: float = 1.05
-    samples: int = 3000
-    neighbours: int = 7
-    slow_variation: float = 3.0
-    spare_slope: float = 5.0
-    pattern_error_factor: float = 3.0
-    bright_samples: int = 300
+_NEIGHBOURS = 7
+"""Nearest points to each of them, itself included, to which slopes are measured. Chosen."""
 
+_SLOW_VARIATION = 3.0
+"""Slope of the waves by which a phase may vary without further nodes, radians per stop radius.
+Chosen: the nodes have harmonics to spare for it."""
 
-_SLOPE_SETTINGS = PhaseSlopeSettings()
+_SPARE_SLOPE = 5.0
+"""Slope, radians per stop radius, for which nodes are to spare. Chosen."""
+
+_PATTERN_ERROR_FACTOR = 3.0
+"""Factor on the error that is told of a pattern's light, from that without a pattern. Chosen; 2.2
+was needed among 50 random patterns."""
+
+_BRIGHT_SAMPLES = 300
+"""Brightest points of an amplitude at which its detail is measured besides. Chosen."""
 
 
 class PSFEngine(CandidateMethod):
@@ -139,7 +133,7 @@ class PSFEngine(CandidateMethod):
         seen = light.detach()
         noise = EvenNoise(seen, None, window, window_norm(seen, window))
         error = noise.error(torch.tensor(self._even_noise))
-        error = _SLOPE_SETTINGS.pattern_error_factor * max(self._planned_error.value, error)
+        error = _PATTERN_ERROR_FACTOR * max(self._planned_error.value, error)
         self.error = ErrorEstimate(error, "estimate from the light in the window")
         if not error + self.arithmetic <= tol:
             remedy = f"tol={rounded_down(0.5 * tol * tol / error)}"
@@ -213,8 +207,8 @@ class PSFEngine(CandidateMethod):
             # factor leads from the root mean square to where the tolerance is reached.
             factor = math.sqrt(max(1.0, -math.log(self._pattern_tol)))
             detail = factor * self._interpolation.detail_slope(amplitude.detach())
-            needed += max(detail - _SLOPE_SETTINGS.spare_slope, 0.0)
-        if needed > _SLOPE_SETTINGS.margin * q.phase_slope:
+            needed += max(detail - _SPARE_SLOPE, 0.0)
+        if needed > _SLOPE_MARGIN * q.phase_slope:
             raise ValueError(
                 f"{' and '.join(names)} turns by {needed:.3g} radians per stop radius, detail "
                 f"included, and {q.phase_slope:g} were planned for; plan a PSFOperator with "
@@ -236,7 +230,7 @@ class PSFEngine(CandidateMethod):
         variation = self._interpolation.phase_variation(phase, slope)
         harmonics = 2.5 * (slope / max(variation, 1e-9)) ** (1 / 3)
         harmonics -= 1.2 * math.log10(self._pattern_tol)
-        return slope + max(variation - _SLOPE_SETTINGS.slow_variation, 0.0) * harmonics
+        return slope + max(variation - _SLOW_VARIATION, 0.0) * harmonics
 
 
 class CachedPupilWave(ABC):
@@ -357,9 +351,9 @@ class NeighbourPairs:
         self._point_count = math.prod(shape)
         places = torch.stack([p.expand(shape).ravel() for p in (y, x)], dim=1).numpy()
         rng = np.random.default_rng(0)
-        count = min(_SLOPE_SETTINGS.samples, self._point_count)
+        count = min(_SLOPE_SAMPLES, self._point_count)
         some = rng.choice(self._point_count, count, replace=False)
-        neighbours = min(_SLOPE_SETTINGS.neighbours, self._point_count)
+        neighbours = min(_NEIGHBOURS, self._point_count)
         found = cKDTree(places).query(places[some], k=neighbours)
         away, near = (np.reshape(part, (some.size, -1))[:, 1:].copy() for part in found)
         self._distances, self._neighbour_indices = torch.from_numpy(away), torch.from_numpy(near)
@@ -394,7 +388,7 @@ class NeighbourInterpolation:
         shape = (y + x).shape
         self._places = np.stack([p.expand(shape).ravel().numpy() for p in (y, x)], axis=1)
         self._tree, self._slope = cKDTree(self._places), slope
-        count = min(_SLOPE_SETTINGS.samples, len(self._places))
+        count = min(_SLOPE_SAMPLES, len(self._places))
         some = np.random.default_rng(0).choice(len(self._places), count, replace=False)
         self._sample = some, *self._weights(some)
         angles = np.arange(4) * (math.pi / 4)
@@ -440,7 +434,7 @@ class NeighbourInterpolation:
         """Return the share of an amplitude that interpolation misses."""
         if not values.any():
             return 0.0
-        count = min(_SLOPE_SETTINGS.bright_samples, values.size)
+        count = min(_BRIGHT_SAMPLES, values.size)
         bright = np.argpartition(np.abs(values), -count)[-count:]
         return max(
             self._missed_share(values, *self._sample),
@@ -463,7 +457,7 @@ class NeighbourInterpolation:
 
         The weights are the smallest that reproduce linear functions.
         """
-        neighbours = min(_SLOPE_SETTINGS.neighbours, len(self._places))
+        neighbours = min(_NEIGHBOURS, len(self._places))
         away, near = self._tree.query(self._places[at], k=neighbours)
         near = np.reshape(near, (at.size, -1))[:, 1:]
         scale = np.maximum(np.reshape(away, (at.size, -1)).max(1), 1e-300)[:, None, None]
