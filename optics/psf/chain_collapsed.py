@@ -30,7 +30,6 @@ from optics.camera.pupil import (
 )
 from optics.camera.stop import Circle, Point, Polygon, Shape, Stop
 from optics.plane import Plane
-from optics.psf.behind_panel import BehindPanelEngine
 from optics.psf.chain_engine import search_seconds
 from optics.psf.chain_grid import GridEngine
 from optics.psf.dim_windows import (
@@ -42,6 +41,7 @@ from optics.psf.dim_windows import (
     window_norm,
 )
 from optics.psf.edge_scatter import window_frequencies
+from optics.psf.engine import BehindPanelEngine
 from optics.psf.lens_grid import LensGridSearch
 from optics.psf.panel_engine import PanelEngine
 from optics.psf.request import PSFRequest

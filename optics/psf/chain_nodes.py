@@ -38,8 +38,8 @@ from optics.plane import Plane
 from optics.psf.axes import fresnel_area, stop_extent
 from optics.psf.chain_engine import ChainEngine
 from optics.psf.dim_windows import AddedLight
-from optics.psf.engine import wrap_phase
 from optics.psf.lens_grid import TAPER_TOL_SHARE, tapered_band
+from optics.psf.phase_factor import wrap_phase
 from optics.psf.request import PSFRequest
 from optics.psf.to_lens import PropagatorAxis, fast_fft_length
 

@@ -24,7 +24,6 @@ from optics.accuracy import (
     unreachable_tolerance_error,
 )
 from optics.psf.axial import AxialEngine
-from optics.psf.behind_panel import BehindPanelEngine
 from optics.psf.chain_grid import GridEngine
 from optics.psf.choice import EngineChoice
 from optics.psf.dim_windows import (
@@ -35,7 +34,7 @@ from optics.psf.dim_windows import (
     scale_light,
     window_norm,
 )
-from optics.psf.engine import PSFEngine
+from optics.psf.engine import BehindPanelEngine, PSFEngine
 from optics.psf.panel_engine import PanelEngine
 from optics.psf.pixel_request import PixelRequest
 from optics.psf.request import PSFRequest

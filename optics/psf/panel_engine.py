@@ -39,7 +39,6 @@ from optics.fourier import (
 )
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.fourier.transform import PlaneTransform
-from optics.psf.behind_panel import BehindPanelEngine
 from optics.psf.dim_windows import (
     AddedLight,
     EvenNoise,
@@ -49,8 +48,9 @@ from optics.psf.dim_windows import (
     scale_light,
     window_norm,
 )
-from optics.psf.engine import require_sample_shape, squared_modulus
+from optics.psf.engine import BehindPanelEngine, require_sample_shape
 from optics.psf.interpolated_pixels import FINEST_INTERPOLATION, InterpolatedPixelTransform
+from optics.psf.phase_factor import squared_modulus
 from optics.psf.pixel_waves import (
     CurvedPixelTransform,
     EnvelopeShares,

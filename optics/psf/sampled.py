@@ -17,7 +17,8 @@ from optics.camera.pupil import pupil_phase
 from optics.camera.stop_areas import coverage
 from optics.fourier import FourierGeometry, plan_transform
 from optics.plane import Plane
-from optics.psf.engine import CachedPupilWave, PSFEngine, wrap_phase
+from optics.psf.engine import CachedPupilWave, PSFEngine
+from optics.psf.phase_factor import wrap_phase
 from optics.psf.reference_probe import ReferenceProbe
 from optics.psf.request import PSFRequest
 
