@@ -44,10 +44,9 @@ class PSFOperator:
     panel stands apart from the lens, the light goes on through free space, stop and lens, in
     Fresnel's approximation (thesis Eq. 5.1 to 5.7). A Lens stands alone.
 
-    Call the operator with a phase and an amplitude to get the PSF; see `__call__`. The result is
-    differentiable in phase, in amplitude, and in every length that is a 0-d tensor: distance,
-    wavelength, the lens' focal length, f-number, focus distance and aberrations, the separation,
-    the field and the pixels' centre. Mixed precision (autocast) is switched off inside.
+    The result of a call is differentiable in phase, in amplitude, and in every length that is a 0-d
+    tensor: distance, wavelength, the lens' focal length, f-number, focus distance and aberrations,
+    the separation, the field and the pixels' centre. Autocast is switched off inside.
 
     Parameters
     ----------
@@ -74,25 +73,22 @@ class PSFOperator:
         Share of unmodulated light, 0 to 1; the panel's own by default.
     symmetry : str, optional
         How patterns are given: "none" (the default), "quarter" or "separable" (see
-        `optics.psf.symmetry.symmetric_shape`). Where the light is symmetric as well, the
-        Fourier transforms are shorter; elsewhere, patterns are expanded to the panel.
+        `symmetric_shape`). Where the light is symmetric as well, the transforms are shorter.
     tol : float, optional
         Largest relative L2 error from sampling and arithmetic; 1e-3 by default.
     method : str, optional
-        One of METHODS for a lens, the name of a Fourier transform for a camera, or one of
-        CHAIN_METHODS for a camera whose panel stands apart from its lens. By default the cheapest
-        that keeps `tol`.
+        One of METHODS for a lens, PANEL_METHODS for a camera, or CHAIN_METHODS for a camera whose
+        panel stands apart from its lens. By default the cheapest that keeps `tol`.
     pixel_tol : float, optional
         Part of `tol` that the integration over pixels may use, relative to the light on the pixels
-        and just beside them; a hundredth by default. Where that light is far brighter than the
-        pixels', a finer integration stands in.
+        and just beside them; a hundredth by default.
     phase_slope : float, optional
-        Radians per stop radius by which a phase given to a lens may change. The quadrature nodes
-        are chosen for it beforehand. Give it where patterns will be given: the nodes then suit
-        patterns that send little light to the window as well. Otherwise they suit 20.
+        Radians per stop radius by which a phase given to a lens may change, for which its nodes are
+        chosen; 20 by default. Give it where patterns will be given: the nodes then suit patterns
+        that send little light to the window as well.
     calls : int, optional
-        How often the operator will be called: the method is chosen for the least time of planning
-        and all calls together. That of the budget by default, 100.
+        How often the operator will be called; that of the budget by default, 100. The method is
+        chosen for the least time of planning and all calls.
     budget : Budget, optional
         The memory and processor time allowed, and the machine's speed.
 
@@ -113,10 +109,6 @@ class PSFOperator:
         If `tol` can't be kept; the message names the smallest tolerance that can, and the remedy.
     ValueError
         For invalid arguments.
-
-    References
-    ----------
-    Thesis Eq. 3.1, Eq. 5.1 to 5.7, §5.6.
     """
 
     def __init__(
@@ -234,10 +226,9 @@ class PSFOperator:
         Returns
         -------
         torch.Tensor or numpy.ndarray
-            The share of the light leaving the pupil that each pixel receives,
-            ``(..., *pixels.shape)``.
-            It is a share of what panel and stop would pass on the axis if they stood in one plane,
-            so that vignetting shows as less light.
+            The share of the light that each pixel receives, ``(..., *pixels.shape)``: of what panel
+            and stop would pass on the axis if they stood in one plane, so that vignetting shows as
+            less light.
         """
         return self.evaluate(phase, amplitude)
 
@@ -250,21 +241,7 @@ class PSFOperator:
     ) -> torch.Tensor:
         """Compute what a call does, but from tensors only, and with known spectra if given.
 
-        Parameters
-        ----------
-        phase : torch.Tensor or None
-            As in a call.
-        amplitude : torch.Tensor or None
-            As in a call.
-        spectrum : torch.Tensor, optional
-            The spectrum of the panel with the phase, where it is known already (see PSFStack).
-        unmodulated_spectrum : torch.Tensor, optional
-            The spectrum of the panel without the phase, where it is known already.
-
-        Returns
-        -------
-        torch.Tensor
-            The PSF, ``(..., *pixels.shape)``.
+        spectrum, unmodulated_spectrum: of the panel with the phase, and without it (see PSFStack).
         """
         require_tensor("phase", phase)
         require_tensor("amplitude", amplitude)
@@ -321,22 +298,12 @@ class PSFOperator:
         cache_result: bool = False,
         spectrum: torch.Tensor | None = None,
     ) -> torch.Tensor:
-        """Compute the PSF of light that gets no phase from the panel.
+        """Compute the PSF of light that gets no phase from the panel, as a copy of its own.
 
-        Parameters
-        ----------
-        amplitude : torch.Tensor, optional
-            As in a call. Without one, the result is always cached: it is the same for every
-            pattern.
-        cache_result : bool, optional
-            Whether the very same amplitude tensor, unchanged, will be given again.
-        spectrum : torch.Tensor, optional
-            The spectrum of the panel without a phase, where it is known already.
-
-        Returns
-        -------
-        torch.Tensor
-            The PSF, ``(..., *pixels.shape)``; a copy that may be written into.
+        amplitude: as in a call. Without one, the result is always cached: it is the same for every
+        pattern.
+        cache_result: whether the very same amplitude, unchanged, will be given again.
+        spectrum: of the panel without a phase, where it is known already.
         """
         require_tensor("amplitude", amplitude)
         planned = self._planned
@@ -356,26 +323,10 @@ class PSFOperator:
     def light_budget(
         self, phase: torch.Tensor | None = None, amplitude: torch.Tensor | None = None
     ) -> LightBudget:
-        """Compute where a pattern's light goes: through the stop, to the window, or blocked.
+        """Compute where the light of one pattern goes: through the stop, to the window, or blocked.
 
-        Unmodulated light counts.
-
-        Parameters
-        ----------
-        phase : torch.Tensor or numpy.ndarray, optional
-            Radians, (rows, columns) of the panel, as in a call.
-        amplitude : torch.Tensor or numpy.ndarray, optional
-            Of the same shape.
-
-        Returns
-        -------
-        LightBudget
-            Shares of the light, in the units of the PSF.
-
-        Raises
-        ------
-        ValueError
-            For a lens alone.
+        Unmodulated light counts. The pattern is given as in a call. Raises ValueError for a lens
+        alone.
         """
         if self.camera is None:
             raise ValueError("a lens alone has no panel whose light could be told apart")
