@@ -7,6 +7,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 from optics.accuracy import (
     MethodChoice,
@@ -107,15 +108,15 @@ class EngineChoice:
         if camera is not None and camera.separation:
             return chain_engines(request, camera, method)
         if camera is not None:
-            return {"panel": lambda: PanelEngine(request, camera, transform=method)}
+            return {"panel": partial(PanelEngine, request, camera, transform=method)}
         _require_countable_turns(request)
         probe = ReferenceProbe(request)
         makers: dict[str, Callable[[], PSFEngine]] = {
-            "axial": lambda: AxialEngine(request),
-            "scattered": lambda: ScatteredNodesEngine(request, probe),
+            "axial": partial(AxialEngine, request),
+            "scattered": partial(ScatteredNodesEngine, request, probe),
         }
         if method or request.tol >= SampledEngine.MIN_TOLERANCE:
-            makers["sampled"] = lambda: SampledEngine(request, probe)
+            makers["sampled"] = partial(SampledEngine, request, probe)
         if self.for_patterns and method is None:
             del makers["axial"]
         return {name: makers[name] for name in select_methods(makers, method)}
