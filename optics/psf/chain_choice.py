@@ -16,7 +16,7 @@ from optics.psf.chain_nodes import QuadratureEngine
 from optics.psf.edge_scatter import StopEdgeScatter
 from optics.psf.engine import PSFEngine
 from optics.psf.lens_grid import LensGridSearch
-from optics.psf.panel_engine import PANEL_METHODS
+from optics.psf.panel_methods import PANEL_METHODS
 from optics.psf.request import PSFRequest
 
 CHAIN_METHODS = (
