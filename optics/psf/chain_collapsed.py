@@ -286,7 +286,8 @@ class CollapsedEngine(BehindPanelEngine):
         self._require_fixed_pixel_edges(request, thin)
         if mirrored and float(pupil_amplitude(thin).min()) < 1:
             raise ToleranceError("the stop's shadow cuts the panel; the light isn't mirrored")
-        self._edge_error, self._cut_pixel_error = search.edge_scatter.collapse_error(), 0.0
+        self._edge_error, self._passing_share = search.edge_scatter.collapse_error()
+        self._cut_pixel_error = 0.0
         if self._edge_error < n.tol:
             self._cut_pixel_error = self._estimate_cut_pixel_error(thin)
         neglected = self._edge_error + self._cut_pixel_error
@@ -314,9 +315,8 @@ class CollapsedEngine(BehindPanelEngine):
         """Estimate the error if pixels that the stop cuts count as dimmer whole ones."""
         inner = _thin_lens_request(self._request, self._camera, self._request.tol)
         edge = self._search.edge_scatter
-        return edge.error_from_light_share(
-            cut_pixel_error_share(inner, thin, edge.direct_area / edge.shadow_magnification**2)
-        )
+        area = edge.direct_area / edge.shadow_magnification**2
+        return edge.safety_factor * math.sqrt(cut_pixel_error_share(inner, thin, area))
 
     @staticmethod
     def _require_fixed_pixel_edges(request: PSFRequest, thin: Camera) -> None:
@@ -363,7 +363,7 @@ class CollapsedEngine(BehindPanelEngine):
             lambda: edge.passing_brightness(self._panel_field(phase, amplitude)),
         )
         lost = (
-            self._edge_error / dimness.error_divisor(edge.collapse_passing_share)
+            self._edge_error / dimness.error_divisor(self._passing_share)
             + self._cut_pixel_error / dimness.uniform_error_divisor
         )
         used = self._panel_engine.used_engine
