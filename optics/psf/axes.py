@@ -14,25 +14,15 @@ from optics.plane import Plane
 from optics.psf.request import PSFRequest
 from optics.psf.to_lens import PropagatorAxis, TaperedBand, fast_fft_length
 
+_TAPER_TOL_SHARE = 1e-2
+"""Share of the tolerance that the smooth ends of a band may leave outside the area that its light
+reaches by geometric optics. Chosen."""
 
-@dataclass(frozen=True)
-class PropagatorAxisSettings:
-    """Tune the margins of the FFTs from panel to lens.
+_MARGIN_SHARE = 0.05
+"""Width in which the light of a band's ends decays, as a share of the widths of panel and stop
+together. A larger one takes longer FFTs, a smaller one wider ends of the band. Chosen."""
 
-    taper_tol_share: share of the tolerance that the smooth ends of a band may leave outside the
-    area that its light reaches by geometric optics. Chosen.
-    margin_share: width in which the light of a band's ends decays, as a share of the widths of
-    panel and stop together. A larger margin takes longer FFTs, a smaller one wider ends of the
-    band. Chosen.
-    margin_zones: addition to that width, in Fresnel zones. Chosen.
-    """
-
-    taper_tol_share: float = 1e-2
-    margin_share: float = 0.05
-    margin_zones: float = 2.0
-
-
-_SETTINGS = PropagatorAxisSettings()
+_MARGIN_ZONES = 2.0  # addition to that width, in Fresnel zones; chosen
 
 
 @dataclass(frozen=True)
@@ -68,9 +58,8 @@ class BandTaper:
     def for_axis(q: PSFRequest, camera: Camera, axis: int) -> BandTaper:
         low, high = stop_extent(camera, axis)
         wide = (high - low) * q.radius + camera.panel.shape[axis] * camera.panel.pitch
-        zones = _SETTINGS.margin_zones * math.sqrt(fresnel_area(q))
-        margin = _SETTINGS.margin_share * wide + zones
-        steps = math.sqrt(2 * math.log(1 / min(_SETTINGS.taper_tol_share * q.tol, 1e-3)))
+        margin = _MARGIN_SHARE * wide + _MARGIN_ZONES * math.sqrt(fresnel_area(q))
+        steps = math.sqrt(2 * math.log(1 / min(_TAPER_TOL_SHARE * q.tol, 1e-3)))
         return BandTaper(margin, steps / (2 * math.pi * margin), steps)
 
     @property
@@ -101,16 +90,11 @@ def plan_propagator_axes(
 def _plan_axis(
     q: PSFRequest, camera: Camera, grid: LensGrid, axis: int, shortest: int
 ) -> PropagatorAxis:
-    panel, spread, bend = camera.panel, float(q.shadow_magnification), fresnel_area(q)
-    line = panel.plane.coordinates(axis)
-    ends = float(line[0]) - panel.pitch / 2, float(line[-1]) + panel.pitch / 2
-    end = BandTaper.for_axis(q, camera, axis)
+    panel, bend, end = camera.panel, fresnel_area(q), BandTaper.for_axis(q, camera, axis)
+    ends, (low, high) = panel_and_stop_ends(q, camera, axis)
     band = TaperedBand(grid.low[axis], grid.high[axis], end.sigma, end.sigmas)
-    # `reach` is where light of the band arrives at the lens, and low to high is where the stop is
-    # open, both in the panel's coordinates.
+    # `reach` is where light of the band arrives at the lens, in the panel's coordinates.
     reach = ends[0] + bend * band.outer_limits[0], ends[1] + bend * band.outer_limits[1]
-    shift = float(q.chief_ray_slopes[axis]) * q.separation
-    low, high = (edge * q.radius / spread - shift for edge in stop_extent(camera, axis))
     low, high = max(low, reach[0] - end.margin), min(high, reach[1] + end.margin)
     if not high > low:
         raise ToleranceError(
@@ -120,7 +104,7 @@ def _plan_axis(
     least = max(reach[1] - low, high - reach[0], ends[1] - ends[0]) + end.margin
     length = fast_fft_length(max(least / panel.pitch, shortest))
     period = length * panel.pitch
-    fold = fast_fft_length(period * grid.sampling_rate[axis] * spread)
+    fold = fast_fft_length(period * grid.sampling_rate[axis] * float(q.shadow_magnification))
     step = period / fold
     # One more cell at either end holds the partly covered cells at the stop's edge.
     count = min(math.ceil((high - low) / step) + 2, fold)
@@ -128,6 +112,20 @@ def _plan_axis(
     return PropagatorAxis(
         panel.shape[axis], panel.pitch, panel.active_side, length, count, fold, bend, first, band
     )
+
+
+def panel_and_stop_ends(
+    q: PSFRequest, camera: Camera, axis: int
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ends of the panel, and of the stop's opening as the panel's shadow meets it.
+
+    Both are in metres along an axis of the panel.
+    """
+    line, half = camera.panel.plane.coordinates(axis), camera.panel.pitch / 2
+    shift = float(q.chief_ray_slopes[axis]) * q.separation
+    spread = float(q.shadow_magnification)
+    low, high = (edge * q.radius / spread - shift for edge in stop_extent(camera, axis))
+    return (float(line[0]) - half, float(line[-1]) + half), (low, high)
 
 
 def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
@@ -141,16 +139,16 @@ def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
 def lens_plane(request: PSFRequest, axes: list[PropagatorAxis]) -> Plane:
     """Return the plane of the propagator's samples at the lens, in metres."""
     spread = float(request.shadow_magnification)
-    pitch = [axis.step * spread for axis in axes]
     centre = [
-        (
+        spread
+        * (
             axis.first_sample_position
             + axis.sample_count // 2 * axis.step
             + float(sine) * request.separation
         )
-        * spread
         for axis, sine in zip(axes, request.chief_ray_slopes, strict=True)
     ]
+    y, x = axes
     return Plane(
-        (axes[0].sample_count, axes[1].sample_count), (pitch[0], pitch[1]), (centre[0], centre[1])
+        (y.sample_count, x.sample_count), (y.step * spread, x.step * spread), (centre[0], centre[1])
     )

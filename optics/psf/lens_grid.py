@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -26,16 +25,7 @@ Array = NDArray[np.float64]
 _GRID_REFINEMENTS = (
     *np.arange(1.25, 2, 0.125),
     *np.arange(2, 4, 0.25),
-    4,
-    5,
-    6,
-    8,
-    12,
-    16,
-    24,
-    32,
-    48,
-    64,
+    *(4, 5, 6, 8, 12, 16, 24, 32, 48, 64),
 )
 """Candidate sampling rates of the lens grid, over the band's half width. The search takes the
 lowest rate that keeps the tolerance."""
@@ -45,21 +35,13 @@ _SPLITS = np.linspace(0.05, 0.95, 13)
 cause the rest."""
 
 
-@dataclass(frozen=True)
-class LensGridSettings:
-    """Tune the search for the grid at the lens.
+_BAND_TOL_SHARES = (0.3, 0.5, 0.7)
+"""Candidate shares of the tolerance for the frequencies outside the band. The search takes the
+share that gives the smallest grid."""
 
-    band_tol_shares: candidate shares of the tolerance for the frequencies outside the band. The
-    search takes the share that gives the smallest grid.
-    log_frequency_step: step of the logarithm of the frequency in which light is summed. Sorting the
-    light itself takes five times as long.
-    """
-
-    band_tol_shares: tuple[float, ...] = (0.3, 0.5, 0.7)
-    log_frequency_step: float = 0.005
-
-
-_SETTINGS = LensGridSettings()
+_LOG_FREQUENCY_STEP = 0.005
+"""Step of the logarithm of the frequency in which light is summed. Sorting the light itself takes
+five times as long."""
 
 
 def choose_lens_grid(
@@ -76,23 +58,11 @@ def choose_lens_grid(
     Raises ToleranceError if no grid keeps the tolerance.
     """
     taper_width = np.array([BandTaper.for_axis(request, camera, axis).width for axis in (0, 1)])
-    chosen: LensGrid | None = None
-    for share in _SETTINGS.band_tol_shares:
-        found = search.find_coarsest_grid(share * tol, tol, taper_width)
-        if found is not None and (chosen is None or _grid_size(found) < _grid_size(chosen)):
-            chosen = found
-    if chosen is None:
+    found = [search.find_coarsest_grid(share * tol, tol, taper_width) for share in _BAND_TOL_SHARES]
+    grids = [grid for grid in found if grid is not None]
+    if not grids:
         raise unreachable_tolerance_error(tol, 2 * tol)
-    return chosen
-
-
-def _grid_size(grid: LensGrid) -> float:
-    """Return the samples per square metre."""
-    return grid.sampling_rate[0] * grid.sampling_rate[1]
-
-
-def _pair(values: Array) -> tuple[float, float]:
-    return float(values[0]), float(values[1])
+    return min(grids, key=lambda grid: math.prod(grid.sampling_rate))
 
 
 def _edge_transmission(turns: Array) -> Array:
@@ -100,16 +70,7 @@ def _edge_transmission(turns: Array) -> Array:
 
     turns: shift in frequency, in cycles per sample of the lens grid, (..., 2).
     """
-    return np.asarray(np.sinc(turns[..., 0]) * np.sinc(turns[..., 1]))
-
-
-def _missing_scatter(turned: Array, passed: Array) -> float:
-    """Return the scattered light that is lost by sampling the stop's edge on a grid.
-
-    turned: light that each shift in frequency should get.
-    passed: share of the field that it gets.
-    """
-    return float(turned @ (1 - passed.ravel()) ** 2)
+    return np.asarray(np.sinc(turns).prod(-1))
 
 
 class LensGridSearch:
@@ -139,23 +100,25 @@ class LensGridSearch:
     @cached_property
     def _light_outside_band(self) -> list[tuple[Array, Array]]:
         light, frequency, _ = self._nonzero_scatter
-        return _cumulative_light_by_side(
-            frequency,
-            light,
-            self.edge_scatter.passing_band,
-            self.edge_scatter.fresnel_zone_frequency,
-        )
+        return self._cumulative_light_by_side(frequency, light)
 
     @cached_property
     def _unbounded_light_outside_band(self) -> list[tuple[Array, Array]]:
         rays = self.edge_scatter.scattered_rays
-        frequency, light = rays.frequency.reshape(-1, 2), rays.unbounded_light.ravel()
-        return _cumulative_light_by_side(
-            frequency,
-            light,
-            self.edge_scatter.passing_band,
-            self.edge_scatter.fresnel_zone_frequency,
+        return self._cumulative_light_by_side(
+            rays.frequency.reshape(-1, 2), rays.unbounded_light.ravel()
         )
+
+    def _cumulative_light_by_side(
+        self, frequency: Array, light: Array
+    ) -> list[tuple[Array, Array]]:
+        """Sum the panel's light outside the passing band, on each side along each axis."""
+        (low, high), zone = self.edge_scatter.passing_band, self.edge_scatter.fresnel_zone_frequency
+        return [
+            _cumulative_light_outwards(sign * frequency[:, axis], light, float(end), zone)
+            for axis in (0, 1)
+            for sign, end in ((-1, -low[axis]), (1, high[axis]))
+        ]
 
     def find_coarsest_grid(
         self, allowed_error: float, tol: float, taper_width: Array
@@ -168,15 +131,14 @@ class LensGridSearch:
         edge = self.edge_scatter
         low, high, outside = self._narrowest_band(allowed_error, taper_width)
         turned = self._light_by_edge_shift(low, high)
-        base = (
-            np.maximum(np.abs(low), np.abs(high)) / edge.shadow_magnification
-            + edge.max_window_frequency
-        )
+        base = np.maximum(np.abs(low), np.abs(high)) / edge.shadow_magnification
+        base = base + edge.max_window_frequency
         lit = np.flatnonzero(turned)
         shift, turned = edge.edge_frequency_shift.reshape(-1, 2)[lit], turned[lit]
 
         def lost_light(finer: float) -> float:
-            return outside + _missing_scatter(turned, _edge_transmission(shift / (finer * base)))
+            passed = _edge_transmission(shift / (finer * base))
+            return outside + float(turned @ (1 - passed) ** 2)
 
         # Light in the band is shifted by less than `base`, but for aberrations, so that finer grids
         # lose less. Each that is taken is checked below.
@@ -188,7 +150,8 @@ class LensGridSearch:
             passed = _edge_transmission(edge.edge_frequency_shift / rate)
             error = edge.relative_error(lost + _aliased_light(edge, low, high, rate, passed))
             if error <= tol:
-                return LensGrid(_pair(low), _pair(high), _pair(rate), error)
+                band_low, band_high, rates = (tuple(one.tolist()) for one in (low, high, rate))
+                return LensGrid(band_low, band_high, rates, error)
         return None
 
     def _light_by_edge_shift(self, low: Array, high: Array) -> Array:
@@ -203,7 +166,7 @@ class LensGridSearch:
         edge, rate = self.edge_scatter, np.array(grid.sampling_rate)
         low, high = edge.passing_band
         passed = _edge_transmission(edge.edge_frequency_shift / rate)
-        lost = _missing_scatter(self._light_by_edge_shift(low, high), passed)
+        lost = float(self._light_by_edge_shift(low, high) @ (1 - passed.ravel()) ** 2)
         lost += _aliased_light(edge, low, high, rate, passed)
         return min(1.0, (edge.relative_error(lost) / grid.error) ** 2) if grid.error else 0.0
 
@@ -217,10 +180,8 @@ class LensGridSearch:
         light, frequency, _ = self._nonzero_scatter
         outside = float(light[~is_in_band(frequency, low, high)].sum())
         least, most = self.find_band(allowed, taper_width, unbounded_panel=True)
-        wide = (
-            low - self.edge_scatter.fresnel_zone_frequency,
-            high + self.edge_scatter.fresnel_zone_frequency,
-        )
+        zone = self.edge_scatter.fresnel_zone_frequency
+        wide = low - zone, high + zone
         low = np.maximum(wide[0], np.minimum(low, least))
         high = np.minimum(wide[1], np.maximum(high, most))
         if (low > wide[0]).any() or (high < wide[1]).any():
@@ -257,32 +218,14 @@ class LensGridSearch:
         return best
 
 
-def _cumulative_light_by_side(
-    frequency: Array, light: Array, ends: tuple[Array, Array], zone: float
-) -> list[tuple[Array, Array]]:
-    """Sum the panel's light outside a band, on each side along each axis.
-
-    ends: low and high limits (y, x) of the band.
-    """
-    low, high = ends
-    found = []
-    for axis in (0, 1):
-        for sign, end in ((-1, -low[axis]), (1, high[axis])):
-            found.append(
-                _cumulative_light_outwards(sign * frequency[:, axis], light, float(end), zone)
-            )
-    return found
-
-
 def _cumulative_light_outwards(
     frequency: Array, light: Array, end: float, zone: float
 ) -> tuple[Array, Array]:
     """Return frequencies beyond the end of a band, the farthest first, and the light beyond each.
 
     The frequencies are in steps of half a percent of the distance from the end plus a Fresnel zone.
-    Sorting the light itself takes five times as long.
     """
-    step = _SETTINGS.log_frequency_step
+    step = _LOG_FREQUENCY_STEP
     away = np.log1p(np.maximum(frequency - end, 0.0) / zone)
     steps = math.ceil(float(away.max(initial=0.0)) / step)
     number = np.minimum((away / step).astype(np.int64), steps)
