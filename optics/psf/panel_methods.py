@@ -23,9 +23,9 @@ from optics.fourier.transform import PlaneTransform
 from optics.psf.interpolated_pixels import FINEST_INTERPOLATION, InterpolatedPixelTransform
 from optics.psf.pixel_waves import (
     CurvedPixelTransform,
-    EnvelopeShares,
     PixelGrid,
     PixelIntegralTransform,
+    envelope_shares,
     largest_coefficient,
 )
 from optics.psf.request import PSFRequest
@@ -228,16 +228,17 @@ class PanelSum:
         """Return how many degrees of the wave in a pixel are needed, and the error left."""
         n, error = self._n, math.inf
         half_turn = self.half_turn / grid.divisions
-        shares: EnvelopeShares | None = None
+        shares: tuple[list[float], list[float]] = [], []
         for degrees in range(1, _MOST_DEGREES + 1):
             sizes = [largest_coefficient(half_turn, k) for k in range(degrees + 1)]
             # Without this test, the envelopes would be evaluated for degrees far too low.
             if degrees > 1 and sizes[degrees] > 1:
                 continue
-            if shares is None or shares.degrees < degrees:
-                shares = EnvelopeShares(n.samples, degrees + 8, grid.side, n.scale)
+            if len(shares[0]) <= degrees:
+                shares = envelope_shares(n.samples, degrees + 8, grid.side, n.scale)
+            y, x = shares
             pairs = [(degrees - k, k) for k in range(degrees + 1)]
-            error = 2 * math.hypot(*(sizes[p[0]] * sizes[p[1]] * shares.share(p) for p in pairs))
+            error = 2 * math.hypot(*(sizes[k] * sizes[m] * (y[k] * x[m]) for k, m in pairs))
             if error <= _EXPANSION_TOL_SHARE * self._tol:
                 return degrees, error
         return _MOST_DEGREES + 1, error

@@ -22,30 +22,9 @@ from optics.psf.engine import phase_factor
 from optics.psf.request import PSFRequest
 from optics.validation import records_gradient
 
-
-class PixelIntegralTransform(PlaneTransform):
-    """Base class of Fourier integrals over the area of panel pixels, with the lens' wave in them.
-
-    The field that is given is the pattern alone, constant in each pixel.
-
-    rounding_growth: factor by which rounding errors exceed those of a plain sum.
-    """
-
-    rounding_growth: float = 1.0
-
-    @abstractmethod
-    def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        """Return how much of a pattern's light a sample gets on average, float64.
-
-        It is the mean over the panel's pixels along an axis, (samples,), of the squared modulus of
-        a pixel's integral.
-        """
-
-
 Array = NDArray[np.float64]
 
-_BLOCK_POINTS = 1 << 18
-"""Points of the wave that are computed at a time."""
+_BLOCK_POINTS = 1 << 18  # points of the wave that are computed at a time
 
 
 @dataclass(frozen=True)
@@ -74,9 +53,8 @@ class WaveTerm:
         step = max(1, _BLOCK_POINTS // (4 * field.shape[1]))
         for start in range(0, field.shape[0], step):
             part = slice(start, start + step)
-            torch.mul(
-                field[part], column[part] if column.shape[0] > 1 else column, out=product[part]
-            )
+            factor = column[part] if column.shape[0] > 1 else column
+            torch.mul(field[part], factor, out=product[part])
             product[part] *= row
         return product
 
@@ -168,11 +146,12 @@ class PixelWaveExpansion:
 
         The list is over k up to the number of degrees, each (pixels,).
         """
-        q = self._request
-        nodes, weights = gauss_legendre(full_precision_nodes(self._half_turn(axis), self._degrees))
-        place = self._grid.points.coordinates(axis)[:, None] + torch.from_numpy(
-            nodes * self._grid.side / 2
-        )
+        q, n, half = self._request, self._request.numeric, self._grid.side / 2
+        line = self._grid.points.coordinates(axis)
+        curvature = abs(defocus_curvature(n.lens, n.distance, n.wavelength))
+        half_turn = curvature * (2 * float(line.abs().max()) * half + half**2)
+        nodes, weights = gauss_legendre(full_precision_nodes(half_turn, self._degrees))
+        place = line[:, None] + torch.from_numpy(nodes * half)
         zero = torch.zeros((), dtype=torch.float64)
         y, x = (place, zero) if axis == 0 else (zero, place)
         phase = pupil_phase(q.lens, q.distance, q.wavelength, y / q.radius, x / q.radius)
@@ -180,17 +159,9 @@ class PixelWaveExpansion:
         legendre = _scaled_legendre(nodes, weights, self._degrees)
         return list((wave @ legendre.to(wave).mT).to(self._dtype).mT)
 
-    def _half_turn(self, axis: int) -> float:
-        """Return half of the largest change of the quadratic phase in a square, radians."""
-        n, half = self._request.numeric, self._grid.side / 2
-        farthest = float(self._grid.points.coordinates(axis).abs().max())
-        curvature: float = abs(defocus_curvature(n.lens, n.distance, n.wavelength))
-        return curvature * (2 * farthest * half + half**2)
-
     def _terms_from_slopes(self) -> list[WaveTerm]:
         """Return the wave at the pixels' centres, and its terms of first degree there."""
-        y, x = self._grid.points.mesh()
-        wave, phase = self._wave(y, x)
+        wave, phase = self._wave(*self._grid.points.mesh())
         half = self._grid.side / (2 * self._grid.panel.pitch)
         made = [WaveTerm((0, 0), wave)]
         for axis, degrees in ((0, (1, 0)), (1, (0, 1))):
@@ -203,28 +174,17 @@ class PixelWaveExpansion:
         nodes, weights = gauss_legendre(max(node_count, self._degrees + 1))
         legendre = _scaled_legendre(nodes, weights, self._degrees).to(self._dtype)
         inside = torch.tensor(nodes * self._grid.side / 2)
-        y, x = self._grid.points.mesh()
+        count = inside.numel()
+        whole_y, x = self._grid.points.mesh()
         # Blocks of rows fit in the cache.
-        rows = max(1, _BLOCK_POINTS // (x.numel() * inside.numel() ** 2))
-        blocks = [
-            self._block_coefficients(part, x, inside, legendre) for part in torch.split(y, rows)
-        ]
+        rows = max(1, _BLOCK_POINTS // (x.numel() * count**2))
+        blocks = []
+        for y in torch.split(whole_y, rows):
+            wave, _ = self._wave((y + inside).reshape(-1, 1), (x.mT + inside).reshape(1, -1))
+            split = wave.reshape(y.numel(), count, x.numel(), count)
+            blocks.append(torch.einsum("ki,lj,yixj->klyx", legendre, legendre, split))
         found = torch.cat(blocks, dim=2)
         return [WaveTerm(pair, found[pair]) for pair in degrees]
-
-    def _block_coefficients(
-        self, y: torch.Tensor, x: torch.Tensor, inside: torch.Tensor, legendre: torch.Tensor
-    ) -> torch.Tensor:
-        """Return b_kl for some rows of pixels, (degrees + 1, degrees + 1, rows, columns).
-
-        y, x: the pixels' centres, a column and a row.
-        inside: nodes relative to a centre, metres.
-        legendre: what _scaled_legendre() returns.
-        """
-        count = inside.numel()
-        wave, _ = self._wave((y + inside).reshape(-1, 1), (x.mT + inside).reshape(1, -1))
-        split = wave.reshape(y.numel(), count, x.numel(), count)
-        return torch.einsum("ki,lj,yixj->klyx", legendre, legendre, split)
 
     def _wave(self, y: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the complex wave at panel positions (y, x) in metres, and its phase."""
@@ -268,29 +228,22 @@ def largest_coefficient(half_turn: float, degree: int) -> float:
     return min(2.0 * degree + 1, half_turn**degree / factorial)
 
 
-class EnvelopeShares:
-    """Tells how much terms of the wave may matter in the window, by their degrees.
+def envelope_shares(
+    samples: Plane, degrees: int, side: float, scale: float
+) -> tuple[list[float], list[float]]:
+    """Tell how much terms of the wave may matter in the window, by their degrees along y and x.
 
-    samples: of the window.
-    degrees: the largest degree.
-    side, scale: as for pixel_envelopes().
+    The product of entry k for y and entry l for x is the L2 norm of |J_0 J_k| times |J_0 J_l| over
+    the samples, over that of J_0² J_0², with the envelopes J of `pixel_envelopes`. It is the ratio
+    of a term's part in the intensity to the intensity, if light is spread as the envelope J_0² is.
     """
-
-    def __init__(self, samples: Plane, degrees: int, side: float, scale: float) -> None:
-        self.degrees, self._ratios = degrees, []
-        for axis in (0, 1):
-            power = pixel_envelopes(samples.coordinates(axis), degrees, side, scale).abs() ** 2
-            size = (power[0] ** 2).sum()
-            ratio = torch.where(size > 0, (power[0] * power).sum(1) / size, math.inf)
-            self._ratios.append(ratio.sqrt().tolist())
-
-    def share(self, degrees: tuple[int, int]) -> float:
-        """Return the L2 norm of |J_0 J_k| times |J_0 J_l| over the samples, over that of J_0² J_0².
-
-        J_k is the envelope of degree k along y and J_l that along x. It is the ratio of a term's
-        part in the intensity to the intensity, if light is spread as the envelope J_0² is.
-        """
-        return self._ratios[0][degrees[0]] * self._ratios[1][degrees[1]]
+    ratios = []
+    for axis in (0, 1):
+        power = pixel_envelopes(samples.coordinates(axis), degrees, side, scale).abs() ** 2
+        size = (power[0] ** 2).sum()
+        ratio = torch.where(size > 0, (power[0] * power).sum(1) / size, math.inf)
+        ratios.append(ratio.sqrt().tolist())
+    return ratios[0], ratios[1]
 
 
 def full_precision_nodes(half_turn: float, degree: int = 0) -> int:
@@ -314,6 +267,25 @@ def _scaled_legendre(nodes: Array, weights: Array, degrees: int) -> torch.Tensor
 def _legendre_polynomials(t: Array, degrees: int) -> Array:
     """Return the Legendre polynomials P_0 to P_degrees, (degrees + 1, places)."""
     return np.asarray(np.polynomial.legendre.legvander(t, degrees).T, dtype=np.float64)
+
+
+class PixelIntegralTransform(PlaneTransform):
+    """Base class of Fourier integrals over the area of panel pixels, with the lens' wave in them.
+
+    The field that is given is the pattern alone, constant in each pixel.
+
+    rounding_growth: factor by which rounding errors exceed those of a plain sum.
+    """
+
+    rounding_growth: float = 1.0
+
+    @abstractmethod
+    def mean_squared_kernel(self, axis: int) -> torch.Tensor:
+        """Return how much of a pattern's light a sample gets on average, float64.
+
+        It is the mean over the panel's pixels along an axis, (samples,), of the squared modulus of
+        a pixel's integral.
+        """
 
 
 class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
@@ -362,10 +334,6 @@ class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
         return (centres * (tilted @ bent.mT)).to(self.dtype)
 
     def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        """Return the mean of |K|² over panel pixels along an axis, float64, by sample.
-
-        It is how much of a pattern's light a sample gets on average.
-        """
         kernel = self._kernels(torch.device("cpu"))[axis].to(torch.complex128)
         return (kernel.real**2 + kernel.imag**2).mean(1)
 
