@@ -39,21 +39,21 @@ def chain_engines(
 
     Raises ValueError for a stop that leaves the panel dark, or a method that isn't known.
     """
-    require_open_pupil(numeric_camera(camera))
+    plain, kinds = numeric_camera(camera), (GridEngine, QuadratureEngine, DirectEngine)
+    require_open_pupil(plain)
     # All engines share one estimate of the light that the stop's edge scatters.
-    edge = StopEdgeScatter(request, numeric_camera(camera))
+    edge = StopEdgeScatter(request, plain)
     search = functools.cache(lambda: LensGridSearch(edge))
     transform = method if method in PANEL_METHODS else None
     # One of these may stand in for another that a dark window needs to be stricter.
-    kinds: list[type[ChainEngine]] = [GridEngine, QuadratureEngine, DirectEngine]
-    kinds = [kind for kind in kinds if method in (None, kind.name)]
-    makers: dict[str, Callable[[], PSFEngine]] = {
-        GridEngine.name: lambda: GridEngine(request, camera, search(), kinds=kinds),
-        QuadratureEngine.name: lambda: QuadratureEngine(request, camera, search(), kinds=kinds),
-        DirectEngine.name: lambda: DirectEngine(request, camera, search(), kinds=kinds),
-        CollapsedEngine.name: lambda: CollapsedEngine(
-            request, camera, search(), transform, mirrored=mirrored
-        ),
-    }
+    allowed = [kind for kind in kinds if method in (None, kind.name)]
+
+    def maker(kind: type[ChainEngine]) -> Callable[[], PSFEngine]:
+        return lambda: kind(request, camera, search(), kinds=allowed)
+
+    makers = {kind.name: maker(kind) for kind in kinds}
+    makers[CollapsedEngine.name] = lambda: CollapsedEngine(
+        request, camera, search(), transform, mirrored=mirrored
+    )
     wanted = select_methods(makers, CollapsedEngine.name if transform else method)
     return {name: makers[name] for name in wanted}

@@ -26,7 +26,7 @@ from optics.camera.stop_rows import Rows, count_rows, quadrature_rows, row_bands
 from optics.fourier import unit_phasor
 from optics.gauss_legendre import gauss_legendre
 from optics.psf.axes import fresnel_area
-from optics.psf.chain_engine import ChainEngine, search_seconds
+from optics.psf.chain_engine import ChainEngine, ChainLight, search_seconds
 from optics.psf.dim_windows import AddedLight, allowed_own_error, largest_ratio, window_norm
 from optics.psf.lens_grid import TAPER_TOL_SHARE, limited_reach
 from optics.psf.pixel_fields import PixelFields, SplitPhase
@@ -121,32 +121,24 @@ class DirectEngine(ChainEngine):
                 self.intensity(None, None)
             self._planned_error = self.error
 
-    def intensity(
-        self,
-        phase: torch.Tensor | None,
-        amplitude: torch.Tensor | None,
-        added: AddedLight | None = None,
-    ) -> torch.Tensor:
-        modulated = self.panel_field(phase, amplitude)
-        if not modulated.numel():
-            return self.empty_intensity(modulated)
-        field = self._sum.field(modulated.cpu()).to(modulated.device)
-        light = (field.real**2 + field.imag**2) * float(self.intensity_scale())
+    def _light(
+        self, field: torch.Tensor, amplitude: torch.Tensor | None, added: AddedLight | None
+    ) -> ChainLight:
+        seen = self._sum.field(field.cpu()).to(field.device)
+        light = (seen.real**2 + seen.imag**2) * float(self.intensity_scale())
         # An error e of the field changes its intensity by 2 |field| e, and the L2 norm of the
         # intensity is at least the light over the root of the number of samples.
         window, promised = self._request.window_slices, self._promised_tol
-        field_error = self._stop_light.error(modulated.detach().cpu())
+        field_error = self._stop_light.error(field.detach().cpu())
         wrong = 2 * math.sqrt(self._window_samples) * field_error
-        rounding = largest_ratio(wrong, window_norm(field.detach().cpu().abs(), window))
+        rounding = largest_ratio(wrong, window_norm(seen.detach().cpu().abs(), window))
         norm = window_norm(light.detach(), window)
         how = "estimate of rounding, for the light in the window"
         error = self.tell_error(rounding + self.arithmetic, norm, added, self.arithmetic, how)
         if not error <= promised:
             allowed_own_error(promised, norm, added)
             raise unreachable_tolerance_error(promised, error)
-        if self._left_out:
-            return self._intensity_or_replan(light, phase, amplitude, added, rounding=rounding)
-        return light
+        return ChainLight(light, rounding, is_judged=not self._left_out)
 
 
 _QUADRATURE_TOL = 1e-14  # for the rows, near rounding: the last digits cost a few percent

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import torch
 
@@ -29,6 +30,16 @@ differ a little. Chosen."""
 def search_seconds(speed: MachineSpeed) -> float:
     """Predict the seconds of the search for the light that may be neglected."""
     return 180.0 * speed.call  # fitted to 180 random chains
+
+
+class ChainLight(NamedTuple):
+    """The light that an engine has computed, and what is known of its error."""
+
+    light: torch.Tensor
+    rounding: float = 0.0  # relative L2 error beside what was planned
+    is_judged: bool = False  # whether its error is told already
+    passing_brightness: Callable[[], tuple[float, float]] | None = None
+    """A quicker way to the panel's brightness than `StopEdgeScatter.passing_brightness`."""
 
 
 class ChainEngine(BehindPanelEngine):
@@ -94,14 +105,6 @@ class ChainEngine(BehindPanelEngine):
             return factor
         return factor * sphere.wave_factor(*self.points()).to(factor)
 
-    def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Return the light of an empty batch of patterns, (..., rows, columns).
-
-        FFTs don't accept an empty batch.
-        """
-        light = modulated.real.sum(dim=(-2, -1))
-        return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
-
     def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
         """Return the panel's field times the wave's extra slope in each pixel, per axis.
 
@@ -162,32 +165,50 @@ class ChainEngine(BehindPanelEngine):
         """The share of the squared error that comes from light in the passing band."""
         return 0.0
 
-    def _intensity_or_replan(
+    @abstractmethod
+    def _light(
+        self, field: torch.Tensor, amplitude: torch.Tensor | None, added: AddedLight | None
+    ) -> ChainLight:
+        """Compute the light on the samples from the field behind the panel."""
+
+    def intensity(
         self,
-        light: torch.Tensor,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None = None,
+    ) -> torch.Tensor:
+        """Compute the share of the light on every sample, (..., rows, columns).
+
+        added: other light that is added afterwards. The error that is told is that of both
+        together.
+        """
+        field = self.panel_field(phase, amplitude)
+        if not field.numel():
+            # FFTs don't accept an empty batch.
+            light = field.real.sum(dim=(-2, -1))[..., None, None]
+            return light.expand(*field.shape[:-2], *self._request.samples.shape)
+        found = self._light(field, amplitude, added)
+        return self._light_or_replan(found, phase, amplitude, added)
+
+    def _light_or_replan(
+        self,
+        found: ChainLight,
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         added: AddedLight | None,
-        measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
-        rounding: float = 0.0,
     ) -> torch.Tensor:
-        """Return `light`, or a stricter engine's result if the window is too dark.
-
-        light: as this engine computes it.
-        added: other light that is added afterwards. The error that is told is that of both
-        together.
-        measure_passing_brightness: returns the panel's brightness (see LowLightCorrection), where
-        the caller has a faster function.
-        rounding: error that is known for this light.
-        """
-        measure = measure_passing_brightness or (
+        """Return light that this engine has computed, or a stricter one's if the window is dark."""
+        light, window = found.light, self._request.window_slices
+        if found.is_judged:
+            return light
+        measure = found.passing_brightness or (
             lambda: self._edge_scatter.passing_brightness(self.panel_field(phase, amplitude))
         )
         ratio = LowLightCorrection(
-            self._edge_scatter, self._request.window_slices, light, amplitude, measure
+            self._edge_scatter, window, light, amplitude, measure
         ).error_divisor(self._passing_error_share)
-        own = (self._planned_error.value + self.arithmetic) / ratio + rounding
-        norm = window_norm(light.detach(), self._request.window_slices)
+        own = (self._planned_error.value + self.arithmetic) / ratio + found.rounding
+        norm = window_norm(light.detach(), window)
         how = "estimate for the light in the window"
         error = self.tell_error(own, norm, added, self.arithmetic, how)
         self._stand_in = None

@@ -21,7 +21,7 @@ from optics.camera.stop_areas import coverage
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.psf.axes import lens_plane, plan_propagator_axes
-from optics.psf.chain_engine import ChainEngine
+from optics.psf.chain_engine import ChainEngine, ChainLight
 from optics.psf.dim_windows import AddedLight
 from optics.psf.lens_grid import choose_lens_grid
 from optics.psf.request import PSFRequest
@@ -138,30 +138,18 @@ class GridEngine(ChainEngine):
             y, x = (torch.ones(count, dtype=torch.complex128) for count in plane.shape)
         self._sensor_map.set_lens_wave((y, x), self._lens_wave)
 
-    def intensity(
-        self,
-        phase: torch.Tensor | None,
-        amplitude: torch.Tensor | None,
-        added: AddedLight | None = None,
-    ) -> torch.Tensor:
-        """Compute the share of the light on every sample, (..., rows, columns).
-
-        phase: radians, (..., rows, columns) of the panel.
-        added: other light that is added afterwards. The error that is told is that of both
-        together.
-        """
-        modulated = self.panel_field(phase, amplitude)
-        if not modulated.numel():
-            return self.empty_intensity(modulated)
-        field, spectrum = self._field_at_sensor(self.propagator, modulated)
-        for axis, part in self.wavefront_slope_fields(modulated):
+    def _light(
+        self, field: torch.Tensor, amplitude: torch.Tensor | None, added: AddedLight | None
+    ) -> ChainLight:
+        seen, spectrum = self._field_at_sensor(self.propagator, field)
+        for axis, part in self.wavefront_slope_fields(field):
             axes = [
                 replace(one, has_pixel_slope=k == axis)
                 for k, one in enumerate(self.propagator.axes)
             ]
             sloped = PanelToLensPropagator(axes[0], axes[1], self._dtype)
-            field = field + self._field_at_sensor(sloped, part)[0]
-        return self._intensity_from_field(field, phase, amplitude, spectrum, added)
+            seen = seen + self._field_at_sensor(sloped, part)[0]
+        return self._light_from_field(seen, amplitude, spectrum)
 
     def _field_at_sensor(
         self, propagator: PanelToLensPropagator, field: torch.Tensor
@@ -192,16 +180,15 @@ class GridEngine(ChainEngine):
     ) -> torch.Tensor:
         """Compute what `intensity` does, from a known spectrum of the panel (`panel_spectrum`)."""
         field = propagate_to_sensor(self._sensor_map, spectrum)
-        return self._intensity_from_field(field, phase, amplitude, spectrum.detach, added)
+        found = self._light_from_field(field, amplitude, spectrum.detach)
+        return self._light_or_replan(found, phase, amplitude, added)
 
-    def _intensity_from_field(
+    def _light_from_field(
         self,
         field: torch.Tensor,
-        phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         spectrum: Callable[[], torch.Tensor],
-        added: AddedLight | None,
-    ) -> torch.Tensor:
+    ) -> ChainLight:
         """Compute the light from the field at the sensor.
 
         spectrum: returns the panel's spectrum without derivatives. It is called only for a window
@@ -222,7 +209,7 @@ class GridEngine(ChainEngine):
             found = power / sent
             return float(found.min()), float(found.max())
 
-        return self._intensity_or_replan(light, phase, amplitude, added, measure_passing_brightness)
+        return ChainLight(light, passing_brightness=measure_passing_brightness)
 
     @cached_property
     def _passing_error_share(self) -> float:

@@ -34,7 +34,7 @@ from optics.fourier.nonuniform import (
 )
 from optics.plane import Plane
 from optics.psf.axes import fresnel_area, panel_and_stop_ends
-from optics.psf.chain_engine import ChainEngine
+from optics.psf.chain_engine import ChainEngine, ChainLight
 from optics.psf.dim_windows import AddedLight
 from optics.psf.engine import wrap_phase
 from optics.psf.lens_grid import TAPER_TOL_SHARE, tapered_band
@@ -175,27 +175,20 @@ class QuadratureEngine(ChainEngine):
         ):
             yield _StopNodeBlock(nodes, self)
 
-    def intensity(
-        self,
-        phase: torch.Tensor | None,
-        amplitude: torch.Tensor | None,
-        added: AddedLight | None = None,
-    ) -> torch.Tensor:
-        modulated = self.panel_field(phase, amplitude)
-        if not modulated.numel():
-            return self.empty_intensity(modulated)
-        if self._full_block is None and modulated.requires_grad and torch.is_grad_enabled():
+    def _light(
+        self, field: torch.Tensor, amplitude: torch.Tensor | None, added: AddedLight | None
+    ) -> ChainLight:
+        if self._full_block is None and field.requires_grad and torch.is_grad_enabled():
             raise ValueError(
                 f"a stop of {self._node_count} nodes gives no derivatives; allow more memory, or "
                 'take method="chain"'
             )
-        light = self._spectrum_at_lens(modulated, self._axes)
-        for axis, part in self.wavefront_slope_fields(modulated):
+        light = self._spectrum_at_lens(field, self._axes)
+        for axis, part in self.wavefront_slope_fields(field):
             axes = [replace(one, has_pixel_slope=k == axis) for k, one in enumerate(self._axes)]
             light = light + self._spectrum_at_lens(part, axes)
-        field = sum((block.field(light) for block in self._blocks()), torch.zeros(()))
-        power = (field.real**2 + field.imag**2) * self.intensity_scale()
-        return self._intensity_or_replan(power, phase, amplitude, added)
+        seen = sum((block.field(light) for block in self._blocks()), torch.zeros(()))
+        return ChainLight((seen.real**2 + seen.imag**2) * self.intensity_scale())
 
     def _spectrum_at_lens(self, field: torch.Tensor, axes: list[PropagatorAxis]) -> torch.Tensor:
         """Compute the spectrum, (..., y, x), of the field that arrives at the lens."""
