@@ -25,9 +25,9 @@ from optics.camera import Camera
 from optics.camera.stop_rows import Rows, count_rows, quadrature_rows, row_bands
 from optics.fourier import unit_phasor
 from optics.gauss_legendre import gauss_legendre
-from optics.psf.axes import fresnel_area
 from optics.psf.chain_engine import ChainEngine, ChainLight, search_seconds
 from optics.psf.dim_windows import AddedLight, allowed_own_error, largest_ratio, window_norm
+from optics.psf.edge_scatter import fresnel_area
 from optics.psf.lens_grid import TAPER_TOL_SHARE, limited_reach
 from optics.psf.pixel_fields import PixelFields, SplitPhase
 from optics.psf.request import PSFRequest

@@ -20,10 +20,9 @@ from optics.camera.pupil import defocus_curvature, pupil_phase
 from optics.camera.stop_areas import coverage
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.psf.axes import lens_plane, plan_propagator_axes
 from optics.psf.chain_engine import ChainEngine, ChainLight
 from optics.psf.dim_windows import AddedLight
-from optics.psf.lens_grid import choose_lens_grid
+from optics.psf.lens_grid import choose_lens_grid, lens_plane, plan_propagator_axes
 from optics.psf.request import PSFRequest
 from optics.psf.stop_mask import BlockwiseStopMask
 from optics.psf.to_lens import PanelToLensPropagator, PropagatorAxis, propagate_to_lens

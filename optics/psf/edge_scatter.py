@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 from optics.camera import Camera
 from optics.camera.pupil import open_area, pupil_phase
 from optics.fourier import unit_phasor
-from optics.psf.axes import fresnel_area, stop_extent
 from optics.psf.request import PSFRequest
 
 Array = NDArray[np.float64]
@@ -59,6 +58,14 @@ _FEW_RIM_SPECKLES_FACTOR = 4.0
 """The same for speckles along the stop's edge, by whose number the light that the edge gets is
 known. Four standard deviations: on small panels, some waves and gratings exceeded the other two
 factors by 2.2, with 20 speckles."""
+
+
+def fresnel_area(q: PSFRequest) -> float:
+    """Return the Fresnel area of the space between panel and lens, in m².
+
+    On the way, light moves sideways by its frequency times this area, in the panel's coordinates.
+    """
+    return float(q.wavelength * q.separation / q.shadow_magnification)
 
 
 @dataclass(frozen=True)
@@ -444,6 +451,14 @@ def window_frequencies(q: PSFRequest) -> Array:
     corners = [[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]
     away = 2 * _WINDOW_PROBE_OFFSET * half * np.array(corners)
     return np.asarray((middle + away) / q.scale)
+
+
+def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
+    """Return the lowest and highest coordinate of the stop's opening, in stop radii."""
+    t = np.linspace(0, 1, 257)
+    opening = camera.lens.stop.loops[0]
+    places = np.concatenate([piece.points(t)[axis] for piece in opening.pieces])
+    return float(places.min()), float(places.max())
 
 
 def _sample_stop_edge(camera: Camera, radius: float) -> tuple[Array, Array, Array]:

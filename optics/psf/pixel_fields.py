@@ -18,7 +18,7 @@ from optics.accuracy import ToleranceError
 from optics.camera import Camera
 from optics.camera.pupil import defocus_curvature, defocus_path, vergence_error
 from optics.propagation.fresnel_matrix import cell_kernel
-from optics.psf.axes import fresnel_area
+from optics.psf.edge_scatter import fresnel_area
 from optics.psf.request import PSFRequest
 from optics.psf.to_lens import TaperedBand
 from optics.zernike import zernike
