@@ -23,14 +23,15 @@ interfere in fine fringes, which a pixel averages.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.camera import Camera
+from optics.camera import Camera, Panel
 from optics.camera.pupil import open_area, pupil_phase
 from optics.fourier import unit_phasor
 from optics.psf.request import PSFRequest
@@ -151,68 +152,33 @@ class StopEdgeScatter:
         """
         frequency = self.shadow_magnification * behind
         start = at / self.shadow_magnification - self._shift - self._fresnel_area * frequency
-        sent, lit = self._pixel_envelope(frequency), np.ones(start.shape[:-1])
+        panel, lit = self._camera.panel, np.ones(start.shape[:-1])
+        sent = _pixel_envelope(frequency * panel.active_side)
         for axis in (0, 1):
             # At the distance x beside the panel, diffraction leaves fresnel_area / (2 pi x)² of its
             # irradiance (Fresnel's integrals, far from the edge).
-            away = (2 * math.pi * self._distance_from_panel(start[..., axis], axis)) ** 2
+            away = (2 * math.pi * _distance_from_panel(panel, start[..., axis], axis)) ** 2
             lit *= np.minimum(1.0, self._fresnel_area / np.maximum(away, 1e-300))
         return RaySamples(frequency, start, sent * lit, sent)
 
-    def _pixel_envelope(self, frequency: Array) -> Array:
-        """Return the envelope sinc² of a panel pixel at a frequency.
-
-        Beyond its first zero, the envelope is averaged over the lobes.
-        """
-        turns = np.abs(frequency) * self._camera.panel.active_side
-        lobes = 0.5 / (math.pi * np.maximum(turns, 1.0)) ** 2
-        along = np.where(turns < 1, np.sinc(turns) ** 2, lobes)
-        return np.asarray(along[..., 0] * along[..., 1])
-
-    def _distance_from_panel(self, place: Array, axis: int) -> Array:
-        """Return the distance to the panel along an axis in metres, 0 on the panel."""
-        line = self._camera.panel.plane.coordinates(axis)
-        half = self._camera.panel.pitch / 2
-        below, above = float(line[0]) - half - place, place - float(line[-1]) - half
-        return np.maximum(np.maximum(below, above), 0.0)
-
     @cached_property
-    def _stop_samples(self) -> tuple[tuple[Array, Array], NDArray[np.bool_], float]:
-        """The y and x of samples across the stop's opening, where they are open, and each's area.
+    def _stop_samples(self) -> _StopSamples:
+        return _sample_stop(self._camera, self._q.radius)
 
-        The opening may be much smaller than the circle around it, so samples cover only the
-        opening. Metres.
-        """
-        stop, radius = self._q.lens.stop, self._q.radius
-        low, high = map(np.array, zip(*(stop_extent(self._camera, k) for k in (0, 1)), strict=True))
-        line = (np.arange(_STOP_SAMPLES) + 0.5) / _STOP_SAMPLES
-        down, along = radius * (low + np.outer(line, high - low)).T
-        y, x = np.meshgrid(down / radius, along / radius, indexing="ij")
-        inside = np.asarray(stop.opening.contains(y, x))
-        for shape in stop.obscurations:
-            inside &= ~shape.contains(y, x)
-        return (down, along), inside, float(np.prod(high - low)) * (radius / _STOP_SAMPLES) ** 2
-
-    @cached_property
+    @property
     def _open_points(self) -> Array:
-        """The samples where the stop is open, (n, 2) for y and x, in metres."""
-        lines, inside, _ = self._stop_samples
-        y, x = np.meshgrid(*lines, indexing="ij")
-        return np.stack([y[inside], x[inside]], axis=-1)
+        return self._stop_samples.open_points
 
     @cached_property
     def _direct_rays(self) -> RaySamples:
-        """The rays that go straight through the stop into the window.
-
-        Positions and frequencies are (points, window, 2).
-        """
+        """The rays that go straight through the stop into the window, (points, window)."""
         at = self._open_points
         return self.trace_rays(at[:, None], self._window - self.lens_frequency_shift(at)[:, None])
 
     @cached_property
     def direct_area(self) -> float:
         """The area of the stop that lights the window, weighted by the light, in m²."""
-        return float(self._direct_rays.light.mean(axis=1).sum()) * self._stop_samples[2]
+        return float(self._direct_rays.light.mean(axis=1).sum()) * self._stop_samples.area
 
     @cached_property
     def passing_band(self) -> tuple[Array, Array]:
@@ -238,10 +204,7 @@ class StopEdgeScatter:
 
     @property
     def share_per_frequency_area(self) -> float:
-        """The share of its light that an evenly lit panel sends to a unit frequency area.
-
-        The unit is m², because frequencies are in cycles per metre.
-        """
+        """The share of its light that an evenly lit panel sends to a unit frequency area, m²."""
         return self.direct_area * self._camera.panel.active_side**2 / open_area(self._camera)
 
     @property
@@ -290,25 +253,19 @@ class StopEdgeScatter:
 
     @cached_property
     def _accepted_frequencies(self) -> Array:
-        """The frequencies before the lens that reach the window from the stop's edge.
-
-        The shape is (edge, window, 1, 2).
-        """
+        """The frequencies before the lens from the edge to the window, (edge, window, 1, 2)."""
         shift = self.lens_frequency_shift(self._edge_points)
         return np.asarray(self._window - shift[:, None])[:, :, None]
 
     @cached_property
     def scattered_rays(self) -> RaySamples:
-        """The rays that the stop's edge scatters into the window.
-
-        Positions and frequencies are (edge, window, distance, 2).
-        """
+        """The rays that the stop's edge scatters into the window, (edge, window, distance)."""
         rays = self.trace_rays(
             self._edge_points[:, None, None], self._accepted_frequencies - self.edge_frequency_shift
         )
         weight = self._density[:, None]
-        return RaySamples(
-            rays.frequency, rays.panel_position, rays.light * weight, rays.unbounded_light * weight
+        return replace(
+            rays, light=rays.light * weight, unbounded_light=rays.unbounded_light * weight
         )
 
     def aliased_light(
@@ -378,7 +335,7 @@ class StopEdgeScatter:
         All light in the stop makes fringes with the light from each point `at`, (n, 2) in the lens'
         plane.
         """
-        lines, inside, _ = self._stop_samples
+        lines, inside = self._stop_samples.lines, self._stop_samples.is_open
         light = np.zeros(inside.shape)
         light[inside] = self._direct_rays.light.mean(axis=1)
         down, along = (
@@ -408,8 +365,9 @@ class StopEdgeScatter:
         goes = self.shadow_magnification * self._accepted_frequencies
         turn = math.pi * self._fresnel_area * ((goes**2).sum(-1) - (rays.frequency**2).sum(-1))
         shadow = self._edge_points / self.shadow_magnification - self._shift
-        on_panel = [self._distance_from_panel(shadow[:, axis], axis) == 0 for axis in (0, 1)]
-        dark = self._pixel_envelope(rays.frequency) * self._density[:, None]
+        panel = self._camera.panel
+        on_panel = [_distance_from_panel(panel, shadow[:, axis], axis) == 0 for axis in (0, 1)]
+        dark = _pixel_envelope(rays.frequency * panel.active_side) * self._density[:, None]
         lit = (rays.light + np.where((on_panel[0] & on_panel[1])[:, None, None], dark, 0.0)) / 2
         lost = lit * (2 - 2 * np.cos(turn))
         within = float(lost[is_in_band(rays.frequency, *self.passing_band)].sum())
@@ -451,6 +409,47 @@ def window_frequencies(q: PSFRequest) -> Array:
     corners = [[0, 0], [1, 1], [1, -1], [-1, 1], [-1, -1]]
     away = 2 * _WINDOW_PROBE_OFFSET * half * np.array(corners)
     return np.asarray((middle + away) / q.scale)
+
+
+class _StopSamples(NamedTuple):
+    """Samples across the stop's opening, in metres, and each one's area."""
+
+    lines: tuple[Array, Array]  # y and x
+    is_open: NDArray[np.bool_]
+    open_points: Array  # (n, 2)
+    area: float
+
+
+def _sample_stop(camera: Camera, radius: float) -> _StopSamples:
+    """Sample the stop's opening, which may be much smaller than the circle around it."""
+    stop = camera.lens.stop
+    low, high = map(np.array, zip(*(stop_extent(camera, axis) for axis in (0, 1)), strict=True))
+    line = (np.arange(_STOP_SAMPLES) + 0.5) / _STOP_SAMPLES
+    down, along = radius * (low + np.outer(line, high - low)).T
+    y, x = np.meshgrid(down / radius, along / radius, indexing="ij")
+    inside = np.asarray(stop.opening.contains(y, x))
+    for shape in stop.obscurations:
+        inside &= ~shape.contains(y, x)
+    y, x = np.meshgrid(down, along, indexing="ij")
+    area = float(np.prod(high - low)) * (radius / _STOP_SAMPLES) ** 2
+    return _StopSamples((down, along), inside, np.stack([y[inside], x[inside]], axis=-1), area)
+
+
+def _pixel_envelope(turns: Array) -> Array:
+    """Return the envelope sinc² of a panel pixel at cycles per pixel, (..., 2).
+
+    Beyond its first zero, the envelope is averaged over the lobes.
+    """
+    turns = np.abs(turns)
+    lobes = 0.5 / (math.pi * np.maximum(turns, 1.0)) ** 2
+    return np.asarray(np.where(turns < 1, np.sinc(turns) ** 2, lobes).prod(-1))
+
+
+def _distance_from_panel(panel: Panel, place: Array, axis: int) -> Array:
+    """Return the distance to a panel along an axis in metres, 0 on the panel."""
+    line, half = panel.plane.coordinates(axis), panel.pitch / 2
+    below, above = float(line[0]) - half - place, place - float(line[-1]) - half
+    return np.maximum(np.maximum(below, above), 0.0)
 
 
 def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:
