@@ -246,7 +246,8 @@ class CollapsedEngine(BehindPanelEngine):
         self._request, self._camera, self._search = request, camera, search
         self._mirrored = mirrored
         n, plain = request.numeric, numeric_camera(camera)
-        if not can_collapse(plain):
+        nearest = MIN_RAY_MATRIX_B_SHARE * plain.lens.image_distance
+        if not (plain.lens.has_quadratic_phase and plain.ray_matrix_b >= nearest):
             raise ValueError(
                 "method is 'collapsed'; it serves thin lenses without aberrations only, whose "
                 'panel isn\'t near to the plane in focus; take method="chain"'
@@ -365,17 +366,6 @@ class CollapsedEngine(BehindPanelEngine):
         chain = GridEngine(self._request, self._camera, self._search)
         chain.prepare()
         return chain
-
-
-def can_collapse(camera: Camera) -> bool:
-    """Tell whether a thin lens at the panel can replace the lens behind it.
-
-    The lens must have no aberrations, and the panel must not be too near to the plane in focus.
-    """
-    return (
-        camera.lens.has_quadratic_phase
-        and camera.ray_matrix_b >= MIN_RAY_MATRIX_B_SHARE * camera.lens.image_distance
-    )
 
 
 def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRequest:

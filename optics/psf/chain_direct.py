@@ -300,10 +300,7 @@ class DirectSum:
     def prepare(self) -> None:
         """Find the rows of the stop, and compute the pixels' fields that are kept."""
         rows = quadrature_rows(self._bands, *self._slopes, _QUADRATURE_TOL)
-        self._chunks = [
-            _RowChunk(part, self._integrals.sort_ends(part.end))
-            for part in rows.split(self._blocks.chunk)
-        ]
+        self._chunks = [_RowChunk(part, self._integrals) for part in rows.split(self._blocks.chunk)]
         self._lens.prepare()
         # The number of the lens' terms is known now.
         self._blocks = self._plan_blocks()
@@ -356,7 +353,7 @@ class DirectSum:
         for piece, pixels, kernel in self._piece_kernels():
             place = self._integrals.places(piece)
             lens, sensor = self._lens.along(1, place), self._sensor_kernel(1, place)
-            for ends, partial in chunk.ends.in_piece(piece, self._blocks.ends):
+            for ends, partial in chunk.ends_in_piece(piece, self._blocks.ends):
                 row = chunk.row[ends]
                 left = along_y[row] * chunk.sign[ends]
                 arriving = sent.index_select(-2, row)
@@ -386,13 +383,26 @@ class DirectSum:
 
 
 class _RowChunk:
-    """Holds rows of the stop as tensors, their sorted ends, and kept fields of pixels."""
+    """Holds rows of the stop as tensors, their ends by the pieces of a row, and kept fields."""
 
-    def __init__(self, rows: Rows, ends: SortedEnds) -> None:
+    def __init__(self, rows: Rows, integrals: PartialIntegrals) -> None:
         self.y, self.weight, self.row = map(torch.from_numpy, (rows.y, rows.weight, rows.row))
         self.sign = torch.from_numpy(rows.sign)[:, None]
-        self.ends = ends
         self.kept: list[torch.Tensor] = []
+        self._integrals = integrals
+        place = (rows.end - integrals.low) / integrals.width
+        piece = np.clip(place.astype(np.int64), 0, integrals.pieces - 1)
+        # Each end's place in its piece, -1 to 1; the ends piece by piece, and where each begins.
+        self._inside = np.clip(2 * (place - piece) - 1, -1, 1)
+        self._order = np.argsort(piece, kind="stable")
+        self._starts = np.searchsorted(piece[self._order], np.arange(integrals.pieces + 1))
+
+    def ends_in_piece(self, piece: int, most: int) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        """Yield the ends in a piece, `most` at a time, and each one's weights, (ends, nodes)."""
+        first, last = self._starts[piece], self._starts[piece + 1]
+        for start in range(first, last, most):
+            ends = self._order[start : min(start + most, last)]
+            yield torch.from_numpy(ends), self._integrals.partial_weights(self._inside[ends])
 
 
 class PartialIntegrals:
@@ -413,7 +423,7 @@ class PartialIntegrals:
         # exp(i t x) has Chebyshev coefficients J_k(t), which fall below 1e-15 from here on.
         each = turns / self.pieces
         self.nodes = math.ceil(each + 11 * each ** (1 / 3)) + 14
-        self._low, self.width = low, (high - low) / self.pieces
+        self.low, self.width = low, (high - low) / self.pieces
 
     @property
     def node_count(self) -> int:
@@ -427,16 +437,7 @@ class PartialIntegrals:
     def places(self, piece: int) -> torch.Tensor:
         """Return the nodes of a piece, in stop radii."""
         nodes = gauss_legendre(self.nodes)[0]
-        return torch.from_numpy(self._low + self.width * (piece + (nodes + 1) / 2))
-
-    def sort_ends(self, end: Array) -> SortedEnds:
-        """Sort the ends of rows, in stop radii, into the pieces."""
-        place = (end - self._low) / self.width
-        piece = np.clip(place.astype(np.int64), 0, self.pieces - 1)
-        inside = np.clip(2 * (place - piece) - 1, -1, 1)
-        order = np.argsort(piece, kind="stable")
-        starts = np.searchsorted(piece[order], np.arange(self.pieces + 1))
-        return SortedEnds(self, inside, order, starts)
+        return torch.from_numpy(self.low + self.width * (piece + (nodes + 1) / 2))
 
     def partial_weights(self, inside: Array) -> torch.Tensor:
         """Return each end's weights in its piece, (ends, nodes).
@@ -465,18 +466,3 @@ class PartialIntegrals:
         degree = np.arange(self.nodes)[:, None] + 0.5
         polynomials = np.polynomial.legendre.legvander(nodes, self.nodes - 1).T
         return np.asarray(degree * weights * polynomials)
-
-
-class SortedEnds(NamedTuple):
-    """Holds the ends of rows, sorted into the pieces of PartialIntegrals."""
-
-    integrals: PartialIntegrals
-    inside: Array  # each end's place in its piece, -1 to 1
-    order: NDArray[np.int64]  # numbers of the ends, piece by piece
-    starts: NDArray[np.int64]  # where each piece's ends begin in that order
-
-    def in_piece(self, piece: int, most: int) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        """Yield the ends in a piece, `most` at a time, and each one's weights, (ends, nodes)."""
-        for start in range(self.starts[piece], self.starts[piece + 1], most):
-            ends = self.order[start : min(start + most, self.starts[piece + 1])]
-            yield torch.from_numpy(ends), self.integrals.partial_weights(self.inside[ends])

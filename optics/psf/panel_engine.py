@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 
 import torch
@@ -39,7 +39,6 @@ from optics.psf.pixel_waves import (
     PixelWaveExpansion,
     WaveTerm,
     largest_coefficient,
-    pixel_envelopes,
 )
 from optics.psf.request import PSFRequest
 from optics.quarter_symmetry import quarter_shape
@@ -49,26 +48,6 @@ _FINEST_TOL = 1e-13  # smallest tolerance that is planned for, near double preci
 _REFINEMENT = 0.5  # share of the tolerance that a finer engine aims at; chosen
 _STRAIGHT_DEGREES = 6  # further ones for light without a pattern, where they cost nothing; chosen
 _DARK_MARGIN = 100.0  # light that counts as none, over that of double precision's rounding; chosen
-
-
-@dataclass(frozen=True)
-class _Expansion:
-    """Holds the terms of the wave in the pixels, the first that are left out, and their envelopes.
-
-    envelopes: along y and x, each (degrees + 1, samples).
-    """
-
-    terms: list[WaveTerm]
-    omitted: list[WaveTerm]
-    envelopes: tuple[torch.Tensor, torch.Tensor]
-
-    def under_envelope(
-        self, field: torch.Tensor, term: WaveTerm, rows: slice | torch.Tensor
-    ) -> torch.Tensor:
-        """Multiply a term's field on some rows of the samples by its envelope."""
-        y, x = self.envelopes
-        column, row = y[term.degrees[0]].to(field), x[term.degrees[1]].to(field)
-        return field * column[rows, None] * row
 
 
 class _PanelField:
@@ -81,42 +60,36 @@ class _PanelField:
         self._request, self._method = request, method
         self._transform, self._dtype = method.transform, method.transform.dtype
         self._half_turn = half_turn / method.grid.divisions
-        self._known_expansion: _Expansion | None = None
+        self._known_terms: tuple[list[WaveTerm], list[WaveTerm]] | None = None
 
-    def _expansion(self) -> _Expansion:
-        """Expand the wave in the pixels.
+    def _terms(self) -> tuple[list[WaveTerm], list[WaveTerm]]:
+        """Return the terms of the wave in the pixels, and the first that are left out.
 
-        The result is cached unless derivatives are wanted: a cached tensor would belong to the
-        graph of an earlier call.
+        They are cached unless derivatives are wanted: a cached tensor would belong to the graph of
+        an earlier call.
         """
-        if self._known_expansion is not None:
-            return self._known_expansion
-        q, grid, degrees = self._request, self._method.grid, self._method.degrees
-        expansion = PixelWaveExpansion(q, grid, degrees, self._dtype)
-        terms, omitted = expansion.terms(self._method.node_count)
-        y, x = (
-            pixel_envelopes(q.samples.coordinates(axis), degrees, grid.side, q.scale)
-            for axis in (0, 1)
-        )
-        found = _Expansion(terms, omitted, (y, x))
-        if not q.differentiable:
-            self._known_expansion = found
+        if self._known_terms is not None:
+            return self._known_terms
+        found = self._expansion().terms(self._method.node_count)
+        if not self._request.differentiable:
+            self._known_terms = found
         return found
+
+    def _expansion(self, more: int = 0) -> PixelWaveExpansion:
+        """Return the expansion of the wave in the pixels, with some more degrees."""
+        degrees = self._method.degrees + more
+        return PixelWaveExpansion(self._request, self._method.grid, degrees, self._dtype)
 
     def straight(self, axis: int, pixels: int) -> torch.Tensor:
         """Return one axis of the field without a pattern, complex, for every sample."""
-        n, degrees, grid = self._request.numeric, self._method.degrees, self._method.grid
-        if not degrees:
+        if not self._method.degrees:
             line = torch.ones(pixels, dtype=self._dtype).unsqueeze(1 - axis)
             return self._transform.forward_axis(line, axis).squeeze(1 - axis)
         # A few more degrees along one axis cost nothing, and nothing needs to be measured then.
-        degrees += _STRAIGHT_DEGREES
-        expansion = PixelWaveExpansion(self._request, grid, degrees, self._dtype)
-        values = expansion.axis_coefficients(axis)
-        envelopes = pixel_envelopes(n.samples.coordinates(axis), degrees, grid.side, n.scale)
-        lines = torch.stack(values, dim=1 - axis)
+        expansion = self._expansion(_STRAIGHT_DEGREES)
+        lines = torch.stack(expansion.axis_coefficients(axis), dim=1 - axis)
         fields = self._transform.forward_axis(lines, axis).unbind(1 - axis)
-        parts = zip(fields, envelopes.to(self._dtype), strict=True)
+        parts = zip(fields, expansion.envelopes(axis).to(self._dtype), strict=True)
         zero = torch.zeros((), dtype=self._dtype)
         return sum((field * envelope for field, envelope in parts), zero)
 
@@ -133,29 +106,26 @@ class _PanelField:
         stretch = q.numeric.scale / q.scale if needs_gradient(q.scale) else None
         if not self._method.degrees:
             return self._transform(pattern, stretch, moved.shift), None
-        expansion = self._expansion()
+        terms, omitted = self._terms()
         parts = (
-            expansion.under_envelope(
-                self._transform(term.times(pattern), stretch, moved.shift), term, slice(None)
-            )
-            for term in expansion.terms
+            term.under_envelope(self._transform(term.times(pattern), stretch, moved.shift))
+            for term in terms
         )
-        return sum(parts, next(parts)), partial(self._missing, pattern.detach(), expansion)
+        return sum(parts, next(parts)), partial(self._missing, pattern.detach(), omitted)
 
     def _missing(
-        self, pattern: torch.Tensor, expansion: _Expansion, rows: torch.Tensor
+        self, pattern: torch.Tensor, omitted: list[WaveTerm], rows: torch.Tensor
     ) -> torch.Tensor:
         """Compute the field of the omitted terms on some rows of the samples."""
         geometry = self._transform.geometry
         y, u = geometry.pupil.coordinates(0), geometry.image.coordinates(0)[rows]
         kernel = unit_phasor(-torch.outer(u, y) / geometry.scale, self._dtype).to(pattern.device)
+        rows = rows.to(pattern.device)
         parts = (
-            expansion.under_envelope(
-                self._transform.forward_axis(term.project(kernel, pattern), 1),
-                term,
-                rows.to(pattern.device),
+            term.under_envelope(
+                self._transform.forward_axis(term.project(kernel, pattern), 1), rows
             )
-            for term in expansion.omitted
+            for term in omitted
         )
         return sum(parts, next(parts))
 
@@ -171,7 +141,8 @@ class _PanelField:
         degrees = self._method.degrees
         sizes = [largest_coefficient(self._half_turn, k) ** 2 for k in range(degrees)]
         size = torch.tensor(sizes, dtype=torch.float64)[:, None]
-        y, x = (size * one[:degrees].abs() ** 2 for one in self._expansion().envelopes)
+        expansion = self._expansion()
+        y, x = (size * expansion.envelopes(axis)[:degrees].abs() ** 2 for axis in (0, 1))
         # Terms of degree k along y go with all degrees below the total along x.
         return y, x.cumsum(0).flip(0)
 

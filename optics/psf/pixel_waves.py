@@ -31,14 +31,21 @@ _BLOCK_POINTS = 1 << 18  # points of the wave that are computed at a time
 class WaveTerm:
     """Holds one term of the wave in panel pixels: P_k(y) P_l(x) times a factor per pixel.
 
-    degrees: (k, l).
+    envelopes: of the term's field on the samples, along y and x (see `pixel_envelopes`).
     column: the factor, complex, (rows, columns), or (rows, 1) if `row` holds the rest.
     row: (columns,), by which `column` is multiplied, or None.
     """
 
-    degrees: tuple[int, int]
+    envelopes: tuple[torch.Tensor, torch.Tensor]
     column: torch.Tensor
     row: torch.Tensor | None = None
+
+    def under_envelope(
+        self, field: torch.Tensor, rows: slice | torch.Tensor = slice(None)
+    ) -> torch.Tensor:
+        """Multiply the term's field on some rows of the samples by its envelope."""
+        y, x = (one.to(field) for one in self.envelopes)
+        return field * y[rows, None] * x
 
     def times(self, field: torch.Tensor) -> torch.Tensor:
         """Multiply a field on the panel by the term, (..., rows, columns)."""
@@ -127,19 +134,28 @@ class PixelWaveExpansion:
         node_count: Gauss-Legendre nodes along a side of a pixel; 1 stands for the wave at the
         pixels' centres and its slopes there.
         """
-        kept = [(n - k, k) for n in range(self._degrees) for k in range(n + 1)]
-        omitted = [(self._degrees - k, k) for k in range(self._degrees + 1)]
+        degrees, count = self._degrees, self._degrees * (self._degrees + 1) // 2
+        pairs = [(n - k, k) for n in range(degrees + 1) for k in range(n + 1)]
+        factors: list[tuple[torch.Tensor, torch.Tensor | None]]
         if self.separable:
-            axes = [self.axis_coefficients(axis) for axis in (0, 1)]
-            made = [
-                WaveTerm(pair, axes[0][pair[0]][:, None], axes[1][pair[1]])
-                for pair in [*kept, *omitted]
-            ]
+            down, along = self.axis_coefficients(0), self.axis_coefficients(1)
+            factors = [(down[k][:, None], along[m]) for k, m in pairs]
         elif node_count == 1:
-            made = self._terms_from_slopes()
+            factors = [(factor, None) for factor in self._factors_from_slopes()]
         else:
-            made = self._terms_from_nodes([*kept, *omitted], node_count)
-        return made[: len(kept)], made[len(kept) :]
+            found = self._factors_from_nodes(node_count)
+            factors = [(found[pair], None) for pair in pairs]
+        y, x = self.envelopes(0), self.envelopes(1)
+        made = [
+            WaveTerm((y[k], x[m]), *factor) for (k, m), factor in zip(pairs, factors, strict=True)
+        ]
+        return made[:count], made[count:]
+
+    def envelopes(self, axis: int) -> torch.Tensor:
+        """Return the envelopes of all degrees along an axis of the samples."""
+        q = self._request
+        places = q.samples.coordinates(axis)
+        return pixel_envelopes(places, self._degrees, self._grid.side, q.scale)
 
     def axis_coefficients(self, axis: int) -> list[torch.Tensor]:
         """Return b_k along one axis, for a wave that is a product over both axes.
@@ -159,18 +175,18 @@ class PixelWaveExpansion:
         legendre = _scaled_legendre(nodes, weights, self._degrees)
         return list((wave @ legendre.to(wave).mT).to(self._dtype).mT)
 
-    def _terms_from_slopes(self) -> list[WaveTerm]:
-        """Return the wave at the pixels' centres, and its terms of first degree there."""
+    def _factors_from_slopes(self) -> list[torch.Tensor]:
+        """Return the wave at the pixels' centres, and what its slopes there add along y and x."""
         wave, phase = self._wave(*self._grid.points.mesh())
         half = self._grid.side / (2 * self._grid.panel.pitch)
-        made = [WaveTerm((0, 0), wave)]
-        for axis, degrees in ((0, (1, 0)), (1, (0, 1))):
+        factors = [wave]
+        for axis in (0, 1):
             slope = torch.gradient(phase, dim=axis)[0] if phase.shape[axis] > 1 else 0 * phase
-            made.append(WaveTerm(degrees, (1j * half * slope).to(self._dtype) * wave))
-        return made
+            factors.append((1j * half * slope).to(self._dtype) * wave)
+        return factors
 
-    def _terms_from_nodes(self, degrees: list[tuple[int, int]], node_count: int) -> list[WaveTerm]:
-        """Return the terms from nodes inside the pixels, for any wave."""
+    def _factors_from_nodes(self, node_count: int) -> torch.Tensor:
+        """Return b_kl from nodes inside the pixels, for any wave."""
         nodes, weights = gauss_legendre(max(node_count, self._degrees + 1))
         legendre = _scaled_legendre(nodes, weights, self._degrees).to(self._dtype)
         inside = torch.tensor(nodes * self._grid.side / 2)
@@ -183,8 +199,7 @@ class PixelWaveExpansion:
             wave, _ = self._wave((y + inside).reshape(-1, 1), (x.mT + inside).reshape(1, -1))
             split = wave.reshape(y.numel(), count, x.numel(), count)
             blocks.append(torch.einsum("ki,lj,yixj->klyx", legendre, legendre, split))
-        found = torch.cat(blocks, dim=2)
-        return [WaveTerm(pair, found[pair]) for pair in degrees]
+        return torch.cat(blocks, dim=2)
 
     def _wave(self, y: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the complex wave at panel positions (y, x) in metres, and its phase."""
