@@ -69,8 +69,7 @@ class DirectEngine(ChainEngine):
         if self._request.sphere is not None:
             raise ToleranceError("direct quadrature of a chain takes the parabola of a wave only")
         self.arithmetic, self._left_out = FLOAT64_ARITHMETIC, 0.0
-        low, high = n.lens.stop.opening.extent
-        lens = SplitPhase(n, ((low[0], high[0]), (low[1], high[1])))
+        lens = SplitPhase(n)
         whole = DirectSum(n, self._camera, lens)
         self._take_sum(whole)
         seconds = self.total_seconds(n.budget)
@@ -196,10 +195,7 @@ class DirectSum:
     ) -> None:
         self._n, self._panel, self._lens = n, camera.panel, lens
         self._pixels = PixelFields(n, camera, reach)
-        low, high = n.lens.stop.opening.extent
-        self._spans = [(low[axis], high[axis]) for axis in (0, 1)]
-        slopes = [self._pixels.steepest_slope(k, self._spans[k], lens) for k in (0, 1)]
-        self._slopes = slopes[0], slopes[1]
+        self._slopes = self._pixels.steepest_slope(0, lens), self._pixels.steepest_slope(1, lens)
         self._bands = row_bands(n.lens.stop)
         counts = count_rows(self._bands, *self._slopes, _QUADRATURE_TOL)
         self.row_count = sum(counts)
@@ -211,7 +207,7 @@ class DirectSum:
         # The rows of the stop are divided into pieces that take the least time.
         found = []
         for turn in _PIECE_TURNS:
-            self._integrals = PartialIntegrals(*self._spans[1], slopes[1], turn)
+            self._integrals = PartialIntegrals(*lens.spans[1], self._slopes[1], turn)
             self._blocks = self._plan_blocks()
             found.append((self.cpu_seconds(n.budget.speed), self._integrals, self._blocks))
         _, self._integrals, self._blocks = min(found, key=lambda one: one[0])
@@ -225,9 +221,9 @@ class DirectSum:
                 self._pixels.path_turns(axis, probe_places(*span)),
                 independent[axis],
             )
-            for axis, span in enumerate(self._spans)
+            for axis, span in enumerate(self._lens.spans)
         )
-        box = math.prod(high - low for low, high in self._spans)
+        box = math.prod(high - low for low, high in self._lens.spans)
         return StopLight(y, x, self._n.lens.stop.area, box)
 
     @property
@@ -237,7 +233,7 @@ class DirectSum:
 
     def _plan_blocks(self) -> _Blocks:
         """Divide rows, pieces and ends so that what is held at once fits the memory."""
-        pixels, integrals, (low, high) = self._pixels, self._integrals, self._spans[0]
+        pixels, integrals, (low, high) = self._pixels, self._integrals, self._lens.spans[0]
         panel, (height, across) = self._panel.shape, self._n.samples.shape
         # For each row, or end of a row, that is computed at once.
         each = 16 * (3 * max(panel) + 4 * integrals.nodes + height)

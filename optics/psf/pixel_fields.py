@@ -29,26 +29,16 @@ Waves = NDArray[np.complex128]
 FAR_ZONES = 6.0
 """Distance from a pixel's edge, in Fresnel zones, from which the series here holds to rounding."""
 
-_BLOCK = 8192
-"""Numbers in an array that stays in the processor's cache."""
-
-_NODES = (24, 48, 96, 192, 384)
-"""Chebyshev nodes per axis that are tried for what a lens' phase has beside its parabola."""
-
-_LEAST = 1e-15
-"""Share of the strongest term below which terms are rounding errors."""
-
-_TAIL = 1e-12
-"""Coefficient of the highest orders below which an expansion counts as complete."""
+_BLOCK = 8192  # numbers in an array that stays in the processor's cache
+_NODES = (24, 48, 96, 192, 384)  # Chebyshev nodes per axis that are tried for a lens' phase
+_LEAST = 1e-15  # share of the strongest term below which terms are rounding errors
+_TAIL = 1e-12  # coefficient of the highest orders below which an expansion counts as complete
 
 _SAMPLES, _MARGIN = 33, 1.2
 """Samples per axis for the slope of a phase, and a factor, because it might be steeper between."""
 
 _TERMS, _TERMS_PER_RADIAN = 6, 0.55
 """Terms that a phase takes, and further ones for its largest value; fitted to random lenses."""
-
-Spans = tuple[tuple[float, float], tuple[float, float]]
-"""Low and high (y, x) of a stop's opening, in stop radii."""
 
 
 class PixelFields:
@@ -135,15 +125,13 @@ class PixelFields:
         low, high = self._farthest[axis]
         return (high - low) / self._grow
 
-    def steepest_slope(self, axis: int, span: tuple[float, float], lens: SplitPhase) -> float:
+    def steepest_slope(self, axis: int, lens: SplitPhase) -> float:
         """Bound the phase slope of the light in the stop, radians per stop radius.
 
         Light from a point of the panel, the lens, and the kernel of a sensor sample each add a
         slope that is linear in the places, so that the extremes lie at their ends.
-
-        span: low and high end of the stop's opening.
         """
-        n, grow, shift = self._n, self._grow, self._shifts[axis]
+        n, grow, shift, span = self._n, self._grow, self._shifts[axis], lens.spans[axis]
         half = self._panel.pitch / 2
         ends = float(self._lines[axis][0]) - half, float(self._lines[axis][-1]) + half
         seen = n.samples.coordinates(axis)
@@ -258,18 +246,20 @@ class SplitPhase:
     stigmatic lens, has few terms to double precision. They are predicted when the split is planned,
     and found at its first use.
 
+    spans: low and high (y, x) of the stop's opening, in stop radii.
     curvature: c.
     terms: their number, predicted.
     slope: the steepest slope of the remainder's phase, radians per stop radius.
     """
 
-    def __init__(self, n: PSFRequest, spans: Spans) -> None:
-        self._n, self._spans = n, spans
+    def __init__(self, n: PSFRequest) -> None:
+        low, high = n.lens.stop.opening.extent
+        self._n, self.spans = n, ((low[0], high[0]), (low[1], high[1]))
         curvature = defocus_curvature(n.lens, n.object_to_lens_distance, n.wavelength)
         self.curvature, self.terms, self.slope = curvature * n.radius**2, 1, 0.0
         if n.lens.has_quadratic_phase:
             return
-        y, x = (torch.linspace(*span, _SAMPLES, dtype=torch.float64) for span in spans)
+        y, x = (torch.linspace(*span, _SAMPLES, dtype=torch.float64) for span in self.spans)
         phase = _remaining_phase(n, y[:, None], x[None, :]).expand(_SAMPLES, _SAMPLES)
         down, along = (
             float(phase.diff(dim=axis).abs().max() / (place[1] - place[0]))
@@ -293,7 +283,7 @@ class SplitPhase:
         if self._n.lens.has_quadratic_phase:
             return wave
         coefficients = self._factors[axis]
-        low, high = self._spans[axis]
+        low, high = self.spans[axis]
         t = ((2 * place - low - high) / (high - low)).clamp(-1, 1)
         order = torch.arange(coefficients.shape[0], dtype=torch.float64)
         polynomials = torch.cos(torch.acos(t)[:, None] * order).to(coefficients)
@@ -319,7 +309,7 @@ class SplitPhase:
     def _expansion(self, nodes: int) -> torch.Tensor:
         """Expand the wave, without its parabola, in Chebyshev polynomials."""
         angle = math.pi * (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
-        y, x = ((low + high) / 2 + (high - low) / 2 * torch.cos(angle) for low, high in self._spans)
+        y, x = ((low + high) / 2 + (high - low) / 2 * torch.cos(angle) for low, high in self.spans)
         phase = _remaining_phase(self._n, y[:, None], x[None, :]).expand(nodes, nodes)
         order = torch.arange(nodes, dtype=torch.float64)
         weight = (2 - (order == 0).to(order)) / nodes

@@ -75,10 +75,7 @@ class WaveTerm:
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Divides the active square of every panel pixel into equal squares.
-
-    divisions: squares along a side of a pixel; 1 for the pixels themselves.
-    """
+    """Divides the active square of every panel pixel into `divisions`² equal squares."""
 
     panel: Panel
     divisions: int = 1
@@ -113,10 +110,9 @@ class PixelWaveExpansion:
         wave(p + side t / 2) = sum over (k, l) of b_kl(p) P_k(t_y) P_l(t_x),   -1 <= t <= 1.
 
     The Fourier integral over the pixels then is a sum of transforms of b_kl times the pattern, each
-    under an envelope of its own (`pixel_envelope`). If the phase changes by s radians across a
+    under an envelope of its own (`pixel_envelopes`). If the phase changes by s radians across a
     pixel, terms of degree n = k + l are of the size of (s / 2)^n / n!, so that few terms suffice
-    for any window. The wave of a thin lens without aberrations is a product of a function of y and
-    one of x, and so are its terms.
+    for any window. If the wave is a product of a function of y and one of x, so are its terms.
     """
 
     def __init__(
@@ -158,10 +154,7 @@ class PixelWaveExpansion:
         return pixel_envelopes(places, self._degrees, self._grid.side, q.scale)
 
     def axis_coefficients(self, axis: int) -> list[torch.Tensor]:
-        """Return b_k along one axis, for a wave that is a product over both axes.
-
-        The list is over k up to the number of degrees, each (pixels,).
-        """
+        """Return b_k, each (pixels,), along one axis of a wave that is a product over both."""
         q, n, half = self._request, self._request.numeric, self._grid.side / 2
         line = self._grid.points.coordinates(axis)
         curvature = abs(defocus_curvature(n.lens, n.distance, n.wavelength))
@@ -221,8 +214,6 @@ def pixel_envelopes(places: torch.Tensor, degrees: int, side: float, scale: Scal
     places), complex128.
 
     places: u, positions on the sensor along one axis, metres.
-    degrees: the largest k.
-    side: of a panel pixel, metres.
     scale: wavelength times distance, m².
     """
     turn = math.pi * places * side / scale
@@ -234,10 +225,9 @@ def pixel_envelopes(places: torch.Tensor, degrees: int, side: float, scale: Scal
 
 
 def largest_coefficient(half_turn: float, degree: int) -> float:
-    """Bound |b_k| for a wave whose phase is linear in a panel pixel.
+    """Bound |b_k| = (2k + 1) |j_k| by min(2k + 1, half_turn^k / (2k - 1)!!).
 
-    half_turn: half of the phase's change across the pixel, radians; it gives (2k + 1) |j_k|, which
-    is at most min(2k + 1, half_turn^k / (2k - 1)!!).
+    half_turn: half of the change across the pixel of a phase that is linear there, radians.
     """
     factorial = math.prod(range(1, 2 * degree, 2))
     return min(2.0 * degree + 1, half_turn**degree / factorial)
@@ -271,10 +261,7 @@ def full_precision_nodes(half_turn: float, degree: int = 0) -> int:
 
 
 def _scaled_legendre(nodes: Array, weights: Array, degrees: int) -> torch.Tensor:
-    """Return the rule for the coefficients b_k of a wave in a pixel, (degrees + 1, nodes).
-
-    Row k holds (2 k + 1) / 2 times the Gauss-Legendre weights times P_k at the nodes.
-    """
+    """Return the rule for the coefficients b_k of a wave in a pixel, (degrees + 1, nodes)."""
     factor = (2 * np.arange(degrees + 1) + 1) / 2
     return torch.tensor(factor[:, None] * weights * _legendre_polynomials(nodes, degrees))
 
@@ -306,10 +293,8 @@ class PixelIntegralTransform(PlaneTransform):
 class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
     """Computes the Fourier integral over square panel pixels under a quadratic phase.
 
-    For pixels of constant phase, the integral is the sum over their centres times one envelope.
     Defocus bends the wave differently inside each pixel. The curvature is the same along both axes
-    and the pixel is a square, so the integral still factors into rows and columns. Each factor is a
-    matrix:
+    and the pixel is a square, so the integral still factors into rows and columns, each a matrix:
 
         K(u, x) = mean over |d| < side / 2 of exp(i curvature (x + d)² - 2 pi i u (x + d) / scale)
 
@@ -326,10 +311,7 @@ class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
         self._curvature, self._side = curvature, side
 
     def node_count(self, axis: int) -> int:
-        """Return the number of quadrature nodes that a pixel takes.
-
-        It suffices for the pixel and the sample with the largest change of phase.
-        """
+        """Return the quadrature nodes for the pixel and sample with the largest phase change."""
         x, u = (p.coordinates(axis).abs().max() for p in (self.geometry.pupil, self.geometry.image))
         half = self._side / 2
         bend = abs(self._curvature) * (2 * float(x) * half + half**2)
