@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import torch
 
-from optics.accuracy import MachineSpeed, MethodChoice, ToleranceError
+from optics.accuracy import (
+    MachineSpeed,
+    MethodChoice,
+    ToleranceError,
+    unreachable_tolerance_error,
+)
 from optics.camera import Camera
 from optics.camera.pupil import Scalar, numeric_camera, open_area
 from optics.psf.behind_panel import BehindPanelEngine
@@ -19,7 +24,7 @@ from optics.psf.dim_windows import AddedLight, allowed_own_error, window_norm
 from optics.psf.lens_grid import LensGridSearch
 from optics.psf.light_budget import LowLightCorrection
 from optics.psf.request import PSFRequest
-from optics.psf.to_lens import PropagatorVariables
+from optics.psf.to_lens import PropagatorAxis, PropagatorVariables
 from optics.validation import needs_gradient, rounded_up
 
 _DIM_MARGIN = 1.3
@@ -80,6 +85,12 @@ class ChainEngine(BehindPanelEngine):
         self._plan(request.numeric)
         self._planned_error = self.error
 
+    def prepare(self) -> None:
+        """Raise ToleranceError if the plan doesn't keep the tolerance."""
+        tol, error = self._request.numeric.tol, self.error.value + self.arithmetic
+        if not error <= tol:
+            raise unreachable_tolerance_error(tol, error)
+
     @abstractmethod
     def _plan(self, n: PSFRequest) -> None:
         """Choose the sampling that keeps the tolerance.
@@ -105,17 +116,21 @@ class ChainEngine(BehindPanelEngine):
             return factor
         return factor * sphere.wave_factor(*self.points()).to(factor)
 
-    def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
-        """Return the panel's field times the wave's extra slope in each pixel, per axis.
+    def _sloped_parts(
+        self, field: torch.Tensor, axes: Sequence[PropagatorAxis]
+    ) -> Iterator[tuple[list[PropagatorAxis], torch.Tensor]]:
+        """Yield what the spherical wave's slope in each pixel adds to the panel's field, per axis.
 
-        The extra slope is the slope of the exact spherical wave less that of its parabola, in
-        cycles per metre. The list is empty if the request has no spherical wave.
+        It is the slope of the exact wave less that of its parabola, in cycles per metre. Each part
+        comes with the propagator's axes (y, x) for it.
         """
         sphere = self._request.sphere
         if sphere is None:
-            return []
+            return
         slopes = sphere.phase_gradient(*self.points(), self._camera.panel.active_side)
-        return [(axis, field * slope.to(field)) for axis, slope in enumerate(slopes)]
+        for axis, slope in enumerate(slopes):
+            sloped = [replace(one, has_pixel_slope=k == axis) for k, one in enumerate(axes)]
+            yield sloped, field * slope.to(field)
 
     def _sphere_error(self) -> float:
         """Estimate the error if the spherical wave's phase counts as linear in a pixel.

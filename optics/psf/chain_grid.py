@@ -122,8 +122,7 @@ class GridEngine(ChainEngine):
 
     def prepare(self) -> None:
         """Compute what is kept between calls; raise ToleranceError if the tolerance isn't kept."""
-        if not self.error.value + self.arithmetic <= self._request.tol:
-            raise unreachable_tolerance_error(self._request.tol, self.error.value + self.arithmetic)
+        super().prepare()
         if self._request.differentiable:
             return
         if self._lens_wave:
@@ -141,12 +140,8 @@ class GridEngine(ChainEngine):
         self, field: torch.Tensor, amplitude: torch.Tensor | None, added: AddedLight | None
     ) -> ChainLight:
         seen, spectrum = self._field_at_sensor(self.propagator, field)
-        for axis, part in self.wavefront_slope_fields(field):
-            axes = [
-                replace(one, has_pixel_slope=k == axis)
-                for k, one in enumerate(self.propagator.axes)
-            ]
-            sloped = PanelToLensPropagator(axes[0], axes[1], self._dtype)
+        for (y, x), part in self._sloped_parts(field, self.propagator.axes):
+            sloped = PanelToLensPropagator(y, x, self._dtype)
             seen = seen + self._field_at_sensor(sloped, part)[0]
         return self._light_from_field(seen, amplitude, spectrum)
 

@@ -157,11 +157,10 @@ class QuadratureEngine(ChainEngine):
         return seconds + _PLANNING_RULES * rule_seconds(stop, slope, self._quadrature_tol, speed)
 
     def prepare(self) -> None:
-        n = self._request.numeric
-        if not self.error.value + self.arithmetic <= n.tol:
-            raise unreachable_tolerance_error(n.tol, self.error.value + self.arithmetic)
+        super().prepare()
         if self._nodes_in_memory:
-            rule = stop_rule(n.lens.stop, self._slope_bound, self._quadrature_tol)
+            stop = self._request.numeric.lens.stop
+            rule = stop_rule(stop, self._slope_bound, self._quadrature_tol)
             self._full_block = _StopNodeBlock(rule, self)
             self.sampling = f"{rule.count} nodes in the stop"
 
@@ -184,8 +183,7 @@ class QuadratureEngine(ChainEngine):
                 'take method="chain"'
             )
         light = self._spectrum_at_lens(field, self._axes)
-        for axis, part in self.wavefront_slope_fields(field):
-            axes = [replace(one, has_pixel_slope=k == axis) for k, one in enumerate(self._axes)]
+        for axes, part in self._sloped_parts(field, self._axes):
             light = light + self._spectrum_at_lens(part, axes)
         seen = sum((block.field(light) for block in self._blocks()), torch.zeros(()))
         return ChainLight((seen.real**2 + seen.imag**2) * self.intensity_scale())
@@ -263,18 +261,13 @@ class _StopNodeBlock:
         else:
             numbers = (moved.stretch, *moved.shift)
             arriving = _shaped_adjoint(self._to_lens)(light, numbers)
-        wave = self._kept_wave
+        wave, at = self._kept_wave, self._nodes
         if wave is None:
-            wave = self._lens_wave()
+            distance = q.object_to_lens_distance
+            phase = wrap_phase(pupil_phase(q.lens, distance, q.wavelength, at.y, at.x))
+            wave = torch.polar(torch.ones_like(phase), phase) * at.weight
             self._kept_wave = None if q.differentiable else wave
         return self._to_sensor(arriving * wave.to(arriving.device), onward.stretch, onward.shift)
-
-    def _lens_wave(self) -> torch.Tensor:
-        """Return the lens' wave at the nodes, times their weights."""
-        q, nodes = self._engine._request, self._nodes
-        phase = pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, nodes.y, nodes.x)
-        phase = wrap_phase(phase)
-        return torch.polar(torch.ones_like(phase), phase) * nodes.weight
 
 
 def _shaped_adjoint(transform: NonuniformTransform) -> ShapedMap:

@@ -64,7 +64,6 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     image is shifted; the weights lead to the samples of the unshifted one.
 
     geometry: the panel's pixel centres, on a regular plane, and the samples.
-    dtype: complex64 or complex128.
     curvature: of the quadratic phase about the axis, radians per square metre.
     side: of a pixel's active square, metres.
     error: relative L2 error of the field that is allowed.
@@ -163,37 +162,6 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
             lambda one: apply_function(_Intensity, self, one.to(self.dtype), scale)[0], field
         )
 
-    def _squared_modulus(self, columns: torch.Tensor, scale: float) -> torch.Tensor:
-        """Compute the intensity from `_columns_from_grid`, some rows at a time."""
-        matrix = self._parts[0].matrix
-        light = torch.empty(
-            matrix.shape[0], columns.shape[1], dtype=self.dtype.to_real(), device=columns.device
-        )
-        for rows, points, block in matrix.blocks(columns.device):
-            parts = torch.view_as_real(block @ columns[points])
-            torch.mul(parts[..., 0], parts[..., 0], out=light[rows])
-            light[rows].addcmul_(parts[..., 1], parts[..., 1]).mul_(scale)
-        return light
-
-    def _intensity_adjoint(
-        self, grid: torch.Tensor, gradient: torch.Tensor, scale: float
-    ) -> torch.Tensor:
-        """Return a loss' derivative in the FFTs' grid from that in the intensity.
-
-        grid: what `_grid` gave for the field.
-        """
-        if torch.is_grad_enabled():
-            to_field, to_grid = self._field_from_grid, self._adjoint_to_grid
-            field = apply_linear_map(to_field, to_grid, grid)
-            return apply_linear_map(to_grid, to_field, 2 * scale * gradient * field)
-        columns = self._columns_from_grid(grid)
-        change = torch.zeros_like(columns)
-        for rows, points, block in self._parts[0].matrix.blocks(columns.device):
-            field = torch.view_as_real(block @ columns[points])
-            field.mul_((2 * scale * gradient[rows])[..., None])
-            change[points].addmm_(block.mH, torch.view_as_complex(field))
-        return self._adjoint_of_columns(change)
-
     def _field_from_grid(self, grid: torch.Tensor) -> torch.Tensor:
         return self._parts[0].matrix.forward(self._columns_from_grid(grid))
 
@@ -272,14 +240,33 @@ class _Intensity(torch.autograd.Function):
         ctx.transform, ctx.scale = transform, scale
         ctx.save_for_backward(grid)
         ctx.set_materialize_grads(False)
-        return transform._squared_modulus(transform._columns_from_grid(grid), scale), grid
+        columns, matrix = transform._columns_from_grid(grid), transform._parts[0].matrix
+        shape, kind = (matrix.shape[0], columns.shape[1]), transform.dtype.to_real()
+        light = torch.empty(shape, dtype=kind, device=columns.device)
+        for rows, points, block in matrix.blocks(columns.device):
+            parts = torch.view_as_real(block @ columns[points])
+            torch.mul(parts[..., 0], parts[..., 0], out=light[rows])
+            light[rows].addcmul_(parts[..., 1], parts[..., 1]).mul_(scale)
+        return light, grid
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor | None, by_grid: torch.Tensor | None) -> Any:
         (grid,) = ctx.saved_tensors
         transform: InterpolatedPixelTransform = ctx.transform
         if gradient is not None:
-            found = transform._intensity_adjoint(grid, gradient, ctx.scale)
+            # The loss' derivative in the FFTs' grid.
+            if torch.is_grad_enabled():
+                to_field, to_grid = transform._field_from_grid, transform._adjoint_to_grid
+                field = apply_linear_map(to_field, to_grid, grid)
+                found = apply_linear_map(to_grid, to_field, 2 * ctx.scale * gradient * field)
+            else:
+                columns = transform._columns_from_grid(grid)
+                change = torch.zeros_like(columns)
+                for rows, points, block in transform._parts[0].matrix.blocks(columns.device):
+                    field = torch.view_as_real(block @ columns[points])
+                    field.mul_((2 * ctx.scale * gradient[rows])[..., None])
+                    change[points].addmm_(block.mH, torch.view_as_complex(field))
+                found = transform._adjoint_of_columns(change)
             by_grid = found if by_grid is None else by_grid + found
         if by_grid is None:
             return None, None, None
