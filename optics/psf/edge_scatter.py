@@ -117,6 +117,13 @@ class StopEdgeScatter:
         """The frequency shifts by the stop's edge, (edge, 1, distance, 2), cycles/m."""
         density = np.concatenate([each[:, ::-1], each], axis=1)
         self._density = self._length[:, None] * density / len(self._window)
+        self._stop = _sample_stop(camera, q.radius)
+        at = self._stop.open_points
+        behind = self._window - self.lens_frequency_shift(at)[:, None]
+        self._direct_rays = self.trace_rays(at[:, None], behind)
+        """The rays that go straight through the stop into the window, (points, window)."""
+        self.direct_area = float(self._direct_rays.light.mean(axis=1).sum()) * self._stop.area
+        """The area of the stop that lights the window, weighted by the light, in m²."""
 
     def without_limit(self) -> StopEdgeScatter:
         """Return an estimate that follows all light between panel and stop, however oblique.
@@ -160,25 +167,6 @@ class StopEdgeScatter:
             away = (2 * math.pi * _distance_from_panel(panel, start[..., axis], axis)) ** 2
             lit *= np.minimum(1.0, self._fresnel_area / np.maximum(away, 1e-300))
         return RaySamples(frequency, start, sent * lit, sent)
-
-    @cached_property
-    def _stop_samples(self) -> _StopSamples:
-        return _sample_stop(self._camera, self._q.radius)
-
-    @property
-    def _open_points(self) -> Array:
-        return self._stop_samples.open_points
-
-    @cached_property
-    def _direct_rays(self) -> RaySamples:
-        """The rays that go straight through the stop into the window, (points, window)."""
-        at = self._open_points
-        return self.trace_rays(at[:, None], self._window - self.lens_frequency_shift(at)[:, None])
-
-    @cached_property
-    def direct_area(self) -> float:
-        """The area of the stop that lights the window, weighted by the light, in m²."""
-        return float(self._direct_rays.light.mean(axis=1).sum()) * self._stop_samples.area
 
     @cached_property
     def passing_band(self) -> tuple[Array, Array]:
@@ -327,7 +315,7 @@ class StopEdgeScatter:
         if not (any(self._q.pixel) and self.direct_area > 0):
             return 2.0
         light = self._direct_rays.light.mean(axis=1)
-        return 1 + float(self._fringe_power_share(self._open_points) @ light / light.sum())
+        return 1 + float(self._fringe_power_share(self._stop.open_points) @ light / light.sum())
 
     def _fringe_power_share(self, at: Array) -> Array:
         """Return the share of the fringe power that sensor pixels keep.
@@ -335,7 +323,7 @@ class StopEdgeScatter:
         All light in the stop makes fringes with the light from each point `at`, (n, 2) in the lens'
         plane.
         """
-        lines, inside = self._stop_samples.lines, self._stop_samples.is_open
+        lines, inside = self._stop.lines, self._stop.is_open
         light = np.zeros(inside.shape)
         light[inside] = self._direct_rays.light.mean(axis=1)
         down, along = (
@@ -423,7 +411,7 @@ class _StopSamples(NamedTuple):
 def _sample_stop(camera: Camera, radius: float) -> _StopSamples:
     """Sample the stop's opening, which may be much smaller than the circle around it."""
     stop = camera.lens.stop
-    low, high = map(np.array, zip(*(stop_extent(camera, axis) for axis in (0, 1)), strict=True))
+    low, high = np.transpose([stop_extent(camera, 0), stop_extent(camera, 1)])
     line = (np.arange(_STOP_SAMPLES) + 0.5) / _STOP_SAMPLES
     down, along = radius * (low + np.outer(line, high - low)).T
     y, x = np.meshgrid(down / radius, along / radius, indexing="ij")

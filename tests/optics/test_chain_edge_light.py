@@ -63,7 +63,7 @@ def test_pixels_average_the_error_as_in_drawn_speckles(speckles):
         return (drawings * np.sqrt(power)) @ kernel
 
     # Behind this lens the panel's shadow covers the stop, so that all of it is lit alike.
-    right = drawn(edge._open_points, edge._direct_rays.light.mean(axis=1))
+    right = drawn(edge._stop.open_points, edge._direct_rays.light.mean(axis=1))
     wrong = 1e-3 * drawn(edge._edge_points, edge.scattered_rays.light.sum(axis=(1, 2)))
     beat = 2 * (right.conj() * wrong).real
     whole, part = np.abs(right) ** 2, np.mean
