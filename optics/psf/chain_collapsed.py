@@ -105,10 +105,7 @@ def collapse_to_thin_camera(
 
 
 def _shift_stop(stop: Stop, shift: Point) -> tuple[float, Stop]:
-    """Shift a stop, and scale it to a radius of 1 around the axis.
-
-    Returns the radius before scaling, and the stop. Lengths are in stop radii.
-    """
+    """Return the radius around the axis of a stop after a shift, and the stop scaled to 1."""
     reach = 1 + (shift[0] ** 2 + shift[1] ** 2) ** 0.5
     if reach == 1:
         return 1.0, stop
@@ -228,8 +225,7 @@ class CollapsedEngine(BehindPanelEngine):
     ToleranceError where they exceed the tolerance. They are added, because both may have the same
     sign.
 
-    mirrored: whether a quarter of a mirrored pattern is given, as for PanelEngine; only where the
-    stop's shadow leaves the panel open.
+    mirrored: whether a quarter of a mirrored pattern is given; only where the panel is open.
     """
 
     name = "collapsed"
@@ -357,10 +353,7 @@ class CollapsedEngine(BehindPanelEngine):
 
     @cached_property
     def _fallback_engine(self) -> GridEngine:
-        """The engine for windows so dim that light scattered at the stop's edge matters.
-
-        Raises ToleranceError for a quarter of a pattern, which that engine doesn't take.
-        """
+        """The engine for windows so dim that light scattered at the stop's edge matters."""
         if self._mirrored:
             raise unreachable_tolerance_error(self._request.tol, self.error.value)
         chain = GridEngine(self._request, self._camera, self._search)

@@ -329,10 +329,7 @@ class DirectSum:
                 yield first + number, pixels, kernel
 
     def field(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Compute the field at the sensor, (..., rows, columns), in square stop radii.
-
-        modulated: the field behind the panel, (..., rows, columns), complex128.
-        """
+        """Compute the field at the sensor, in square stop radii, from that behind the panel."""
         parts = [self._chunk_field(modulated, chunk) for chunk in self._chunks]
         return sum(parts[1:], parts[0])
 
@@ -436,10 +433,7 @@ class PartialIntegrals:
         return torch.from_numpy(self.low + self.width * (piece + (nodes + 1) / 2))
 
     def partial_weights(self, inside: Array) -> torch.Tensor:
-        """Return each end's weights in its piece, (ends, nodes).
-
-        inside: the ends, from -1 to 1 over the piece.
-        """
+        """Return the weights (ends, nodes) of ends at places -1 to 1 in their pieces."""
         values = np.empty((self.nodes + 1, inside.size))
         values[0], values[1] = 1.0, inside
         for k in range(1, self.nodes):

@@ -63,10 +63,8 @@ class ChainEngine(BehindPanelEngine):
     Fraunhofer integral about the image point leads to the sensor; the tilt of the wave from x_o
     moves the image to that point.
 
-    search: finds the band of frequencies, and the grid at the lens, that keep the tolerance.
     promised_tol: relative L2 error that the caller was promised, if the request's is stricter.
-    kinds: engines of which the cheapest stands in where a dark window needs a stricter one; the
-    engine's own type by default.
+    kinds: engines of which the cheapest stands in where a dark window needs a stricter one.
     """
 
     def __init__(
@@ -93,10 +91,7 @@ class ChainEngine(BehindPanelEngine):
 
     @abstractmethod
     def _plan(self, n: PSFRequest) -> None:
-        """Choose the sampling that keeps the tolerance.
-
-        n: the request in plain numbers, without derivatives.
-        """
+        """Choose the sampling that keeps the tolerance; `n` is the request in plain numbers."""
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._camera.panel.plane.mesh()
@@ -133,11 +128,10 @@ class ChainEngine(BehindPanelEngine):
             yield sloped, field * slope.to(field)
 
     def _sphere_error(self) -> float:
-        """Estimate the error if the spherical wave's phase counts as linear in a pixel.
+        """Estimate the error if a sphere's phase less its parabola's counts as linear in a pixel.
 
-        The phase is that of the spherical wave less its parabola. At the pixel's edge, the error is
-        half of the square of half the phase change across the pixel. Its mean over the pixel is a
-        third of that.
+        At the pixel's edge, it is half of the square of half the phase change across the pixel. Its
+        mean over the pixel is a third of that.
         """
         sphere, panel = self._request.numeric.sphere, self._camera.panel
         if sphere is None:
@@ -146,10 +140,7 @@ class ChainEngine(BehindPanelEngine):
         return turn**2 / 12
 
     def _propagator_variables(self) -> PropagatorVariables | None:
-        """Return the propagator's parameters as tensors with derivatives.
-
-        Returns None if no derivative is wanted.
-        """
+        """Return the propagator's parameters with derivatives; None if none is wanted."""
         q = self._request
         lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.chief_ray_slopes)
         if not any(map(needs_gradient, lengths)):
@@ -165,10 +156,7 @@ class ChainEngine(BehindPanelEngine):
         return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
 
     def intensity_scale(self) -> Scalar:
-        """Return the factor from ``|sum over lens samples|²`` to PSF values.
-
-        Lengths in the sum are in stop radii.
-        """
+        """Return the factor from ``|sum over lens samples|²``, in stop radii, to PSF values."""
         q, panel = self._request, self._camera.panel
         # As if panel and stop stood in one plane.
         pixel_area = open_area(replace(self._camera, lens=q.lens)) * panel.fill_factor
@@ -194,8 +182,7 @@ class ChainEngine(BehindPanelEngine):
     ) -> torch.Tensor:
         """Compute the share of the light on every sample, (..., rows, columns).
 
-        added: other light that is added afterwards. The error that is told is that of both
-        together.
+        The error that is told is that together with other light that is `added` afterwards.
         """
         field = self.panel_field(phase, amplitude)
         if not field.numel():

@@ -126,10 +126,7 @@ class StopEdgeScatter:
         """The area of the stop that lights the window, weighted by the light, in m²."""
 
     def without_limit(self) -> StopEdgeScatter:
-        """Return an estimate that follows all light between panel and stop, however oblique.
-
-        Small tolerances take more than the usual cycles per pixel.
-        """
+        """Return an estimate that follows all light to the stop, as small tolerances take."""
         panel = self._camera.panel
         farthest = math.hypot(*panel.shape) * panel.pitch / 2 + math.hypot(*self._shift)
         farthest += self._q.radius / self.shadow_magnification
@@ -137,10 +134,7 @@ class StopEdgeScatter:
         return StopEdgeScatter(self._q, self._camera, cycles)
 
     def lens_frequency_shift(self, at: Array) -> Array:
-        """Return how far the lens shifts the light's frequency at points, cycles/m.
-
-        at: metres, (..., 2).
-        """
+        """Return how far the lens shifts light at points (..., 2), m, in cycles/m."""
         q = self._q
         place = torch.from_numpy(at / q.radius).requires_grad_()
         phase = pupil_phase(
@@ -152,9 +146,8 @@ class StopEdgeScatter:
         return np.asarray(found.numpy() / (2 * math.pi * q.radius))
 
     def trace_rays(self, at: Array, behind: Array) -> RaySamples:
-        """Trace rays from points in the lens' plane back to the panel.
+        """Trace rays from points in the lens' plane, metres, (..., 2), back to the panel.
 
-        at: the points, metres, (..., 2).
         behind: the rays' frequencies just before the lens, cycles per metre, (..., 2).
         """
         frequency = self.shadow_magnification * behind
@@ -202,10 +195,7 @@ class StopEdgeScatter:
 
     @cached_property
     def _passing_kernels(self) -> list[tuple[Array, Array]]:
-        """For each axis, frequencies in the passing band, and a pixel's amplitude at each.
-
-        The amplitudes are scaled so that the sum of their squares is the light in the band.
-        """
+        """Frequencies in the passing band, and what a pixel sends to each, along each axis."""
         panel, found = self._camera.panel, []
         for axis in (0, 1):
             low, high = (float(end[axis]) for end in self.passing_band)
@@ -221,11 +211,9 @@ class StopEdgeScatter:
         return float(np.prod([(strength**2).sum() for _, strength in self._passing_kernels]))
 
     def passing_brightness(self, field: torch.Tensor) -> tuple[float, float]:
-        """Compute a panel's brightness in the passing band, over an evenly lit panel's.
+        """Compute the brightness of panels' fields in the passing band, over an evenly lit panel's.
 
         Returns the least and the greatest of a batch.
-
-        field: of the panel, (..., rows, columns).
         """
         power = field.real**2 + field.imag**2
         total = power.sum(dim=(-2, -1), dtype=torch.float64)
@@ -259,9 +247,7 @@ class StopEdgeScatter:
     def aliased_light(
         self, alias_frequency: Array, low: Array, high: Array, edge_transmission: Array
     ) -> float:
-        """Estimate the light that aliasing on the lens grid adds to the window.
-
-        The window's middle represents all of the window.
+        """Estimate the light that aliasing on the lens grid adds to the window, by its middle.
 
         alias_frequency: cycles per metre (y, x) by which the sampled stop shifts the light.
         low, high: limits (y, x) of the band of panel frequencies from which the light comes.
@@ -379,10 +365,7 @@ def _normal_distance_steps(low: float, high: float, pieces: int) -> Array:
 
 
 def is_in_band(frequency: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """Tell which panel frequencies (..., 2) lie in a band.
-
-    low, high: limits, (2,) for y and x.
-    """
+    """Tell which panel frequencies (..., 2) lie in a band between two limits (y, x)."""
     y, x = frequency[..., 0], frequency[..., 1]
     return np.asarray((y >= low[0]) & (y <= high[0]) & (x >= low[1]) & (x <= high[1]))
 

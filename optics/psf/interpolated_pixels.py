@@ -355,10 +355,7 @@ class _Axis:
         return float(np.abs(self._frequencies).max()) * self.length
 
     def reaches(self, width: int) -> bool:
-        """Tell whether the spectrum's grid reaches all samples with few weights.
-
-        Where the wave bends much inside a pixel, its weights aren't few any more.
-        """
+        """Tell whether few weights reach all samples, and the wave bends little in a pixel."""
         edge = self._count / 2 * self._pitch
         bend = abs(self.curvature) * edge * self.side
         in_grid = not self.mirrored or self._farthest() + width / 2 + 2 < self.length // 2

@@ -131,10 +131,7 @@ class _PanelField:
 
     @cached_property
     def noise_envelope(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """How the envelopes of the terms weaken errors that transforms spread evenly.
-
-        It is relative intensity, as `EvenNoise` takes it.
-        """
+        """How the terms' envelopes weaken errors that transforms spread (see `EvenNoise`)."""
         if isinstance(self._transform, PixelIntegralTransform):
             down, along = (self._transform.mean_squared_kernel(axis) for axis in (0, 1))
             return down[None], along[None]
@@ -163,9 +160,8 @@ class PanelEngine(BehindPanelEngine):
     transform: name of the Fourier transform; the cheapest if None.
     light_tol: relative L2 error that is planned for, as if the window were as bright as its
     surroundings; the request's tolerance if None.
-    mirrored: whether patterns are mirrored in the middle of the panel's pixels, and only their
-    quarter right of and below it is given (see `InterpolatedPixelTransform`); only where the light
-    is mirrored, too (see `symmetric_engine`).
+    mirrored: whether a quarter of mirrored patterns is given (see `InterpolatedPixelTransform`);
+    only where the light is mirrored, too (see `symmetric_engine`).
     light_norm: L2 norm over the window of the last call's light, (...).
     """
 
@@ -271,11 +267,7 @@ class PanelEngine(BehindPanelEngine):
         amplitude: torch.Tensor | None,
         added: AddedLight | None = None,
     ) -> torch.Tensor:
-        """Compute the light on the samples, and measure its error there.
-
-        added: other light that is added afterwards. The error that is told is that of both
-        together.
-        """
+        """Compute the light on the samples, and measure its error beside what is `added`."""
         scale, transform = self._intensity_scale(), self._transform
         missing_error, peak = None, None
         is_product = self._method.separable and self._is_open and not self._request.differentiable

@@ -210,10 +210,7 @@ def _phasor(half_turns: Array) -> Waves:
 
 
 def _edge_waves(place: Array, edge: Array) -> Waves:
-    """Return the waves from pixel edges, without their phasors; see far_fields().
-
-    place, edge: in units of sqrt(area).
-    """
+    """Return the waves from pixel edges, in Fresnel zones, without their phasors."""
     inverse = 1 / (2 * math.pi * np.subtract.outer(place, edge))
     v = 2 * math.pi * inverse * inverse
     square = v * v
@@ -274,10 +271,7 @@ class SplitPhase:
             self.terms = self._factors[0].shape[1]
 
     def along(self, axis: int, place: torch.Tensor) -> torch.Tensor:
-        """Return the terms g, or h, with the parabola's phase at places in stop radii, (n, terms).
-
-        axis: 0 for y, 1 for x.
-        """
+        """Return g for axis 0, or h for 1, with the parabola's phase, at places, (n, terms)."""
         angle = torch.remainder(self.curvature * place**2, 2 * math.pi)
         wave = torch.polar(torch.ones_like(angle), angle)[:, None]
         if self._n.lens.has_quadratic_phase:
@@ -291,10 +285,7 @@ class SplitPhase:
 
     @cached_property
     def _factors(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """The Chebyshev coefficients of all terms, (orders, terms), for y and x.
-
-        Raises ToleranceError for aberrations of too many waves.
-        """
+        """The Chebyshev coefficients of all terms, (orders, terms), for y and x."""
         for nodes in _NODES:
             found = self._expansion(nodes)
             last = nodes * 3 // 4

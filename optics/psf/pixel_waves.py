@@ -123,13 +123,7 @@ class PixelWaveExpansion:
         self.separable = request.lens.has_quadratic_phase and request.sphere is None
 
     def terms(self, node_count: int) -> tuple[list[WaveTerm], list[WaveTerm]]:
-        """Return the terms below the number of degrees, and those of that degree.
-
-        The latter are the first that are left out.
-
-        node_count: Gauss-Legendre nodes along a side of a pixel; 1 stands for the wave at the
-        pixels' centres and its slopes there.
-        """
+        """Return the terms below the number of degrees, and the first that are left out."""
         degrees, count = self._degrees, self._degrees * (self._degrees + 1) // 2
         pairs = [(n - k, k) for n in range(degrees + 1) for k in range(n + 1)]
         factors: list[tuple[torch.Tensor, torch.Tensor | None]]
@@ -283,11 +277,7 @@ class PixelIntegralTransform(PlaneTransform):
 
     @abstractmethod
     def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        """Return how much of a pattern's light a sample gets on average, float64.
-
-        It is the mean over the panel's pixels along an axis, (samples,), of the squared modulus of
-        a pixel's integral.
-        """
+        """Return the mean square over the pixels of what a sample gets of each, float64."""
 
 
 class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):

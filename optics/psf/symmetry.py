@@ -64,10 +64,7 @@ class SeparableEngine(PSFEngine):
         return plane.coordinates(0), plane.coordinates(1)
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        """Compute the light of a separable pattern on the samples.
-
-        Raises ValueError if there is an amplitude, which isn't separable.
-        """
+        """Compute the light of a separable pattern on the samples; ValueError for an amplitude."""
         if amplitude is not None:
             raise ValueError("amplitude is given; a separable pattern has a phase only")
         n, panel, shape = self._request.numeric, self._panel, self._panel.shape
