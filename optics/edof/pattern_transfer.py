@@ -14,7 +14,7 @@ from optics.edof.picture_spectrum import FrequencyGrid
 from optics.edof.transfer_design import TransferDesign
 from optics.fourier import unit_phasor
 from optics.fourier.differentiation import differentiate_once
-from optics.psf.engine import phase_factor
+from optics.psf.phase_factor import phase_factor
 from optics.threads import in_full_precision
 
 

@@ -28,22 +28,15 @@ from optics.psf.request import PSFRequest
 _CHUNK = 1 << 23
 
 
-@dataclass(frozen=True)
-class RadialCellSettings:
-    """Tune the cells of radii in which polynomials describe the light of a round lens.
+_HALF_TURN = 4.0
+"""Phase of the fastest fringe of the field over half a cell, in radians. More takes fewer radii but
+polynomials of a higher degree; 4 was measured to be fast."""
 
-    half_turn: phase of the fastest fringe of the field over half a cell, in radians. More takes
-    fewer radii but polynomials of a higher degree; 4 was measured to be fast.
-    tol_share: share of the tolerance that the polynomials may use. Chosen.
-    probes: samples at which the error is measured. Chosen.
-    """
+_POLYNOMIAL_TOL_SHARE = 0.1
+"""Share of the tolerance that the polynomials may use. Chosen."""
 
-    half_turn: float = 4.0
-    tol_share: float = 0.1
-    probes: int = 64
-
-
-_SETTINGS = RadialCellSettings()
+_PROBED_SAMPLES = 64
+"""Samples at which the error is measured. Chosen."""
 
 _PASSES_PER_TERM = 5.0
 """Passes over a place for each coefficient of the polynomial; measured."""
@@ -198,7 +191,7 @@ class AxialEngine(CachedPupilWave, PSFEngine):
     def _measure_error(self, light: torch.Tensor) -> ErrorEstimate:
         """Measure the error at some samples against the sum of a finer rule."""
         q = self._request.numeric
-        count = _SETTINGS.probes
+        count = _PROBED_SAMPLES
         if self._along_rim:
             count = min(count, max(4, _CHUNK // rim_node_count(q, q.tol)))
         seen = light[q.window_slices].to(torch.float64).numpy()
@@ -308,7 +301,7 @@ class RadialCells:
 def _cell_width_and_count(q: PSFRequest) -> tuple[float, int]:
     """Return the width in metres and the number of the field's cells."""
     assert q.lens.stop.annulus_radii is not None
-    width = 2 * _SETTINGS.half_turn / (_radians_per_metre(q) * q.lens.stop.annulus_radii[1])
+    width = 2 * _HALF_TURN / (_radians_per_metre(q) * q.lens.stop.annulus_radii[1])
     return width, math.ceil(q.farthest_sample_radius / width * (1 + 1e-12)) + 1
 
 
@@ -318,8 +311,8 @@ def _polynomial_degree(tol: float) -> int:
     The polynomial of exp(i a t) on Chebyshev nodes leaves out Bessel functions J_n(a) of n beyond
     the degree; the first one dominates (Trefethen 2008).
     """
-    allowed = _SETTINGS.tol_share * tol / 4
-    first = np.abs(scipy.special.jv(np.arange(5, 41), _SETTINGS.half_turn))
+    allowed = _POLYNOMIAL_TOL_SHARE * tol / 4
+    first = np.abs(scipy.special.jv(np.arange(5, 41), _HALF_TURN))
     return 4 + int(np.count_nonzero(first > allowed))
 
 
@@ -369,9 +362,9 @@ class _HankelCost:
         """Predict the time before the first call: the matrix, a call and the judgement."""
         if along_rim:
             rim = rim_node_count(self.request, self.request.tol)
-            kernels = 2 * rim * (self.field_radii + 1.5 * _SETTINGS.probes)
+            kernels = 2 * rim * (self.field_radii + 1.5 * _PROBED_SAMPLES)
         else:
-            kernels = self.nodes * (self.field_radii + 1.5 * _SETTINGS.probes)
+            kernels = self.nodes * (self.field_radii + 1.5 * _PROBED_SAMPLES)
         rest = _PLANNING_CALLS * speed.call + _PLANNING_PASSES * self.samples * speed.touch
         return self.cpu_seconds(speed, along_rim) + kernels * speed.bessel + rest
 

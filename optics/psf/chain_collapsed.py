@@ -30,19 +30,19 @@ from optics.camera.pupil import (
 )
 from optics.camera.stop import Circle, Point, Polygon, Shape, Stop
 from optics.plane import Plane
-from optics.psf.behind_panel import BehindPanelEngine
 from optics.psf.chain_engine import search_seconds
 from optics.psf.chain_grid import GridEngine
 from optics.psf.dim_windows import (
     UNKNOWN_LIGHT,
     AddedLight,
+    LowLightCorrection,
     allowed_own_error,
     largest_ratio,
     window_norm,
 )
 from optics.psf.edge_scatter import window_frequencies
+from optics.psf.engine import BehindPanelEngine
 from optics.psf.lens_grid import LensGridSearch
-from optics.psf.light_budget import LowLightCorrection
 from optics.psf.panel_engine import PanelEngine
 from optics.psf.request import PSFRequest
 from optics.quarter_symmetry import mirror_quarter

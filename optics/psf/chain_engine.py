@@ -19,10 +19,9 @@ from optics.accuracy import (
 )
 from optics.camera import Camera
 from optics.camera.pupil import Scalar, numeric_camera, open_area
-from optics.psf.behind_panel import BehindPanelEngine
-from optics.psf.dim_windows import AddedLight, allowed_own_error, window_norm
+from optics.psf.dim_windows import AddedLight, LowLightCorrection, allowed_own_error, window_norm
+from optics.psf.engine import BehindPanelEngine
 from optics.psf.lens_grid import LensGridSearch
-from optics.psf.light_budget import LowLightCorrection
 from optics.psf.request import PSFRequest
 from optics.psf.to_lens import PropagatorAxis, PropagatorVariables
 from optics.validation import needs_gradient, rounded_up

@@ -36,8 +36,8 @@ from optics.plane import Plane
 from optics.psf.chain_engine import ChainEngine, ChainLight
 from optics.psf.dim_windows import AddedLight
 from optics.psf.edge_scatter import fresnel_area
-from optics.psf.engine import wrap_phase
 from optics.psf.lens_grid import TAPER_TOL_SHARE, panel_and_stop_ends, tapered_band
+from optics.psf.phase_factor import wrap_phase
 from optics.psf.request import PSFRequest
 from optics.psf.to_lens import PropagatorAxis, fast_fft_length
 

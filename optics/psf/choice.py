@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from optics.accuracy import (
     MethodChoice,
@@ -34,7 +34,6 @@ _COUNTABLE_TURN = 1e15
 """Radians in a lens' wave beyond which numbers of nodes are no exact doubles; nobody can sum so
 many."""
 
-
 _DIM_ROOM = 10.0
 """Room in a tolerance that is advised for a panel apart from its lens: a window that gets a
 twentieth to a tenth of an even panel's light is then bright enough."""
@@ -51,49 +50,147 @@ def require_method(method: str | None, camera: Camera | None) -> None:
         select_methods(CHAIN_METHODS + PANEL_METHODS, method, "a panel apart from its lens")
 
 
-def _build_choice(
-    request: PSFRequest,
-    camera: Camera | None,
-    method: str | None,
-    tried_engines: Iterable[PSFEngine] = (),
-    *,
-    for_patterns: bool = False,
-) -> MethodChoice[PSFEngine]:
-    """Collect the methods that may serve a lens or camera and weren't tried yet.
+@dataclass(frozen=True)
+class EngineChoice:
+    """Chooses the cheapest engine that keeps the tolerance of a request.
 
-    for_patterns: whether they must take any pattern, also one without the lens' symmetry; a method
-    that is named is taken as it is.
+    camera: None for a lens alone.
+    method: the only one that may serve; None for any.
+    reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
+    for_patterns: whether the engine must take any pattern, also one without the lens' symmetry; a
+    method that is named is taken as it is.
     """
-    makers = _engine_factories(request, camera, method)
-    if for_patterns and method is None:
-        makers.pop("axial", None)
-    kinds = {one.name for one in tried_engines}
-    return MethodChoice(
-        [make for name, make in makers.items() if name not in kinds],
-        request.budget,
-        "a PSF",
-        remedy="ask for fewer pixels, or bring the object closer to the plane in focus",
-    )
 
+    request: PSFRequest
+    camera: Camera | None
+    method: str | None
+    reserved_tol: float
+    for_patterns: bool = False
 
-def _engine_factories(
-    request: PSFRequest, camera: Camera | None, method: str | None
-) -> dict[str, Callable[[], PSFEngine]]:
-    """Return, by name, a function that makes the engine, for each method that may serve."""
-    makers: dict[str, Callable[[], PSFEngine]]
-    if camera is None:
+    def prepare_cheapest(self) -> PSFEngine:
+        """Prepare the cheapest method that keeps the tolerance and fits the memory.
+
+        Raises ToleranceError, whose message names a tolerance that can be kept or another remedy.
+        """
+        choice = self._sorted_methods()
+        for engine in choice.prepared_candidates():
+            engine.earlier_seconds = choice.wasted_seconds
+            return engine
+        refusal = choice.refusal(self.request.tol + self.reserved_tol)
+        if not isinstance(refusal, ToleranceError):
+            raise refusal
+        if refusal.floor is not None:
+            refusal = self.refusal_with_tolerance(refusal.floor + self.reserved_tol)
+            if refusal.floor is not None:
+                raise refusal
+        raise self._refusal_with_remedies(refusal)
+
+    def prepared_others(self, tried_engines: Iterable[PSFEngine]) -> Iterator[PSFEngine]:
+        """Yield further methods that keep the tolerance, the cheapest first.
+
+        Each is prepared just before it is yielded.
+        """
+        return self._sorted_methods(tried_engines).prepared_candidates()
+
+    def _sorted_methods(self, tried_engines: Iterable[PSFEngine] = ()) -> MethodChoice[PSFEngine]:
+        """Sort the methods that may serve and weren't tried yet."""
+        tried = {one.name for one in tried_engines}
+        return MethodChoice(
+            [make for name, make in self._engine_factories().items() if name not in tried],
+            self.request.budget,
+            "a PSF",
+            remedy="ask for fewer pixels, or bring the object closer to the plane in focus",
+        )
+
+    def _engine_factories(self) -> dict[str, Callable[[], PSFEngine]]:
+        """Return, by name, a function that makes the engine, for each method that may serve."""
+        request, camera, method = self.request, self.camera, self.method
+        if camera is not None and camera.separation:
+            return chain_engines(request, camera, method)
+        if camera is not None:
+            return {"panel": lambda: PanelEngine(request, camera, transform=method)}
         _require_countable_turns(request)
         probe = ReferenceProbe(request)
-        makers = {
+        makers: dict[str, Callable[[], PSFEngine]] = {
             "axial": lambda: AxialEngine(request),
             "scattered": lambda: ScatteredNodesEngine(request, probe),
         }
         if method or request.tol >= SampledEngine.MIN_TOLERANCE:
             makers["sampled"] = lambda: SampledEngine(request, probe)
+        if self.for_patterns and method is None:
+            del makers["axial"]
         return {name: makers[name] for name in select_methods(makers, method)}
-    if not camera.separation:
-        return {"panel": lambda: PanelEngine(request, camera, transform=method)}
-    return chain_engines(request, camera, method)
+
+    def refusal_with_tolerance(self, floor: float) -> ToleranceError:
+        """Return a ToleranceError that names a tolerance, `floor` or above, that can be kept.
+
+        An engine plans anew for another tolerance and can't predict exactly which error remains. So
+        the candidate tolerances are tested, by planning. For a panel apart from its lens, the named
+        tolerance leaves room for patterns that send less light into the window than an even panel,
+        if possible. Planning takes a tenth of a second, so the search bisects: an engine that keeps
+        one tolerance also keeps a larger one.
+        """
+        promised = self.request.tol + self.reserved_tol
+        if math.isnan(promised):
+            return unreachable_tolerance_error(promised, floor)
+        candidates = list(_candidate_tolerances(floor))
+        for room in self._rooms:
+
+            def can_keep(tol: float, room: float = room) -> bool:
+                """Tell whether `tol` can be kept, and `tol / room`."""
+                asked = {(tol - self.reserved_tol) / part for part in (room, 1.0)}
+                return all(self._can_keep(replace(self.request, tol=one)) for one in asked)
+
+            # A floor that is known to hold for a lens mostly does.
+            first = 0 if room == 1 and candidates and can_keep(candidates[0]) else None
+            if first is None:
+                first = bisect_left(candidates, True, key=can_keep)
+            if first < len(candidates):
+                return unreachable_tolerance_error(promised, candidates[first])
+        return unreachable_tolerance_error(promised, math.inf)
+
+    def _refusal_with_remedies(self, refusal: ToleranceError) -> ToleranceError:
+        """Return a refusal with the remedies that were found to help, or with none."""
+        found = []
+        for tries in _remedies(self.request.numeric, self.reserved_tol, refusal):
+            for words, other in tries:
+                tighter = (replace(other, tol=other.tol / room) for room in self._rooms)
+                if all(map(self._can_keep, tighter)):
+                    found.append(words)
+                    break
+            # Planning takes about a tenth of a second: two remedies are enough.
+            if len(found) == 2:
+                break
+        told = ToleranceError(refusal.reason, ", or ".join(found))
+        told.needed_bytes, told.needed_seconds = refusal.needed_bytes, refusal.needed_seconds
+        return told
+
+    @property
+    def _rooms(self) -> tuple[float, ...]:
+        """The rooms in a tolerance that advice tries, the largest first.
+
+        Behind a panel apart from its lens, a pattern may leave the window little of the light.
+        """
+        apart = self.camera is not None and self.camera.separation
+        return (_DIM_ROOM, 1.0) if apart else (1.0,)
+
+    def _can_keep(self, request: PSFRequest) -> bool:
+        """Tell whether any method predicts that it keeps another request's tolerance.
+
+        A method that has to measure its error is tried if that is soon done.
+        """
+        for one in replace(self, request=request)._sorted_methods().candidates:
+            error = getattr(one, "error", None)
+            if error is not None:
+                if error.value + one.arithmetic <= request.tol:
+                    return True
+            elif one.planning_seconds(request.budget.speed) > _LONGEST_TRIAL:
+                return True
+            else:
+                with suppress(ToleranceError):
+                    one.prepare()
+                    return True
+        return False
 
 
 def _require_countable_turns(request: PSFRequest) -> None:
@@ -107,124 +204,6 @@ def _require_countable_turns(request: PSFRequest) -> None:
         "towards the farthest pixel; check the units of the lens, the distance and the pixels "
         "(all are metres), and ask for pixels nearer to the axis"
     )
-
-
-def prepare_cheapest_engine(
-    request: PSFRequest,
-    camera: Camera | None,
-    method: str | None,
-    reserved_tol: float,
-    *,
-    for_patterns: bool = False,
-) -> PSFEngine:
-    """Prepare the cheapest method that keeps the tolerance and fits the memory.
-
-    reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
-    for_patterns: whether it must take any pattern.
-
-    Raises ToleranceError, whose message names a tolerance that can be kept or another remedy.
-    """
-    choice = _build_choice(request, camera, method, for_patterns=for_patterns)
-    for engine in choice.prepared_candidates():
-        engine.earlier_seconds = choice.wasted_seconds
-        return engine
-    refusal = choice.refusal(request.tol + reserved_tol)
-    if not isinstance(refusal, ToleranceError):
-        raise refusal
-    if refusal.floor is not None:
-        refusal = tolerance_error_with_advice(
-            request, camera, method, reserved_tol, refusal.floor + reserved_tol
-        )
-        if refusal.floor is not None:
-            raise refusal
-
-    def can_keep(asked: PSFRequest) -> bool:
-        """Tell whether a request can be met, with room for dim windows."""
-        tighter = (replace(asked, tol=asked.tol / room) for room in _rooms(camera))
-        return all(
-            _can_keep_tolerance(one, camera, method, for_patterns=for_patterns) for one in tighter
-        )
-
-    raise refusal_with_remedies(refusal, request, reserved_tol, can_keep)
-
-
-def fallback_engines(
-    request: PSFRequest, camera: Camera, tried_engines: Iterable[PSFEngine]
-) -> Iterator[PSFEngine]:
-    """Yield further methods that keep a camera's tolerance, the cheapest first.
-
-    Those tried already are left out. Each is prepared just before it is yielded.
-    """
-    return _build_choice(request, camera, None, tried_engines).prepared_candidates()
-
-
-def tolerance_error_with_advice(
-    request: PSFRequest,
-    camera: Camera | None,
-    method: str | None,
-    reserved_tol: float,
-    floor: float,
-) -> ToleranceError:
-    """Return a ToleranceError that names a tolerance, `floor` or above, that can be kept.
-
-    An engine plans anew for another tolerance and can't predict exactly which error remains. So the
-    candidate tolerances are tested, by planning. For a panel apart from its lens, the named
-    tolerance leaves room for patterns that send less light into the window than an even panel, if
-    possible. Planning takes a tenth of a second, so the search bisects: an engine that keeps one
-    tolerance also keeps a larger one.
-
-    reserved_tol: part of the caller's tolerance that the request's tolerance doesn't include.
-    """
-    promised = request.tol + reserved_tol
-    if math.isnan(promised):
-        return unreachable_tolerance_error(promised, floor)
-    candidates = list(_candidate_tolerances(floor))
-    for room in _rooms(camera):
-
-        def can_keep(tol: float, room: float = room) -> bool:
-            """Tell whether `tol` can be kept, and `tol / room`."""
-            asked = {(tol - reserved_tol) / part for part in (room, 1.0)}
-            return all(
-                _can_keep_tolerance(replace(request, tol=one), camera, method) for one in asked
-            )
-
-        # A floor that is known to hold for a lens mostly does.
-        first = 0 if room == 1 and candidates and can_keep(candidates[0]) else None
-        if first is None:
-            first = bisect_left(candidates, True, key=can_keep)
-        if first < len(candidates):
-            return unreachable_tolerance_error(promised, candidates[first])
-    return unreachable_tolerance_error(promised, math.inf)
-
-
-def _rooms(camera: Camera | None) -> tuple[float, ...]:
-    """Return the rooms in a tolerance that advice tries, the largest first.
-
-    Behind a panel apart from its lens, a pattern may leave the window little of the light.
-    """
-    return (_DIM_ROOM, 1.0) if camera is not None and camera.separation else (1.0,)
-
-
-def _can_keep_tolerance(
-    request: PSFRequest, camera: Camera | None, method: str | None, *, for_patterns: bool = False
-) -> bool:
-    """Tell whether any method predicts that it keeps the requested tolerance.
-
-    A method that has to measure its error is tried if that is soon done.
-    """
-    choice = _build_choice(request, camera, method, for_patterns=for_patterns)
-    for one in choice.candidates:
-        error = getattr(one, "error", None)
-        if error is not None:
-            if one.error.value + one.arithmetic <= request.tol:
-                return True
-        elif one.planning_seconds(request.budget.speed) > _LONGEST_TRIAL:
-            return True
-        else:
-            with suppress(ToleranceError):
-                one.prepare()
-                return True
-    return False
 
 
 def _candidate_tolerances(floor: float) -> Iterator[float]:
@@ -248,39 +227,19 @@ _NEARER = (0.5, 0.1, 0.0)
 _MEMORY = (1.05, 2.0, 4.0)
 """Multiples of the memory that a method needs at least, which are tried."""
 
-CanKeep = Callable[[PSFRequest], bool]
-
-
-def refusal_with_remedies(
-    refusal: ToleranceError, request: PSFRequest, reserved_tol: float, can_keep: CanKeep
-) -> ToleranceError:
-    """Return a refusal with the remedies that were found to help, or with none.
-
-    can_keep: tells by planning whether a request can be met.
-    reserved_tol: part of the caller's tolerance that the request's doesn't include.
-    """
-    request = request.numeric
-    remedies = (
-        _more_memory(request, refusal.needed_bytes),
-        _more_time(request, refusal.needed_seconds),
-        _nearer_object(request),
-        _larger_tolerance(request, reserved_tol),
-        _smaller_window(request),
-        _window_at_the_image(request),
-    )
-    found = []
-    for tries in remedies:
-        # Planning takes about a tenth of a second: two remedies are enough.
-        words = next((words for words, other in tries if can_keep(other)), None)
-        found += [words] if words else []
-        if len(found) == 2:
-            break
-    told = ToleranceError(refusal.reason, ", or ".join(found))
-    told.needed_bytes, told.needed_seconds = refusal.needed_bytes, refusal.needed_seconds
-    return told
-
-
 Tries = Iterator[tuple[str, PSFRequest]]
+
+
+def _remedies(q: PSFRequest, reserved_tol: float, refusal: ToleranceError) -> tuple[Tries, ...]:
+    """Return what may help against a refusal, in words and as requests to try."""
+    return (
+        _more_memory(q, refusal.needed_bytes),
+        _more_time(q, refusal.needed_seconds),
+        _nearer_object(q),
+        _larger_tolerance(q, reserved_tol),
+        _smaller_window(q),
+        _window_at_the_image(q),
+    )
 
 
 def _larger_tolerance(q: PSFRequest, reserved_tol: float) -> Tries:

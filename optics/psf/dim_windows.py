@@ -5,39 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.psf.edge_scatter import StopEdgeScatter
+
 Window = tuple[slice, slice]
 """Rows and columns of samples."""
 
 
-@dataclass(frozen=True)
-class RowErrorSettings:
-    """Tune how the error is measured on some rows of a window.
+_MEASURED_ROWS = 8
+"""Most rows of a window on which an error is measured. Chosen so that the measurement takes a
+fraction of a call."""
 
-    rows: most rows that are measured. Chosen so that the measurement takes a fraction of a call.
-    margin: factor on the error that is found there, because few rows are measured. Chosen.
-    """
+_ROW_MARGIN = 2.0
+"""Factor on the error that is found there, because few rows are measured. Chosen."""
 
-    rows: int = 8
-    margin: float = 2.0
-
-
-@dataclass(frozen=True)
-class AddedLightSettings:
-    """Tune how light shares its tolerance with other light that is added to it.
-
-    error_share: share of the tolerance that the error of the added light may use. Chosen.
-    """
-
-    error_share: float = 0.5
-
-
-_ADDED_SETTINGS = AddedLightSettings()
-_SETTINGS = RowErrorSettings()
+_ADDED_ERROR_SHARE = 0.5
+"""Share of the tolerance that the error of light that is added may use. Chosen."""
 
 
 def window_norm(light: torch.Tensor, window: Window) -> torch.Tensor:
@@ -104,7 +92,7 @@ def allowed_own_error(tol: float, norm: torch.Tensor, added: AddedLight | None) 
         return tol
     room = tol * torch.hypot(norm, added.norm.to(norm))
     wrong, other = added.error.to(norm), added.norm.to(norm)
-    if bool(((wrong > _ADDED_SETTINGS.error_share * room) & (wrong > tol * other)).any()):
+    if bool(((wrong > _ADDED_ERROR_SHARE * room) & (wrong > tol * other)).any()):
         raise CoarseAddedLightError
     allowed = torch.where(norm > 0, (room - wrong) / norm, math.inf)
     return max(tol, float(allowed.min()))
@@ -184,7 +172,7 @@ def row_error(
     other = missing(rows)[..., window[1]]
     change = scale * (2 * (found.conj() * other).real + other.abs() ** 2).to(torch.float64)
     squares = ((change**2).sum(-1) * torch.from_numpy(weights).to(change.device)).sum(-1)
-    return _SETTINGS.margin * largest_ratio(squares.sqrt(), norm), chosen.size
+    return _ROW_MARGIN * largest_ratio(squares.sqrt(), norm), chosen.size
 
 
 def _draw_rows(energy: torch.Tensor) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -193,16 +181,98 @@ def _draw_rows(energy: torch.Tensor) -> tuple[NDArray[np.int64], NDArray[np.floa
     energy: squared light of every row, (pictures, rows).
     """
     rows = energy.shape[-1]
-    if rows <= _SETTINGS.rows or not energy.numel():
+    if rows <= _MEASURED_ROWS or not energy.numel():
         return np.arange(rows if energy.numel() else 0), np.ones(rows if energy.numel() else 0)
     total = energy.sum(-1, keepdim=True)
     shares = torch.where(total > 0, energy / total, 1 / rows).mean(0).cpu().numpy()
     chance = 0.5 * shares + 0.5 / rows
     chance /= chance.sum()
-    steps = (np.arange(_SETTINGS.rows) + 0.5) / _SETTINGS.rows
+    steps = (np.arange(_MEASURED_ROWS) + 0.5) / _MEASURED_ROWS
     drawn = np.minimum(np.searchsorted(np.cumsum(chance), steps), rows - 1)
     chosen, times = np.unique(drawn, return_counts=True)
-    return chosen, times / (_SETTINGS.rows * chance[chosen])
+    return chosen, times / (_MEASURED_ROWS * chance[chosen])
+
+
+_EXPECTED_WINDOW_LIGHT = 0.8
+"""Share of the light behind an evenly lit panel that the window must get for an estimate made for
+that panel to hold. Chosen."""
+
+_LOW_LIGHT_EXPONENT = 1 / 8
+"""Exponent of a dim window's relative brightness, by which its error estimate is enlarged further:
+light in a dim window comes from few directions of a pattern, so it is less even than the estimate
+assumes. Chosen."""
+
+_LOW_LIGHT_MARGIN = 0.75
+"""Factor on the divisor of a dim window's error estimate. Chosen: without it, three of 800 gratings
+and waves on small panels exceeded their estimates, by a fifth at most."""
+
+
+class LowLightCorrection:
+    """Finds the number by which an error estimate for an evenly lit panel must be divided.
+
+    Such an estimate assumes that the panel sends the same light to all frequencies. A pattern may
+    send less light to the window than an even panel, and more to the frequencies from which the
+    stop's edge scatters light into the window. These frequencies may lie in the passing band, which
+    goes through the stop beside the window, or far away. A pattern may also send light to the
+    window smoothly, without speckles, and then the interference with scattered light counts more.
+
+    window_slices: rows and columns of the window.
+    light: (..., rows, columns).
+    measure_passing_brightness: returns the panel's brightness in the passing band, relative to an
+    even panel: the least and the greatest of a batch. It is called only if needed.
+    """
+
+    def __init__(
+        self,
+        edge_scatter: StopEdgeScatter,
+        window_slices: tuple[slice, slice],
+        light: torch.Tensor,
+        amplitude: torch.Tensor | None,
+        measure_passing_brightness: Callable[[], tuple[float, float]],
+    ) -> None:
+        self._passing_share = min(max(edge_scatter.passing_share, 1e-9), 1 - 1e-3)
+        self._measure_passing_brightness = measure_passing_brightness
+        total = 1.0 if amplitude is None else float((amplitude.detach().abs() ** 2).mean())
+        even = edge_scatter.window_share * total
+        self.brightness = math.inf
+        if light.numel() and even > 0:
+            seen = light.detach()[..., window_slices[0], window_slices[1]]
+            each = seen.sum(dim=(-2, -1))
+            # A window without any light allows no estimate.
+            if float(each.min()) > 0:
+                square = seen.shape[-2] * seen.shape[-1] * seen.square().sum(dim=(-2, -1))
+                smooth = (square / each**2 / edge_scatter.normalised_second_moment).clamp(max=1.0)
+                seen_share = float((each * smooth).min()) / even
+                self.brightness = seen_share / _EXPECTED_WINDOW_LIGHT
+
+    @cached_property
+    def _passing_brightness(self) -> tuple[float, float]:
+        with torch.no_grad():
+            return self._measure_passing_brightness()
+
+    def error_divisor(self, within: float) -> float:
+        """Return the number, at most 1, that divides the error estimate in a dim window.
+
+        within: share of the squared error that light in the passing band contributes.
+        """
+        most = within / self._passing_share + (1 - within) / (1 - self._passing_share)
+        if self.brightness >= most:
+            return 1.0
+        least, brightest = self._passing_brightness
+        beside = max(1 - least * self._passing_share, 0.0) / (1 - self._passing_share)
+        wrong = within * brightest + (1 - within) * beside
+        if not wrong > 0:
+            return 1.0
+        divisor = (
+            min(1.0, math.sqrt(self.brightness / wrong))
+            * min(1.0, self.brightness) ** _LOW_LIGHT_EXPONENT
+        )
+        return divisor * _LOW_LIGHT_MARGIN if divisor < 1 else 1.0
+
+    @property
+    def uniform_error_divisor(self) -> float:
+        """The divisor, at most 1, of an error estimate that holds for any pattern."""
+        return min(1.0, math.sqrt(self.brightness))
 
 
 _LEAST_PEAK = 1e-12

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import torch
 
@@ -30,28 +29,21 @@ from optics.psf.request import PSFRequest
 _LEAST_BLOCK = 1 << 20
 
 
-@dataclass(frozen=True)
-class ScatteredNodesSettings:
-    """Tune the quadrature nodes and the non-uniform FFTs from them.
+_STEP_TOL_SHARE = 0.1
+"""Share of the tolerance that the quadrature and the transform may each use, in the field.
+Chosen."""
 
-    step_tol_share: share of the tolerance that the quadrature and the transform may each use, in
-    the field. Chosen.
-    tries: most tolerances of the transform that are tried. Chosen.
-    bytes_per_node: memory in bytes for a node's position, weight and wave, and for its data in the
-    transform.
-    rebuild_cost_factor: time of a call that computes its nodes anew, over that of a call with nodes
-    in memory.
-    max_nodes: most nodes that are computed; they take some minutes.
-    """
+_MAX_TRIES = 4
+"""Most tolerances of the transform that are tried. Chosen."""
 
-    step_tol_share: float = 0.1
-    tries: int = 4
-    bytes_per_node: int = 340
-    rebuild_cost_factor: float = 6.0
-    max_nodes: int = 300_000_000
+_BYTES_PER_NODE = 340
+"""Memory in bytes for a node's position, weight and wave, and for its data in the transform."""
 
+_REBUILD_COST_FACTOR = 6.0
+"""Time of a call that computes its nodes anew, over that of a call with nodes in memory."""
 
-_SETTINGS = ScatteredNodesSettings()
+_MAX_NODES = 300_000_000
+"""Most nodes that are computed; they take some minutes."""
 
 _PASSES_PER_WAVE = 70.0
 """Passes over a node while its wave is computed and finufft sorts it; measured."""
@@ -76,17 +68,17 @@ class ScatteredNodesEngine(PSFEngine):
         self._request, self._probe = request, probe
         q = request.numeric
         self.arithmetic = double_precision_error(q)
-        self._quadrature_tol = _SETTINGS.step_tol_share * q.tol
+        self._quadrature_tol = _STEP_TOL_SHARE * q.tol
         self._transform_tol = max(self._quadrature_tol, FINEST_NUFFT)
         self._node_count = count_nodes(q.lens.stop, q.phase_slope_bound, self._quadrature_tol)
         self._window = nonuniform_bytes(0, q.samples)
-        allowed = (q.budget.memory - self._window) // _SETTINGS.bytes_per_node
+        allowed = (q.budget.memory - self._window) // _BYTES_PER_NODE
         self._max_block_nodes = max(allowed, _LEAST_BLOCK)
         # Derivatives need all nodes in memory at once.
         self._nodes_in_memory = self._node_count <= self._max_block_nodes or request.differentiable
         self._full_block: _NodeBlock | None = None
         self._coarser_seconds = 0.0
-        if self._node_count > _SETTINGS.max_nodes:
+        if self._node_count > _MAX_NODES:
             raise ToleranceError(
                 f"tol {q.tol:g} can't be kept: the wave turns so fast that it takes "
                 f"{self._node_count:.1e} nodes in the stop",
@@ -100,7 +92,7 @@ class ScatteredNodesEngine(PSFEngine):
             if self._nodes_in_memory
             else min(self._node_count, self._max_block_nodes)
         )
-        return self._window + _SETTINGS.bytes_per_node * nodes
+        return self._window + _BYTES_PER_NODE * nodes
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         seconds = nonuniform_seconds(
@@ -110,7 +102,7 @@ class ScatteredNodesEngine(PSFEngine):
             speed,
             few_points=self._transform_tol >= FINEST_COARSE_NUFFT,
         )
-        return seconds if self._nodes_in_memory else _SETTINGS.rebuild_cost_factor * seconds
+        return seconds if self._nodes_in_memory else _REBUILD_COST_FACTOR * seconds
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         q = self._request.numeric
@@ -134,7 +126,7 @@ class ScatteredNodesEngine(PSFEngine):
         if nodes is not None:
             self._node_count = nodes.count
         self.sampling = f"{self._node_count} nodes in the stop"
-        for _ in range(_SETTINGS.tries):
+        for _ in range(_MAX_TRIES):
             if nodes is not None:
                 self._full_block = _NodeBlock(nodes, self._request, self._transform_tol)
             with torch.no_grad():

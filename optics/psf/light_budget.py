@@ -1,22 +1,20 @@
-"""Compute how much of a point's light passes the stop, is blocked, or reaches the window.
-
-Error estimates of windows that get little of it are corrected.
-"""
+"""Compute how much of a point's light passes the stop, is blocked, or reaches the window."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import torch
 
 from optics.accuracy import ToleranceError
 from optics.camera import Camera
 from optics.camera.pupil import numeric_camera, open_area, pupil_amplitude
-from optics.psf.edge_scatter import StopEdgeScatter, fresnel_area, stop_extent
+from optics.psf.dim_windows import normalise_amplitude
+from optics.psf.edge_scatter import fresnel_area, stop_extent
 from optics.psf.lens_grid import LensGrid, lens_plane, plan_propagator_axes
+from optics.psf.light_on_pixels import LightOnPixels
 from optics.psf.request import PSFRequest
 from optics.psf.stop_mask import BlockwiseStopMask
 from optics.psf.to_lens import PanelToLensPropagator
@@ -44,27 +42,51 @@ class LightBudget:
 
 
 def compute_light_budget(
-    request: PSFRequest,
-    camera: Camera,
-    fields: Sequence[tuple[float, torch.Tensor]],
+    planned: LightOnPixels,
+    phase: torch.Tensor | None,
+    amplitude: torch.Tensor | None,
+    unmodulated: float,
     window: float,
 ) -> LightBudget:
-    """Compute where the light of a panel goes, for fields that add in intensity.
+    """Compute where the light of a camera's panel goes, that without a phase included.
 
     Energy at the lens is the sum of ``|field|²`` over its samples, by Parseval's theorem, of all
     frequencies that get from any part of the panel to any part of the stop by geometric optics.
 
-    fields: shares of the light, and complex fields (rows, columns) of the panel.
+    phase, amplitude: of one pattern, on all pixels of the panel.
+    unmodulated: share of the light that gets no phase from the panel.
     window: share of the light on the pixels that are asked for.
     """
-    n, plain = request.numeric, numeric_camera(camera)
+    assert planned.camera is not None
+    n, plain = planned.request.numeric, numeric_camera(planned.camera)
+    amplitude, peak = normalise_amplitude(amplitude, 2)
+    strongest = 1.0 if peak is None else float(peak)
+    parts = [(1.0, phase)]
+    if unmodulated and phase is not None:
+        parts = [(1 - unmodulated, phase), (unmodulated, None)]
+    fields = [(strongest**2 * share, _panel_field(planned, one, amplitude)) for share, one in parts]
     panel, passed = _panel_and_stop_light(n, plain, fields)
     axis = passed
     if any(n.field) and n.separation:
         axis = _panel_and_stop_light(replace(n, field=(0.0, 0.0)), plain, fields)[1]
-    return LightBudget(
-        panel, passed, panel - passed, window, passed / axis if axis > 0 else math.nan
-    )
+    vignetting = passed / axis if axis > 0 else math.nan
+    return LightBudget(panel, passed, panel - passed, window, vignetting)
+
+
+def _panel_field(
+    planned: LightOnPixels, phase: torch.Tensor | None, amplitude: torch.Tensor | None
+) -> torch.Tensor:
+    """Compute the field behind the panel of one pattern, complex64, (rows, columns)."""
+    assert planned.camera is not None
+    shape, sphere = planned.camera.panel.shape, planned.request.sphere
+    factor = planned.engine.modulation_factor(phase, amplitude, shape, torch.complex64)
+    if factor is None:
+        factor = torch.ones(shape, dtype=torch.complex64)
+    if factor.ndim != 2:
+        raise ValueError(f"phase is {tuple(factor.shape)}; give one pattern, {shape}")
+    if sphere is not None:
+        factor = factor * sphere.wave_factor(*planned.engine.points()).to(factor)
+    return factor.detach()
 
 
 def _panel_and_stop_light(
@@ -138,92 +160,3 @@ def _pixel_light_share(camera: Camera, low: float, high: float) -> float:
     """
     f = torch.linspace(low, high, 20001, dtype=torch.float64) * camera.panel.active_side
     return float(torch.trapezoid(torch.sinc(f) ** 2, f))
-
-
-@dataclass(frozen=True)
-class LowLightSettings:
-    """Tune the error estimate of a window that gets little light.
-
-    expected_window_light: share of the light behind an evenly lit panel that the window must get
-    for an estimate made for that panel to hold. Chosen.
-    low_light_exponent: exponent of a dim window's relative brightness, by which its error estimate
-    is enlarged further: light in a dim window comes from few directions of a pattern, so it is less
-    even than the estimate assumes. Chosen.
-    low_light_margin: factor on the divisor of a dim window's error estimate. Chosen: without it,
-    three of 800 gratings and waves on small panels exceeded their estimates, by a fifth at most.
-    """
-
-    expected_window_light: float = 0.8
-    low_light_exponent: float = 1 / 8
-    low_light_margin: float = 0.75
-
-
-_SETTINGS = LowLightSettings()
-
-
-class LowLightCorrection:
-    """Finds the number by which an error estimate for an evenly lit panel must be divided.
-
-    Such an estimate assumes that the panel sends the same light to all frequencies. A pattern may
-    send less light to the window than an even panel, and more to the frequencies from which the
-    stop's edge scatters light into the window. These frequencies may lie in the passing band, which
-    goes through the stop beside the window, or far away. A pattern may also send light to the
-    window smoothly, without speckles, and then the interference with scattered light counts more.
-
-    window_slices: rows and columns of the window.
-    light: (..., rows, columns).
-    measure_passing_brightness: returns the panel's brightness in the passing band, relative to an
-    even panel: the least and the greatest of a batch. It is called only if needed.
-    """
-
-    def __init__(
-        self,
-        edge_scatter: StopEdgeScatter,
-        window_slices: tuple[slice, slice],
-        light: torch.Tensor,
-        amplitude: torch.Tensor | None,
-        measure_passing_brightness: Callable[[], tuple[float, float]],
-    ) -> None:
-        self._passing_share = min(max(edge_scatter.passing_share, 1e-9), 1 - 1e-3)
-        self._measure_passing_brightness = measure_passing_brightness
-        total = 1.0 if amplitude is None else float((amplitude.detach().abs() ** 2).mean())
-        even = edge_scatter.window_share * total
-        self.brightness = math.inf
-        if light.numel() and even > 0:
-            seen = light.detach()[..., window_slices[0], window_slices[1]]
-            each = seen.sum(dim=(-2, -1))
-            # A window without any light allows no estimate.
-            if float(each.min()) > 0:
-                square = seen.shape[-2] * seen.shape[-1] * seen.square().sum(dim=(-2, -1))
-                smooth = (square / each**2 / edge_scatter.normalised_second_moment).clamp(max=1.0)
-                expected = _SETTINGS.expected_window_light
-                self.brightness = float((each * smooth).min()) / even / expected
-
-    @cached_property
-    def _passing_brightness(self) -> tuple[float, float]:
-        with torch.no_grad():
-            return self._measure_passing_brightness()
-
-    def error_divisor(self, within: float) -> float:
-        """Return the number, at most 1, that divides the error estimate in a dim window.
-
-        within: share of the squared error that light in the passing band contributes.
-        """
-        most = within / self._passing_share + (1 - within) / (1 - self._passing_share)
-        if self.brightness >= most:
-            return 1.0
-        least, brightest = self._passing_brightness
-        beside = max(1 - least * self._passing_share, 0.0) / (1 - self._passing_share)
-        wrong = within * brightest + (1 - within) * beside
-        if not wrong > 0:
-            return 1.0
-        divisor = (
-            min(1.0, math.sqrt(self.brightness / wrong))
-            * min(1.0, self.brightness) ** _SETTINGS.low_light_exponent
-        )
-        return divisor * _SETTINGS.low_light_margin if divisor < 1 else 1.0
-
-    @property
-    def uniform_error_divisor(self) -> float:
-        """The divisor, at most 1, of an error estimate that holds for any pattern."""
-        return min(1.0, math.sqrt(self.brightness))

@@ -21,7 +21,6 @@ from optics.accuracy import (
 from optics.camera import Camera
 from optics.camera.pupil import pupil_amplitude, require_open_pupil
 from optics.fourier import unit_phasor
-from optics.psf.behind_panel import BehindPanelEngine
 from optics.psf.dim_windows import (
     AddedLight,
     EvenNoise,
@@ -31,9 +30,10 @@ from optics.psf.dim_windows import (
     scale_light,
     window_norm,
 )
-from optics.psf.engine import require_sample_shape, squared_modulus
+from optics.psf.engine import BehindPanelEngine, require_sample_shape
 from optics.psf.interpolated_pixels import InterpolatedPixelTransform
 from optics.psf.panel_methods import PanelMethod, PanelSum
+from optics.psf.phase_factor import squared_modulus
 from optics.psf.pixel_waves import (
     PixelIntegralTransform,
     PixelWaveExpansion,

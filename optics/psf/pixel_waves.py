@@ -18,7 +18,7 @@ from optics.fourier import FourierGeometry, MatrixTransform, unit_phasor
 from optics.fourier.transform import PASSES_PER_PHASOR, PlaneTransform
 from optics.gauss_legendre import gauss_legendre
 from optics.plane import Plane, RectilinearGrid
-from optics.psf.engine import phase_factor
+from optics.psf.phase_factor import phase_factor
 from optics.psf.request import PSFRequest
 from optics.validation import records_gradient
 

@@ -36,23 +36,17 @@ _KERNEL_COST = 3.0
 """Time of a kernel's values over that of their cosines and sines alone; measured."""
 
 
-@dataclass(frozen=True)
-class ReferenceProbeSettings:
-    """Tune how an error is measured against exact integrals.
+_REFERENCE_REFINEMENT = 1.3
+"""Factor on the phase's slope for which the reference's nodes are chosen. Chosen."""
 
-    refinement: factor on the phase's slope for which the reference's nodes are chosen. Chosen.
-    max_terms: most terms, nodes times lines, of a measurement. Chosen.
-    max_lines: most rows, and most columns, at whose crossings the error is measured. Chosen.
-    min_lines: fewest of them. Chosen.
-    """
+_MAX_TERMS = 5_000_000
+"""Most terms, nodes times lines, of a measurement. Chosen."""
 
-    refinement: float = 1.3
-    max_terms: int = 5_000_000
-    max_lines: int = 7
-    min_lines: int = 2
+_MAX_LINES = 7
+"""Most rows, and most columns, at whose crossings the error is measured. Chosen."""
 
-
-_SETTINGS = ReferenceProbeSettings()
+_MIN_LINES = 2
+"""Fewest of them. Chosen."""
 
 
 class ReferenceProbe:
@@ -108,8 +102,8 @@ class ReferenceProbe:
 
     @property
     def _lines_per_axis(self) -> int:
-        affordable = _SETTINGS.max_terms // (2 * self._reference_node_count)
-        return int(min(_SETTINGS.max_lines, max(_SETTINGS.min_lines, affordable)))
+        affordable = _MAX_TERMS // (2 * self._reference_node_count)
+        return int(min(_MAX_LINES, max(_MIN_LINES, affordable)))
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of the reference and one measurement."""
@@ -125,7 +119,7 @@ class ReferenceProbe:
 
     @cached_property
     def _reference_slope_bound(self) -> PhaseSlopeBound:
-        planned, finer = self._request.phase_slope_bound, _SETTINGS.refinement
+        planned, finer = self._request.phase_slope_bound, _REFERENCE_REFINEMENT
         return replace(
             planned,
             radial=lambda r: finer * planned.radial(r),

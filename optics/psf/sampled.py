@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
 
@@ -18,34 +17,28 @@ from optics.camera.pupil import pupil_phase
 from optics.camera.stop_areas import coverage
 from optics.fourier import FourierGeometry, plan_transform
 from optics.plane import Plane
-from optics.psf.engine import CachedPupilWave, PSFEngine, wrap_phase
+from optics.psf.engine import CachedPupilWave, PSFEngine
+from optics.psf.phase_factor import wrap_phase
 from optics.psf.reference_probe import ReferenceProbe
 from optics.psf.request import PSFRequest
 
+_EDGE_ERROR_FACTOR = 3e-3
+"""Relative error of the light over the squared change of phase between neighbouring samples, in
+radians, at the stop's edge and towards the light. It was fitted to exact integrals for 40 lenses,
+where it lay between 1e-3 and 7e-3. A grid that proves too coarse is refined."""
 
-@dataclass(frozen=True)
-class SampledGridSettings:
-    """Tune the grid over the pupil.
+_MAX_PHASE_STEP = 0.8 * math.pi
+"""Largest change of phase between neighbouring samples for the whole window, in radians. It is
+below Nyquist's limit of pi."""
 
-    edge_error_factor: relative error of the light over the squared change of phase between
-    neighbouring samples, in radians, at the stop's edge and towards the light. It was fitted to
-    exact integrals for 40 lenses, where it lay between 1e-3 and 7e-3. A grid that proves too coarse
-    is refined.
-    max_phase_step: largest change of phase between neighbouring samples for the whole window, in
-    radians. It is below Nyquist's limit of pi.
-    min_size: fewest samples across the grid. Chosen.
-    growth: largest factor by which the grid is refined in one step. Chosen.
-    tries: most grids that are tried. Chosen.
-    """
+_MIN_SIZE = 16
+"""Fewest samples across the grid. Chosen."""
 
-    edge_error_factor: float = 3e-3
-    max_phase_step: float = 0.8 * math.pi
-    min_size: int = 16
-    growth: float = 1.5
-    tries: int = 4
+_GROWTH = 1.5
+"""Largest factor by which the grid is refined in one step. Chosen."""
 
-
-_SETTINGS = SampledGridSettings()
+_MAX_TRIES = 4
+"""Most grids that are tried. Chosen."""
 
 _PASSES_PER_SAMPLE = 230.0
 """Passes over a sample of the pupil while the open area and the wave are computed; measured."""
@@ -79,10 +72,10 @@ class SampledEngine(CachedPupilWave, PSFEngine):
         # The wave sends its light at most to the samples for which the kernel has the same slope.
         lit = outwards + min(outwards + math.pi, q.phase_slope_bound.tilt)
         needed = max(
-            2 * lit * math.sqrt(_SETTINGS.edge_error_factor / q.tol),
-            2 * whole / _SETTINGS.max_phase_step,
+            2 * lit * math.sqrt(_EDGE_ERROR_FACTOR / q.tol),
+            2 * whole / _MAX_PHASE_STEP,
         )
-        self._grid_size = max(_SETTINGS.min_size, math.ceil(needed))
+        self._grid_size = max(_MIN_SIZE, math.ceil(needed))
         # Transforms of a grid that doesn't fit aren't compared.
         require_memory(
             f"a PSF from {self._grid_size:.3g}² samples across the stop",
@@ -123,7 +116,7 @@ class SampledEngine(CachedPupilWave, PSFEngine):
 
     def prepare(self) -> None:
         q = self._request.numeric
-        for _ in range(_SETTINGS.tries):
+        for _ in range(_MAX_TRIES):
             self._cached_wave = None
             self._amplitude = coverage(q.lens.stop, q.radius, self._plane)
             with torch.no_grad():
@@ -134,7 +127,7 @@ class SampledEngine(CachedPupilWave, PSFEngine):
                 return
             self._coarser_seconds += self._grid_seconds(q.budget.speed)
             ratio = math.sqrt(self.error.value / q.tol) * 1.1
-            growth = min(max(ratio, 1.2), _SETTINGS.growth)
+            growth = min(max(ratio, 1.2), _GROWTH)
             self._grid_size = math.ceil(self._grid_size * growth)
             self._plan()
             if self.bytes > q.budget.memory:

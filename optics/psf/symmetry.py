@@ -12,8 +12,9 @@ from optics.camera import Camera
 from optics.camera.pupil import defocus_curvature, pupil_amplitude
 from optics.fourier import FourierGeometry
 from optics.psf.chain_choice import chain_engines
-from optics.psf.engine import PSFEngine, phase_factor, require_sample_shape
+from optics.psf.engine import PSFEngine, require_sample_shape
 from optics.psf.panel_engine import PanelEngine
+from optics.psf.phase_factor import phase_factor
 from optics.psf.pixel_waves import CurvedPixelTransform
 from optics.psf.request import PSFRequest
 from optics.quarter_symmetry import mirror_quarter, quarter_shape

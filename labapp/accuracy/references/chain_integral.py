@@ -122,7 +122,7 @@ def line_and_node_counts(chain: ImagingChain, y: Array, x: Array) -> tuple[float
 
 
 def _slopes(chain: ImagingChain, y: Array, x: Array) -> tuple[float, float]:
-    """Bound the integrand's phase slopes along y and x at the lens, in radians per stop radius.
+    """Estimate the integrand's largest phase slopes (y, x) at the lens, in radians per stop radius.
 
     They include the light from the edges of the pixels and the undeflected light.
     """

@@ -137,7 +137,7 @@ def stop_lines(stop: Stop, slope: float) -> Iterator[StopLine]:
 
 
 def _interval_end_speed(stop: Stop, low: float, high: float) -> float:
-    """Bound how far ends of open intervals move along x per angle of the height, by samples.
+    """Estimate how far ends of open intervals move along x per angle of the height, by samples.
 
     Ends on nearly horizontal edges move far in a small step of the angle.
     """
