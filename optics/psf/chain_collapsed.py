@@ -265,8 +265,8 @@ class CollapsedEngine(BehindPanelEngine):
             raise ToleranceError("the stop's shadow cuts the panel; the light isn't mirrored")
         edge, self._cut_pixel_error = search.edge_scatter, 0.0
         self._edge_error, self._passing_share = edge.collapse_error()
+        inner = _thin_lens_request(request, camera)
         if self._edge_error < n.tol:
-            inner = _thin_lens_request(request, camera, request.tol)
             area = edge.direct_area / edge.shadow_magnification**2
             wrong = cut_pixel_error_share(inner, thin, area)
             self._cut_pixel_error = edge.safety_factor * math.sqrt(wrong)
@@ -277,7 +277,7 @@ class CollapsedEngine(BehindPanelEngine):
                 f"tol {n.tol:g} can't be kept by a collapsed camera: what the stop's edge does to "
                 f'the light is worth about {rounded_up(neglected)}; take method="chain"'
             )
-        inner = _thin_lens_request(request, camera, left)
+        inner = replace(inner, tol=left)
         engine = PanelEngine(inner, thin, transform=transform, mirrored=mirrored)
         self._panel_engine, self.sampling = engine, engine.sampling
         self.precision, self.arithmetic = engine.precision, engine.arithmetic
@@ -361,7 +361,7 @@ class CollapsedEngine(BehindPanelEngine):
         return chain
 
 
-def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRequest:
+def _thin_lens_request(request: PSFRequest, camera: Camera) -> PSFRequest:
     """Convert a request into one for the thin lens at the panel.
 
     If the point is out of focus, its image moves, because the stop moves to the panel. The ray
@@ -370,10 +370,8 @@ def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRe
     """
     thin = collapse_to_thin_camera(camera, request.distance, request.numeric.field)
     # V (1 + z1/d) z1, and 1 + z1/d = (d + z1) / d.
-    moved = (
-        vergence_error(request.lens, request.object_to_lens_distance) * request.shadow_magnification
-    )
-    moved = moved * request.separation
+    moved = vergence_error(request.lens, request.object_to_lens_distance)
+    moved = moved * request.shadow_magnification * request.separation
     centre = tuple(
         c - f * moved if as_number(f) or isinstance(f, torch.Tensor) else c
         for c, f in zip(request.samples.centre, request.field, strict=True)
@@ -381,4 +379,4 @@ def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRe
     samples = request.samples
     plane = Plane(samples.shape, samples.pitch, (centre[0], centre[1]))
     nothing = (0.0, 0.0)
-    return replace(request, lens=thin.lens, samples=plane, tol=tol, separation=0.0, field=nothing)
+    return replace(request, lens=thin.lens, samples=plane, separation=0.0, field=nothing)

@@ -177,7 +177,8 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return found if axis == 0 else found.mT
 
     def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        return self._axes[axis].mean_squared_factor()
+        one = self._axes[axis]
+        return _KEPT.get((one, "mean"), one.mean_squared_factor)
 
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
         y, x = super().positions()
@@ -411,9 +412,6 @@ class _Axis:
 
     def mean_squared_factor(self) -> torch.Tensor:
         """Return the mean over the panel's pixels of what a sample gets of each, float64."""
-        return _KEPT.get((self, "mean"), self._compute_mean_squared_factor)
-
-    def _compute_mean_squared_factor(self) -> torch.Tensor:
         nodes, weights = gauss_legendre(16)
         factor = self._pixel_factor(nodes)
         return torch.from_numpy((factor.real**2 + factor.imag**2) @ (weights / 2))

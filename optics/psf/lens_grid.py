@@ -255,24 +255,19 @@ class LensGridSearch:
 
         unbounded_panel: whether light counts as if the panel were infinitely large.
         """
-        ordered = (
-            self._unbounded_light_outside_band if unbounded_panel else self._light_outside_band
-        )
+        sides = self._unbounded_light_outside_band if unbounded_panel else self._light_outside_band
         lost = self.edge_scatter.allowed_light_loss(error)
         least_low, least_high = self.edge_scatter.passing_band
-        best: tuple[Array, Array] | None = None
+        bands = []
         for split in _SPLITS:
-            parts = (split, split, 1 - split, 1 - split)
-            sides = [
-                _cutoff_for_lost_light(*one, lost * share / 2)
-                for one, share in zip(ordered, parts, strict=True)
-            ]
-            low = np.minimum([-sides[0], -sides[2]], least_low - taper_width)
-            high = np.maximum([sides[1], sides[3]], least_high + taper_width)
-            if best is None or np.prod(high - low) < np.prod(best[1] - best[0]):
-                best = low, high
-        assert best is not None
-        return best
+            shares = (split, split, 1 - split, 1 - split)
+            down, up, left, right = (
+                _cutoff_for_lost_light(*side, lost * share / 2)
+                for side, share in zip(sides, shares, strict=True)
+            )
+            low = np.minimum([-down, -left], least_low - taper_width)
+            bands.append((low, np.maximum([up, right], least_high + taper_width)))
+        return min(bands, key=lambda band: float(np.prod(band[1] - band[0])))
 
 
 def _cumulative_light_outwards(
