@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
+from functools import partial
 
 from optics.accuracy import select_methods
 from optics.camera import Camera
 from optics.camera.pupil import numeric_camera, require_open_pupil
 from optics.psf.chain_collapsed import CollapsedEngine
 from optics.psf.chain_direct import DirectEngine
-from optics.psf.chain_engine import ChainEngine
 from optics.psf.chain_grid import GridEngine
 from optics.psf.chain_nodes import QuadratureEngine
 from optics.psf.edge_scatter import StopEdgeScatter
@@ -42,18 +41,15 @@ def chain_engines(
     plain, kinds = numeric_camera(camera), (GridEngine, QuadratureEngine, DirectEngine)
     require_open_pupil(plain)
     # All engines share one estimate of the light that the stop's edge scatters.
-    edge = StopEdgeScatter(request, plain)
-    search = functools.cache(lambda: LensGridSearch(edge))
+    search = LensGridSearch(StopEdgeScatter(request, plain))
     transform = method if method in PANEL_METHODS else None
     # One of these may stand in for another that a dark window needs to be stricter.
     allowed = [kind for kind in kinds if method in (None, kind.name)]
-
-    def maker(kind: type[ChainEngine]) -> Callable[[], PSFEngine]:
-        return lambda: kind(request, camera, search(), kinds=allowed)
-
-    makers = {kind.name: maker(kind) for kind in kinds}
-    makers[CollapsedEngine.name] = lambda: CollapsedEngine(
-        request, camera, search(), transform, mirrored=mirrored
+    makers: dict[str, Callable[[], PSFEngine]] = {
+        kind.name: partial(kind, request, camera, search, kinds=allowed) for kind in kinds
+    }
+    makers[CollapsedEngine.name] = partial(
+        CollapsedEngine, request, camera, search, transform, mirrored=mirrored
     )
     wanted = select_methods(makers, CollapsedEngine.name if transform else method)
     return {name: makers[name] for name in wanted}

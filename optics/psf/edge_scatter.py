@@ -31,7 +31,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from optics.camera import Camera, Panel
+from optics.camera import Camera
 from optics.camera.pupil import open_area, pupil_phase
 from optics.fourier import unit_phasor
 from optics.psf.request import PSFRequest
@@ -103,6 +103,8 @@ class StopEdgeScatter:
         self.max_window_frequency = np.array(far) / q.scale
         """The largest frequencies (y, x) behind the lens that reach sensor samples, cycles/m."""
         self._window = window_frequencies(q)
+        lines = [camera.panel.plane.coordinates(axis) for axis in (0, 1)]
+        self._pixel_ends = [(float(line[0]), float(line[-1])) for line in lines]
         inside = q.samples.shape[0] - 2 * q.margin[0], q.samples.shape[1] - 2 * q.margin[1]
         self._window_area = inside[0] * inside[1] * q.samples.pitch[0] * q.samples.pitch[1]
         self._edge_points, normal, self._length = _sample_stop_edge(camera, q.radius)
@@ -152,14 +154,19 @@ class StopEdgeScatter:
         """
         frequency = self.shadow_magnification * behind
         start = at / self.shadow_magnification - self._shift - self._fresnel_area * frequency
-        panel, lit = self._camera.panel, np.ones(start.shape[:-1])
-        sent = _pixel_envelope(frequency * panel.active_side)
+        lit = np.ones(start.shape[:-1])
+        sent = _pixel_envelope(frequency * self._camera.panel.active_side)
         for axis in (0, 1):
             # At the distance x beside the panel, diffraction leaves fresnel_area / (2 pi x)² of its
             # irradiance (Fresnel's integrals, far from the edge).
-            away = (2 * math.pi * _distance_from_panel(panel, start[..., axis], axis)) ** 2
+            away = (2 * math.pi * self._distance_from_panel(start[..., axis], axis)) ** 2
             lit *= np.minimum(1.0, self._fresnel_area / np.maximum(away, 1e-300))
         return RaySamples(frequency, start, sent * lit, sent)
+
+    def _distance_from_panel(self, place: Array, axis: int) -> Array:
+        """Return the distance to the panel along an axis in metres, 0 on the panel."""
+        (first, last), half = self._pixel_ends[axis], self._camera.panel.pitch / 2
+        return np.maximum(np.maximum(first - half - place, place - last - half), 0.0)
 
     @cached_property
     def passing_band(self) -> tuple[Array, Array]:
@@ -339,9 +346,9 @@ class StopEdgeScatter:
         goes = self.shadow_magnification * self._accepted_frequencies
         turn = math.pi * self._fresnel_area * ((goes**2).sum(-1) - (rays.frequency**2).sum(-1))
         shadow = self._edge_points / self.shadow_magnification - self._shift
-        panel = self._camera.panel
-        on_panel = [_distance_from_panel(panel, shadow[:, axis], axis) == 0 for axis in (0, 1)]
-        dark = _pixel_envelope(rays.frequency * panel.active_side) * self._density[:, None]
+        on_panel = [self._distance_from_panel(shadow[:, axis], axis) == 0 for axis in (0, 1)]
+        dark = _pixel_envelope(rays.frequency * self._camera.panel.active_side)
+        dark = dark * self._density[:, None]
         lit = (rays.light + np.where((on_panel[0] & on_panel[1])[:, None, None], dark, 0.0)) / 2
         lost = lit * (2 - 2 * np.cos(turn))
         within = float(lost[is_in_band(rays.frequency, *self.passing_band)].sum())
@@ -414,13 +421,6 @@ def _pixel_envelope(turns: Array) -> Array:
     turns = np.abs(turns)
     lobes = 0.5 / (math.pi * np.maximum(turns, 1.0)) ** 2
     return np.asarray(np.where(turns < 1, np.sinc(turns) ** 2, lobes).prod(-1))
-
-
-def _distance_from_panel(panel: Panel, place: Array, axis: int) -> Array:
-    """Return the distance to a panel along an axis in metres, 0 on the panel."""
-    line, half = panel.plane.coordinates(axis), panel.pitch / 2
-    below, above = float(line[0]) - half - place, place - float(line[-1]) - half
-    return np.maximum(np.maximum(below, above), 0.0)
 
 
 def stop_extent(camera: Camera, axis: int) -> tuple[float, float]:

@@ -115,8 +115,10 @@ def choose_lens_grid(
     Raises ToleranceError if no grid keeps the tolerance.
     """
     taper_width = np.array([BandTaper.for_axis(request, camera, axis).width for axis in (0, 1)])
-    found = [search.find_coarsest_grid(share * tol, tol, taper_width) for share in _BAND_TOL_SHARES]
-    grids = [grid for grid in found if grid is not None]
+    grids = []
+    for share in _BAND_TOL_SHARES:
+        grid = search.find_coarsest_grid(share * tol, tol, taper_width)
+        grids += [] if grid is None else [grid]
     if not grids:
         raise unreachable_tolerance_error(tol, 2 * tol)
     return min(grids, key=lambda grid: math.prod(grid.sampling_rate))

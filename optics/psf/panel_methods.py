@@ -79,10 +79,10 @@ class PanelMethod(CandidateMethod):
 
     transform: PlaneTransform
     grid: PixelGrid
-    degrees: int
-    expansion_error: float
-    node_count: int
-    separable: bool
+    degrees: int = 0
+    expansion_error: float = 0.0
+    node_count: int = 1
+    separable: bool = True
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -189,8 +189,7 @@ class PanelSum:
             curved = CurvedPixelTransform(
                 self._geometry, self._dtype, self._curvature, self._panel.active_side
             )
-            methods.append(PanelMethod(curved, PixelGrid(self._panel), 0, 0.0, 1, separable=True))
-            methods += self.interpolated_methods()
+            methods += [PanelMethod(curved, PixelGrid(self._panel)), *self.interpolated_methods()]
         return methods
 
     def interpolated_methods(self, *, mirrored: bool = False) -> list[PanelMethod]:
@@ -206,9 +205,7 @@ class PanelSum:
             min(error, _LARGEST_INTERPOLATION_ERROR),
             mirrored=mirrored,
         )
-        if not one.fits:
-            return []
-        return [PanelMethod(one, PixelGrid(self._panel), 0, 0.0, 1, separable=True)]
+        return [PanelMethod(one, PixelGrid(self._panel))] if one.fits else []
 
     def _methods_by_expansion(self, divisions: int) -> list[PanelMethod]:
         """List the ways to sum by an expansion of the wave in parts of the pixels."""
