@@ -33,8 +33,7 @@ _FFT_ROUNDING = 0.2
 """Rounding error of an FFT over that of a plain sum. It was 0.09 where it was measured, for a panel
 of 1080 x 1920 pixels; twice as much is told."""
 
-FINEST_INTERPOLATION = 1e-8
-"""The smallest relative error that the weights are asked for; below, rounding spoils their fit."""
+_FINEST_ERROR = 1e-8  # that the weights are asked for; below, rounding spoils their fit
 
 _FITTED_TERM_PASSES = 3000.0
 """Time to fit the weights, for each sample and node, over that of a pass over a sample; measured
@@ -97,7 +96,9 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
 
     @property
     def fits(self) -> bool:
-        """Whether the grid reaches all samples, and the wave bends little enough inside a pixel."""
+        """Whether weights keep the error and reach all samples, and the wave bends little enough."""
+        if self.error < _FINEST_ERROR:
+            return False
         return all(one.reaches(self._width) for one in self._axes)
 
     @property

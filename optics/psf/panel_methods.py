@@ -20,7 +20,7 @@ from optics.fourier import (
 )
 from optics.fourier.gridded import FINEST_GRIDDING
 from optics.fourier.transform import PlaneTransform
-from optics.psf.interpolated_pixels import FINEST_INTERPOLATION, InterpolatedPixelTransform
+from optics.psf.interpolated_pixels import InterpolatedPixelTransform
 from optics.psf.pixel_waves import (
     CurvedPixelTransform,
     PixelGrid,
@@ -195,8 +195,6 @@ class PanelSum:
     def interpolated_methods(self, *, mirrored: bool = False) -> list[PanelMethod]:
         """List the ways by FFTs and fitted weights; the only ones for a quarter of a pattern."""
         error = _INTERPOLATION_TOL_SHARE * self._tol
-        if error < FINEST_INTERPOLATION:
-            return []
         one = InterpolatedPixelTransform(
             self._geometry,
             self._dtype,
