@@ -96,7 +96,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
 
     @property
     def fits(self) -> bool:
-        """Whether weights keep the error and reach all samples, and the wave bends little enough."""
+        """Whether weights keep the error for all samples, and the wave bends little in a pixel."""
         if self.error < _FINEST_ERROR:
             return False
         return all(one.reaches(self._width) for one in self._axes)
