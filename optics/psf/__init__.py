@@ -11,7 +11,7 @@ from optics.psf.chain_choice import CHAIN_METHODS
 from optics.psf.choice import METHODS
 from optics.psf.many import PolychromaticPSF, PSFStack, psf
 from optics.psf.operator import PSFOperator
-from optics.psf.panel_engine import PANEL_METHODS
+from optics.psf.panel_methods import PANEL_METHODS
 from optics.psf.request import nyquist_samples_per_pixel
 from optics.psf.symmetry import SYMMETRIES, expand_phase, symmetric_shape
 

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
+from functools import partial
 
 from optics.accuracy import select_methods
 from optics.camera import Camera
 from optics.camera.pupil import numeric_camera, require_open_pupil
 from optics.psf.chain_collapsed import CollapsedEngine
 from optics.psf.chain_direct import DirectEngine
-from optics.psf.chain_engine import ChainEngine
 from optics.psf.chain_grid import GridEngine
 from optics.psf.chain_nodes import QuadratureEngine
 from optics.psf.edge_scatter import StopEdgeScatter
 from optics.psf.engine import PSFEngine
 from optics.psf.lens_grid import LensGridSearch
-from optics.psf.panel_engine import PANEL_METHODS
+from optics.psf.panel_methods import PANEL_METHODS
 from optics.psf.request import PSFRequest
 
 CHAIN_METHODS = (
@@ -39,21 +38,18 @@ def chain_engines(
 
     Raises ValueError for a stop that leaves the panel dark, or a method that isn't known.
     """
-    require_open_pupil(numeric_camera(camera))
+    plain, kinds = numeric_camera(camera), (GridEngine, QuadratureEngine, DirectEngine)
+    require_open_pupil(plain)
     # All engines share one estimate of the light that the stop's edge scatters.
-    edge = StopEdgeScatter(request, numeric_camera(camera))
-    search = functools.cache(lambda: LensGridSearch(edge))
+    search = LensGridSearch(StopEdgeScatter(request, plain))
     transform = method if method in PANEL_METHODS else None
     # One of these may stand in for another that a dark window needs to be stricter.
-    kinds: list[type[ChainEngine]] = [GridEngine, QuadratureEngine, DirectEngine]
-    kinds = [kind for kind in kinds if method in (None, kind.name)]
+    allowed = [kind for kind in kinds if method in (None, kind.name)]
     makers: dict[str, Callable[[], PSFEngine]] = {
-        GridEngine.name: lambda: GridEngine(request, camera, search(), kinds=kinds),
-        QuadratureEngine.name: lambda: QuadratureEngine(request, camera, search(), kinds=kinds),
-        DirectEngine.name: lambda: DirectEngine(request, camera, search(), kinds=kinds),
-        CollapsedEngine.name: lambda: CollapsedEngine(
-            request, camera, search(), transform, mirrored=mirrored
-        ),
+        kind.name: partial(kind, request, camera, search, kinds=allowed) for kind in kinds
     }
+    makers[CollapsedEngine.name] = partial(
+        CollapsedEngine, request, camera, search, transform, mirrored=mirrored
+    )
     wanted = select_methods(makers, CollapsedEngine.name if transform else method)
     return {name: makers[name] for name in wanted}

@@ -6,7 +6,7 @@ Pixels that the stop's shadow cuts count as dimmer whole ones, whose error is es
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -105,45 +105,28 @@ def collapse_to_thin_camera(
 
 
 def _shift_stop(stop: Stop, shift: Point) -> tuple[float, Stop]:
-    """Shift a stop, and scale it to a radius of 1 around the axis.
-
-    Returns the radius before scaling, and the stop. Lengths are in stop radii.
-    """
+    """Return the radius around the axis of a stop after a shift, and the stop scaled to 1."""
     reach = 1 + (shift[0] ** 2 + shift[1] ** 2) ** 0.5
     if reach == 1:
         return 1.0, stop
-    opening = _shift_and_scale_shape(stop.opening, shift, reach)
-    return reach, Stop(
-        opening, tuple(_shift_and_scale_shape(shape, shift, reach) for shape in stop.obscurations)
-    )
 
+    def moved(point: Point) -> Point:
+        return (point[0] + shift[0]) / reach, (point[1] + shift[1]) / reach
 
-def _shift_and_scale_shape(shape: Shape, shift: Point, scale: float) -> Shape:
-    if isinstance(shape, Circle):
-        centre = tuple((c + s) / scale for c, s in zip(shape.centre, shift, strict=True))
-        return Circle(shape.radius / scale, (centre[0], centre[1]))
-    return Polygon(
-        tuple(((y + shift[0]) / scale, (x + shift[1]) / scale) for y, x in shape.corners)
-    )
+    shapes: list[Shape] = [
+        Circle(shape.radius / reach, moved(shape.centre))
+        if isinstance(shape, Circle)
+        else Polygon(tuple(map(moved, shape.corners)))
+        for shape in (stop.opening, *stop.obscurations)
+    ]
+    return reach, Stop(shapes[0], tuple(shapes[1:]))
 
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class CutPixelSettings:
-    """Tune how the error of cut panel pixels is estimated.
-
-    samples_across: samples across a pixel at which the stop's shadow is evaluated. Chosen.
-    max_pixels: most pixels that are evaluated, evenly spaced along the edge, to represent all.
-    Chosen.
-    """
-
-    samples_across: int = 12
-    max_pixels: int = 1024
-
-
-_SETTINGS = CutPixelSettings()
+_SAMPLES_ACROSS = 12  # across a pixel, at which the stop's shadow is evaluated; chosen
+_MOST_PIXELS = 1024  # cut ones that are evaluated, evenly spaced along the edge, for all; chosen
 
 
 def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: float) -> float:
@@ -165,23 +148,25 @@ def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: floa
     request, camera: of a thin lens in the panel's plane, whose stop is the shadow.
     direct_area: square metres of the panel from which the window is lit, weighted by the light.
     """
-    pixel = _find_cut_pixels(camera)
+    pixel, panel = _find_cut_pixels(camera), camera.panel
     if not len(pixel):
         return 0.0
     q = request.numeric
-    some = pixel[:: math.ceil(len(pixel) / _SETTINGS.max_pixels)]
-    whole = len(pixel) / len(some) * camera.panel.pitch**2
-    place = [camera.panel.plane.coordinates(axis).numpy()[some[:, axis]] for axis in (0, 1)]
+    some = pixel[:: math.ceil(len(pixel) / _MOST_PIXELS)]
+    whole = len(pixel) / len(some) * panel.pitch**2
+    place = [panel.plane.coordinates(axis).numpy()[some[:, axis]] for axis in (0, 1)]
     middle = np.stack(place, axis=-1)
     turned = vergence_error(q.lens, q.distance) / q.wavelength * middle
     frequency = window_frequencies(q) - turned[:, None]
-    open_area = _open_area_transform(camera, middle, camera.panel.pitch, 0 * frequency).real
-    side = camera.panel.active_side
+    side = panel.active_side
     within = _open_area_transform(camera, middle, side, frequency)
-    if camera.panel.fill_factor == 1:
-        # The same samples as in `within` make the difference exactly 0 at frequency 0.
-        open_area = _open_area_transform(camera, middle, side, 0 * frequency).real
-    envelope = _sampled_sinc_envelope(frequency, side).prod(axis=-1)
+    # With a fill factor of 1, the same samples as in `within` make the difference exactly 0 at
+    # frequency 0.
+    whole_side = side if panel.fill_factor == 1 else panel.pitch
+    open_area = _open_area_transform(camera, middle, whole_side, 0 * frequency).real
+    # For a sum over samples, the sinc of an integral over the pixel is divided by that of a sample.
+    turns = frequency * side
+    envelope = (np.sinc(turns) / np.sinc(turns / _SAMPLES_ACROSS)).prod(axis=-1)
     error = float((np.abs(within - open_area * envelope) ** 2).mean(axis=1).sum()) * whole
     light = float((np.abs(within) ** 2).mean(axis=1).sum()) * whole
     dimmed = float((open_area * envelope**2).mean(axis=1).sum()) * whole
@@ -191,8 +176,10 @@ def cut_pixel_error_share(request: PSFRequest, camera: Camera, direct_area: floa
 
 def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
     """Find the row and column of panel pixels that the stop's shadow cuts, (pixels, 2)."""
-    panel, radius = camera.panel, camera.lens.stop_diameter / 2
-    lines = [_pixel_boundaries(camera, axis) / radius for axis in (0, 1)]
+    panel, radius, half = camera.panel, camera.lens.stop_diameter / 2, camera.panel.pitch / 2
+    centres = [panel.plane.coordinates(axis).numpy() for axis in (0, 1)]
+    # The boundaries between pixels, in stop radii.
+    lines = [np.append(line - half, line[-1] + half) / radius for line in centres]
     found = []
     for piece in (piece for loop in camera.lens.stop.loops for piece in loop.pieces):
         cuts = [piece.crossings(axis, lines[axis]) for axis in (0, 1)]
@@ -205,12 +192,6 @@ def _find_cut_pixels(camera: Camera) -> NDArray[np.int64]:
     return np.asarray(pixels[inside.all(-1)])
 
 
-def _pixel_boundaries(camera: Camera, axis: int) -> Array:
-    """Return the boundaries between panel pixels along an axis, in metres."""
-    line, pitch = camera.panel.plane.coordinates(axis).numpy(), camera.panel.pitch
-    return np.append(line - pitch / 2, line[-1] + pitch / 2)
-
-
 def _open_area_transform(
     camera: Camera, middle: Array, side: float, frequency: Array
 ) -> NDArray[np.complex128]:
@@ -221,7 +202,7 @@ def _open_area_transform(
     middle: the pixels' centres, (pixels, 2), metres.
     frequency: (pixels, frequencies, 2), cycles per metre.
     """
-    count = _SETTINGS.samples_across
+    count = _SAMPLES_ACROSS
     inside = ((np.arange(count) + 0.5) / count - 0.5) * side
     y, x = (middle[:, axis, None] + inside for axis in (0, 1))
     radius, stop = camera.lens.stop_diameter / 2, camera.lens.stop
@@ -234,15 +215,6 @@ def _open_area_transform(
     return np.asarray(light / count**2)
 
 
-def _sampled_sinc_envelope(frequency: Array, side: float) -> Array:
-    """Return the envelope of a panel pixel along each axis, for a sum over samples.
-
-    An integral over the pixel has the envelope sinc instead.
-    """
-    turns = frequency * side
-    return np.asarray(np.sinc(turns) / np.sinc(turns / _SETTINGS.samples_across))
-
-
 class CollapsedEngine(BehindPanelEngine):
     """Computes the PSF by one Fourier integral from the panel, with the stop's shadow on it.
 
@@ -253,8 +225,7 @@ class CollapsedEngine(BehindPanelEngine):
     ToleranceError where they exceed the tolerance. They are added, because both may have the same
     sign.
 
-    mirrored: whether a quarter of a mirrored pattern is given, as for PanelEngine; only where the
-    stop's shadow leaves the panel open.
+    mirrored: whether a quarter of a mirrored pattern is given; only where the panel is open.
     """
 
     name = "collapsed"
@@ -270,9 +241,9 @@ class CollapsedEngine(BehindPanelEngine):
     ) -> None:
         self._request, self._camera, self._search = request, camera, search
         self._mirrored = mirrored
-        n = request.numeric
-        plain = numeric_camera(camera)
-        if not can_collapse(plain):
+        n, plain = request.numeric, numeric_camera(camera)
+        nearest = MIN_RAY_MATRIX_B_SHARE * plain.lens.image_distance
+        if not (plain.lens.has_quadratic_phase and plain.ray_matrix_b >= nearest):
             raise ValueError(
                 "method is 'collapsed'; it serves thin lenses without aberrations only, whose "
                 'panel isn\'t near to the plane in focus; take method="chain"'
@@ -283,12 +254,22 @@ class CollapsedEngine(BehindPanelEngine):
                 "the shadow of the stop misses the panel, and light that is bent there doesn't go "
                 'through a collapsed camera; take method="chain"'
             )
-        self._require_fixed_pixel_edges(request, thin)
-        if mirrored and float(pupil_amplitude(thin).min()) < 1:
+        is_cut = (request.differentiable or mirrored) and float(pupil_amplitude(thin).min()) < 1
+        if is_cut and request.differentiable:
+            # The collapsed camera has no derivative of the area that the shadow leaves open.
+            raise ToleranceError(
+                "the derivatives of a stop whose shadow cuts the panel can't be kept by a "
+                'collapsed camera; take method="chain"'
+            )
+        if is_cut:
             raise ToleranceError("the stop's shadow cuts the panel; the light isn't mirrored")
-        self._edge_error, self._cut_pixel_error = search.edge_scatter.collapse_error(), 0.0
+        edge, self._cut_pixel_error = search.edge_scatter, 0.0
+        self._edge_error, self._passing_share = edge.collapse_error()
+        inner = _thin_lens_request(request, camera)
         if self._edge_error < n.tol:
-            self._cut_pixel_error = self._estimate_cut_pixel_error(thin)
+            area = edge.direct_area / edge.shadow_magnification**2
+            wrong = cut_pixel_error_share(inner, thin, area)
+            self._cut_pixel_error = edge.safety_factor * math.sqrt(wrong)
         neglected = self._edge_error + self._cut_pixel_error
         left = n.tol - neglected
         if not left > 0:
@@ -296,39 +277,15 @@ class CollapsedEngine(BehindPanelEngine):
                 f"tol {n.tol:g} can't be kept by a collapsed camera: what the stop's edge does to "
                 f'the light is worth about {rounded_up(neglected)}; take method="chain"'
             )
-        inner = _thin_lens_request(request, camera, left)
-        self._panel_engine = PanelEngine(inner, thin, transform=transform, mirrored=mirrored)
+        inner = replace(inner, tol=left)
+        engine = PanelEngine(inner, thin, transform=transform, mirrored=mirrored)
+        self._panel_engine, self.sampling = engine, engine.sampling
+        self.precision, self.arithmetic = engine.precision, engine.arithmetic
         self._open_area_ratio = open_area(thin) / open_area(plain)
-        self.precision, self.arithmetic = (
-            self._panel_engine.precision,
-            self._panel_engine.arithmetic,
-        )
-        self.sampling = self._panel_engine.sampling
-        inner_error = self._panel_engine.error
         self.error = ErrorEstimate(
-            inner_error.value + neglected,
-            f"{inner_error.how}, and an estimate of the stop's edge for an evenly lit panel",
+            engine.error.value + neglected,
+            f"{engine.error.how}, and an estimate of the stop's edge for an evenly lit panel",
         )
-
-    def _estimate_cut_pixel_error(self, thin: Camera) -> float:
-        """Estimate the error if pixels that the stop cuts count as dimmer whole ones."""
-        inner = _thin_lens_request(self._request, self._camera, self._request.tol)
-        edge = self._search.edge_scatter
-        return edge.error_from_light_share(
-            cut_pixel_error_share(inner, thin, edge.direct_area / edge.shadow_magnification**2)
-        )
-
-    @staticmethod
-    def _require_fixed_pixel_edges(request: PSFRequest, thin: Camera) -> None:
-        """Raise ToleranceError if derivatives are wanted and the stop's shadow cuts pixels.
-
-        The collapsed camera has no derivative of the area that the shadow leaves open.
-        """
-        if request.differentiable and float(pupil_amplitude(thin).min()) < 1:
-            raise ToleranceError(
-                "the derivatives of a stop whose shadow cuts the panel can't be kept by a "
-                'collapsed camera; take method="chain"'
-            )
 
     @property
     def bytes(self) -> int:
@@ -352,27 +309,30 @@ class CollapsedEngine(BehindPanelEngine):
         amplitude: torch.Tensor | None,
         added: AddedLight | None = None,
     ) -> torch.Tensor:
-        beside = self._beside_inner_light(added)
-        light = self._panel_engine.intensity(phase, amplitude, beside) * self._open_area_ratio
-        edge = self._search.edge_scatter
+        ratio, beside = self._open_area_ratio, None
+        if added is not None and added is not UNKNOWN_LIGHT:
+            # Its error isn't the panel engine's, and isn't judged there. Beside light that isn't
+            # known yet, the panel engine keeps its tolerance by itself, which costs it little.
+            norm = added.norm / ratio
+            beside = AddedLight(norm, torch.zeros_like(norm))
+        light = self._panel_engine.intensity(phase, amplitude, beside) * ratio
+        edge, window = self._search.edge_scatter, self._request.window_slices
         dimness = LowLightCorrection(
             edge,
-            self._request.window_slices,
+            window,
             light,
             amplitude,
             lambda: edge.passing_brightness(self._panel_field(phase, amplitude)),
         )
         lost = (
-            self._edge_error / dimness.error_divisor(edge.collapse_passing_share)
+            self._edge_error / dimness.error_divisor(self._passing_share)
             + self._cut_pixel_error / dimness.uniform_error_divisor
         )
         used = self._panel_engine.used_engine
-        norm = window_norm(light.detach(), self._request.window_slices)
+        norm = window_norm(light.detach(), window)
         inner = used.error.value + used.arithmetic
         if beside is not None:
-            inner = largest_ratio(
-                inner * torch.hypot(norm, self._open_area_ratio * beside.norm.to(norm)), norm
-            )
+            inner = largest_ratio(inner * torch.hypot(norm, ratio * beside.norm.to(norm)), norm)
         how = "estimate for the light in the window"
         error = self.tell_error(lost + inner, norm, added, used.arithmetic, how)
         self._stand_in = None
@@ -381,17 +341,6 @@ class CollapsedEngine(BehindPanelEngine):
         allowed_own_error(self._request.tol, norm, added)
         self._stand_in = self._fallback_engine
         return self._stand_in.intensity(phase, amplitude, added)
-
-    def _beside_inner_light(self, added: AddedLight | None) -> AddedLight | None:
-        """Return what is added to the light, in the units of the collapsed camera's.
-
-        Its error isn't the panel engine's, and isn't judged there. Beside light that isn't known
-        yet, the panel engine keeps its tolerance by itself, which costs it little.
-        """
-        if added is None or added is UNKNOWN_LIGHT:
-            return None
-        norm = added.norm / self._open_area_ratio
-        return AddedLight(norm, torch.zeros_like(norm))
 
     def _panel_field(
         self, phase: torch.Tensor | None, amplitude: torch.Tensor | None
@@ -404,10 +353,7 @@ class CollapsedEngine(BehindPanelEngine):
 
     @cached_property
     def _fallback_engine(self) -> GridEngine:
-        """The engine for windows so dim that light scattered at the stop's edge matters.
-
-        Raises ToleranceError for a quarter of a pattern, which that engine doesn't take.
-        """
+        """The engine for windows so dim that light scattered at the stop's edge matters."""
         if self._mirrored:
             raise unreachable_tolerance_error(self._request.tol, self.error.value)
         chain = GridEngine(self._request, self._camera, self._search)
@@ -415,18 +361,7 @@ class CollapsedEngine(BehindPanelEngine):
         return chain
 
 
-def can_collapse(camera: Camera) -> bool:
-    """Tell whether a thin lens at the panel can replace the lens behind it.
-
-    The lens must have no aberrations, and the panel must not be too near to the plane in focus.
-    """
-    return (
-        camera.lens.has_quadratic_phase
-        and camera.ray_matrix_b >= MIN_RAY_MATRIX_B_SHARE * camera.lens.image_distance
-    )
-
-
-def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRequest:
+def _thin_lens_request(request: PSFRequest, camera: Camera) -> PSFRequest:
     """Convert a request into one for the thin lens at the panel.
 
     If the point is out of focus, its image moves, because the stop moves to the panel. The ray
@@ -435,10 +370,8 @@ def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRe
     """
     thin = collapse_to_thin_camera(camera, request.distance, request.numeric.field)
     # V (1 + z1/d) z1, and 1 + z1/d = (d + z1) / d.
-    moved = (
-        vergence_error(request.lens, request.object_to_lens_distance) * request.shadow_magnification
-    )
-    moved = moved * request.separation
+    moved = vergence_error(request.lens, request.object_to_lens_distance)
+    moved = moved * request.shadow_magnification * request.separation
     centre = tuple(
         c - f * moved if as_number(f) or isinstance(f, torch.Tensor) else c
         for c, f in zip(request.samples.centre, request.field, strict=True)
@@ -446,4 +379,4 @@ def _thin_lens_request(request: PSFRequest, camera: Camera, tol: float) -> PSFRe
     samples = request.samples
     plane = Plane(samples.shape, samples.pitch, (centre[0], centre[1]))
     nothing = (0.0, 0.0)
-    return replace(request, lens=thin.lens, samples=plane, tol=tol, separation=0.0, field=nothing)
+    return replace(request, lens=thin.lens, samples=plane, separation=0.0, field=nothing)

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import torch
 
-from optics.accuracy import MachineSpeed, MethodChoice, ToleranceError
+from optics.accuracy import (
+    MachineSpeed,
+    MethodChoice,
+    ToleranceError,
+    unreachable_tolerance_error,
+)
 from optics.camera import Camera
 from optics.camera.pupil import Scalar, numeric_camera, open_area
 from optics.psf.dim_windows import AddedLight, LowLightCorrection, allowed_own_error, window_norm
 from optics.psf.engine import BehindPanelEngine
 from optics.psf.lens_grid import LensGridSearch
 from optics.psf.request import PSFRequest
-from optics.psf.to_lens import PropagatorVariables
+from optics.psf.to_lens import PropagatorAxis, PropagatorVariables
 from optics.validation import needs_gradient, rounded_up
-
-_SEARCH_CALLS = 180.0
-"""Time of the search for a band and a grid, in calls; fitted to 180 random chains."""
 
 _DIM_MARGIN = 1.3
 """Factor on the tolerance that is advised for a dim window, because another engine's light may
@@ -30,7 +33,17 @@ differ a little. Chosen."""
 
 def search_seconds(speed: MachineSpeed) -> float:
     """Predict the seconds of the search for the light that may be neglected."""
-    return _SEARCH_CALLS * speed.call
+    return 180.0 * speed.call  # fitted to 180 random chains
+
+
+class ChainLight(NamedTuple):
+    """The light that an engine has computed, and what is known of its error."""
+
+    light: torch.Tensor
+    rounding: float = 0.0  # relative L2 error beside what was planned
+    is_judged: bool = False  # whether its error is told already
+    passing_brightness: Callable[[], tuple[float, float]] | None = None
+    """A quicker way to the panel's brightness than `StopEdgeScatter.passing_brightness`."""
 
 
 class ChainEngine(BehindPanelEngine):
@@ -48,6 +61,9 @@ class ChainEngine(BehindPanelEngine):
     infinity. After the lens, the phase is that of defocus and aberrations (`pupil_phase`). A
     Fraunhofer integral about the image point leads to the sensor; the tilt of the wave from x_o
     moves the image to that point.
+
+    promised_tol: relative L2 error that the caller was promised, if the request's is stricter.
+    kinds: engines of which the cheapest stands in where a dark window needs a stricter one.
     """
 
     def __init__(
@@ -66,12 +82,15 @@ class ChainEngine(BehindPanelEngine):
         self._plan(request.numeric)
         self._planned_error = self.error
 
+    def prepare(self) -> None:
+        """Raise ToleranceError if the plan doesn't keep the tolerance."""
+        tol, error = self._request.numeric.tol, self.error.value + self.arithmetic
+        if not error <= tol:
+            raise unreachable_tolerance_error(tol, error)
+
     @abstractmethod
     def _plan(self, n: PSFRequest) -> None:
-        """Choose the sampling that keeps the tolerance.
-
-        n: the request in plain numbers, without derivatives.
-        """
+        """Choose the sampling that keeps the tolerance; `n` is the request in plain numbers."""
 
     def points(self) -> tuple[torch.Tensor, torch.Tensor]:
         return self._camera.panel.plane.mesh()
@@ -91,32 +110,27 @@ class ChainEngine(BehindPanelEngine):
             return factor
         return factor * sphere.wave_factor(*self.points()).to(factor)
 
-    def empty_intensity(self, modulated: torch.Tensor) -> torch.Tensor:
-        """Return the light of an empty batch of patterns, (..., rows, columns).
+    def _sloped_parts(
+        self, field: torch.Tensor, axes: Sequence[PropagatorAxis]
+    ) -> Iterator[tuple[list[PropagatorAxis], torch.Tensor]]:
+        """Yield what the spherical wave's slope in each pixel adds to the panel's field, per axis.
 
-        FFTs don't accept an empty batch.
-        """
-        light = modulated.real.sum(dim=(-2, -1))
-        return light[..., None, None].expand(*light.shape, *self._request.samples.shape)
-
-    def wavefront_slope_fields(self, field: torch.Tensor) -> list[tuple[int, torch.Tensor]]:
-        """Return the panel's field times the wave's extra slope in each pixel, per axis.
-
-        The extra slope is the slope of the exact spherical wave less that of its parabola, in
-        cycles per metre. The list is empty if the request has no spherical wave.
+        It is the slope of the exact wave less that of its parabola, in cycles per metre. Each part
+        comes with the propagator's axes (y, x) for it.
         """
         sphere = self._request.sphere
         if sphere is None:
-            return []
+            return
         slopes = sphere.phase_gradient(*self.points(), self._camera.panel.active_side)
-        return [(axis, field * slope.to(field)) for axis, slope in enumerate(slopes)]
+        for axis, slope in enumerate(slopes):
+            sloped = [replace(one, has_pixel_slope=k == axis) for k, one in enumerate(axes)]
+            yield sloped, field * slope.to(field)
 
     def _sphere_error(self) -> float:
-        """Estimate the error if the spherical wave's phase counts as linear in a pixel.
+        """Estimate the error if a sphere's phase less its parabola's counts as linear in a pixel.
 
-        The phase is that of the spherical wave less its parabola. At the pixel's edge, the error is
-        half of the square of half the phase change across the pixel. Its mean over the pixel is a
-        third of that.
+        At the pixel's edge, it is half of the square of half the phase change across the pixel. Its
+        mean over the pixel is a third of that.
         """
         sphere, panel = self._request.numeric.sphere, self._camera.panel
         if sphere is None:
@@ -125,10 +139,7 @@ class ChainEngine(BehindPanelEngine):
         return turn**2 / 12
 
     def _propagator_variables(self) -> PropagatorVariables | None:
-        """Return the propagator's parameters as tensors with derivatives.
-
-        Returns None if no derivative is wanted.
-        """
+        """Return the propagator's parameters with derivatives; None if none is wanted."""
         q = self._request
         lengths = (q.wavelength, q.separation, q.distance, q.radius, *q.chief_ray_slopes)
         if not any(map(needs_gradient, lengths)):
@@ -143,68 +154,72 @@ class ChainEngine(BehindPanelEngine):
         one = torch.ones((), dtype=torch.float64)
         return PropagatorVariables(bend * one, stretch * one, (shift[0] * one, shift[1] * one))
 
-    def _open_pixel_area(self) -> Scalar:
-        """Return the open pixel area in m², as if panel and stop stood in one plane."""
-        camera = replace(self._camera, lens=self._request.lens)
-        return open_area(camera) * camera.panel.fill_factor
-
     def intensity_scale(self) -> Scalar:
-        """Return the factor from ``|sum over lens samples|²`` to PSF values.
-
-        Lengths in the sum are in stop radii.
-        """
-        q = self._request
+        """Return the factor from ``|sum over lens samples|²``, in stop radii, to PSF values."""
+        q, panel = self._request, self._camera.panel
+        # As if panel and stop stood in one plane.
+        pixel_area = open_area(replace(self._camera, lens=q.lens)) * panel.fill_factor
         area = q.samples.pitch[0] * q.samples.pitch[1]
-        return (
-            area * q.radius**4 / (q.scale**2 * q.shadow_magnification**2 * self._open_pixel_area())
-        )
+        return area * q.radius**4 / (q.scale**2 * q.shadow_magnification**2 * pixel_area)
 
     @property
     def _passing_error_share(self) -> float:
         """The share of the squared error that comes from light in the passing band."""
         return 0.0
 
-    def _intensity_or_replan(
+    @abstractmethod
+    def _light(
+        self, field: torch.Tensor, amplitude: torch.Tensor | None, added: AddedLight | None
+    ) -> ChainLight:
+        """Compute the light on the samples from the field behind the panel."""
+
+    def intensity(
         self,
-        light: torch.Tensor,
+        phase: torch.Tensor | None,
+        amplitude: torch.Tensor | None,
+        added: AddedLight | None = None,
+    ) -> torch.Tensor:
+        """Compute the share of the light on every sample, (..., rows, columns).
+
+        The error that is told is that together with other light that is `added` afterwards.
+        """
+        field = self.panel_field(phase, amplitude)
+        if not field.numel():
+            # FFTs don't accept an empty batch.
+            light = field.real.sum(dim=(-2, -1))[..., None, None]
+            return light.expand(*field.shape[:-2], *self._request.samples.shape)
+        found = self._light(field, amplitude, added)
+        return self._light_or_replan(found, phase, amplitude, added)
+
+    def _light_or_replan(
+        self,
+        found: ChainLight,
         phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         added: AddedLight | None,
-        measure_passing_brightness: Callable[[], tuple[float, float]] | None = None,
-        rounding: float = 0.0,
     ) -> torch.Tensor:
-        """Return `light`, or a stricter engine's result if the window is too dark.
-
-        light: as this engine computes it.
-        added: other light that is added afterwards. The error that is told is that of both
-        together.
-        measure_passing_brightness: returns the panel's brightness (see LowLightCorrection), where
-        the caller has a faster function.
-        rounding: error that is known for this light.
-        """
-        measure = measure_passing_brightness or (
+        """Return light that this engine has computed, or a stricter one's if the window is dark."""
+        light, window = found.light, self._request.window_slices
+        if found.is_judged:
+            return light
+        measure = found.passing_brightness or (
             lambda: self._edge_scatter.passing_brightness(self.panel_field(phase, amplitude))
         )
         ratio = LowLightCorrection(
-            self._edge_scatter, self._request.window_slices, light, amplitude, measure
+            self._edge_scatter, window, light, amplitude, measure
         ).error_divisor(self._passing_error_share)
-        own = (self._planned_error.value + self.arithmetic) / ratio + rounding
-        norm = window_norm(light.detach(), self._request.window_slices)
+        own = (self._planned_error.value + self.arithmetic) / ratio + found.rounding
+        norm = window_norm(light.detach(), window)
         how = "estimate for the light in the window"
         error = self.tell_error(own, norm, added, self.arithmetic, how)
         self._stand_in = None
         if error <= self._promised_tol:
             return light
         tol = 0.7 * ratio * allowed_own_error(self._promised_tol, norm, added)
-        if self._stricter_engine is None or self._stricter_engine.planned_error > tol:
+        if self._stricter_engine is None or self._stricter_engine._planned_error.value > tol:
             self._stricter_engine = self._plan_stricter_engine(tol)
         self._stand_in = self._stricter_engine
         return self._stand_in.intensity(phase, amplitude, added)
-
-    @property
-    def planned_error(self) -> float:
-        """The relative L2 error that was planned, for an evenly lit panel."""
-        return self._planned_error.value
 
     def _plan_stricter_engine(self, tol: float) -> ChainEngine:
         """Plan the cheapest engine for a smaller tol, which a dark window needs."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -20,38 +20,21 @@ from optics.camera.pupil import defocus_curvature, pupil_phase
 from optics.camera.stop_areas import coverage
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.gridded import FINEST_GRIDDING
-from optics.psf.axes import lens_plane, plan_propagator_axes
-from optics.psf.chain_engine import ChainEngine
+from optics.psf.chain_engine import ChainEngine, ChainLight
 from optics.psf.dim_windows import AddedLight
-from optics.psf.lens_grid import choose_lens_grid
+from optics.psf.lens_grid import choose_lens_grid, lens_plane, plan_propagator_axes
 from optics.psf.request import PSFRequest
 from optics.psf.stop_mask import BlockwiseStopMask
 from optics.psf.to_lens import PanelToLensPropagator, PropagatorAxis, propagate_to_lens
 from optics.psf.to_sensor import LensWave, PanelToSensorMap, panel_spectrum, propagate_to_sensor
 
+_GRID_TOL_SHARE = 0.92  # of the tolerance, for the grid at the lens; chosen
+_TRANSFORM_TOL_SHARE = 0.02  # of the tolerance, for a Fourier transform, in the field; chosen
+_LENS_WAVE_MEMORY_SHARE = 0.25  # of the memory, for a cached aberrated lens' wave; chosen
 
-@dataclass(frozen=True)
-class ChainGridSettings:
-    """Tune how a GridEngine divides its tolerance and memory.
-
-    grid_tol_share: share of the tolerance that the grid at the lens may use. Chosen.
-    transform_tol_share: share of the tolerance that a Fourier transform may use, in the field.
-    Chosen.
-    lens_wave_memory_share: share of the allowed memory in which an aberrated lens' wave may be
-    cached. Chosen.
-    planning_calls: time of what the first call computes for all later ones, in calls. Fitted to 130
-    random chains, like the next.
-    planning_passes: the same for each sample at the lens, in passes.
-    """
-
-    grid_tol_share: float = 0.92
-    transform_tol_share: float = 0.02
-    lens_wave_memory_share: float = 0.25
-    planning_calls: float = 30.0
-    planning_passes: float = 8.0
-
-
-_SETTINGS = ChainGridSettings()
+# Predicted times of what the first call computes for all later ones; fitted to 130 random chains.
+_PLANNING_CALLS = 30.0  # in calls
+_PLANNING_PASSES = 8.0  # for each sample at the lens
 
 
 class GridEngine(ChainEngine):
@@ -62,12 +45,6 @@ class GridEngine(ChainEngine):
     stop's edge is left out as far as the tolerance allows; see `choose_lens_grid`. Thesis Eq. 5.1
     to 5.7; E. A. Sziklas and A. E. Siegman, 1975, doi 10.1364/AO.14.001874.
 
-    search: finds the grid at the lens that keeps the tolerance.
-    promised_tol: the relative L2 error that the caller was promised, where the request's own is
-    stricter; the request's own by default.
-    kinds: engines of which the cheapest stands in where a dark window needs a stricter one; the
-    engine's own type by default.
-
     Raises ToleranceError where no grid keeps the tolerance.
     """
 
@@ -76,7 +53,7 @@ class GridEngine(ChainEngine):
     def _plan(self, n: PSFRequest) -> None:
         self._set_precision(0.1 * n.tol < FLOAT32_ARITHMETIC)
         rough = self._sphere_error()
-        allowed = _SETTINGS.grid_tol_share * n.tol - rough
+        allowed = _GRID_TOL_SHARE * n.tol - rough
         if not allowed > 0:
             raise unreachable_tolerance_error(n.tol, 1.1 * (rough + 0.2 * n.tol))
         self._grid = choose_lens_grid(n, self._camera, self._search, allowed)
@@ -86,12 +63,20 @@ class GridEngine(ChainEngine):
 
     def _build_propagators(self, axes: list[PropagatorAxis]) -> None:
         """Build the propagator to the lens, the map to the sensor, and the lens' wave."""
-        self.propagator = PanelToLensPropagator(axes[0], axes[1], self._dtype)
-        self._lens_plane = lens_plane(self._request.numeric, axes)
-        self._sensor_map = self._plan_sensor_map()
-        self._lens_wave = self._plan_lens_wave()
-        rows, columns = self._lens_plane.shape
-        self.sampling = f"{columns}x{rows} samples at the lens"
+        n, dtype = self._request.numeric, self._dtype
+        self.propagator = PanelToLensPropagator(axes[0], axes[1], dtype)
+        self._lens_plane = plane = lens_plane(n, axes)
+        openings = BlockwiseStopMask(self._camera.lens.stop, n.radius, plane, dtype.to_real())
+        error = max(_TRANSFORM_TOL_SHARE * n.tol, FINEST_GRIDDING)
+        geometry = FourierGeometry(plane, n.samples, n.scale)
+        self._sensor_map = PanelToSensorMap(self.propagator, openings, geometry, error, n.budget)
+        # Only the wave of an aberrated lens isn't a product of factors along y and x. Where
+        # derivatives are wanted, the wave is computed at every call.
+        self._lens_wave: LensWave | None = None
+        if not (n.lens.has_quadratic_phase or self._request.differentiable):
+            room = _LENS_WAVE_MEMORY_SHARE * n.budget.memory
+            self._lens_wave = LensWave(partial(_lens_phase, n), plane, dtype, room)
+        self.sampling = f"{plane.shape[1]}x{plane.shape[0]} samples at the lens"
 
     @property
     def can_share_spectrum(self) -> bool:
@@ -108,35 +93,13 @@ class GridEngine(ChainEngine):
         cycles per metre.
         """
         axes = plan_propagator_axes(self._request.numeric, self._camera, self._grid, lengths)
+        shared = [
+            (math.ceil(low * axis.period), math.floor(high * axis.period))
+            for axis, (low, high) in zip(axes, frequency_ranges, strict=True)
+        ]
         self._build_propagators(
-            [
-                replace(
-                    axis, shared_range=(math.ceil(a * axis.period), math.floor(b * axis.period))
-                )
-                for axis, (a, b) in zip(axes, frequency_ranges, strict=True)
-            ]
+            [replace(axis, shared_range=ends) for axis, ends in zip(axes, shared, strict=True)]
         )
-
-    def _plan_lens_wave(self) -> LensWave | None:
-        """Plan the lens' wave if it isn't a product of factors along y and x.
-
-        Returns None for other lenses, and where derivatives are wanted, because the wave is then
-        computed at every call.
-        """
-        n = self._request.numeric
-        if n.lens.has_quadratic_phase or self._request.differentiable:
-            return None
-        room = _SETTINGS.lens_wave_memory_share * n.budget.memory
-        return LensWave(partial(_lens_phase, n), self._lens_plane, self._dtype, room)
-
-    def _plan_sensor_map(self) -> PanelToSensorMap:
-        """Plan the map from the panel's spectrum to the field at the sensor."""
-        n, lens = self._request.numeric, self._camera.lens
-        real = torch.zeros((), dtype=self._dtype).real.dtype
-        openings = BlockwiseStopMask(lens.stop, n.radius, self._lens_plane, real)
-        error = max(_SETTINGS.transform_tol_share * n.tol, FINEST_GRIDDING)
-        geometry = FourierGeometry(self._lens_plane, n.samples, n.scale)
-        return PanelToSensorMap(self.propagator, openings, geometry, error, n.budget)
 
     @property
     def bytes(self) -> int:
@@ -153,75 +116,54 @@ class GridEngine(ChainEngine):
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of the search, and of what all calls share."""
         rows, columns = self._lens_plane.shape
-        seconds = super().planning_seconds(speed) + _SETTINGS.planning_calls * speed.call
-        seconds += _SETTINGS.planning_passes * rows * columns * speed.touch
+        seconds = super().planning_seconds(speed) + _PLANNING_CALLS * speed.call
+        seconds += _PLANNING_PASSES * rows * columns * speed.touch
         return seconds + (self._lens_wave.planning_seconds(speed) if self._lens_wave else 0.0)
 
     def prepare(self) -> None:
         """Compute what is kept between calls; raise ToleranceError if the tolerance isn't kept."""
-        if not self.error.value + self.arithmetic <= self._request.tol:
-            raise unreachable_tolerance_error(self._request.tol, self.error.value + self.arithmetic)
-        if not self._request.differentiable:
-            if self._lens_wave:
-                self._lens_wave.prepare()
-            self._sensor_map.set_lens_wave(self._separable_lens_wave(), self._lens_wave)
-
-    def _separable_lens_wave(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the lens' wave as factors along y and x, ones if it isn't their product."""
-        n = self._request.numeric
-        if not n.lens.has_quadratic_phase:
-            y, x = (torch.ones(count, dtype=torch.complex128) for count in self._lens_plane.shape)
-            return y, x
-        curvature = defocus_curvature(n.lens, n.object_to_lens_distance, n.wavelength) / (
-            2 * math.pi
-        )
-        y, x = (
-            unit_phasor(curvature * self._lens_plane.coordinates(axis) ** 2, torch.complex128)
-            for axis in (0, 1)
-        )
-        return y, x
-
-    def intensity(
-        self,
-        phase: torch.Tensor | None,
-        amplitude: torch.Tensor | None,
-        added: AddedLight | None = None,
-    ) -> torch.Tensor:
-        """Compute the share of the light on every sample, (..., rows, columns).
-
-        phase: radians, (..., rows, columns) of the panel.
-        added: other light that is added afterwards. The error that is told is that of both
-        together.
-        """
-        modulated = self.panel_field(phase, amplitude)
-        if not modulated.numel():
-            return self.empty_intensity(modulated)
-        spectrum: Callable[[], torch.Tensor]
+        super().prepare()
         if self._request.differentiable:
-            field = self._differentiable_field_at_sensor(self.propagator, modulated)
-            spectrum = partial(self.propagator.spectrum, modulated.detach())
+            return
+        if self._lens_wave:
+            self._lens_wave.prepare()
+        n, plane = self._request.numeric, self._lens_plane
+        if n.lens.has_quadratic_phase:
+            curvature = defocus_curvature(n.lens, n.object_to_lens_distance, n.wavelength)
+            turns = (curvature / (2 * math.pi) * plane.coordinates(k) ** 2 for k in (0, 1))
+            y, x = (unit_phasor(one, torch.complex128) for one in turns)
         else:
-            known = panel_spectrum(self.propagator, modulated)
-            field, spectrum = propagate_to_sensor(self._sensor_map, known), known.detach
-        for axis, part in self.wavefront_slope_fields(modulated):
-            field = field + self._field_at_sensor(self._slope_propagator(axis), part)
-        return self._intensity_from_field(field, phase, amplitude, spectrum, added)
+            y, x = (torch.ones(count, dtype=torch.complex128) for count in plane.shape)
+        self._sensor_map.set_lens_wave((y, x), self._lens_wave)
 
-    def _slope_propagator(self, axis: int) -> PanelToLensPropagator:
-        axes = [
-            replace(one, has_pixel_slope=k == axis) for k, one in enumerate(self.propagator.axes)
-        ]
-        return PanelToLensPropagator(axes[0], axes[1], self._dtype)
+    def _light(
+        self, field: torch.Tensor, amplitude: torch.Tensor | None, added: AddedLight | None
+    ) -> ChainLight:
+        seen, spectrum = self._field_at_sensor(self.propagator, field)
+        for (y, x), part in self._sloped_parts(field, self.propagator.axes):
+            sloped = PanelToLensPropagator(y, x, self._dtype)
+            seen = seen + self._field_at_sensor(sloped, part)[0]
+        return self._light_from_field(seen, amplitude, spectrum)
 
     def _field_at_sensor(
         self, propagator: PanelToLensPropagator, field: torch.Tensor
-    ) -> torch.Tensor:
-        """Propagate a field to the lens by `propagator`, then to the sensor."""
-        if self._request.differentiable:
-            return self._differentiable_field_at_sensor(propagator, field)
-        return propagate_to_sensor(
-            self._sensor_map.with_propagator(propagator), panel_spectrum(propagator, field)
-        )
+    ) -> tuple[torch.Tensor, Callable[[], torch.Tensor]]:
+        """Propagate a field from panel to sensor; differentiable in all lengths if they are wanted.
+
+        Also returns a function that returns the panel's spectrum without derivatives.
+        """
+        q, plane = self._request, self._lens_plane
+        if not q.differentiable:
+            known = panel_spectrum(propagator, field)
+            sensor_map = self._sensor_map.with_propagator(propagator)
+            return propagate_to_sensor(sensor_map, known), known.detach
+        wave = unit_phasor(_lens_phase(q, *plane.mesh()) / (2 * math.pi), self._dtype)
+        wave = wave * coverage(self._camera.lens.stop, q.numeric.radius, plane)
+        arriving = propagate_to_lens(propagator, field, self._propagator_variables())
+        behind = arriving * wave.to(self._dtype).to(arriving.device)
+        moved = q.transform_variables
+        seen = self._sensor_map.sensor_transform(behind, moved.stretch, moved.shift)
+        return seen, partial(propagator.spectrum, field.detach())
 
     def intensity_from_spectrum(
         self,
@@ -232,40 +174,24 @@ class GridEngine(ChainEngine):
     ) -> torch.Tensor:
         """Compute what `intensity` does, from a known spectrum of the panel (`panel_spectrum`)."""
         field = propagate_to_sensor(self._sensor_map, spectrum)
-        return self._intensity_from_field(field, phase, amplitude, spectrum.detach, added)
+        found = self._light_from_field(field, amplitude, spectrum.detach)
+        return self._light_or_replan(found, phase, amplitude, added)
 
-    def _differentiable_field_at_sensor(
-        self, propagator: PanelToLensPropagator, field: torch.Tensor
-    ) -> torch.Tensor:
-        """Propagate a field from panel to sensor, differentiable in all lengths."""
-        q = self._request
-        turns = _lens_phase(q, *self._lens_plane.mesh()) / (2 * math.pi)
-        wave = unit_phasor(turns, self._dtype)
-        wave = wave * coverage(self._camera.lens.stop, q.numeric.radius, self._lens_plane)
-        field = propagate_to_lens(propagator, field, self._propagator_variables()) * wave.to(
-            self._dtype
-        ).to(field.device)
-        moved = q.transform_variables
-        return self._sensor_map.sensor_transform(field, moved.stretch, moved.shift)
-
-    def _intensity_from_field(
+    def _light_from_field(
         self,
         field: torch.Tensor,
-        phase: torch.Tensor | None,
         amplitude: torch.Tensor | None,
         spectrum: Callable[[], torch.Tensor],
-        added: AddedLight | None,
-    ) -> torch.Tensor:
+    ) -> ChainLight:
         """Compute the light from the field at the sensor.
 
         spectrum: returns the panel's spectrum without derivatives. It is called only for a window
         that gets little light.
         """
-        cell = (
-            self._lens_plane.pitch[0] * self._lens_plane.pitch[1] / self._request.numeric.radius**2
-        )
+        pitch = self._lens_plane.pitch
+        cell = pitch[0] * pitch[1] / self._request.numeric.radius**2
         light = (field.real**2 + field.imag**2) * (self.intensity_scale() * cell**2)
-        light = light.to(torch.float64 if self._dtype == torch.complex128 else torch.float32)
+        light = light.to(self._dtype.to_real())
 
         def measure_passing_brightness() -> tuple[float, float]:
             low, high = (end.tolist() for end in self._edge_scatter.passing_band)
@@ -277,7 +203,7 @@ class GridEngine(ChainEngine):
             found = power / sent
             return float(found.min()), float(found.max())
 
-        return self._intensity_or_replan(light, phase, amplitude, added, measure_passing_brightness)
+        return ChainLight(light, passing_brightness=measure_passing_brightness)
 
     @cached_property
     def _passing_error_share(self) -> float:

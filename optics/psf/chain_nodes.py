@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -20,7 +19,6 @@ from optics.accuracy import (
 from optics.camera import Camera
 from optics.camera.pupil import pupil_phase
 from optics.camera.stop_nodes import (
-    PhaseSlopeBound,
     QuadratureNodes,
     count_nodes,
     rule_seconds,
@@ -35,50 +33,35 @@ from optics.fourier.nonuniform import (
     nonuniform_seconds,
 )
 from optics.plane import Plane
-from optics.psf.axes import fresnel_area, stop_extent
-from optics.psf.chain_engine import ChainEngine
+from optics.psf.chain_engine import ChainEngine, ChainLight
 from optics.psf.dim_windows import AddedLight
-from optics.psf.lens_grid import TAPER_TOL_SHARE, tapered_band
+from optics.psf.edge_scatter import fresnel_area
+from optics.psf.lens_grid import TAPER_TOL_SHARE, panel_and_stop_ends, tapered_band
 from optics.psf.phase_factor import wrap_phase
 from optics.psf.request import PSFRequest
 from optics.psf.to_lens import PropagatorAxis, fast_fft_length
 
+# Shares of the tolerance, all chosen.
+_BAND_TOL_SHARE = 0.5  # for light outside the band of frequencies
+_QUADRATURE_TOL_SHARE = 0.05  # for the quadrature, in the field
+_TRANSFORM_TOL_SHARE = 0.02  # for each non-uniform FFT, in the field
 
-@dataclass(frozen=True)
-class ChainQuadratureSettings:
-    """Tune how a QuadratureEngine divides its tolerance and memory.
+_COARSEST_INNER_TOL = 2e-4
+"""Largest tolerance for which the quadrature, the transforms and the band's ends are planned.
+Chosen, so that the error that is told stays below 1e-4."""
 
-    band_tol_share: share of the tolerance for light outside the band of frequencies. Chosen.
-    quadrature_tol_share: share of the tolerance for the quadrature, in the field. Chosen.
-    transform_tol_share: share of the tolerance for each non-uniform FFT, in the field. Chosen.
-    coarsest_inner_tol: largest tolerance for which the quadrature, the transforms and the band's
-    ends are planned. Chosen, so that the error that is told stays below 1e-4.
-    fixed_calls: time of a PSF that doesn't depend on any size, in calls. Fitted to 60 random
-    chains, like the next four.
-    passes_per_frequency: time for each frequency of the panel's spectrum, in passes.
-    planning_calls: time of planning that doesn't depend on any size, in calls.
-    points_per_planned_node: time to sort a node for the transforms and to compute the lens' wave
-    there, over that of MachineSpeed.point.
-    planning_rules: time to find the nodes, over what `rule_seconds` predicts for those of a lens
-    alone.
-    bytes_per_node: memory for each node, bytes.
-    max_nodes: most nodes that are computed; they take some minutes.
-    """
+# Predicted times, fitted to 60 random chains.
+_FIXED_CALLS = 18.0  # of a PSF, whatever its size, in calls
+_FREQUENCY_PASSES = 95.0  # for each frequency of the panel's spectrum
+_PLANNING_CALLS = 20.0  # of planning, whatever its size, in calls
+_PLANNED_NODE_POINTS = 10.0
+"""Time to sort a node for the transforms and to compute the lens' wave there, over that of
+MachineSpeed.point."""
 
-    band_tol_share: float = 0.5
-    quadrature_tol_share: float = 0.05
-    transform_tol_share: float = 0.02
-    coarsest_inner_tol: float = 2e-4
-    fixed_calls: float = 18.0
-    passes_per_frequency: float = 95.0
-    planning_calls: float = 20.0
-    points_per_planned_node: float = 10.0
-    planning_rules: float = 2.0
-    bytes_per_node: int = 400
-    max_nodes: int = 200_000_000
+_PLANNING_RULES = 2.0  # time to find the nodes, over what `rule_seconds` predicts for a lens alone
 
-
-_SETTINGS = ChainQuadratureSettings()
+_NODE_BYTES = 400  # for each node
+_MOST_NODES = 200_000_000  # that are computed; they take some minutes
 
 
 class QuadratureEngine(ChainEngine):
@@ -98,49 +81,39 @@ class QuadratureEngine(ChainEngine):
     def _plan(self, n: PSFRequest) -> None:
         self.arithmetic = 10 * FLOAT64_ARITHMETIC
         rough = self._sphere_error()
-        settings = _SETTINGS
-        allowed = settings.band_tol_share * n.tol - rough
+        allowed = _BAND_TOL_SHARE * n.tol - rough
         if not allowed > 0:
-            least = 1.1 * (rough + 0.2 * n.tol) / settings.band_tol_share
-            raise unreachable_tolerance_error(n.tol, least)
+            raise unreachable_tolerance_error(n.tol, 1.1 * (rough + 0.2 * n.tol) / _BAND_TOL_SHARE)
         low, high = self._search.find_band(allowed, np.zeros(2))
         # Steps whose errors fall faster than any power are planned for more than is asked: they
         # cost little, and their errors are far below what is told.
-        inner_tol = min(n.tol, settings.coarsest_inner_tol)
+        inner_tol = min(n.tol, _COARSEST_INNER_TOL)
         planned = [_plan_axis(n, self._camera, k, low[k], high[k], inner_tol) for k in (0, 1)]
         self._axes = [axis for axis, _ in planned]
         if all(is_complete for _, is_complete in planned):
             allowed = 0.0
-        self._window_amplitude = min(1.0, self._edge_scatter.window_share) ** 0.5
-        self._transform_tol = max(
-            settings.transform_tol_share * inner_tol * self._window_amplitude, FINEST_NUFFT
-        )
-        used = 2 * (
-            settings.quadrature_tol_share * inner_tol
-            + 2 * self._transform_tol / self._window_amplitude
-        )
+        amplitude = min(1.0, self._edge_scatter.window_share) ** 0.5
+        self._transform_tol = max(_TRANSFORM_TOL_SHARE * inner_tol * amplitude, FINEST_NUFFT)
+        self._quadrature_tol = _QUADRATURE_TOL_SHARE * inner_tol
+        used = 2 * (self._quadrature_tol + 2 * self._transform_tol / amplitude)
         left = rough + allowed + 2 * TAPER_TOL_SHARE * inner_tol + used
         self.error = ErrorEstimate(left, "estimate, for an evenly lit panel")
-        self._slope_bound = self._build_slope_bound(n)
-        self._quadrature_tol = settings.quadrature_tol_share * inner_tol
+        # It bounds the phase slope in the stop for all light that reaches the lens.
+        turn = math.hypot(*(max(map(abs, axis.band.outer_limits)) for axis in self._axes))
+        tilt = 2 * math.pi * n.radius * turn / float(n.shadow_magnification)
+        at_lens = replace(n, distance=n.object_to_lens_distance, separation=0.0, phase_slope=tilt)
+        self._slope_bound = at_lens.phase_slope_bound
         self._node_count = count_nodes(n.lens.stop, self._slope_bound, self._quadrature_tol)
         self.sampling = f"{self._node_count} nodes in the stop"
         self._full_block: _StopNodeBlock | None = None
-        self._nodes_in_memory = self._node_count * settings.bytes_per_node <= n.budget.memory / 2
-        if self._node_count > settings.max_nodes or (
+        self._nodes_in_memory = self._node_count * _NODE_BYTES <= n.budget.memory / 2
+        if self._node_count > _MOST_NODES or (
             self._request.differentiable and not self._nodes_in_memory
         ):
             raise ToleranceError(
                 f"tol {n.tol:g} can't be kept: the light at the lens turns so fast that it takes "
                 f"{self._node_count:.1e} nodes in the stop"
             )
-
-    def _build_slope_bound(self, n: PSFRequest) -> PhaseSlopeBound:
-        """Bound the phase slope in the stop for all light that reaches the lens."""
-        turn = math.hypot(*(max(map(abs, axis.band.outer_limits)) for axis in self._axes))
-        tilt = 2 * math.pi * n.radius * turn / float(n.shadow_magnification)
-        at_lens = replace(n, distance=n.object_to_lens_distance, separation=0.0, phase_slope=tilt)
-        return at_lens.phase_slope_bound
 
     @property
     def _frequency_plane(self) -> Plane:
@@ -155,18 +128,15 @@ class QuadratureEngine(ChainEngine):
 
     @property
     def bytes(self) -> int:
-        nodes = (
-            min(self._node_count, self._max_block_nodes)
-            if not self._nodes_in_memory
-            else self._node_count
-        )
+        within = self._nodes_in_memory or self._node_count < self._max_block_nodes
+        nodes = self._node_count if within else self._max_block_nodes
         plane, samples = self._frequency_plane, self._request.samples
         each = nonuniform_bytes(0, plane) + nonuniform_bytes(0, samples)
-        return each + 32 * plane.shape[0] * plane.shape[1] + _SETTINGS.bytes_per_node * nodes
+        return each + 32 * plane.shape[0] * plane.shape[1] + _NODE_BYTES * nodes
 
     @property
     def _max_block_nodes(self) -> int:
-        return max(1 << 18, self._request.budget.memory // 4 // _SETTINGS.bytes_per_node)
+        return max(1 << 18, self._request.budget.memory // 4 // _NODE_BYTES)
 
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         there = nonuniform_seconds(
@@ -174,27 +144,23 @@ class QuadratureEngine(ChainEngine):
         )
         on = nonuniform_seconds(self._node_count, self._request.samples, self._transform_tol, speed)
         rows, columns = self._frequency_plane.shape
-        spectrum = _SETTINGS.passes_per_frequency * rows * columns * speed.touch * speed.double
+        spectrum = _FREQUENCY_PASSES * rows * columns * speed.touch * speed.double
         nodes = (there + on) * (1.0 if self._nodes_in_memory else 3.0)
-        return _SETTINGS.fixed_calls * speed.call + spectrum + nodes
+        return _FIXED_CALLS * speed.call + spectrum + nodes
 
     def planning_seconds(self, speed: MachineSpeed) -> float:
-        settings = _SETTINGS
-        seconds = super().planning_seconds(speed) + settings.planning_calls * speed.call
+        seconds = super().planning_seconds(speed) + _PLANNING_CALLS * speed.call
         if not self._nodes_in_memory:
             return seconds
-        seconds += settings.points_per_planned_node * self._node_count * speed.point
+        seconds += _PLANNED_NODE_POINTS * self._node_count * speed.point
         stop, slope = self._request.numeric.lens.stop, self._slope_bound
-        return seconds + settings.planning_rules * rule_seconds(
-            stop, slope, self._quadrature_tol, speed
-        )
+        return seconds + _PLANNING_RULES * rule_seconds(stop, slope, self._quadrature_tol, speed)
 
     def prepare(self) -> None:
-        n = self._request.numeric
-        if not self.error.value + self.arithmetic <= n.tol:
-            raise unreachable_tolerance_error(n.tol, self.error.value + self.arithmetic)
+        super().prepare()
         if self._nodes_in_memory:
-            rule = stop_rule(n.lens.stop, self._slope_bound, self._quadrature_tol)
+            stop = self._request.numeric.lens.stop
+            rule = stop_rule(stop, self._slope_bound, self._quadrature_tol)
             self._full_block = _StopNodeBlock(rule, self)
             self.sampling = f"{rule.count} nodes in the stop"
 
@@ -208,52 +174,36 @@ class QuadratureEngine(ChainEngine):
         ):
             yield _StopNodeBlock(nodes, self)
 
-    def intensity(
-        self,
-        phase: torch.Tensor | None,
-        amplitude: torch.Tensor | None,
-        added: AddedLight | None = None,
-    ) -> torch.Tensor:
-        modulated = self.panel_field(phase, amplitude)
-        if not modulated.numel():
-            return self.empty_intensity(modulated)
-        if self._full_block is None and modulated.requires_grad and torch.is_grad_enabled():
+    def _light(
+        self, field: torch.Tensor, amplitude: torch.Tensor | None, added: AddedLight | None
+    ) -> ChainLight:
+        if self._full_block is None and field.requires_grad and torch.is_grad_enabled():
             raise ValueError(
                 f"a stop of {self._node_count} nodes gives no derivatives; allow more memory, or "
                 'take method="chain"'
             )
-        light = self._spectrum_at_lens(modulated, self._axes)
-        for axis, part in self.wavefront_slope_fields(modulated):
-            axes = [replace(one, has_pixel_slope=k == axis) for k, one in enumerate(self._axes)]
+        light = self._spectrum_at_lens(field, self._axes)
+        for axes, part in self._sloped_parts(field, self._axes):
             light = light + self._spectrum_at_lens(part, axes)
-        field = sum((block.field(light) for block in self._blocks()), torch.zeros(()))
-        power = (field.real**2 + field.imag**2) * self.intensity_scale()
-        return self._intensity_or_replan(power, phase, amplitude, added)
+        seen = sum((block.field(light) for block in self._blocks()), torch.zeros(()))
+        return ChainLight((seen.real**2 + seen.imag**2) * self.intensity_scale())
 
     def _spectrum_at_lens(self, field: torch.Tensor, axes: list[PropagatorAxis]) -> torch.Tensor:
         """Compute the spectrum, (..., y, x), of the field that arrives at the lens."""
         y, x = axes
         for axis, dim in ((y, -2), (x, -1)):
             field = torch.fft.fft(field, axis.fft_length, dim)
-            number = (
-                torch.arange(axis.frequency_count) + axis.first_frequency_number
-            ) % axis.fft_length
-            field = field.index_select(dim, number.to(field.device))
+            number = torch.arange(axis.frequency_count) + axis.first_frequency_number
+            field = field.index_select(dim, (number % axis.fft_length).to(field.device))
         moved = self._propagator_variables()
         weights = [axis.transfer(self._dtype).to(field.device) for axis in axes]
         if moved is not None:
             # This factor has the value 1 and carries the derivative in the Fresnel area.
+            change = moved.fresnel_area - moved.fresnel_area.detach()
+            angles = [-math.pi * axis.band_frequencies**2 * change for axis in axes]
             weights = [
-                w * torch.polar(torch.ones_like(a), a)
-                for w, a in (
-                    (
-                        w,
-                        -math.pi
-                        * axis.band_frequencies**2
-                        * (moved.fresnel_area - moved.fresnel_area.detach()),
-                    )
-                    for w, axis in zip(weights, axes, strict=True)
-                )
+                weight * torch.polar(torch.ones_like(angle), angle)
+                for weight, angle in zip(weights, angles, strict=True)
             ]
         return field * weights[0][:, None] * weights[1]
 
@@ -268,12 +218,8 @@ def _plan_axis(
 
     tol: relative error that the band's smooth ends may cause.
     """
-    panel, spread = camera.panel, float(n.shadow_magnification)
-    bend = fresnel_area(n)
-    line = panel.plane.coordinates(axis)
-    ends = float(line[0]) - panel.pitch / 2, float(line[-1]) + panel.pitch / 2
-    shift = float(n.chief_ray_slopes[axis]) * n.separation
-    stop = [place * n.radius / spread - shift for place in stop_extent(camera, axis)]
+    panel, bend = camera.panel, fresnel_area(n)
+    ends, stop = panel_and_stop_ends(n, camera, axis)
     # Beyond these frequencies, no light goes from the panel to the stop.
     first, last = (stop[0] - ends[1]) / bend, (stop[1] - ends[0]) / bend
     is_complete = low <= first and last <= high
@@ -293,12 +239,12 @@ class _StopNodeBlock:
 
     def __init__(self, nodes: QuadratureNodes, engine: QuadratureEngine) -> None:
         self._nodes, self._engine = nodes, engine
+        self._kept_wave: torch.Tensor | None = None
         q = engine._request
         n = q.numeric
         grow = n.radius / float(n.shadow_magnification)
         shifts = [float(sine) * n.separation for sine in n.chief_ray_slopes]
-        self._places = (nodes.y * grow, nodes.x * grow)
-        y, x = (p - s for p, s in zip(self._places, shifts, strict=True))
+        y, x = (p * grow - s for p, s in zip((nodes.y, nodes.x), shifts, strict=True))
         self._to_lens = NonuniformTransform(
             y, x, engine._frequency_plane, 1.0, engine._transform_tol
         )
@@ -315,19 +261,13 @@ class _StopNodeBlock:
         else:
             numbers = (moved.stretch, *moved.shift)
             arriving = _shaped_adjoint(self._to_lens)(light, numbers)
-        wave = self._lens_wave() if q.differentiable else self._kept_lens_wave
+        wave, at = self._kept_wave, self._nodes
+        if wave is None:
+            distance = q.object_to_lens_distance
+            phase = wrap_phase(pupil_phase(q.lens, distance, q.wavelength, at.y, at.x))
+            wave = torch.polar(torch.ones_like(phase), phase) * at.weight
+            self._kept_wave = None if q.differentiable else wave
         return self._to_sensor(arriving * wave.to(arriving.device), onward.stretch, onward.shift)
-
-    @cached_property
-    def _kept_lens_wave(self) -> torch.Tensor:
-        return self._lens_wave()
-
-    def _lens_wave(self) -> torch.Tensor:
-        """Return the lens' wave at the nodes, times their weights."""
-        q, nodes = self._engine._request, self._nodes
-        phase = pupil_phase(q.lens, q.object_to_lens_distance, q.wavelength, nodes.y, nodes.x)
-        phase = wrap_phase(phase)
-        return torch.polar(torch.ones_like(phase), phase) * nodes.weight
 
 
 def _shaped_adjoint(transform: NonuniformTransform) -> ShapedMap:

@@ -21,7 +21,8 @@ from optics.psf.axial import AxialEngine
 from optics.psf.chain_choice import CHAIN_METHODS, chain_engines
 from optics.psf.engine import PSFEngine
 from optics.psf.lens_nodes import ScatteredNodesEngine
-from optics.psf.panel_engine import PANEL_METHODS, PanelEngine
+from optics.psf.panel_engine import PanelEngine
+from optics.psf.panel_methods import PANEL_METHODS
 from optics.psf.reference_probe import ReferenceProbe
 from optics.psf.request import PSFRequest
 from optics.psf.sampled import SampledEngine

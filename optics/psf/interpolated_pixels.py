@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.accuracy import MachineSpeed
-from optics.caching import byte_limited_cache
+from optics.caching import ByteCache
 from optics.fourier import FourierGeometry, unit_phasor
 from optics.fourier.banded_matrix import BandedMatrix
 from optics.fourier.differentiation import apply_function, apply_linear_map
@@ -33,21 +33,19 @@ _FFT_ROUNDING = 0.2
 """Rounding error of an FFT over that of a plain sum. It was 0.09 where it was measured, for a panel
 of 1080 x 1920 pixels; twice as much is told."""
 
-FINEST_INTERPOLATION = 1e-8
-"""The smallest relative error that the weights are asked for; below, rounding spoils their fit."""
+_FINEST_ERROR = 1e-8  # that the weights are asked for; below, rounding spoils their fit
 
-
-_PASSES_PER_FITTED_TERM = 3000.0
+_FITTED_TERM_PASSES = 3000.0
 """Time to fit the weights, for each sample and node, over that of a pass over a sample; measured
 for 16 to 1800 samples."""
-
-_PARTS_BYTES = 32 << 20
-"""Bytes of the weights that are kept. Chosen: those of 40 PSFs of 1600 samples a side, as a panel's
-calibration needs over a band of wavelengths."""
 
 _MOST_BEND = 2.0
 """Radians by which the lens' wave may turn in half a panel pixel. Chosen: 0.75 are met by 2
 dioptres of defocus at the ends of 1920 pixels of 8 µm."""
+
+_KEPT = ByteCache(32 << 20)
+"""Weights, for other PSFs of the same samples and wavelength. The bytes are chosen: for 40 PSFs of
+1600 samples a side, as a panel's calibration needs over a band of wavelengths."""
 
 
 class InterpolatedPixelTransform(PixelIntegralTransform):
@@ -65,7 +63,6 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     image is shifted; the weights lead to the samples of the unshifted one.
 
     geometry: the panel's pixel centres, on a regular plane, and the samples.
-    dtype: complex64 or complex128.
     curvature: of the quadratic phase about the axis, radians per square metre.
     side: of a pixel's active square, metres.
     error: relative L2 error of the field that is allowed.
@@ -89,10 +86,8 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         if mirrored:
             self.name = "cosine transform with curved pixels"
         self._oversampling = next(ratio for least, ratio in _OVERSAMPLING if error >= least)
-        y, x = (
-            _Axis(geometry, axis, curvature, side, self._oversampling, mirrored) for axis in (0, 1)
-        )
-        self._axes = (y, x)
+        about = curvature, side, self._oversampling, mirrored
+        self._axes = _Axis(geometry, 0, *about), _Axis(geometry, 1, *about)
 
     @property
     def _width(self) -> int:
@@ -101,7 +96,9 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
 
     @property
     def fits(self) -> bool:
-        """Whether the grid reaches all samples, and the wave bends little enough inside a pixel."""
+        """Whether weights keep the error for all samples, and the wave bends little in a pixel."""
+        if self.error < _FINEST_ERROR:
+            return False
         return all(one.reaches(self._width) for one in self._axes)
 
     @property
@@ -116,7 +113,8 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
 
     @cached_property
     def _parts(self) -> tuple[_AxisParts, _AxisParts]:
-        y, x = (one.parts(self.error / math.sqrt(2), self.dtype) for one in self._axes)
+        each = self.error / math.sqrt(2)
+        y, x = self._axes[0].parts(each, self.dtype), self._axes[1].parts(each, self.dtype)
         self.error = max(self.error, math.hypot(y.error, x.error))
         self.rounding_growth = max(1.0, _FFT_ROUNDING * y.rounding_growth * x.rounding_growth)
         return y, x
@@ -165,37 +163,6 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
             lambda one: apply_function(_Intensity, self, one.to(self.dtype), scale)[0], field
         )
 
-    def _squared_modulus(self, columns: torch.Tensor, scale: float) -> torch.Tensor:
-        """Compute the intensity from `_columns_from_grid`, some rows at a time."""
-        matrix = self._parts[0].matrix
-        light = torch.empty(
-            matrix.shape[0], columns.shape[1], dtype=self.dtype.to_real(), device=columns.device
-        )
-        for rows, points, block in matrix.blocks(columns.device):
-            parts = torch.view_as_real(block @ columns[points])
-            torch.mul(parts[..., 0], parts[..., 0], out=light[rows])
-            light[rows].addcmul_(parts[..., 1], parts[..., 1]).mul_(scale)
-        return light
-
-    def _intensity_adjoint(
-        self, grid: torch.Tensor, gradient: torch.Tensor, scale: float
-    ) -> torch.Tensor:
-        """Return a loss' derivative in the FFTs' grid from that in the intensity.
-
-        grid: what `_grid` gave for the field.
-        """
-        if torch.is_grad_enabled():
-            to_field, to_grid = self._field_from_grid, self._adjoint_to_grid
-            field = apply_linear_map(to_field, to_grid, grid)
-            return apply_linear_map(to_grid, to_field, 2 * scale * gradient * field)
-        columns = self._columns_from_grid(grid)
-        change = torch.zeros_like(columns)
-        for rows, points, block in self._parts[0].matrix.blocks(columns.device):
-            field = torch.view_as_real(block @ columns[points])
-            field.mul_((2 * scale * gradient[rows])[..., None])
-            change[points].addmm_(block.mH, torch.view_as_complex(field))
-        return self._adjoint_of_columns(change)
-
     def _field_from_grid(self, grid: torch.Tensor) -> torch.Tensor:
         return self._parts[0].matrix.forward(self._columns_from_grid(grid))
 
@@ -211,7 +178,8 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
         return found if axis == 0 else found.mT
 
     def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        return self._axes[axis].mean_squared_factor()
+        one = self._axes[axis]
+        return _KEPT.get((one, "mean"), one.mean_squared_factor)
 
     def positions(self) -> tuple[torch.Tensor, torch.Tensor]:
         y, x = super().positions()
@@ -229,7 +197,9 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     def cpu_seconds(self, speed: MachineSpeed) -> float:
         y, x = self._axes
         width = self._width
-        operations = x.given_count * y.operations + y.kept_count * x.operations
+        operations = (
+            x.given_count * y.spectrum().operations + y.kept_count * x.spectrum().operations
+        )
         rows, columns = len(y.samples), len(x.samples)
         products = 4 * columns * (y.kept_count * x.span(width) + rows * y.span(width))
         passes = 6 * y.given_count * x.given_count + 8 * (y.kept_count * columns + rows * columns)
@@ -241,7 +211,7 @@ class InterpolatedPixelTransform(PixelIntegralTransform):
     def planning_seconds(self, speed: MachineSpeed) -> float:
         """Predict the processor seconds of fitting the weights."""
         terms = sum(len(one.samples) for one in self._axes) * (self._width + 12)
-        return 5 * speed.call + terms * _PASSES_PER_FITTED_TERM * speed.touch
+        return 5 * speed.call + terms * _FITTED_TERM_PASSES * speed.touch
 
 
 def _for_each(
@@ -272,14 +242,33 @@ class _Intensity(torch.autograd.Function):
         ctx.transform, ctx.scale = transform, scale
         ctx.save_for_backward(grid)
         ctx.set_materialize_grads(False)
-        return transform._squared_modulus(transform._columns_from_grid(grid), scale), grid
+        columns, matrix = transform._columns_from_grid(grid), transform._parts[0].matrix
+        shape, kind = (matrix.shape[0], columns.shape[1]), transform.dtype.to_real()
+        light = torch.empty(shape, dtype=kind, device=columns.device)
+        for rows, points, block in matrix.blocks(columns.device):
+            parts = torch.view_as_real(block @ columns[points])
+            torch.mul(parts[..., 0], parts[..., 0], out=light[rows])
+            light[rows].addcmul_(parts[..., 1], parts[..., 1]).mul_(scale)
+        return light, grid
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor | None, by_grid: torch.Tensor | None) -> Any:
         (grid,) = ctx.saved_tensors
         transform: InterpolatedPixelTransform = ctx.transform
         if gradient is not None:
-            found = transform._intensity_adjoint(grid, gradient, ctx.scale)
+            # The loss' derivative in the FFTs' grid.
+            if torch.is_grad_enabled():
+                to_field, to_grid = transform._field_from_grid, transform._adjoint_to_grid
+                field = apply_linear_map(to_field, to_grid, grid)
+                found = apply_linear_map(to_grid, to_field, 2 * ctx.scale * gradient * field)
+            else:
+                columns = transform._columns_from_grid(grid)
+                change = torch.zeros_like(columns)
+                for rows, points, block in transform._parts[0].matrix.blocks(columns.device):
+                    field = torch.view_as_real(block @ columns[points])
+                    field.mul_((2 * ctx.scale * gradient[rows])[..., None])
+                    change[points].addmm_(block.mH, torch.view_as_complex(field))
+                found = transform._adjoint_of_columns(change)
             by_grid = found if by_grid is None else by_grid + found
         if by_grid is None:
             return None, None, None
@@ -311,12 +300,7 @@ class _Axis:
     """Plans the Fourier sum over panel pixels along one axis.
 
     In the frame of the pixels' middle, at x_m, the wave exp(i c (x_m + t)²) of a pixel at t has the
-    tilt 2 c x_m, which shifts the image by x_m c scale / pi.
-
-    geometry: its planes are regular.
-    axis: 0 (y) or 1 (x).
-
-    For the others see `InterpolatedPixelTransform`.
+    tilt 2 c x_m, which shifts the image by x_m c scale / pi. Axis 0 is y, and 1 is x.
     """
 
     geometry: FourierGeometry
@@ -326,14 +310,9 @@ class _Axis:
     oversampling: float
     mirrored: bool
 
-    @cached_property
-    def _places(self) -> torch.Tensor:
-        """The positions of the panel's pixels, metres."""
-        return self.geometry.pupil.coordinates(self.axis)
-
     @property
     def _count(self) -> int:
-        return self._places.numel()
+        return self.geometry.pupil.shape[self.axis]
 
     @property
     def _pitch(self) -> float:
@@ -343,22 +322,13 @@ class _Axis:
 
     @cached_property
     def _middle(self) -> float:
-        return float(self._places.mean())
-
-    @property
-    def _scale(self) -> float:
-        return self.geometry.scale
-
-    @cached_property
-    def _u(self) -> NDArray[np.float64]:
-        """The positions of the samples, metres."""
-        u: NDArray[np.float64] = self.geometry.image.coordinates(self.axis).numpy()
-        return u
+        return float(self.geometry.pupil.coordinates(self.axis).mean())
 
     @cached_property
     def samples(self) -> NDArray[np.float64]:
         """The positions of the samples in the frame of the pixels' middle, metres."""
-        return self._u - self._middle * self.curvature * self._scale / math.pi
+        u: NDArray[np.float64] = self.geometry.image.coordinates(self.axis).numpy()
+        return u - self._middle * self.curvature * self.geometry.scale / math.pi
 
     @property
     def given_count(self) -> int:
@@ -376,24 +346,18 @@ class _Axis:
     @property
     def _frequencies(self) -> NDArray[np.float64]:
         """The samples' frequencies in cycles per panel pixel."""
-        return self.samples * (self._pitch / self._scale)
+        return self.samples * (self._pitch / self.geometry.scale)
 
     def span(self, width: int) -> float:
         """Return over how many grid points the weights of a block of samples reach."""
-        return width + 16 * self._pitch * abs(self._step) * self.length / self._scale
-
-    @property
-    def _step(self) -> float:
-        return float(self.samples[1] - self.samples[0]) if len(self.samples) > 1 else 0.0
+        step = float(self.samples[1] - self.samples[0]) if len(self.samples) > 1 else 0.0
+        return width + 16 * self._pitch * abs(step) * self.length / self.geometry.scale
 
     def _farthest(self) -> float:
         return float(np.abs(self._frequencies).max()) * self.length
 
     def reaches(self, width: int) -> bool:
-        """Tell whether the spectrum's grid reaches all samples with few weights.
-
-        Where the wave bends much inside a pixel, its weights aren't few any more.
-        """
+        """Tell whether few weights reach all samples, and the wave bends little in a pixel."""
         edge = self._count / 2 * self._pitch
         bend = abs(self.curvature) * edge * self.side
         in_grid = not self.mirrored or self._farthest() + width / 2 + 2 < self.length // 2
@@ -407,33 +371,27 @@ class _Axis:
         reach = float(np.ptp(self._frequencies)) * self.length
         return min(math.ceil(reach) + 16, self.length)
 
-    @property
-    def operations(self) -> float:
-        """The operations of the FFT of one line of the panel."""
+    def spectrum(self, grid: range = range(1)) -> SpectrumGrid:
+        """Return the spectrum on points of the FFT's grid."""
         kind = MirroredSpectrum if self.mirrored else FullSpectrum
-        return kind(self._count, self.length, range(1)).operations
+        return kind(self._count, self.length, grid)
 
-    @byte_limited_cache(_PARTS_BYTES)
     def parts(self, error: float, dtype: torch.dtype) -> _AxisParts:
-        """Return the wave, the spectrum's grid and the weights along the axis.
+        """Return the wave, the spectrum's grid and the weights along the axis, maybe kept ones."""
+        return _KEPT.get((self, error, dtype), partial(self._fit_parts, error, dtype))
 
-        They are kept for other PSFs of the same samples and wavelength.
-        """
-        fit = FittedInterpolation(
-            self._count, self.length, self._frequencies, error, self._pixel_factor
-        )
+    def _fit_parts(self, error: float, dtype: torch.dtype) -> _AxisParts:
+        frequencies, middle = self._frequencies, self._middle
+        fit = FittedInterpolation(self._count, self.length, frequencies, error, self._pixel_factor)
         # The image of a panel whose pixels' middle is off the axis has another phase.
-        turns = self.curvature * self._middle**2 / (2 * math.pi) - self._u * (
-            self._middle / self._scale
-        )
+        u = self.geometry.image.coordinates(self.axis).numpy()
+        turns = self.curvature * middle**2 / (2 * math.pi) - u * (middle / self.geometry.scale)
         phases = unit_phasor(torch.from_numpy(turns), torch.complex128).numpy()
         make = fit.matrix_of_mirrored_input if self.mirrored else fit.matrix
-        matrix = make(dtype, phases)
         t = (torch.arange(self._count, dtype=torch.float64) - (self._count - 1) / 2) * self._pitch
         bent = unit_phasor(self.curvature / (2 * math.pi) * t**2, torch.complex128)
         wave = (bent * torch.from_numpy(fit.scaling)).to(dtype)[-self.given_count :]
-        kind = MirroredSpectrum if self.mirrored else FullSpectrum
-        spectrum = kind(self._count, self.length, fit.grid)
+        matrix, spectrum = make(dtype, phases), self.spectrum(fit.grid)
         return _AxisParts(wave, spectrum, matrix, fit.error, fit.rounding_growth)
 
     def _pixel_factor(self, places: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -444,18 +402,15 @@ class _Axis:
 
         places: t in half widths of the panel.
         """
-        t = places * (self._count / 2 * self._pitch)
-        half = self.side / 2
+        t, half = places * (self._count / 2 * self._pitch), self.side / 2
         bend = abs(self.curvature) * (2 * float(np.abs(t).max()) * half + half**2)
-        tilt = 2 * math.pi * float(np.abs(self.samples).max()) * half / self._scale
+        tilt = 2 * math.pi * float(np.abs(self.samples).max()) * half / self.geometry.scale
         nodes, weights = gauss_legendre(full_precision_nodes(bend + tilt))
         d = nodes * half
         bent = np.exp(1j * self.curvature * (2 * np.outer(d, t) + d[:, None] ** 2))
-        tilted = np.exp(-2j * math.pi / self._scale * np.outer(self.samples, d))
-        found: NDArray[np.complex128] = (tilted * (weights / 2)) @ bent
-        return found
+        tilted = np.exp(-2j * math.pi / self.geometry.scale * np.outer(self.samples, d))
+        return np.asarray((tilted * (weights / 2)) @ bent)
 
-    @byte_limited_cache(_PARTS_BYTES)
     def mean_squared_factor(self) -> torch.Tensor:
         """Return the mean over the panel's pixels of what a sample gets of each, float64."""
         nodes, weights = gauss_legendre(16)

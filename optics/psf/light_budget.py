@@ -11,8 +11,9 @@ import torch
 from optics.accuracy import ToleranceError
 from optics.camera import Camera
 from optics.camera.pupil import numeric_camera, open_area, pupil_amplitude
-from optics.psf.axes import LensGrid, fresnel_area, lens_plane, plan_propagator_axes, stop_extent
 from optics.psf.dim_windows import normalise_amplitude
+from optics.psf.edge_scatter import fresnel_area, stop_extent
+from optics.psf.lens_grid import LensGrid, lens_plane, plan_propagator_axes
 from optics.psf.light_on_pixels import LightOnPixels
 from optics.psf.request import PSFRequest
 from optics.psf.stop_mask import BlockwiseStopMask

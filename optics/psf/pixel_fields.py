@@ -1,26 +1,44 @@
-"""Compute the fields that single panel pixels send to places in the stop, and integrate along rows.
+"""Compute the fields that single panel pixels send to places in the stop, and the lens' wave there.
 
-Pixels many Fresnel zones away have a short form. Rows are integrated in pieces, up to any end.
+Pixels many Fresnel zones away have a short form. The lens' wave is a parabola and a short sum of
+products of functions of y and of x.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from optics.accuracy import ToleranceError
 from optics.camera import Camera
-from optics.gauss_legendre import gauss_legendre
+from optics.camera.pupil import defocus_curvature, defocus_path, vergence_error
 from optics.propagation.fresnel_matrix import cell_kernel
-from optics.psf.axes import fresnel_area
+from optics.psf.edge_scatter import fresnel_area
 from optics.psf.request import PSFRequest
-from optics.psf.split_phase import SplitPhase
 from optics.psf.to_lens import TaperedBand
+from optics.zernike import zernike
+
+Array = NDArray[np.float64]
+Waves = NDArray[np.complex128]
+
+FAR_ZONES = 6.0
+"""Distance from a pixel's edge, in Fresnel zones, from which the series here holds to rounding."""
+
+_BLOCK = 8192  # numbers in an array that stays in the processor's cache
+_NODES = (24, 48, 96, 192, 384)  # Chebyshev nodes per axis that are tried for a lens' phase
+_LEAST = 1e-15  # share of the strongest term below which terms are rounding errors
+_TAIL = 1e-12  # coefficient of the highest orders below which an expansion counts as complete
+
+_SAMPLES, _MARGIN = 33, 1.2
+"""Samples per axis for the slope of a phase, and a factor, because it might be steeper between."""
+
+_TERMS, _TERMS_PER_RADIAN = 6, 0.55
+"""Terms that a phase takes, and further ones for its largest value; fitted to random lenses."""
 
 
 class PixelFields:
@@ -39,51 +57,39 @@ class PixelFields:
     ) -> None:
         self._n, self._panel, self._reach = n, camera.panel, reach
         self._area = fresnel_area(n)
-        self._tensor_area = torch.tensor(self._area, dtype=torch.float64)
         self._grow = n.radius / float(n.shadow_magnification)
         self._shifts = [float(slope) * n.separation for slope in n.chief_ray_slopes]
         self._lines = [camera.panel.plane.coordinates(axis) for axis in (0, 1)]
+        self._near_distance = FAR_ZONES * math.sqrt(self._area) + self._panel.active_side
+        """Metres between a pixel and a place within which its field is no far field."""
+        self._farthest = [(-math.inf, math.inf)] * 2
+        """How far light is followed sideways, down and up each axis, in metres."""
+        if reach is not None:
+            limits = [band.outer_limits for band in reach]
+            self._farthest = [(low * self._area, high * self._area) for low, high in limits]
 
     def fields(self, axis: int, place: torch.Tensor, pixels: slice = slice(None)) -> torch.Tensor:
         """Return what pixels send to places along an axis, (places, pixels)."""
         arriving = place * self._grow - self._shifts[axis]
-        line, side = self._lines[axis][pixels], self._panel.active_side
-        near = self._pixels_within(line, arriving, self._near_distance)
+        line, side, room = self._lines[axis][pixels], self._panel.active_side, self._near_distance
+        first, last = float(arriving.min()), float(arriving.max())
+        near = _pixels_between(line, first - room, last + room)
         far = [
             torch.from_numpy(far_fields(arriving.numpy(), part.numpy(), side, self._area))
             for part in (line[: near.start], line[near.stop :])
         ]
-        within = cell_kernel(arriving[:, None] - line[near], side, self._tensor_area)
+        area = torch.tensor(self._area, dtype=torch.float64)
+        within = cell_kernel(arriving[:, None] - line[near], side, area)
         field = torch.cat([far[0], within, far[1]], dim=1)
-        return self._tapered(axis, field, arriving, line)
-
-    @property
-    def _near_distance(self) -> float:
-        """Metres between a pixel and a place within which its field is no far field."""
-        return FAR_ZONES * math.sqrt(self._area) + self._panel.active_side
-
-    @staticmethod
-    def _pixels_within(line: torch.Tensor, arriving: torch.Tensor, distance: float) -> slice:
-        """Return the pixels of a line that lie within a distance of any of the places."""
-        first = int(torch.searchsorted(line, float(arriving.min()) - distance))
-        return slice(first, int(torch.searchsorted(line, float(arriving.max()) + distance)))
-
-    def _tapered(
-        self, axis: int, field: torch.Tensor, arriving: torch.Tensor, line: torch.Tensor
-    ) -> torch.Tensor:
-        """Return the field without light that isn't followed, (places, pixels)."""
-        if self._reach is None:
-            return field
-        band = self._reach[axis]
-        room = band.taper_sigma * band.taper_sigmas
-        low, high = (band.low + room) * self._area, (band.high - room) * self._area
-        # Light of these pixels is followed to all places.
-        first = int(torch.searchsorted(line, float(arriving.max()) - high))
-        last = int(torch.searchsorted(line, float(arriving.min()) - low))
-        parts = [slice(0, first), slice(max(first, last), len(line))]
-        for part in parts:
-            offset = arriving[:, None] - line[part]
-            field[:, part] *= band.taper(offset / self._area)
+        if self._reach is not None:
+            # Light of all pixels but those of `whole` is followed to some of the places only.
+            band = self._reach[axis]
+            room = band.taper_sigma * band.taper_sigmas
+            low, high = (band.low + room) * self._area, (band.high - room) * self._area
+            whole = _pixels_between(line, last - high, first - low)
+            for part in (slice(0, whole.start), slice(whole.stop, len(line))):
+                offset = arriving[:, None] - line[part]
+                field[:, part] *= band.taper(offset / self._area)
         return field
 
     def path_turns(self, axis: int, place: torch.Tensor) -> torch.Tensor:
@@ -93,15 +99,14 @@ class PixelFields:
 
     def reached(self, axis: int, place: torch.Tensor) -> slice:
         """Return the pixels whose light gets to any of the places."""
-        low, high = self._farthest(axis)
+        low, high = self._farthest[axis]
         arriving = place * self._grow - self._shifts[axis]
-        line = self._lines[axis]
-        first = int(torch.searchsorted(line, float(arriving.min()) - high))
-        return slice(first, max(first, int(torch.searchsorted(line, float(arriving.max()) - low))))
+        ends = float(arriving.min()) - high, float(arriving.max()) - low
+        return _pixels_between(self._lines[axis], *ends)
 
     def reached_count(self, axis: int, width: float) -> float:
         """Count the pixels whose light gets to places within a width in stop radii, about."""
-        low, high = self._farthest(axis)
+        low, high = self._farthest[axis]
         within = (high - low + width * self._grow) / self._panel.pitch + 1
         return min(float(self._panel.shape[axis]), within)
 
@@ -117,29 +122,20 @@ class PixelFields:
 
     def reached_width(self, axis: int) -> float:
         """Return how wide the light of a point of the panel gets, in stop radii, maybe infinite."""
-        low, high = self._farthest(axis)
+        low, high = self._farthest[axis]
         return (high - low) / self._grow
 
-    def _farthest(self, axis: int) -> tuple[float, float]:
-        """Return how far light is followed sideways, down and up an axis, in metres."""
-        if self._reach is None:
-            return -math.inf, math.inf
-        low, high = self._reach[axis].outer_limits
-        return low * self._area, high * self._area
-
-    def steepest_slope(self, axis: int, span: tuple[float, float], lens: SplitPhase) -> float:
+    def steepest_slope(self, axis: int, lens: SplitPhase) -> float:
         """Bound the phase slope of the light in the stop, radians per stop radius.
 
         Light from a point of the panel, the lens, and the kernel of a sensor sample each add a
         slope that is linear in the places, so that the extremes lie at their ends.
-
-        span: low and high end of the stop's opening.
         """
-        n, grow, shift = self._n, self._grow, self._shifts[axis]
+        n, grow, shift, span = self._n, self._grow, self._shifts[axis], lens.spans[axis]
         half = self._panel.pitch / 2
         ends = float(self._lines[axis][0]) - half, float(self._lines[axis][-1]) + half
         seen = n.samples.coordinates(axis)
-        low, high = self._farthest(axis)
+        low, high = self._farthest[axis]
         # At these places, light from an end of the panel has gone as far as it is followed.
         turns = [(end + way + shift) / grow for end in ends for way in (low, high)]
         places = [*span, *(min(max(turn, span[0]), span[1]) for turn in turns)]
@@ -154,14 +150,10 @@ class PixelFields:
         return max(map(abs, slopes)) + lens.slope
 
 
-Array = NDArray[np.float64]
-Waves = NDArray[np.complex128]
-
-FAR_ZONES = 6.0
-"""Distance from a pixel's edge, in Fresnel zones, from which the series here holds to rounding."""
-
-_BLOCK = 8192
-"""Numbers in an array that stays in the processor's cache."""
+def _pixels_between(line: torch.Tensor, low: float, high: float) -> slice:
+    """Return the pixels of a line from `low` to `high`, in metres."""
+    first = int(torch.searchsorted(line, low))
+    return slice(first, max(first, int(torch.searchsorted(line, high))))
 
 
 def far_fields(place: Array, line: Array, side: float, area: float) -> Waves:
@@ -218,10 +210,7 @@ def _phasor(half_turns: Array) -> Waves:
 
 
 def _edge_waves(place: Array, edge: Array) -> Waves:
-    """Return the waves from pixel edges, without their phasors; see far_fields().
-
-    place, edge: in units of sqrt(area).
-    """
+    """Return the waves from pixel edges, in Fresnel zones, without their phasors."""
     inverse = 1 / (2 * math.pi * np.subtract.outer(place, edge))
     v = 2 * math.pi * inverse * inverse
     square = v * v
@@ -246,94 +235,86 @@ def _polynomial(factors: list[int], at: Array) -> Array:
     return total
 
 
-class PartialIntegrals:
-    """Divides rows of the stop into pieces, whose nodes interpolate the integrand.
+class SplitPhase:
+    """Holds a lens' wave exp(i phase), split between y and x.
 
-    In a piece, the values at Gauss-Legendre nodes determine a polynomial in Legendre's basis. Its
-    integral up to any end is a sum over the nodes, whose weights depend on the end alone. Whole
-    pieces to the left are summed with the usual weights.
+    With the parabola's curvature c in radians per square stop radius, the wave is exp(i c (y² +
+    x²)) times the sum over k of g_k(y) h_k(x). The smooth remainder of aberrations, and of a
+    stigmatic lens, has few terms to double precision. They are predicted when the split is planned,
+    and found at its first use.
 
-    low, high: ends of the rows, in stop radii.
-    slope: steepest phase slope of what is integrated, radians per stop radius.
-    turn: half the phase change in a piece, radians.
+    spans: low and high (y, x) of the stop's opening, in stop radii.
+    curvature: c.
+    terms: their number, predicted.
+    slope: the steepest slope of the remainder's phase, radians per stop radius.
     """
 
-    def __init__(self, low: float, high: float, slope: float, turn: float) -> None:
-        turns = (high - low) * slope / 2
-        self.pieces = max(1, math.ceil(turns / turn))
-        # exp(i t x) has Chebyshev coefficients J_k(t), which fall below 1e-15 from here on.
-        each = turns / self.pieces
-        self.nodes = math.ceil(each + 11 * each ** (1 / 3)) + 14
-        self._low, self.width = low, (high - low) / self.pieces
+    def __init__(self, n: PSFRequest) -> None:
+        low, high = n.lens.stop.opening.extent
+        self._n, self.spans = n, ((low[0], high[0]), (low[1], high[1]))
+        curvature = defocus_curvature(n.lens, n.object_to_lens_distance, n.wavelength)
+        self.curvature, self.terms, self.slope = curvature * n.radius**2, 1, 0.0
+        if n.lens.has_quadratic_phase:
+            return
+        y, x = (torch.linspace(*span, _SAMPLES, dtype=torch.float64) for span in self.spans)
+        phase = _remaining_phase(n, y[:, None], x[None, :]).expand(_SAMPLES, _SAMPLES)
+        down, along = (
+            float(phase.diff(dim=axis).abs().max() / (place[1] - place[0]))
+            for axis, place in enumerate((y, x))
+        )
+        self.slope = _MARGIN * max(down, along)
+        self.terms = _TERMS + math.ceil(_TERMS_PER_RADIAN * float(phase.max() - phase.min()))
 
-    @property
-    def node_count(self) -> int:
-        return self.pieces * self.nodes
+    def prepare(self) -> None:
+        """Find the terms; raise ToleranceError for aberrations of too many waves."""
+        if not self._n.lens.has_quadratic_phase:
+            self.terms = self._factors[0].shape[1]
 
-    @cached_property
-    def weights(self) -> torch.Tensor:
-        """The weights of the nodes of a whole piece, in stop radii."""
-        return torch.from_numpy(gauss_legendre(self.nodes)[1] * (self.width / 2))
-
-    def places(self, piece: int) -> torch.Tensor:
-        """Return the nodes of a piece, in stop radii."""
-        nodes = gauss_legendre(self.nodes)[0]
-        return torch.from_numpy(self._low + self.width * (piece + (nodes + 1) / 2))
-
-    def sort_ends(self, end: Array) -> SortedEnds:
-        """Sort the ends of rows, in stop radii, into the pieces."""
-        place = (end - self._low) / self.width
-        piece = np.clip(place.astype(np.int64), 0, self.pieces - 1)
-        inside = np.clip(2 * (place - piece) - 1, -1, 1)
-        order = np.argsort(piece, kind="stable")
-        starts = np.searchsorted(piece[order], np.arange(self.pieces + 1))
-        return SortedEnds(self, inside, order, starts)
-
-    def partial_weights(self, inside: Array) -> torch.Tensor:
-        """Return each end's weights in its piece, (ends, nodes).
-
-        inside: the ends, from -1 to 1 over the piece.
-        """
-        values = np.empty((self.nodes + 1, inside.size))
-        values[0], values[1] = 1.0, inside
-        for k in range(1, self.nodes):
-            # Bonnet's recurrence
-            np.multiply(values[k], inside, out=values[k + 1])
-            values[k + 1] *= (2 * k + 1) / k
-            values[k + 1] -= values[k - 1]
-            values[k + 1] *= k / (k + 1)
-        degree = np.arange(1, self.nodes)[:, None]
-        integrals = np.empty((self.nodes, inside.size))
-        integrals[0] = inside + 1
-        np.subtract(values[2:], values[:-2], out=integrals[1:])
-        integrals[1:] /= 2 * degree + 1
-        return torch.from_numpy(integrals.T @ self._coefficients * (self.width / 2))
+    def along(self, axis: int, place: torch.Tensor) -> torch.Tensor:
+        """Return g for axis 0, or h for 1, with the parabola's phase, at places, (n, terms)."""
+        angle = torch.remainder(self.curvature * place**2, 2 * math.pi)
+        wave = torch.polar(torch.ones_like(angle), angle)[:, None]
+        if self._n.lens.has_quadratic_phase:
+            return wave
+        coefficients = self._factors[axis]
+        low, high = self.spans[axis]
+        t = ((2 * place - low - high) / (high - low)).clamp(-1, 1)
+        order = torch.arange(coefficients.shape[0], dtype=torch.float64)
+        polynomials = torch.cos(torch.acos(t)[:, None] * order).to(coefficients)
+        return wave * (polynomials @ coefficients)
 
     @cached_property
-    def _coefficients(self) -> Array:
-        """Legendre coefficients of the interpolating polynomial, from values at the nodes."""
-        nodes, weights = gauss_legendre(self.nodes)
-        degree = np.arange(self.nodes)[:, None] + 0.5
-        polynomials = np.polynomial.legendre.legvander(nodes, self.nodes - 1).T
-        return np.asarray(degree * weights * polynomials)
+    def _factors(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """The Chebyshev coefficients of all terms, (orders, terms), for y and x."""
+        for nodes in _NODES:
+            found = self._expansion(nodes)
+            last = nodes * 3 // 4
+            if max(float(found[last:].abs().max()), float(found[:, last:].abs().max())) <= _TAIL:
+                left, strength, right = torch.linalg.svd(found)
+                kept = int((strength > _LEAST * strength[0]).sum())
+                return left[:, :kept] * strength[:kept].to(left), right[:kept].mT
+        raise ToleranceError(
+            "the lens' aberrations turn too fast to be split between the axes of its stop"
+        )
+
+    def _expansion(self, nodes: int) -> torch.Tensor:
+        """Expand the wave, without its parabola, in Chebyshev polynomials."""
+        angle = math.pi * (torch.arange(nodes, dtype=torch.float64) + 0.5) / nodes
+        y, x = ((low + high) / 2 + (high - low) / 2 * torch.cos(angle) for low, high in self.spans)
+        phase = _remaining_phase(self._n, y[:, None], x[None, :]).expand(nodes, nodes)
+        order = torch.arange(nodes, dtype=torch.float64)
+        weight = (2 - (order == 0).to(order)) / nodes
+        there = (torch.cos(order[:, None] * angle) * weight[:, None]).to(torch.complex128)
+        return there @ torch.polar(torch.ones_like(phase), phase) @ there.mT
 
 
-@dataclass(frozen=True)
-class SortedEnds:
-    """Holds the ends of rows, sorted into the pieces of PartialIntegrals.
-
-    inside: each end's place in its piece, -1 to 1.
-    order: numbers of the ends, piece by piece.
-    starts: where each piece's ends begin in that order.
-    """
-
-    integrals: PartialIntegrals
-    inside: Array
-    order: NDArray[np.int64]
-    starts: NDArray[np.int64]
-
-    def in_piece(self, piece: int, most: int) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        """Yield the ends in a piece, `most` at a time, and each one's weights, (ends, nodes)."""
-        for start in range(self.starts[piece], self.starts[piece + 1], most):
-            ends = self.order[start : min(start + most, self.starts[piece + 1])]
-            yield torch.from_numpy(ends), self.integrals.partial_weights(self.inside[ends])
+def _remaining_phase(n: PSFRequest, y: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+    """Return the phase of the lens beside its parabola, in radians; y, x in stop radii."""
+    lens, distance = n.lens, n.object_to_lens_distance
+    path = torch.zeros((), dtype=torch.float64)
+    if lens.kind != "thin":
+        r2 = (y**2 + x**2) * n.radius**2
+        path = defocus_path(lens, distance, r2) - vergence_error(lens, distance) / 2 * r2
+    for order, cycles, strength in lens.aberrations:
+        path = path + strength * zernike(order, cycles, y, x)
+    return 2 * math.pi / n.wavelength * path

@@ -22,44 +22,30 @@ from optics.psf.phase_factor import phase_factor
 from optics.psf.request import PSFRequest
 from optics.validation import records_gradient
 
-
-class PixelIntegralTransform(PlaneTransform):
-    """Base class of Fourier integrals over the area of panel pixels, with the lens' wave in them.
-
-    The field that is given is the pattern alone, constant in each pixel.
-
-    rounding_growth: factor by which rounding errors exceed those of a plain sum.
-    """
-
-    rounding_growth: float = 1.0
-
-    @abstractmethod
-    def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        """Return how much of a pattern's light a sample gets on average, float64.
-
-        It is the mean over the panel's pixels along an axis, (samples,), of the squared modulus of
-        a pixel's integral.
-        """
-
-
 Array = NDArray[np.float64]
 
-_BLOCK_POINTS = 1 << 18
-"""Points of the wave that are computed at a time."""
+_BLOCK_POINTS = 1 << 18  # points of the wave that are computed at a time
 
 
 @dataclass(frozen=True)
 class WaveTerm:
     """Holds one term of the wave in panel pixels: P_k(y) P_l(x) times a factor per pixel.
 
-    degrees: (k, l).
+    envelopes: of the term's field on the samples, along y and x (see `pixel_envelopes`).
     column: the factor, complex, (rows, columns), or (rows, 1) if `row` holds the rest.
     row: (columns,), by which `column` is multiplied, or None.
     """
 
-    degrees: tuple[int, int]
+    envelopes: tuple[torch.Tensor, torch.Tensor]
     column: torch.Tensor
     row: torch.Tensor | None = None
+
+    def under_envelope(
+        self, field: torch.Tensor, rows: slice | torch.Tensor = slice(None)
+    ) -> torch.Tensor:
+        """Multiply the term's field on some rows of the samples by its envelope."""
+        y, x = (one.to(field) for one in self.envelopes)
+        return field * y[rows, None] * x
 
     def times(self, field: torch.Tensor) -> torch.Tensor:
         """Multiply a field on the panel by the term, (..., rows, columns)."""
@@ -74,9 +60,8 @@ class WaveTerm:
         step = max(1, _BLOCK_POINTS // (4 * field.shape[1]))
         for start in range(0, field.shape[0], step):
             part = slice(start, start + step)
-            torch.mul(
-                field[part], column[part] if column.shape[0] > 1 else column, out=product[part]
-            )
+            factor = column[part] if column.shape[0] > 1 else column
+            torch.mul(field[part], factor, out=product[part])
             product[part] *= row
         return product
 
@@ -90,10 +75,7 @@ class WaveTerm:
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Divides the active square of every panel pixel into equal squares.
-
-    divisions: squares along a side of a pixel; 1 for the pixels themselves.
-    """
+    """Divides the active square of every panel pixel into `divisions`² equal squares."""
 
     panel: Panel
     divisions: int = 1
@@ -128,10 +110,9 @@ class PixelWaveExpansion:
         wave(p + side t / 2) = sum over (k, l) of b_kl(p) P_k(t_y) P_l(t_x),   -1 <= t <= 1.
 
     The Fourier integral over the pixels then is a sum of transforms of b_kl times the pattern, each
-    under an envelope of its own (`pixel_envelope`). If the phase changes by s radians across a
+    under an envelope of its own (`pixel_envelopes`). If the phase changes by s radians across a
     pixel, terms of degree n = k + l are of the size of (s / 2)^n / n!, so that few terms suffice
-    for any window. The wave of a thin lens without aberrations is a product of a function of y and
-    one of x, and so are its terms.
+    for any window. If the wave is a product of a function of y and one of x, so are its terms.
     """
 
     def __init__(
@@ -142,37 +123,38 @@ class PixelWaveExpansion:
         self.separable = request.lens.has_quadratic_phase and request.sphere is None
 
     def terms(self, node_count: int) -> tuple[list[WaveTerm], list[WaveTerm]]:
-        """Return the terms below the number of degrees, and those of that degree.
-
-        The latter are the first that are left out.
-
-        node_count: Gauss-Legendre nodes along a side of a pixel; 1 stands for the wave at the
-        pixels' centres and its slopes there.
-        """
-        kept = [(n - k, k) for n in range(self._degrees) for k in range(n + 1)]
-        omitted = [(self._degrees - k, k) for k in range(self._degrees + 1)]
+        """Return the terms below the number of degrees, and the first that are left out."""
+        degrees, count = self._degrees, self._degrees * (self._degrees + 1) // 2
+        pairs = [(n - k, k) for n in range(degrees + 1) for k in range(n + 1)]
+        factors: list[tuple[torch.Tensor, torch.Tensor | None]]
         if self.separable:
-            axes = [self.axis_coefficients(axis) for axis in (0, 1)]
-            made = [
-                WaveTerm(pair, axes[0][pair[0]][:, None], axes[1][pair[1]])
-                for pair in [*kept, *omitted]
-            ]
+            down, along = self.axis_coefficients(0), self.axis_coefficients(1)
+            factors = [(down[k][:, None], along[m]) for k, m in pairs]
         elif node_count == 1:
-            made = self._terms_from_slopes()
+            factors = [(factor, None) for factor in self._factors_from_slopes()]
         else:
-            made = self._terms_from_nodes([*kept, *omitted], node_count)
-        return made[: len(kept)], made[len(kept) :]
+            found = self._factors_from_nodes(node_count)
+            factors = [(found[pair], None) for pair in pairs]
+        y, x = self.envelopes(0), self.envelopes(1)
+        made = [
+            WaveTerm((y[k], x[m]), *factor) for (k, m), factor in zip(pairs, factors, strict=True)
+        ]
+        return made[:count], made[count:]
+
+    def envelopes(self, axis: int) -> torch.Tensor:
+        """Return the envelopes of all degrees along an axis of the samples."""
+        q = self._request
+        places = q.samples.coordinates(axis)
+        return pixel_envelopes(places, self._degrees, self._grid.side, q.scale)
 
     def axis_coefficients(self, axis: int) -> list[torch.Tensor]:
-        """Return b_k along one axis, for a wave that is a product over both axes.
-
-        The list is over k up to the number of degrees, each (pixels,).
-        """
-        q = self._request
-        nodes, weights = gauss_legendre(full_precision_nodes(self._half_turn(axis), self._degrees))
-        place = self._grid.points.coordinates(axis)[:, None] + torch.from_numpy(
-            nodes * self._grid.side / 2
-        )
+        """Return b_k, each (pixels,), along one axis of a wave that is a product over both."""
+        q, n, half = self._request, self._request.numeric, self._grid.side / 2
+        line = self._grid.points.coordinates(axis)
+        curvature = abs(defocus_curvature(n.lens, n.distance, n.wavelength))
+        half_turn = curvature * (2 * float(line.abs().max()) * half + half**2)
+        nodes, weights = gauss_legendre(full_precision_nodes(half_turn, self._degrees))
+        place = line[:, None] + torch.from_numpy(nodes * half)
         zero = torch.zeros((), dtype=torch.float64)
         y, x = (place, zero) if axis == 0 else (zero, place)
         phase = pupil_phase(q.lens, q.distance, q.wavelength, y / q.radius, x / q.radius)
@@ -180,51 +162,31 @@ class PixelWaveExpansion:
         legendre = _scaled_legendre(nodes, weights, self._degrees)
         return list((wave @ legendre.to(wave).mT).to(self._dtype).mT)
 
-    def _half_turn(self, axis: int) -> float:
-        """Return half of the largest change of the quadratic phase in a square, radians."""
-        n, half = self._request.numeric, self._grid.side / 2
-        farthest = float(self._grid.points.coordinates(axis).abs().max())
-        curvature: float = abs(defocus_curvature(n.lens, n.distance, n.wavelength))
-        return curvature * (2 * farthest * half + half**2)
-
-    def _terms_from_slopes(self) -> list[WaveTerm]:
-        """Return the wave at the pixels' centres, and its terms of first degree there."""
-        y, x = self._grid.points.mesh()
-        wave, phase = self._wave(y, x)
+    def _factors_from_slopes(self) -> list[torch.Tensor]:
+        """Return the wave at the pixels' centres, and what its slopes there add along y and x."""
+        wave, phase = self._wave(*self._grid.points.mesh())
         half = self._grid.side / (2 * self._grid.panel.pitch)
-        made = [WaveTerm((0, 0), wave)]
-        for axis, degrees in ((0, (1, 0)), (1, (0, 1))):
+        factors = [wave]
+        for axis in (0, 1):
             slope = torch.gradient(phase, dim=axis)[0] if phase.shape[axis] > 1 else 0 * phase
-            made.append(WaveTerm(degrees, (1j * half * slope).to(self._dtype) * wave))
-        return made
+            factors.append((1j * half * slope).to(self._dtype) * wave)
+        return factors
 
-    def _terms_from_nodes(self, degrees: list[tuple[int, int]], node_count: int) -> list[WaveTerm]:
-        """Return the terms from nodes inside the pixels, for any wave."""
+    def _factors_from_nodes(self, node_count: int) -> torch.Tensor:
+        """Return b_kl from nodes inside the pixels, for any wave."""
         nodes, weights = gauss_legendre(max(node_count, self._degrees + 1))
         legendre = _scaled_legendre(nodes, weights, self._degrees).to(self._dtype)
         inside = torch.tensor(nodes * self._grid.side / 2)
-        y, x = self._grid.points.mesh()
-        # Blocks of rows fit in the cache.
-        rows = max(1, _BLOCK_POINTS // (x.numel() * inside.numel() ** 2))
-        blocks = [
-            self._block_coefficients(part, x, inside, legendre) for part in torch.split(y, rows)
-        ]
-        found = torch.cat(blocks, dim=2)
-        return [WaveTerm(pair, found[pair]) for pair in degrees]
-
-    def _block_coefficients(
-        self, y: torch.Tensor, x: torch.Tensor, inside: torch.Tensor, legendre: torch.Tensor
-    ) -> torch.Tensor:
-        """Return b_kl for some rows of pixels, (degrees + 1, degrees + 1, rows, columns).
-
-        y, x: the pixels' centres, a column and a row.
-        inside: nodes relative to a centre, metres.
-        legendre: what _scaled_legendre() returns.
-        """
         count = inside.numel()
-        wave, _ = self._wave((y + inside).reshape(-1, 1), (x.mT + inside).reshape(1, -1))
-        split = wave.reshape(y.numel(), count, x.numel(), count)
-        return torch.einsum("ki,lj,yixj->klyx", legendre, legendre, split)
+        whole_y, x = self._grid.points.mesh()
+        # Blocks of rows fit in the cache.
+        rows = max(1, _BLOCK_POINTS // (x.numel() * count**2))
+        blocks = []
+        for y in torch.split(whole_y, rows):
+            wave, _ = self._wave((y + inside).reshape(-1, 1), (x.mT + inside).reshape(1, -1))
+            split = wave.reshape(y.numel(), count, x.numel(), count)
+            blocks.append(torch.einsum("ki,lj,yixj->klyx", legendre, legendre, split))
+        return torch.cat(blocks, dim=2)
 
     def _wave(self, y: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the complex wave at panel positions (y, x) in metres, and its phase."""
@@ -246,8 +208,6 @@ def pixel_envelopes(places: torch.Tensor, degrees: int, side: float, scale: Scal
     places), complex128.
 
     places: u, positions on the sensor along one axis, metres.
-    degrees: the largest k.
-    side: of a panel pixel, metres.
     scale: wavelength times distance, m².
     """
     turn = math.pi * places * side / scale
@@ -259,38 +219,30 @@ def pixel_envelopes(places: torch.Tensor, degrees: int, side: float, scale: Scal
 
 
 def largest_coefficient(half_turn: float, degree: int) -> float:
-    """Bound |b_k| for a wave whose phase is linear in a panel pixel.
+    """Bound |b_k| = (2k + 1) |j_k| by min(2k + 1, half_turn^k / (2k - 1)!!).
 
-    half_turn: half of the phase's change across the pixel, radians; it gives (2k + 1) |j_k|, which
-    is at most min(2k + 1, half_turn^k / (2k - 1)!!).
+    half_turn: half of the change across the pixel of a phase that is linear there, radians.
     """
     factorial = math.prod(range(1, 2 * degree, 2))
     return min(2.0 * degree + 1, half_turn**degree / factorial)
 
 
-class EnvelopeShares:
-    """Tells how much terms of the wave may matter in the window, by their degrees.
+def envelope_shares(
+    samples: Plane, degrees: int, side: float, scale: float
+) -> tuple[list[float], list[float]]:
+    """Tell how much terms of the wave may matter in the window, by their degrees along y and x.
 
-    samples: of the window.
-    degrees: the largest degree.
-    side, scale: as for pixel_envelopes().
+    The product of entry k for y and entry l for x is the L2 norm of |J_0 J_k| times |J_0 J_l| over
+    the samples, over that of J_0² J_0², with the envelopes J of `pixel_envelopes`. It is the ratio
+    of a term's part in the intensity to the intensity, if light is spread as the envelope J_0² is.
     """
-
-    def __init__(self, samples: Plane, degrees: int, side: float, scale: float) -> None:
-        self.degrees, self._ratios = degrees, []
-        for axis in (0, 1):
-            power = pixel_envelopes(samples.coordinates(axis), degrees, side, scale).abs() ** 2
-            size = (power[0] ** 2).sum()
-            ratio = torch.where(size > 0, (power[0] * power).sum(1) / size, math.inf)
-            self._ratios.append(ratio.sqrt().tolist())
-
-    def share(self, degrees: tuple[int, int]) -> float:
-        """Return the L2 norm of |J_0 J_k| times |J_0 J_l| over the samples, over that of J_0² J_0².
-
-        J_k is the envelope of degree k along y and J_l that along x. It is the ratio of a term's
-        part in the intensity to the intensity, if light is spread as the envelope J_0² is.
-        """
-        return self._ratios[0][degrees[0]] * self._ratios[1][degrees[1]]
+    ratios = []
+    for axis in (0, 1):
+        power = pixel_envelopes(samples.coordinates(axis), degrees, side, scale).abs() ** 2
+        size = (power[0] ** 2).sum()
+        ratio = torch.where(size > 0, (power[0] * power).sum(1) / size, math.inf)
+        ratios.append(ratio.sqrt().tolist())
+    return ratios[0], ratios[1]
 
 
 def full_precision_nodes(half_turn: float, degree: int = 0) -> int:
@@ -303,10 +255,7 @@ def full_precision_nodes(half_turn: float, degree: int = 0) -> int:
 
 
 def _scaled_legendre(nodes: Array, weights: Array, degrees: int) -> torch.Tensor:
-    """Return the rule for the coefficients b_k of a wave in a pixel, (degrees + 1, nodes).
-
-    Row k holds (2 k + 1) / 2 times the Gauss-Legendre weights times P_k at the nodes.
-    """
+    """Return the rule for the coefficients b_k of a wave in a pixel, (degrees + 1, nodes)."""
     factor = (2 * np.arange(degrees + 1) + 1) / 2
     return torch.tensor(factor[:, None] * weights * _legendre_polynomials(nodes, degrees))
 
@@ -316,13 +265,26 @@ def _legendre_polynomials(t: Array, degrees: int) -> Array:
     return np.asarray(np.polynomial.legendre.legvander(t, degrees).T, dtype=np.float64)
 
 
+class PixelIntegralTransform(PlaneTransform):
+    """Base class of Fourier integrals over the area of panel pixels, with the lens' wave in them.
+
+    The field that is given is the pattern alone, constant in each pixel.
+
+    rounding_growth: factor by which rounding errors exceed those of a plain sum.
+    """
+
+    rounding_growth: float = 1.0
+
+    @abstractmethod
+    def mean_squared_kernel(self, axis: int) -> torch.Tensor:
+        """Return the mean square over the pixels of what a sample gets of each, float64."""
+
+
 class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
     """Computes the Fourier integral over square panel pixels under a quadratic phase.
 
-    For pixels of constant phase, the integral is the sum over their centres times one envelope.
     Defocus bends the wave differently inside each pixel. The curvature is the same along both axes
-    and the pixel is a square, so the integral still factors into rows and columns. Each factor is a
-    matrix:
+    and the pixel is a square, so the integral still factors into rows and columns, each a matrix:
 
         K(u, x) = mean over |d| < side / 2 of exp(i curvature (x + d)² - 2 pi i u (x + d) / scale)
 
@@ -339,10 +301,7 @@ class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
         self._curvature, self._side = curvature, side
 
     def node_count(self, axis: int) -> int:
-        """Return the number of quadrature nodes that a pixel takes.
-
-        It suffices for the pixel and the sample with the largest change of phase.
-        """
+        """Return the quadrature nodes for the pixel and sample with the largest phase change."""
         x, u = (p.coordinates(axis).abs().max() for p in (self.geometry.pupil, self.geometry.image))
         half = self._side / 2
         bend = abs(self._curvature) * (2 * float(x) * half + half**2)
@@ -362,10 +321,6 @@ class CurvedPixelTransform(MatrixTransform, PixelIntegralTransform):
         return (centres * (tilted @ bent.mT)).to(self.dtype)
 
     def mean_squared_kernel(self, axis: int) -> torch.Tensor:
-        """Return the mean of |K|² over panel pixels along an axis, float64, by sample.
-
-        It is how much of a pattern's light a sample gets on average.
-        """
         kernel = self._kernels(torch.device("cpu"))[axis].to(torch.complex128)
         return (kernel.real**2 + kernel.imag**2).mean(1)
 

@@ -24,17 +24,14 @@ class SeparableEngine(PSFEngine):
     """Computes a separable pattern's light as a product of two one-dimensional integrals.
 
     The panel must be open and the lens' wave quadratic. Each axis takes one product of a matrix and
-    a vector, in double precision.
-
-    A pattern is given as the phases of all rows, then of all columns, (..., rows + columns),
-    radians.
+    a vector, in double precision. A pattern is given as the phases of all rows, then of all
+    columns, (..., rows + columns), radians.
     """
 
     name = "one-dimensional transforms"
 
     def __init__(self, request: PSFRequest, camera: Camera) -> None:
-        self._request, self._panel = request, camera.panel
-        n = request.numeric
+        self._request, self._panel, n = request, camera.panel, request.numeric
         self._set_precision(double=True)
         geometry = FourierGeometry(camera.panel.plane, n.samples, n.scale)
         curvature = defocus_curvature(n.lens, n.distance, n.wavelength)
@@ -44,18 +41,13 @@ class SeparableEngine(PSFEngine):
         self.error = ErrorEstimate(0.0, "exact to rounding")
         rows, columns = camera.panel.shape
         self.sampling = f"{rows} rows and {columns} columns of the panel"
+        self._product_count = rows * n.samples.shape[0] + columns * n.samples.shape[1]
 
     @cached_property
     def _kernels(self) -> tuple[torch.Tensor, torch.Tensor]:
         """The matrices (samples, pixels) along y and x."""
-        eye = [torch.eye(n, dtype=torch.complex128) for n in self._panel.shape]
-        return self._transform.forward_axis(eye[0], 0), self._transform.forward_axis(eye[1], 1).mT
-
-    @property
-    def _product_count(self) -> int:
-        """The multiplications of numbers for one pattern."""
-        pairs = zip(self._panel.shape, self._request.samples.shape, strict=True)
-        return sum(n * m for n, m in pairs)
+        y, x = (torch.eye(count, dtype=torch.complex128) for count in self._panel.shape)
+        return self._transform.forward_axis(y, 0), self._transform.forward_axis(x, 1).mT
 
     @property
     def bytes(self) -> int:
@@ -73,13 +65,10 @@ class SeparableEngine(PSFEngine):
         return plane.coordinates(0), plane.coordinates(1)
 
     def intensity(self, phase: torch.Tensor | None, amplitude: torch.Tensor | None) -> torch.Tensor:
-        """Compute the light of a separable pattern on the samples.
-
-        Raises ValueError if there is an amplitude, which isn't separable.
-        """
+        """Compute the light of a separable pattern on the samples; ValueError for an amplitude."""
         if amplitude is not None:
             raise ValueError("amplitude is given; a separable pattern has a phase only")
-        shape = self._panel.shape
+        n, panel, shape = self._request.numeric, self._panel, self._panel.shape
         if phase is None:
             phase = torch.zeros(sum(shape), dtype=torch.float64)
         require_sample_shape("phase", phase, (sum(shape),))
@@ -88,14 +77,12 @@ class SeparableEngine(PSFEngine):
             part @ kernel.mT.to(part.device)
             for part, kernel in zip(parts, self._kernels, strict=True)
         )
-        n, panel = self._request.numeric, self._panel
         area = n.samples.pitch[0] * n.samples.pitch[1]
         # As for PanelEngine: the area of a pixel squared, over the light of all pixels.
         scale = area * panel.active_side**2 / (n.scale**2 * shape[0] * shape[1])
         down, along = (one.real**2 + one.imag**2 for one in (y, x))
         light = scale * down[..., :, None] * along[..., None, :]
-        single = n.tol >= 2 * FLOAT32_ARITHMETIC
-        return light.to(torch.float32) if single else light
+        return light.to(torch.float32) if n.tol >= 2 * FLOAT32_ARITHMETIC else light
 
 
 SYMMETRIES = ("none", "quarter", "separable")
@@ -111,8 +98,7 @@ def symmetric_shape(symmetry: str, shape: tuple[int, int]) -> tuple[int, ...]:
         One of SYMMETRIES. "none": every pixel is given. "quarter": the pattern is mirrored in the
         middle of the panel's pixels, along both axes; given is its quarter right of and below it,
         with the middle row and column where their number is odd. "separable": the phase is the sum
-        of one that depends on y and one on x; given are the phases of all rows, then of all
-        columns.
+        of one that depends on y and one on x; given are those of all rows, then of all columns.
     shape : tuple of int
         Rows and columns of the panel.
 
@@ -192,8 +178,7 @@ def symmetric_engine(
     if camera.separation:
         if symmetry == "separable":
             return None
-        collapsed = chain_engines(request, camera, "collapsed", mirrored=True)
-        return collapsed["collapsed"]
+        return chain_engines(request, camera, "collapsed", mirrored=True)["collapsed"]
     if float(pupil_amplitude(camera).min()) < 1:
         return None
     if symmetry == "separable":

@@ -11,9 +11,9 @@ import pytest
 from optics.accuracy import Budget, ToleranceError
 from optics.camera import Camera, Lens, Panel
 from optics.plane import Plane
-from optics.psf.axes import BandTaper
 from optics.psf.edge_scatter import StopEdgeScatter
 from optics.psf.lens_grid import (
+    BandTaper,
     LensGridSearch,
     _cumulative_light_outwards,
     _cutoff_for_lost_light,

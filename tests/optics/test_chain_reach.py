@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,7 +50,7 @@ def test_far_fields_are_the_exact_ones(side):
 def whole(monkeypatch) -> PSFOperator:
     """A PSF of all light."""
     with monkeypatch.context() as patch:
-        patch.setattr(direct, "_SETTINGS", replace(direct._SETTINGS, worthwhile_searches=math.inf))
+        patch.setattr(direct, "_WORTHWHILE_SEARCHES", math.inf)
         return operator(1e-9)
 
 
