@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from optics.validation import as_number
+from simulator.effects.result_cache import cached_across_patterns, cached_per_situation
 from simulator.formation.nodes import field_nodes, interpolation_weights
 from simulator.situation import Situation
 
@@ -59,25 +60,19 @@ def displacement(s: Situation) -> float:
     return slope / as_number(s.camera.lens.image_numerical_aperture)
 
 
+@cached_across_patterns
 def interpolation_error(s: Situation, count: int) -> float:
     """Bound ‖Δh‖₁ of PSFs that are interpolated between `count` places along each axis.
 
     It is found in the middles between the outermost places, where polynomials err most.
     """
-    known = s.picture_probe.results
-    by = s.camera.lens.field_aberrations
-    causes = ("interpolated waves", by, count, s.camera, s.mount, s.band)
-    if causes not in known:
-        known[causes] = _interpolation_error(s, count)
-    found: float = known[causes]
-    return found
-
-
-def _interpolation_error(s: Situation, count: int) -> float:
     half = _corner(s)
     nodes = [field_nodes(count, one) for one in half]
     places = [(y, x) for y in nodes[0] for x in nodes[1]]
-    between = [_outer_middles(one) for one in nodes]
+    between = [
+        [(a + b) / 2 for a, b in pairwise(list(one)[-3:])] if len(one) > 1 else [one[0]]
+        for one in nodes
+    ]
     tried = [(y, x) for y in between[0] for x in between[1]]
     waves = np.exp(1j * _phases(s, places + tried)) * np.sqrt(_weights(s))
     gram = waves @ waves.conj().T
@@ -102,26 +97,16 @@ def _trace_norm(gram: NDArray[np.complex128], shares: NDArray[np.float64]) -> fl
     return float(np.abs(np.linalg.eigvalsh(root.conj().T @ (shares[:, None] * root))).sum())
 
 
-def _outer_middles(nodes: Sequence[float]) -> list[float]:
-    if len(nodes) == 1:
-        return [nodes[0]]
-    ends = list(nodes)[-3:]
-    return [(a + b) / 2 for a, b in pairwise(ends)]
-
-
+@cached_per_situation
 def _least_coherence(s: Situation) -> float:
     """Return the least overlap of the axis' wave with those of the frame's corners and sides."""
     if s.camera.lens.field_aberrations is None:
         return 1.0
-    known, causes = s.cache.results, ("field coherence",)
-    if causes not in known:
-        y, x = _corner(s)
-        ends = ((y, x), (y, -x), (y, 0.0), (0.0, x))
-        places = [(share * v, share * u) for v, u in ends for share in _HEIGHTS]
-        turned = np.exp(1j * _phases(s, places)) @ _weights(s)
-        known[causes] = min(float(np.abs(turned).min()), 1.0)
-    found: float = known[causes]
-    return found
+    y, x = _corner(s)
+    ends = ((y, x), (y, -x), (y, 0.0), (0.0, x))
+    places = [(share * v, share * u) for v, u in ends for share in _HEIGHTS]
+    turned = np.exp(1j * _phases(s, places)) @ _weights(s)
+    return min(float(np.abs(turned).min()), 1.0)
 
 
 def _corner(s: Situation) -> Place:

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.colour_changes import Which, mean_change_bound
-from simulator.effects.electron_bounds import (
-    light_norm_bound,
-    max_light_seconds,
-    relative_light_change,
-    sensor_error_bound,
-)
-from simulator.effects.likely_errors import LightEffect
-from simulator.effects.pupil_rim import rim_displacement
+from optics.validation import as_number
+from simulator.effects.electron_bounds import light_norm_bound, max_light_seconds
+from simulator.effects.light_effects import LightChange
 from simulator.effects.result_cache import cached_across_exposures
+from simulator.effects.spectra import Which, mean_change_bound
 from simulator.focus import focus_range
-from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
@@ -38,26 +33,36 @@ def far_field_change(s: Situation, number: int, k: Array, apart: float) -> Array
     return _MARGIN * apart**2 * s.pattern_probe.focus_change(number, k, _SPREAD * apart)
 
 
-class FocusShift(OnOffEffect, LightEffect):
+def rim_displacement(s: Situation, shift: float) -> float:
+    """Bound how far a shift of focus moves light from the pupil's rim on the sensor, metres.
+
+    Light crosses the lens no farther from the axis than the stop's edge, or than light from the
+    panel's corners does.
+    shift: metres by which images lie behind the sensor.
+    """
+    lens, panel = s.camera.lens, s.camera.panel
+    half = math.hypot(*(n * panel.pitch / 2 for n in panel.shape)) + math.hypot(*s.mount.shift)
+    if s.camera.separation:
+        half = math.inf
+    radius = min(as_number(lens.stop_diameter) / 2, half)
+    z = as_number(lens.image_distance)
+    return radius * abs(shift) / (z + shift)
+
+
+class FocusShift(LightChange):
     """A shift by which light is focused beside the sensor."""
+
+    typical_share = 0.5
+    how = f"audited ×{_MARGIN:g}: phases over the pupil, and transfer functions out of focus"
 
     @abstractmethod
     def change_rate(self, s: Situation) -> float:
         """Bound the change of the light, L2 norm in electrons per second."""
 
-    def estimated_error_if_omitted(self, s: Situation) -> float:
-        return 0.5 * relative_light_change(s, self._change(s))
-
-    def error_bound_if_omitted(self, s: Situation) -> Bound:
-        how = f"audited ×{_MARGIN:g}: phases over the pupil, and transfer functions out of focus"
-        return sensor_error_bound(s, self._change(s), how)
-
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        rows, columns = s.camera.panel.shape
-        return 60.0 * rows * columns if levels[self.name] else 0.0
+        return 60.0 * math.prod(s.camera.panel.shape) if levels[self.name] else 0.0
 
-    def _change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that the shift moves."""
+    def change(self, s: Situation) -> float:
         return min(self.change_rate(s) * max_light_seconds(s), 2 * light_norm_bound(s))
 
 
@@ -68,8 +73,8 @@ class FocusDrift(FocusShift):
     physics = "lens and mount expand as they warm up, and carry the image away from the sensor"
     source = "Newton's law of cooling; defocus as for depth layers, Hopkins 1955"
 
-    def is_present(self, s: Situation) -> bool:
-        return bool(s.focus_drift) and not s.picture_probe.is_dark
+    def is_caused(self, s: Situation) -> bool:
+        return bool(s.focus_drift)
 
     def explain(self, s: Situation) -> str:
         blur = 2 * rim_displacement(s, s.focus_drift) / s.camera.sensor.pitch
@@ -79,35 +84,32 @@ class FocusDrift(FocusShift):
         )
 
     def change_rate(self, s: Situation) -> float:
-        what = f"{self.name} {s.focus_drift}"
-        return cached_across_exposures(s, what, lambda: _change_rate(s))
+        return _drift_change_rate(s, s.focus_drift)
 
 
-def _change_rate(s: Situation) -> float:
-    """Bound the change of the light by the drift, L2 norm in electrons per second.
+@cached_across_exposures
+def _drift_change_rate(s: Situation, drift: float) -> float:
+    """Bound the change of the light by a drift in metres, L2 norm in electrons per second.
 
     The drift turns phases of two points of the pupil by 2π k ρ at most, where ρ is how far it moves
     light from the rim. Where colour doesn't shift the focus, too, transfer functions change as the
     far field tells it, at the ends of the band by as much more as the wavelength is less (audited).
     """
-    moved, probe = rim_displacement(s, s.focus_drift), s.pattern_probe
+    moved, probe = rim_displacement(s, drift), s.pattern_probe
     low, high = s.band.support
     apart = max(s.wavelength / low, high / s.wavelength)
     # Light that leaks has wavelengths that aren't probed.
-    known = not (s.camera.lens.axial_colour or s.band.leak) and s.focus_drift in probe.foci
+    known = not (s.camera.lens.axial_colour or s.band.leak) and drift in probe.foci
 
     def gain(k: Array) -> Array:
         found = np.minimum(2 * np.pi * k * moved, 2.0)
         if known:
-            number = probe.foci.index(s.focus_drift)
+            number = probe.foci.index(drift)
             change = far_field_change(s, number, k.ravel(), apart).reshape(k.shape)
             found = np.minimum(found, change)
         return np.asarray(found)
 
     return s.picture_probe.change_bound([gain] * len(s.picture_probe.distances))
-
-
-_BOTH: tuple[Which, Which] = ("band", "leak")
 
 
 class AxialColour(FocusShift):
@@ -117,8 +119,8 @@ class AxialColour(FocusShift):
     physics = "the lens' glass focuses each wavelength at another distance"
     source = "Kingslake, Lens Design Fundamentals, chapter 4"
 
-    def is_present(self, s: Situation) -> bool:
-        return bool(s.camera.lens.axial_colour) and not s.picture_probe.is_dark
+    def is_caused(self, s: Situation) -> bool:
+        return bool(s.camera.lens.axial_colour)
 
     def explain(self, s: Situation) -> str:
         lens, pitch = s.camera.lens, s.camera.sensor.pitch
@@ -129,10 +131,11 @@ class AxialColour(FocusShift):
         )
 
     def change_rate(self, s: Situation) -> float:
-        return cached_across_exposures(s, self.name, lambda: _axial_colour_change_rate(s))
+        return _colour_change_rate(s)
 
 
-def _axial_colour_change_rate(s: Situation) -> float:
+@cached_across_exposures
+def _colour_change_rate(s: Situation) -> float:
     """Bound the change of the light by axial colour, L2 norm in electrons per second.
 
     The transfer function is a sum over pairs of points of the pupil, whose phases a shift of focus
@@ -140,28 +143,25 @@ def _axial_colour_change_rate(s: Situation) -> float:
     changes no more than in a focus beyond, as the far field tells it (audited).
     """
 
-    probe = s.picture_probe
-
     def gain(k: Array) -> Array:
         flat = k.ravel()
-        probed = {which: _changes_beyond(s, flat, which) for which in _BOTH}
+        probed: dict[Which, list[tuple[float, Array]]] = {
+            "band": _changes_beyond(s, flat, "band"),
+            "leak": _changes_beyond(s, flat, "leak"),
+        }
 
         def at(wavelength: float, which: Which) -> Array:
-            return _turned(s, flat, s.camera.lens.focus_shift(wavelength), probed[which])
+            shift = s.camera.lens.focus_shift(wavelength)
+            found = np.minimum(2 * np.pi * rim_displacement(s, shift) * flat, 2.0)
+            for focus, change in probed[which]:
+                if shift * focus > 0 and abs(shift) <= abs(focus) * (1 + 1e-9):
+                    found = np.minimum(found, change)
+            return np.asarray(found)
 
         found = mean_change_bound(s, flat.shape, at)
         return np.asarray(np.minimum(found, 2.0).reshape(k.shape))
 
-    return probe.change_bound([gain] * len(probe.distances))
-
-
-def _turned(s: Situation, k: Array, shift: float, probed: list[tuple[float, Array]]) -> Array:
-    """Bound the change of a transfer function by a shift of focus in metres, (frequencies,)."""
-    found = np.minimum(2 * np.pi * rim_displacement(s, shift) * k, 2.0)
-    for focus, change in probed:
-        if shift * focus > 0 and abs(shift) <= abs(focus) * (1 + 1e-9):
-            found = np.minimum(found, change)
-    return found
+    return s.picture_probe.change_bound([gain] * len(s.picture_probe.distances))
 
 
 def _changes_beyond(s: Situation, k: Array, which: Which) -> list[tuple[float, Array]]:

@@ -9,51 +9,38 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.colour_changes import Which, mean_change_bound
 from simulator.effects.electron_bounds import (
     area_change,
     finest_octave_norm,
     light_norm_bound,
     max_light_seconds,
     off_plane_star_electrons,
-    relative_light_change,
-    sensor_error_bound,
 )
-from simulator.effects.likely_errors import LightEffect
+from simulator.effects.light_effects import LightChange
 from simulator.effects.psf_bounds import mtf_bound
 from simulator.effects.rendering_work import (
-    FILTER_BANDWIDTH,
     LATERAL_COLOUR,
-    LEVELS,
-    OUT_OF_BAND_LEAK,
     channel_count_at,
     picture_samples_at,
+    wavelength_count_at,
 )
+from simulator.effects.spectra import Which, mean_change_bound
 from simulator.formation.distorting import DISTORTION_OPERATIONS, distorted_frame, lateral_scales
 from simulator.formation.windows import transform_operations
-from simulator.planning import Bound, OnOffEffect
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
 
-class MovedLight(OnOffEffect, LightEffect):
+class MovedLight(LightChange):
     """A displacement of the image, by which the picture is looked up elsewhere."""
 
-    @abstractmethod
-    def change(self, s: Situation) -> float:
-        """Bound the L2 norm of the electrons that move; see moved_light_bound()."""
+    typical_share = 0.3
+    how = "proved: the gradient of coarse detail along the way, and all fine detail; area"
 
     @abstractmethod
     def lookups(self, levels: Mapping[str, int]) -> int:
         """Return how often a plan with these levels looks up the picture of each channel."""
-
-    def estimated_error_if_omitted(self, s: Situation) -> float:
-        return 0.3 * relative_light_change(s, self.change(s))
-
-    def error_bound_if_omitted(self, s: Situation) -> Bound:
-        how = "proved: the gradient of coarse detail along the way, and all fine detail; area"
-        return sensor_error_bound(s, self.change(s), how)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         lookups = self.lookups(levels) if levels[self.name] else 0
@@ -97,8 +84,8 @@ class Distortion(MovedLight):
     physics = "the lens' magnification changes with the image height: straight lines bend"
     source = "Brown 1971, Close-range camera calibration"
 
-    def is_present(self, s: Situation) -> bool:
-        return any(s.camera.lens.distortion) and not s.picture_probe.is_dark
+    def is_caused(self, s: Situation) -> bool:
+        return any(s.camera.lens.distortion)
 
     def lookups(self, levels: Mapping[str, int]) -> int:
         # What scales each wavelength distorts it as well.
@@ -114,9 +101,7 @@ class Distortion(MovedLight):
     def change(self, s: Situation) -> float:
         frame = distorted_frame(s.camera)
         gain = max(frame.largest, 1 / frame.least)
-        return moved_light_bound(
-            s, lambda rate, most: np.minimum(rate * frame.reach, most), gain - 1
-        )
+        return moved_light_bound(s, lambda k, most: np.minimum(k * frame.reach, most), gain - 1)
 
 
 class LateralColour(MovedLight):
@@ -125,12 +110,11 @@ class LateralColour(MovedLight):
     physics = "the lens' glass images each wavelength at another scale: edges get coloured fringes"
     source = "Kingslake, Lens Design Fundamentals, chapter 11"
 
-    def is_present(self, s: Situation) -> bool:
-        return bool(s.camera.lens.lateral_colour) and not s.picture_probe.is_dark
+    def is_caused(self, s: Situation) -> bool:
+        return bool(s.camera.lens.lateral_colour)
 
     def lookups(self, levels: Mapping[str, int]) -> int:
-        of_band = LEVELS.wavelengths[levels.get(FILTER_BANDWIDTH, 0)]
-        return of_band + LEVELS.leak[levels.get(OUT_OF_BAND_LEAK, 0)]
+        return wavelength_count_at(levels)
 
     def explain(self, s: Situation) -> str:
         low, high = lateral_scales(s)

@@ -10,14 +10,9 @@ from numpy.typing import NDArray
 
 from optics.plane import Plane
 from simulator.convolution import convolve_valid
-from simulator.effects.blur_effects import (
-    BlurEffect,
-    light_share_bound,
-    transfer_error_bound,
-)
 from simulator.effects.electron_bounds import max_light_seconds
 from simulator.effects.landed_light import cell_pixels, detail_factor, kernel_over_band
-from simulator.effects.likely_errors import FAR
+from simulator.effects.light_effects import FAR, BlurEffect, light_share_bound, transfer_error_bound
 from simulator.effects.psf_bounds import can_orders_reach_sensor, has_occlusion
 from simulator.effects.rendering_work import (
     LEVELS,
@@ -60,9 +55,8 @@ class PanelOrders(BlurEffect):
             return Bound(how="proved: none of them meets the sensor")
         coarse = are_orders_coarse(s, level)
         lowest = 0 if coarse else LEVELS.orders[level]
-        lost = s.pattern_probe.beyond_orders(lowest) - s.pattern_probe.beyond_orders(
-            LEVELS.orders[-1]
-        )
+        probe = s.pattern_probe
+        lost = probe.beyond_orders(lowest) - probe.beyond_orders(LEVELS.orders[-1])
         how = f"audited ×{self.audit_margin:g}: Young; light that one pixel's square sends there"
         missing = light_share_bound(s, self.audit_margin * max(lost, 0.0), how)
         if not coarse:
@@ -93,10 +87,11 @@ class PanelOrders(BlurEffect):
             return told
         coarse = are_orders_coarse(s, level)
         lowest = 1 if coarse else LEVELS.orders[level] + 1
-        rate = cached_across_exposures(
-            s, f"ghosts from order {lowest}", lambda: _ghost_norm(s, lowest)
-        )
-        change = self.ghost_margin * max_light_seconds(s) * rate * _detail_factor(s, coarse=coarse)
+        # Of orders on cells only the detail that these lose counts: the middles of cells, and the
+        # lines between them, take from fringes of up to eight.
+        finest = 0.125 / (order_cell_pixels(s) * s.camera.sensor.pitch) if coarse else 0.0
+        rate = _ghost_norm(s, lowest)
+        change = self.ghost_margin * max_light_seconds(s) * rate * detail_factor(s, finest)
         how = f"estimated ×{self.ghost_margin:g}: pictures in orders, on coarse cells of the frame"
         found = self.likely_light_error(s, change, how)
         return min(told, found, key=lambda one: one.mean)
@@ -107,12 +102,11 @@ class PanelOrders(BlurEffect):
         return recipe.with_changes(orders=LEVELS.orders[level])
 
     def explain(self, s: Situation) -> str:
-        return (
-            f"{s.pattern_probe.side_order_share:.2g} of the light goes aside, by "
-            f"{s.pattern_probe.period * 1e3:.3g} mm and more"
-        )
+        share, period = s.pattern_probe.side_order_share, s.pattern_probe.period
+        return f"{share:.2g} of the light goes aside, by {period * 1e3:.3g} mm and more"
 
 
+@cached_across_exposures
 def _ghost_norm(s: Situation, lowest: int) -> float:
     """Estimate the norm of the frame's light in side orders from `lowest` on, electrons/s.
 
@@ -133,13 +127,3 @@ def _ghost_norm(s: Situation, lowest: int) -> float:
         ghosts = convolve_valid(probe.light_on(plane), near)
         found = max(found, float(np.linalg.norm(ghosts)))
     return step * found
-
-
-def _detail_factor(s: Situation, *, coarse: bool) -> float:
-    """Return the norm of all light in orders over that which the estimate's cells hold.
-
-    coarse: whether orders are rendered on cells, so that only the detail that these lose counts.
-        The middles of cells, and the lines between them, take from fringes of up to eight.
-    """
-    finest = 0.125 / (order_cell_pixels(s) * s.camera.sensor.pitch) if coarse else 0.0
-    return detail_factor(s, finest)

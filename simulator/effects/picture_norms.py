@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -17,12 +15,15 @@ from optics.formation import spectrum_of_samples
 from optics.plane import centred_crop
 from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts
-from simulator.effects.electron_bounds import area_change, peak_electrons
-from simulator.effects.landed_light import detail_factor, landed_light
-from simulator.effects.psf_bounds import (
-    has_occlusion,
-    is_uniform_scene,
+from simulator.effects.electron_bounds import (
+    area_change,
+    dark_current_electrons,
+    peak_electrons,
+    pixel_count,
+    sqrt_pixel_count,
 )
+from simulator.effects.landed_light import detail_factor, landed_light
+from simulator.effects.psf_bounds import has_occlusion, is_uniform_scene
 from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
 from simulator.effects.spectra import angle_shares, spectral_measure
 from simulator.effects.vignetting_bounds import vignetting_samples
@@ -36,21 +37,16 @@ from simulator.situation import Situation
 from simulator.speckle import speckle_variance
 
 
-@dataclass(frozen=True)
-class DustLosses:
+class DustLosses(NamedTuple):
     """Sums of the losses by dust over the pixels, each a share of a pixel's light.
 
     Shadows that overlap count as if they added up.
-    deepest: of any pixel.
-    total: of all.
-    norm: root of the sum of squares.
-    pixels: number that are shaded.
     """
 
-    deepest: float
+    deepest: float  # of any pixel
     total: float
-    norm: float
-    pixels: float
+    norm: float  # root of the sum of squares
+    pixels: float  # number that are shaded
 
 
 def dust_losses(s: Situation) -> DustLosses:
@@ -68,8 +64,6 @@ def dust_losses(s: Situation) -> DustLosses:
     )
 
 
-T = TypeVar("T")
-
 _SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
 """Shares of a PSF's light that may fall beyond a square around its image; each gives a bound."""
 
@@ -85,16 +79,17 @@ def minimum_norms(s: Situation) -> MinimumNorms:
     the electrons that it would hold if it were deeper: an overexposed picture is compared as if it
     weren't clipped.
     """
-    sensor = s.camera.sensor
-    pixels = sensor.shape[0] * sensor.shape[1]
-    dark = sensor.dark_current * s.exposure
+    sensor, pixels = s.camera.sensor, pixel_count(s)
+    dark = dark_current_electrons(s)
     total, norm = 0.0, 0.0
     if not s.picture_probe.is_dark:
         seconds = s.exposure * _min_lamp_light(s)
-        total, norm = (
-            seconds * one for one in cached_across_exposures(s, "floor", lambda: _min_light(s))
-        )
-        total, norm = _in_dusts_shadow(s, total, norm)
+        total, norm = (seconds * one for one in _min_light(s))
+        losses = dust_losses(s)
+        if losses.deepest:
+            left, most = 1 - losses.deepest, peak_electrons(s)
+            total = max(left * total, total - losses.total * most)
+            norm = max(left * norm, norm - losses.norm * most)
     noise = dark + sensor.read_noise**2
     found = MinimumNorms(
         math.hypot(norm, dark * math.sqrt(pixels)),
@@ -110,22 +105,10 @@ def _with_speckle(s: Situation, norms: MinimumNorms, light: float) -> MinimumNor
     The norm of m² is least where all pixels are alike.
     light: least norm of m.
     """
-    varied = speckle_variance(s)
-    squared = varied * light**2
-    even = squared / math.sqrt(math.prod(s.camera.sensor.shape))
+    squared = speckle_variance(s) * light**2
+    even = squared / sqrt_pixel_count(s)
     return MinimumNorms(
         norms.mean, math.hypot(norms.variance, even), math.sqrt(norms.sigma**2 + squared)
-    )
-
-
-def _in_dusts_shadow(s: Situation, total: float, norm: float) -> tuple[float, float]:
-    """Return the least sum and norm of light that dust leaves, electrons."""
-    losses = dust_losses(s)
-    if not losses.deepest:
-        return total, norm
-    left, most = 1 - losses.deepest, peak_electrons(s)
-    return max(left * total, total - losses.total * most), max(
-        left * norm, norm - losses.norm * most
     )
 
 
@@ -135,10 +118,8 @@ def estimated_norms(s: Situation) -> MinimumNorms:
     The norm of the mean is that of the sharp picture, whose power at each frequency falls by the
     mean square of the transfer function. The full wells count as in minimum_norms().
     """
-    sensor = s.camera.sensor
-    pixels = sensor.shape[0] * sensor.shape[1]
-    dark = sensor.dark_current * s.exposure
-    noise = dark + sensor.read_noise**2
+    pixels, dark = pixel_count(s), dark_current_electrons(s)
+    noise = dark + s.camera.sensor.read_noise**2
     total, norm = (s.exposure * one for one in estimated_light(s))
 
     def with_offset(offset: float) -> float:
@@ -146,13 +127,6 @@ def estimated_norms(s: Situation) -> MinimumNorms:
 
     found = MinimumNorms(with_offset(dark), with_offset(noise), math.sqrt(total + noise * pixels))
     return _with_speckle(s, found, norm)
-
-
-def estimated_light(s: Situation) -> tuple[float, float]:
-    """Estimate the sum and norm of all light in the frame, electrons/s."""
-    if s.picture_probe.is_dark:
-        return 0.0, 0.0
-    return cached_across_exposures(s, "estimated light", lambda: _estimated_light(s))
 
 
 def estimated_light_share(s: Situation) -> float:
@@ -163,9 +137,10 @@ def estimated_light_share(s: Situation) -> float:
     return seen * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
 
 
-def _estimated_light(s: Situation) -> tuple[float, float]:
-    """Compute what estimated_light() keeps."""
-    power = _cached_for_margin(s, "power", 0, lambda edge: _power(s, _frame_without_edge(s, edge)))
+@cached_across_exposures
+def estimated_light(s: Situation) -> tuple[float, float]:
+    """Estimate the sum and norm of all light in the frame, electrons/s."""
+    power = None if s.picture_probe.is_dark else _power_within(s, 0)
     if power is None:
         return 0.0, 0.0
     left = estimated_light_share(s)
@@ -184,6 +159,7 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
     return left * total, left * (1 - total_share(s.camera.ghosts)) * norm
 
 
+@cached_across_exposures
 def _min_light(s: Situation) -> tuple[float, float]:
     """Bound the sum and norm of the frame's light from below, electrons per second."""
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
@@ -251,12 +227,6 @@ def _blur_margin(s: Situation, share: float) -> int:
     return math.ceil(2 ** (math.ceil(4 * math.log2(pixels)) / 4))
 
 
-def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
-    """Return a result of the sharp picture alone, computed once for each edge width."""
-    causes = (what, edge, s.camera.sensor.shape)
-    return cached_across_patterns(s, causes, lambda: find(edge))
-
-
 def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
     """Return the sharp picture, set to zero outside the frame and on an edge within it.
 
@@ -264,10 +234,10 @@ def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
     """
     rows, columns = s.camera.sensor.shape
     picture = s.picture_probe.sharp_picture
-    y, x = ((n - m) // 2 + edge for n, m in zip(picture.shape, (rows, columns), strict=True))
     kept = torch.zeros_like(picture)
     if rows > 2 * edge and columns > 2 * edge:
-        part = slice(y, y + rows - 2 * edge), slice(x, x + columns - 2 * edge)
+        first = MARGIN + edge
+        part = slice(first, MARGIN + rows - edge), slice(first, MARGIN + columns - edge)
         kept[part] = picture[part].clamp(min=0)
     return kept
 
@@ -277,9 +247,7 @@ def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
     found = []
     for share in _SHARES:
         edge = _blur_margin(s, share)
-        total, sides = _cached_for_margin(
-            s, "lit", edge, lambda edge: _sum_and_sides(_frame_without_edge(s, edge))
-        )
+        total, sides = _lit_within(s, edge)
         if not total:
             continue
         kept = 1 - share - s.pattern_probe.side_order_share
@@ -289,8 +257,10 @@ def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
     return found
 
 
-def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
-    """Return a picture's sum, and how many rows and columns its light spans."""
+@cached_across_patterns
+def _lit_within(s: Situation, edge: int) -> tuple[float, tuple[int, int]]:
+    """Return the frame's sum without an edge, and how many rows and columns its light spans."""
+    light = _frame_without_edge(s, edge)
     rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
     if not len(rows):
         return 0.0, (0, 0)
@@ -310,16 +280,11 @@ def _norm_by_neighbourhood(s: Situation) -> float:
         edge = _blur_margin(s, share)
         if edge <= MARGIN:
             kept = max(1 - share - s.pattern_probe.side_order_share, 0.0)
-            best = max(
-                best,
-                kept
-                * _cached_for_margin(
-                    s, "least", edge, lambda edge: _neighbourhood_min_norm(s, edge)
-                ),
-            )
+            best = max(best, kept * _neighbourhood_min_norm(s, edge))
     return best
 
 
+@cached_across_patterns
 def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
     """Return the frame's norm with the least light up to `edge` pixels away, along each axis."""
     least = s.picture_probe.sharp_picture.clamp(min=0).numpy()
@@ -335,10 +300,7 @@ def _norm_by_frequency(s: Situation) -> float:
         return 0.0
     transfer, best = s.pattern_probe.transfer_bounds, 0.0
     for share in _SHARES[2:]:
-        edge = _blur_margin(s, share)
-        power = _cached_for_margin(
-            s, "power", edge, lambda edge: _power(s, _frame_without_edge(s, edge))
-        )
+        power = _power_within(s, _blur_margin(s, share))
         if power is None:
             continue
         least = transfer.least_between(power.low, power.high)
@@ -366,8 +328,10 @@ def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float6
     return gain
 
 
-def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
-    """Return a picture's radial power spectrum; None without light."""
-    return (
-        RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
-    )
+@cached_across_patterns
+def _power_within(s: Situation, edge: int) -> RadialProfile | None:
+    """Return the power spectrum of the frame without an edge; None without light."""
+    light = _frame_without_edge(s, edge)
+    if not light.any():
+        return None
+    return RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane)

@@ -6,7 +6,6 @@ They hold for waves; the error of replacing waves by rays is counted separately.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,21 +21,10 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PSFBoundSettings:
-    """Tune the bounds of PSFs.
-
-    margin: a PSF may be brighter by this factor at another wavelength of the band, or with some of
-        the panel's imperfections, than with all of them or with none; from audits.
-    frequency_factor: factor by which frequencies around one are searched for the largest modulus,
-        for the same reason.
-    """
-
-    margin: float = 1.3
-    frequency_factor: float = 1.1
-
-
-_SETTINGS = PSFBoundSettings()
+_MARGIN, _FREQUENCY_FACTOR = 1.3, 1.1
+"""Factor by which a PSF may be brighter, from audits, at another wavelength of the band, or with
+some of the panel's imperfections, than with all of them or with none; and factor by which
+frequencies around one are searched for the largest modulus, for the same reason."""
 
 
 def has_known_psf(s: Situation) -> bool:
@@ -52,9 +40,7 @@ def has_occlusion(s: Situation) -> bool:
 @cached_per_situation
 def peak_pixel_share(s: Situation) -> float:
     """Bound the share of a point's light on any one pixel; 1 for an unknown PSF."""
-    if not has_known_psf(s):
-        return 1.0
-    return _on_pixel(s, s.pattern_probe.peak)
+    return _on_pixel(s, s.pattern_probe.peak) if has_known_psf(s) else 1.0
 
 
 @cached_per_situation
@@ -65,12 +51,8 @@ def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
     """
     if not has_known_psf(s):
         return 1.0
-    return _on_pixel(
-        s,
-        s.pattern_probe.squared_density_beyond(beyond)
-        if beyond
-        else s.pattern_probe.squared_density,
-    )
+    probe = s.pattern_probe
+    return _on_pixel(s, probe.squared_density_beyond(beyond) if beyond else probe.squared_density)
 
 
 def _on_pixel(s: Situation, density: float) -> float:
@@ -78,7 +60,8 @@ def _on_pixel(s: Situation, density: float) -> float:
 
     density: the PSF's in 1/m², in the middle of band and field.
     """
-    density *= _brighter(s)
+    # It is denser at the band's short end than at its centre.
+    density *= _MARGIN * s.band.centre**2 / s.band.support[0] ** 2
     # Off the axis, light passes another part of the panel, and is aberrated more: amplitudes add.
     apart = illuminated_area_change(s) if s.camera.separation else 0.0
     apart += wave_distance(s)
@@ -112,19 +95,13 @@ def can_orders_reach_sensor(s: Situation) -> bool:
     return max(max_blur_distance(s)) + ORDER_FADE_PIXELS * s.camera.sensor.pitch > period / 2
 
 
-def _brighter(s: Situation) -> float:
-    """Return how many times denser PSFs are at the band's short end than at its centre."""
-    return _SETTINGS.margin * s.band.centre**2 / s.band.support[0] ** 2
-
-
 def mtf_bound(s: Situation, frequency: Array) -> Array:
     """Bound the MTF ``|H|`` of any PSF, at cycles per metre on the sensor."""
     if not has_known_psf(s):
         return np.ones_like(frequency)
-    spread = _SETTINGS.frequency_factor * s.band.support[1] / s.band.support[0]
-    most = _SETTINGS.margin * s.pattern_probe.transfer_bounds.modulus_bound(
-        frequency.ravel(), spread
-    )
+    spread = _FREQUENCY_FACTOR * s.band.support[1] / s.band.support[0]
+    transfer = s.pattern_probe.transfer_bounds
+    most = _MARGIN * transfer.modulus_bound(frequency.ravel(), spread)
     if s.camera.separation:
         differs = illuminated_area_change(s)
         most = most + 2 * math.sqrt(differs) + differs
@@ -151,6 +128,5 @@ def illuminated_area_change(s: Situation) -> float:
 def is_uniform_scene(s: Situation) -> bool:
     """Whether blur changes nothing: all light is uniform and endless, and nothing is hidden."""
     parts = [part.picture for layer in s.target.layers for part in layer.parts]
-    return (
-        bool(parts) and all(isinstance(one, UniformLight) for one in parts) and not has_occlusion(s)
-    )
+    even = bool(parts) and all(isinstance(one, UniformLight) for one in parts)
+    return even and not has_occlusion(s)

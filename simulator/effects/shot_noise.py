@@ -14,7 +14,7 @@ from simulator.effects.electron_bounds import (
     clipping_onset,
     dark_current_electrons,
     electron_norm_bound,
-    full_well_bounds,
+    full_well_count,
     peak_electrons,
     pixel_count,
     sqrt_pixel_count,
@@ -48,34 +48,27 @@ class ShotNoise(Effect):
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         if level and peak_electrons(s) < FEW_ELECTRONS:
             return Bound()
-        return (self._bound_without_noise, self._gaussian_bound, self._skewed_gaussian_bound)[
-            level
-        ](s)
+        bounds = self._bound_without_noise, self._gaussian_bound, self._skewed_gaussian_bound
+        return bounds[level](s)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return self.operations_by_level[levels[self.name]] * pixel_count(s)
 
     def explain(self, s: Situation) -> str:
         most, least = peak_electrons(s), dark_current_electrons(s)
-        few = (
-            "too few for a normal distribution"
-            if least < FEW_ELECTRONS
-            else "enough for a normal one"
-        )
+        few = "enough for a normal one"
+        if least < FEW_ELECTRONS:
+            few = "too few for a normal distribution"
         return (
             f"the brightest pixel holds {most:.3g} electrons and varies by {math.sqrt(most):.2g}; "
             f"the darkest may hold {least:.2g}, {few}"
         )
 
     def _bound_without_noise(self, s: Situation) -> Bound:
-        """Bound the frame's error if no noise is drawn.
-
-        The bound follows from the variance of the number of electrons, a rounding step and full
-        wells.
-        """
+        """Bound the frame's error if no noise is drawn."""
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         step = sensor.gain
-        kinked = 0.5 * math.sqrt(peak_electrons(s) * full_well_bounds(s).count)
+        kinked = 0.5 * math.sqrt(peak_electrons(s) * full_well_count(s))
         if can_clip_at_zero(sensor):
             kinked += 0.5 * (sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu) * root
         floor = 1.5 * sensor.read_noise**2 + step**2
@@ -102,7 +95,7 @@ class ShotNoise(Effect):
         most = math.sqrt(peak_electrons(s))
         mean = 0.15 * step + 1e-3
         variance = sensor.gain + 0.2 * sensor.gain * step + 0.05
-        wells = math.sqrt(full_well_bounds(s).count)
+        wells = math.sqrt(full_well_count(s))
         knee = min(most, math.sqrt(clipping_onset(sensor) + 50 * most)) if wells else 0.0
         return Bound(
             mean * count + 0.2 * wells,
@@ -131,13 +124,8 @@ class ShotNoise(Effect):
 
 
 def _max_sigma_change(variance: float, sensor: Sensor) -> float:
-    """Bound the error of σ from an error of the variance.
-
-    The error of σ is largest where the variance is least: a step of the converter may hide all of
-    it.
-    """
-    return (
-        math.sqrt(variance)
-        if sensor.gain**2 > FEW_ELECTRONS
-        else variance / math.sqrt(FEW_ELECTRONS)
-    )
+    """Bound the error of σ from an error of the variance, which counts most where that is least."""
+    if sensor.gain**2 > FEW_ELECTRONS:
+        # A step of the converter may hide all of the variance.
+        return math.sqrt(variance)
+    return variance / math.sqrt(FEW_ELECTRONS)

@@ -13,7 +13,7 @@ from optics.camera import Camera
 from optics.plane import Plane
 from simulator.effects.psf_bounds import is_uniform_scene
 from simulator.effects.rendering_work import LEVELS
-from simulator.effects.result_cache import cached_per_situation
+from simulator.effects.result_cache import cached_across_patterns, cached_per_situation
 from simulator.effects.spectra import angle_shares
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import light_extent
@@ -68,26 +68,20 @@ def vignetting_samples(
     The places go from corner to corner of `shape` pixels. A curve of relative illumination that
     rises again counts with the least light so far, which the places then can't miss.
     """
-    camera = _with_falling_light(s.mount.camera_in_panel_axes(s.camera))
+    camera = s.mount.camera_in_panel_axes(s.camera)
+    if camera.lens.relative_illumination:
+        heights, shares = zip(*camera.lens.relative_illumination, strict=True)
+        falling = tuple(zip(heights, itertools.accumulate(shares, min), strict=True))
+        camera = replace(camera, lens=replace(camera.lens, relative_illumination=falling))
     rows, columns = (n * camera.sensor.pitch / 8 for n in shape)
     plane = Plane((9, 9), (rows, columns))
-    # It doesn't depend on the pattern, and may take a tenth of a second.
-    known = s.picture_probe.results
-    causes = [("vignetting", camera, s.mount, plane, distance) for distance in distances]
-    for cause in causes:
-        if cause not in known:
-            known[cause] = vignetting(camera, s.mount, plane, cause[-1])
-    return torch.stack([known[cause] for cause in causes])
+    return torch.stack([_vignetting_at(s, camera, plane, distance) for distance in distances])
 
 
-def _with_falling_light(camera: Camera) -> Camera:
-    """Return the camera with a curve of relative illumination that nowhere rises outwards."""
-    curve = camera.lens.relative_illumination
-    if not curve:
-        return camera
-    heights, shares = zip(*curve, strict=True)
-    falling = tuple(zip(heights, itertools.accumulate(shares, min), strict=True))
-    return replace(camera, lens=replace(camera.lens, relative_illumination=falling))
+@cached_across_patterns
+def _vignetting_at(s: Situation, camera: Camera, plane: Plane, distance: float) -> torch.Tensor:
+    """Return what vignetting() returns, which may take a tenth of a second."""
+    return vignetting(camera, s.mount, plane, distance)
 
 
 def blur_sensitivity(s: Situation) -> float:
