@@ -17,8 +17,8 @@ from simulator.effects.electron_bounds import (
     sensor_error_bound,
 )
 from simulator.effects.field_waves import phase_span, wave_distance
-from simulator.effects.focus_effects import rim_displacement
 from simulator.effects.landed_light import is_light_moved, landed_light
+from simulator.effects.lens_effects import rim_displacement
 from simulator.effects.light_effects import FAR, BlurEffect, light_share_bound, occlusion_factor
 from simulator.effects.picture_norms import estimated_light
 from simulator.effects.psf_bounds import illuminated_area_change
@@ -28,7 +28,7 @@ from simulator.effects.rendering_work import (
     OUT_OF_BAND_LEAK,
 )
 from simulator.effects.result_cache import cached_across_exposures
-from simulator.effects.spectra import Which, leak_share, spectral_measure
+from simulator.effects.spectra import Which, leak_share, spectral_measure, weight_errors
 from simulator.formation.windows import max_blur_distance
 from simulator.panel_at_wavelength import panel_at
 from simulator.planning import Bound
@@ -125,7 +125,7 @@ def _node_count_error_rates(s: Situation, step: int) -> tuple[float, ...]:
     transfers, changes = turned_transfers(s, found.nodes, some, 0.5), list[float]()
     turns = _phase_turns(s) if is_light_moved(s) else None
     for count in LEVELS.wavelengths:
-        wrong, change = found.weight_errors(count), 0.0
+        wrong, change = weight_errors(found, count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
             apart = transfers.error_power(rows, power)
@@ -156,7 +156,7 @@ def _likely_error_rates(s: Situation, which: Which, counts: tuple[int, ...]) -> 
     squares, transfers = sampled_powers(s, some), turned_transfers(s, found.nodes, some, 0.25)
     rates, enough = [], _LIKELY_CONVERGED * estimated_light(s)[1]
     for count in counts:
-        wrong, total = found.weight_errors(count), 0.0
+        wrong, total = weight_errors(found, count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
             total += transfers.error_power(rows, power)
@@ -176,7 +176,7 @@ def _brightness_error(s: Situation, which: Which, count: int) -> float:
     if not lens.lateral_colour or lens.relative_illumination:
         return 0.0
     density = np.array([lens.image_scale(one) ** -2 for one in found.nodes.tolist()])
-    return float(np.abs(found.weight_errors(count) @ density).max() * s.picture_probe.norm_bound)
+    return float(np.abs(weight_errors(found, count) @ density).max() * s.picture_probe.norm_bound)
 
 
 def sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[int], Array]]:

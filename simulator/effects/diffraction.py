@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import ClassVar
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from optics.validation import as_number
@@ -25,6 +27,7 @@ from simulator.effects.light_effects import (
 )
 from simulator.effects.psf_bounds import psf_energy_bound
 from simulator.effects.rendering_work import DIFFRACTION, LEVELS, PSF_REACH, first_level_reaching
+from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import leak_share
 from simulator.effects.vignetting_bounds import blur_sensitivity
 from simulator.formation.windows import max_blur_distance
@@ -49,7 +52,7 @@ class Diffraction(OnOffBlurEffect):
     levels = ("rays", "waves")
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        turn = s.pattern_probe.mean_ray_displacement + s.camera.sensor.pitch + displacement(s)
+        turn = _mean_ray_displacement(s) + s.camera.sensor.pitch + displacement(s)
         aberrated = psf_change(s)
         waves = s.pattern_probe.transfer_bounds
 
@@ -111,6 +114,37 @@ class PSFReach(BlurEffect):
     def explain(self, s: Situation) -> str:
         half = LEVELS.windows[0] / 2
         return f"{_beyond(s, 0):.2g} of a point's light falls more than {half:.0f} pixels from it"
+
+
+_LINES = 128
+"""Lines of the panel along each axis from which the mean angle of rays is computed. Chosen."""
+
+
+@cached_across_exposures
+def _mean_ray_displacement(s: Situation) -> float:
+    """Return the mean distance on the sensor from a point's image to its rays, metres.
+
+    It is the largest of all pictures, unmodulated light and object distances, with a margin.
+    """
+    panel, probe, worst = s.camera.panel, s.pattern_probe, 0.0
+    straight = torch.ones(panel.shape, dtype=torch.complex64)
+    for field, wave in itertools.product((*probe.fields, straight), probe.lens_phases):
+        turns = [_mean_step(field, wave, probe.aperture_share, axis) for axis in (0, 1)]
+        worst = max(worst, math.hypot(*turns) * 1.5)
+    lever = as_number(s.camera.ray_matrix_b) * s.wavelength
+    return worst / (2 * math.pi * panel.pitch) * lever
+
+
+def _mean_step(field: torch.Tensor, wave: torch.Tensor, opened: torch.Tensor, axis: int) -> float:
+    """Return the mean phase step between neighbouring pixels along an axis, radians."""
+    every = max(1, field.shape[1 - axis] // _LINES)
+    lines = (slice(None), slice(None, None, every))[:: 1 if axis == 0 else -1]
+    field, wave, opened = field[lines], wave[lines], opened[lines]
+    n = field.shape[axis] - 1
+    step = torch.angle(field.narrow(axis, 1, n) * field.narrow(axis, 0, n).conj())
+    both = opened.narrow(axis, 1, n) * opened.narrow(axis, 0, n)
+    turn = (step.double() + wave.diff(dim=axis)).abs()
+    return float((turn * both).sum() / both.sum().clamp(min=1e-9))
 
 
 def _longest_waves(s: Situation) -> list[tuple[float, float]]:

@@ -211,6 +211,11 @@ def electron_norm_bound(s: Situation) -> float:
     return light_norm_bound(s) * gain + dark + hot_pixel_norm(s)
 
 
+def shot_noise_norm(s: Situation) -> float:
+    """Bound the L2 norm of the frame's shot noise by that of its electrons (Cauchy-Schwarz)."""
+    return math.sqrt(electron_norm_bound(s) * sqrt_pixel_count(s))
+
+
 def clipping_onset(sensor: Sensor) -> float:
     """Return the electrons from which full well or converter clip, shot noise not counted."""
     spread = 7 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optics.fourier import rfft_column_weights
 from simulator.effects.band_effects import (
-    TurnedTransfers,
     off_axis_factor,
     sampled_powers,
     turned_transfers,
@@ -32,20 +31,16 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 
 
-_ANGLES = 17
-"""Angles at which the interpolated band is compared with the true one. Chosen."""
+_ANGLES, _WORST, _THINNING = 17, 2, 4
+"""Angles at which the interpolated band is compared with the true one; the worst of them, which are
+looked at for PSFs; and one of how many frequencies is taken there. Chosen."""
 
-_WORST, _THINNING = 2, 4
-"""Of these the worst ones that are looked at for PSFs, at one of so many frequencies. Chosen."""
-
-_MARGIN = 2.0
-"""Factor of what the band's shift does to PSFs, computed from a sample of frequencies; audited."""
+_MARGIN, _DIM_PIXEL_MARGIN = 2.0, 12.0
+"""Factor of what the band's shift does to PSFs, as computed from a sample of frequencies; and
+largest relative change of a dim pixel over that of the picture. From audits."""
 
 _CONVERGED = 1e-5
 """Change relative to all light at which more angles count as no finer. Chosen."""
-
-_DIM_PIXEL_MARGIN = 12.0
-"""Largest relative change of a dim pixel over that of the picture, as of the band's effects."""
 
 
 class FilterAngle(BlurEffect):
@@ -82,11 +77,10 @@ class FilterAngle(BlurEffect):
 def _error_rates(s: Situation) -> tuple[float, ...]:
     """Return the L2 errors in electrons per second, by number of angles.
 
-    The list ends where the error has converged. No finer level has a larger error.
-
-    Light of a wrong band differs by the electrons that are missing or too many, whatever its blur
-    (Young), and by the PSFs of wavelengths that differ. All light is taken to come from the angle
-    at which most is wrong. Both together are no more than all electrons of wavelengths that differ.
+    The list ends where the error has converged; no finer level has a larger one. Light of a wrong
+    band differs by the electrons that are missing or too many, whatever its blur (Young), and by
+    the PSFs of wavelengths that differ. All light is taken to come from the angle at which most is
+    wrong. Both together are no more than all electrons of wavelengths that differ.
     """
     greatest = largest_squared_sine(s.camera)
     checked = np.linspace(0, greatest, _ANGLES).tolist()
@@ -95,11 +89,17 @@ def _error_rates(s: Situation) -> tuple[float, ...]:
     masses = spectral_measure(s, "band").electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[:, None]
     most = light_norm_bound(s) / max(max_light_seconds(s), 1e-300)
-    turned = _TurnedPicture.of(s)
+    rows, columns = s.picture_probe.plane.shape
+    counts = rfft_column_weights(columns)
+    norms = [
+        (parts, math.sqrt(float((squared * counts).double().sum()) / (rows * columns)))
+        for parts, squared in s.picture_probe.powers_by_spectrum
+    ]
+    turned_change = _turned_picture(s)
 
     def norm_of(share: Array) -> float:
         """Return the norm of light of which each part has a share, electrons/s. share: (parts,)."""
-        apart = sum(norm * float(share[parts].max()) for parts, norm in turned.norms)
+        apart = sum(norm * float(share[parts].max()) for parts, norm in norms)
         beside = s.picture_probe.off_plane_star_rate
         return min(apart + beside * float(share.max()), float(share.max()) * most)
 
@@ -109,58 +109,35 @@ def _error_rates(s: Situation) -> tuple[float, ...]:
         wrong = (np.tensordot(share.T, measure, 1) - true) / masses
         missing = norm_of(np.abs(wrong.sum(-1)).max((0, 1)))
         any_way = norm_of(np.abs(wrong).sum(-1).max((0, 1)))
-        rates.append(min(missing + turned.change(x, wrong, measure[0] / masses), any_way))
+        rates.append(min(missing + turned_change(x, wrong, measure[0] / masses), any_way))
         if rates[-1] <= _CONVERGED * most:
             break
     return tuple(np.maximum.accumulate(rates[::-1])[::-1].tolist())
 
 
-@dataclass(frozen=True)
-class _TurnedPicture:
-    """The sharp picture, and the transfer functions of the pattern's parts.
+def _turned_picture(s: Situation) -> Callable[[Array, Array, Array], float]:
+    """Return a bound of what a wrong band changes by its PSFs alone, in electrons/s.
 
-    norms, powers: L2 norm of the lights of each spectrum, electrons/s, and their power at some
-        frequencies, with the numbers of the parts that have this spectrum.
-    transfers: at `nodes`, wavelengths in metres; None for uniform light, which has no other
-        frequency than 0.
+    Missing electrons are given back in the spectrum of the axis. Its arguments are wavelengths x,
+    the wrong electrons, (angles, channels, parts, wavelengths), and the spectrum of the axis,
+    (channels, parts, wavelengths).
     """
+    nodes, some = spectral_measure(s, "band").nodes, s.picture_probe.sampled_frequencies
+    if not len(some.ky):
+        # Uniform light has no frequencies but 0.
+        return lambda x, wrong, axis: 0.0
+    some = some.every(_THINNING).with_aliases(s.picture_probe.plane)
+    transfers, powers = turned_transfers(s, nodes, some, 0.5), sampled_powers(s, some)
+    factor = _MARGIN * off_axis_factor(s)
 
-    norms: list[tuple[list[int], float]]
-    powers: list[tuple[list[int], Array]]
-    nodes: Array
-    transfers: TurnedTransfers | None
-    factor: float
-
-    @classmethod
-    def of(cls, s: Situation) -> _TurnedPicture:
-        nodes, some = spectral_measure(s, "band").nodes, s.picture_probe.sampled_frequencies
-        rows, columns = s.picture_probe.plane.shape
-        counts = rfft_column_weights(columns)
-        norms = [
-            (parts, math.sqrt(float((squared * counts).double().sum()) / (rows * columns)))
-            for parts, squared in s.picture_probe.powers_by_spectrum
-        ]
-        if not len(some.ky):
-            return cls(norms, [], nodes, None, 0.0)
-        some = some.every(_THINNING).with_aliases(s.picture_probe.plane)
-        transfers = turned_transfers(s, nodes, some, 0.5)
-        return cls(norms, sampled_powers(s, some), nodes, transfers, _MARGIN * off_axis_factor(s))
-
-    def change(self, x: Array, wrong: Array, axis: Array) -> float:
-        """Bound what a wrong band changes by its PSFs alone, in electrons/s.
-
-        Missing electrons are given back in the spectrum of the axis.
-        x: wavelengths.
-        wrong: electrons, (angles, channels, parts, wavelengths).
-        axis: spectrum of the axis, (channels, parts, wavelengths).
-        """
-        if self.transfers is None:
-            return 0.0
+    def change(x: Array, wrong: Array, axis: Array) -> float:
         lit = np.maximum(axis.sum(-1, keepdims=True), 1e-300)
         shape = wrong - wrong.sum(-1, keepdims=True) * axis / lit
         worst = np.argsort(np.abs(shape).sum((1, 2, 3)))[-_WORST:]
-        shape, change = shape[worst] @ interpolation_weights(self.nodes.tolist(), x).T, 0.0
-        for parts, power in self.powers:
-            rows = np.unique(shape[:, :, parts].reshape(-1, len(self.nodes)), axis=0)
-            change += math.sqrt(self.transfers.error_power(rows, power))
-        return self.factor * change
+        shape, found = shape[worst] @ interpolation_weights(nodes.tolist(), x).T, 0.0
+        for parts, power in powers:
+            rows = np.unique(shape[:, :, parts].reshape(-1, len(nodes)), axis=0)
+            found += math.sqrt(transfers.error_power(rows, power))
+        return factor * found
+
+    return change

@@ -27,7 +27,7 @@ from simulator.effects.electron_bounds import (
     total_electrons,
 )
 from simulator.effects.landed_light import landed_light
-from simulator.effects.picture_norms import estimated_light, estimated_light_share
+from simulator.effects.picture_norms import estimated_light, light_share
 from simulator.effects.psf_bounds import has_occlusion
 from simulator.effects.rendering_work import added_operations
 from simulator.effects.result_cache import cached_across_patterns
@@ -176,7 +176,7 @@ def _largest_noise_change(s: Situation, change: float) -> float | None:
     it. So the change is given to the dimmest cells of the frame first. None where the light isn't
     estimated by cells.
     """
-    landed, seen = landed_light(s), estimated_light_share(s)
+    landed, seen = landed_light(s), light_share(s)
     if landed is None:
         return None
     light = np.sort(landed.cells, axis=None) * (s.exposure * seen)

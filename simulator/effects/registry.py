@@ -7,9 +7,8 @@ from simulator.effects.depths import DepthLayers, Occlusion
 from simulator.effects.diffraction import Diffraction, PSFReach
 from simulator.effects.field_effects import FieldAberrations, FieldPosition, Vignetting
 from simulator.effects.filter_angle import FilterAngle
-from simulator.effects.focus_effects import AxialColour, FocusDrift
 from simulator.effects.glare import LensGhosts, VeilingGlare
-from simulator.effects.image_place import Distortion, LateralColour
+from simulator.effects.lens_effects import AxialColour, Distortion, FocusDrift, LateralColour
 from simulator.effects.panel_effects import (
     Coupling,
     CrystalResponse,

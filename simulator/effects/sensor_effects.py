@@ -14,13 +14,13 @@ from simulator.effects.electron_bounds import (
     can_clip_at_zero,
     clipping_onset,
     dark_current_electrons,
-    electron_norm_bound,
     full_well_count,
     hot_pixel_norm,
     light_norm_bound,
     peak_electrons,
     pixel_count,
     sensor_error_bound,
+    shot_noise_norm,
     sigma_by_light,
     sqrt_pixel_count,
 )
@@ -95,7 +95,7 @@ class FixedPattern(PixelwiseEffect):
         if not sensor.dsnu:
             return Bound()
         step, peak, pixels = sensor.gain, peak_electrons(s), pixel_count(s)
-        spread = math.sqrt(electron_norm_bound(s) * root) + sensor.read_noise * root
+        spread = shot_noise_norm(s) + sensor.read_noise * root
         varied = step * (2 * spread + step * root)
         top = (sensor.top_number - sensor.black_level) * sensor.gain
         most = min(peak + 8 * math.sqrt(peak) + 30, sensor.full_well)
@@ -180,7 +180,7 @@ class ReadNoise(PixelwiseEffect):
         # Rounding, and clipping at the converter's ends, change how much read noise appears.
         kink = 0.5 * (read + MAX_PIXEL_SIGMAS * sensor.dsnu) if self._can_be_clipped(s) else 0.0
         # With a step of about an electron, rounding depends on the number of electrons.
-        beat = min(step, 1.0) * math.sqrt(electron_norm_bound(s) * root)
+        beat = min(step, 1.0) * shot_noise_norm(s)
         knee = read * math.sqrt(peak_electrons(s)) if self._can_be_clipped(s) else 0.0
         variance = (read**2 + step**2 + knee) * root + beat
         how = "audited ×1.5: its variance, and a step of the converter's"
@@ -223,7 +223,7 @@ class Quantisation(PixelwiseEffect):
         """
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         half, how = sensor.gain / 2, "proved: half a step; Minkowski's inequality"
-        spread = math.sqrt(electron_norm_bound(s) * root) + sensor.read_noise * root
+        spread = shot_noise_norm(s) + sensor.read_noise * root
         return Bound(half * root, half * (2 * spread + half * root), half * root, how=how)
 
     def explain(self, s: Situation) -> str:

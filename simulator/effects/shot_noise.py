@@ -17,6 +17,7 @@ from simulator.effects.electron_bounds import (
     full_well_count,
     peak_electrons,
     pixel_count,
+    shot_noise_norm,
     sqrt_pixel_count,
 )
 from simulator.planning import Bound, Effect
@@ -72,16 +73,12 @@ class ShotNoise(Effect):
         if can_clip_at_zero(sensor):
             kinked += 0.5 * (sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu) * root
         floor = 1.5 * sensor.read_noise**2 + step**2
-        # The root of the sum of all pixels' electrons is at most this (Cauchy-Schwarz).
-        spread = math.sqrt(electron_norm_bound(s) * root)
+        spread = shot_noise_norm(s)
         normal = self._gaussian_bound(s)
-        return Bound(
-            max(step * root + kinked, normal.mean),
-            max(electron_norm_bound(s) + step * spread + floor * root, normal.variance),
-            max(spread + (step + sensor.read_noise) * root, normal.sigma),
-            1.0,
-            "proved: the number's variance is its mean",
-        )
+        mean, sigma = step * root + kinked, spread + (step + sensor.read_noise) * root
+        variance = electron_norm_bound(s) + step * spread + floor * root
+        found = max(mean, normal.mean), max(variance, normal.variance), max(sigma, normal.sigma)
+        return Bound(*found, 1.0, "proved: the number's variance is its mean")
 
     def _gaussian_bound(self, s: Situation) -> Bound:
         """Bound the frame's error if a normal distribution replaces Poisson's.
@@ -114,13 +111,9 @@ class ShotNoise(Effect):
         sensor, count, distance = s.camera.sensor, sqrt_pixel_count(s), 3e-4
         mean = distance * (4 + sensor.gain)
         variance = distance * (8 + 3 * sensor.gain**2)
-        return Bound(
-            mean * count,
-            variance * count,
-            _max_sigma_change(variance, sensor) * count,
-            distance,
-            "audited ×1.1: against Poisson's distribution, from ten electrons on",
-        )
+        sigma = _max_sigma_change(variance, sensor)
+        how = "audited ×1.1: against Poisson's distribution, from ten electrons on"
+        return Bound(mean * count, variance * count, sigma * count, distance, how)
 
 
 def _max_sigma_change(variance: float, sensor: Sensor) -> float:

@@ -29,9 +29,8 @@ Which = Literal["band", "leak"]
 
 @dataclass(frozen=True, eq=False)
 class SpectralMeasure:
-    """The electrons that the light frees, by wavelength.
+    """The electrons that light frees, by wavelength; all channels, for each angle at the filter.
 
-    Where the filter's band shifts with the angle, all channels follow for each further angle.
     wavelengths: points in metres.
     electrons: of each channel and part at the points, relative to all of the brightest channel's,
         (channels, parts, points).
@@ -56,27 +55,24 @@ class SpectralMeasure:
         low, high = self.wavelengths.min(), self.wavelengths.max()
         return np.asarray((low + high) / 2 - (high - low) / 2 * np.cos(turns))
 
-    def weight_errors(self, count: int) -> Array:
-        """Return the errors of the weights if `count` Gauss nodes stand for the light.
-
-        The weights integrate values at `nodes` over the spectrum. The errors are relative to the
-        brightest channel of each part, (channels, parts, nodes).
-        """
-        return _weight_errors(self, count)
-
     @cached_property
-    def _exact_weights(self) -> Array:
+    def exact_weights(self) -> Array:
         """Return the weights that integrate values at the nodes over the whole spectrum."""
         nodes = self.nodes.tolist()
         return np.asarray(self.electrons @ interpolation_weights(nodes, self.wavelengths).T)
 
 
 @lru_cache(maxsize=256)
-def _weight_errors(one: SpectralMeasure, count: int) -> Array:
+def weight_errors(one: SpectralMeasure, count: int) -> Array:
+    """Return the errors of the weights if `count` Gauss nodes stand for the light.
+
+    The weights integrate values at `nodes` over the spectrum. The errors are relative to the
+    brightest channel of each part, (channels, parts, nodes).
+    """
     found, weights = gauss_quadrature(one.wavelengths, one.electrons, count)
     masses = one.electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[None, :, None]
-    apart = weights @ interpolation_weights(one.nodes.tolist(), found).T - one._exact_weights
+    apart = weights @ interpolation_weights(one.nodes.tolist(), found).T - one.exact_weights
     return np.asarray(apart / masses)
 
 
@@ -126,10 +122,7 @@ def _measure(
 
 
 def angle_shares(s: Situation) -> Array:
-    """Return the light that passes the filter at some angles, over the most at any, (angles,).
-
-    It is the least of any part and channel.
-    """
+    """Return the least light of a part and channel by angle, over the most at any, (angles,)."""
     if not s.band.shifts_with_angle:
         return np.ones(1)
     masses = spectral_measure(s, "band").electrons.sum(-1)
@@ -140,10 +133,7 @@ def angle_shares(s: Situation) -> Array:
 
 
 def leak_share(s: Situation) -> float:
-    """Return the leak's largest share of any part's electrons in a channel.
-
-    The share is relative to the electrons of the part's brightest channel.
-    """
+    """Return the leak's largest share of a part's electrons, over those of its best channel."""
     if not s.band.leak:
         return 0.0
     beside = spectral_measure(s, "leak").electrons.sum(-1)
@@ -156,11 +146,10 @@ def leak_share(s: Situation) -> float:
 def mean_change_bound(
     s: Situation, shape: tuple[int, ...], change_at: Callable[[float, Which], Array]
 ) -> Array:
-    """Bound the mean of changes over all light, for any number of wavelengths.
+    """Bound the mean of changes over all light in any channel of any part of the target.
 
-    The result is the largest mean in any channel of any part of the target.
-    change_at: returns the changes, an array of the shape, at a wavelength in metres of band or
-        leak.
+    The number of wavelengths may be any.
+    change_at: returns the changes at a wavelength in metres of band or leak.
     """
     band = _largest_mean(s, shape, "band", change_at)
     return np.asarray((band + _largest_mean(s, shape, "leak", change_at)).max(-1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -26,7 +26,7 @@ from simulator.scene.merging import merge_pictures
 from simulator.scene.target import Layer, Target
 
 
-def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
+def _efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
     """Return the sensor's electrons per photon by wavelength, for each colour channel.
 
     None stands for the same efficiency at all wavelengths.
@@ -50,11 +50,12 @@ def electron_rates(
     nodes = _nodes(spectrum, band, camera.sensor, leak)
     passed = band.total_transmission(nodes) if leak else band.transmission(nodes)
     photons = spectrum.at(nodes) * passed * nodes / (constants.h * constants.c)
-    return tuple(
-        float(np.trapezoid(photons * _efficiency(one, nodes, camera.sensor), nodes))
-        * irradiance_per_radiance(camera, distance)
-        for one in efficiencies(camera.sensor)
+    even, gathered = camera.sensor.quantum_efficiency, irradiance_per_radiance(camera, distance)
+    curves = (
+        np.full_like(nodes, even) if one is None else one.at(nodes)
+        for one in _efficiencies(camera.sensor)
     )
+    return tuple(float(np.trapezoid(photons * one, nodes)) * gathered for one in curves)
 
 
 def irradiance_per_radiance(camera: Camera, distance: float) -> float:
@@ -64,15 +65,6 @@ def irradiance_per_radiance(camera: Camera, distance: float) -> float:
     return gathered * camera.panel.reflectivity * camera.transmission
 
 
-def _efficiency(
-    curve: Spectrum | None, nodes: NDArray[np.float64], sensor: Sensor
-) -> NDArray[np.float64]:
-    """Return a sensor's electrons per photon at given wavelengths."""
-    if curve is None:
-        return np.full_like(nodes, sensor.quantum_efficiency)
-    return curve.at(nodes)
-
-
 def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArray[np.float64]:
     """Return the wavelengths at which a spectrum behind a filter is integrated.
 
@@ -80,7 +72,7 @@ def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArra
     its leak.
     """
     ranges = [band.support, *([band.leak_range] if leak and band.leak else [])]
-    curves = [one for one in (spectrum, band.table, *efficiencies(sensor)) if one is not None]
+    curves = [one for one in (spectrum, band.table, *_efficiencies(sensor)) if one is not None]
     jumps = np.array([*(end for one in ranges for end in one), *(
         end for one in curves for end in (one.low, one.high)
     )])  # fmt: skip
@@ -137,19 +129,15 @@ class PictureProbe:
 
         Where the filter's band shifts with the angle, the rates are those of the best angle.
         """
-        area = self.camera.sensor.pitch**2
-        angles = some_angles(self.camera, self.band, PROBED_ANGLES)
-        bands = [self.band.at_angle(one) for one in angles]
+        area, camera = self.camera.sensor.pitch**2, self.camera
+        bands = [self.band.at_angle(one) for one in some_angles(camera, self.band, PROBED_ANGLES)]
+
+        def best(spectrum: Spectrum, distance: float) -> float:
+            every = (electron_rates(spectrum, band, camera, distance) for band in bands)
+            return max(rate for rates in every for rate in rates)
+
         return tuple(
-            tuple(
-                area
-                * max(
-                    rate
-                    for band in bands
-                    for rate in electron_rates(part.spectrum, band, self.camera, layer.distance)
-                )
-                for part in layer.parts
-            )
+            tuple(area * best(part.spectrum, layer.distance) for part in layer.parts)
             for layer in self.target.layers
         )
 
@@ -159,8 +147,7 @@ class PictureProbe:
 
         The arrays are (rows, columns) of the plane.
         """
-        pairs = zip(self.target.layers, self.rates, strict=True)
-        return tuple(self._layer_light(layer, rates, self.plane) for layer, rates in pairs)
+        return tuple(self._lights_on(self.plane))
 
     @cached_property
     def covers(self) -> tuple[torch.Tensor | None, ...]:
@@ -168,8 +155,13 @@ class PictureProbe:
 
         None stands for a layer that hides nothing, such as the farthest one.
         """
-        near = self.target.layers[:-1]
-        return (*(self._covering(layer) for layer in near), None)
+        covers = [
+            None
+            if layer.cover is None
+            else layer.cover.light(self.plane, self._scale(layer), self.shift)
+            for layer in self.target.layers[:-1]
+        ]
+        return *covers, None
 
     @cached_property
     def sharp_picture(self) -> torch.Tensor:
@@ -339,13 +331,13 @@ class PictureProbe:
         The length is counted along rows and columns, so it is never too short, and at most √2 times
         too long.
         """
-        covers = [one for one in self.covers if one is not None]
-        steps = sum(
-            float(torch.diff(cover, dim=axis).abs().double().sum())
-            for cover in covers
+        edges = (
+            torch.diff(cover, dim=axis)
+            for cover in self.covers
+            if cover is not None
             for axis in (0, 1)
         )
-        return steps * self.camera.sensor.pitch
+        return sum(float(one.abs().double().sum()) for one in edges) * self.camera.sensor.pitch
 
     @cached_property
     def off_plane_star_rate(self) -> float:
@@ -373,24 +365,20 @@ class PictureProbe:
     def _scale(self, layer: Layer) -> float:
         return self.camera.magnification(layer.distance)
 
-    def _covering(self, layer: Layer) -> torch.Tensor | None:
-        if layer.cover is None:
-            return None
-        return layer.cover.light(self.plane, self._scale(layer), self.shift)
-
     def light_on(self, plane: Plane) -> NDArray[np.float64]:
         """Return the light of all layers on another plane, (rows, columns), electrons/s and pixel.
 
         Hidden parts are included. Each value is the mean over a sample's cell.
         """
-        pairs = zip(self.target.layers, self.rates, strict=True)
-        light = torch.stack([self._layer_light(layer, rates, plane) for layer, rates in pairs])
+        light = torch.stack(list(self._lights_on(plane)))
         return np.asarray(light.sum(0, dtype=torch.float64))
 
-    def _layer_light(self, layer: Layer, rates: tuple[float, ...], plane: Plane) -> torch.Tensor:
-        light = torch.zeros(plane.shape)
-        pictures = ((part.picture, rate) for part, rate in zip(layer.parts, rates, strict=True))
-        for picture, weight in merge_pictures(pictures):
-            drawn = picture.light(plane, self._scale(layer), self.shift)
-            light.add_(drawn, alpha=weight)
-        return light
+    def _lights_on(self, plane: Plane) -> Iterator[torch.Tensor]:
+        """Yield the light of each layer, hidden parts included."""
+        for layer, rates in zip(self.target.layers, self.rates, strict=True):
+            light = torch.zeros(plane.shape)
+            pictures = ((part.picture, rate) for part, rate in zip(layer.parts, rates, strict=True))
+            for picture, weight in merge_pictures(pictures):
+                drawn = picture.light(plane, self._scale(layer), self.shift)
+                light.add_(drawn, alpha=weight)
+            yield light

@@ -20,9 +20,8 @@ from simulator.effects.diffraction import Diffraction, PSFReach
 from simulator.effects.field_effects import FieldAberrations as FieldAberrationsEffect
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.filter_angle import FilterAngle
-from simulator.effects.focus_effects import AxialColour, FocusDrift
 from simulator.effects.glare import LensGhosts, VeilingGlare
-from simulator.effects.image_place import Distortion, LateralColour
+from simulator.effects.lens_effects import AxialColour, Distortion, FocusDrift, LateralColour
 from simulator.effects.panel_effects import (
     CrystalResponse,
     Interference,

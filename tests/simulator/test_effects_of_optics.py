@@ -29,7 +29,7 @@ from optics.psf import PSFOperator
 from simulator.effects.band_effects import Bandwidth
 from simulator.effects.field_effects import FieldPosition
 from simulator.effects.glare import LensGhosts
-from simulator.effects.image_place import Distortion, LateralColour
+from simulator.effects.lens_effects import Distortion, LateralColour
 from simulator.effects.panel_effects import Interference
 from simulator.effects.picture_norms import minimum_norms
 from simulator.effects.rendering_work import rendering_operations
