@@ -173,11 +173,7 @@ class Imaging:
 
     @single_threaded
     def _compute_plan(
-        self,
-        s: Situation,
-        tol: float,
-        forced: Mapping[str, str | bool],
-        decided_by: DecidedBy,
+        self, s: Situation, tol: float, forced: Mapping[str, str | bool], decided_by: DecidedBy
     ) -> EffectPlan:
         """Compute the effect plan of a situation, and time it."""
         self.plan_count += 1

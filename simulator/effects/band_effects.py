@@ -22,11 +22,7 @@ from simulator.effects.lens_effects import rim_displacement
 from simulator.effects.light_effects import FAR, BlurEffect, light_share_bound, occlusion_factor
 from simulator.effects.picture_norms import estimated_light
 from simulator.effects.psf_bounds import illuminated_area_change
-from simulator.effects.rendering_work import (
-    FILTER_BANDWIDTH,
-    LEVELS,
-    OUT_OF_BAND_LEAK,
-)
+from simulator.effects.rendering_work import FILTER_BANDWIDTH, LEVELS, OUT_OF_BAND_LEAK
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import Which, leak_share, spectral_measure, weight_errors
 from simulator.formation.windows import max_blur_distance
@@ -106,10 +102,7 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
 
 @cached_across_exposures
 def _node_count_error_rates(s: Situation, step: int) -> tuple[float, ...]:
-    """Return the L2 error rates in electrons per second, by number of wavelength nodes.
-
-    They are computed at one in `step` of the picture's sampled frequencies.
-    """
+    """Return the L2 errors by number of nodes, electrons/s, from one in `step` frequencies."""
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     some = s.picture_probe.sampled_frequencies
     most = light_norm_bound(s) / max(max_light_seconds(s), 1e-300)
@@ -168,10 +161,7 @@ def _likely_error_rates(s: Situation, which: Which, counts: tuple[int, ...]) -> 
 
 
 def _brightness_error(s: Situation, which: Which, count: int) -> float:
-    """Return the L2 error of few wavelengths in light of images of other scale, electrons/s.
-
-    A larger image is as much dimmer, also that of uniform light.
-    """
+    """Return the L2 error by few wavelengths of which larger images are dimmer, electrons/s."""
     lens, found = s.camera.lens, spectral_measure(s, which)
     if not lens.lateral_colour or lens.relative_illumination:
         return 0.0
@@ -180,10 +170,7 @@ def _brightness_error(s: Situation, which: Which, count: int) -> float:
 
 
 def sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[int], Array]]:
-    """Return the power at sampled frequencies, for each spectrum of light.
-
-    Each entry has the numbers of the parts with that spectrum.
-    """
+    """Return the power at sampled frequencies for each spectrum, with the numbers of its parts."""
     plane = s.picture_probe.plane
     return [
         (parts, some.represented_power(squared, plane))
@@ -193,9 +180,8 @@ def sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[in
 
 @dataclass(frozen=True)
 class TurnedTransfers:
-    """Hold the transfer functions that parts of the pattern may have over a range of wavelengths.
+    """Hold transfer functions of a pattern's parts over wavelengths, each (frequencies, nodes).
 
-    transfers: each (frequencies, nodes).
     turns: by any of which each may turn, (turns, nodes).
     """
 
@@ -203,9 +189,8 @@ class TurnedTransfers:
     turns: NDArray[np.complex128]
 
     def error_power(self, wrong: Array, power: Array) -> float:
-        """Return the squared error with few wavelengths, summed over frequencies.
+        """Return the largest squared error of any transfer function and weights of few wavelengths.
 
-        The result is the largest sum for any of the transfer functions and weights.
         wrong: errors of the nodes' weights, (weights, nodes).
         power: the picture's, (frequencies,).
         """
@@ -219,8 +204,7 @@ def turned_transfers(
 ) -> TurnedTransfers:
     """Return the transfer functions that parts of the pattern may have at wavelengths `nodes`.
 
-    The pattern's phase and the lens' aberrations go with 1/λ, so that a part turns over the band
-    against the rest.
+    Phase and aberrations go with 1/λ, so that a part turns over the band against the rest.
     part: of the phase's span, by which it may differ to either side.
     """
     grown = nodes / s.wavelength

@@ -73,12 +73,9 @@ class DepthLayers(LightEffect):
 
     def _change(self, s: Situation, level: int) -> float:
         """Bound the L2 error at a level, in electrons per second."""
-        distances = s.picture_probe.distances
-        nodes = depth_nodes(distances, LEVELS.depths[level])
-        beside = math.hypot(*s.mount.shift)
-        return s.picture_probe.change_bound(
-            [_gain(s.camera, d, nodes[d], beside) for d in distances]
-        )
+        probe, beside = s.picture_probe, math.hypot(*s.mount.shift)
+        nodes = depth_nodes(probe.distances, LEVELS.depths[level])
+        return probe.change_bound([_gain(s.camera, d, nodes[d], beside) for d in probe.distances])
 
 
 def _gain(
@@ -107,11 +104,10 @@ def _gain(
 
 
 def _displacement(camera: Camera, one: float, other: float, beside: float = 0.0) -> float:
-    """Return how many metres rim light moves on the sensor between two object distances.
+    """Return how many metres light moves on the sensor between two object distances.
 
-    Rim light comes from the edge of the panel, or of the stop's shadow on it.
-    beside: metres from the lens' axis to the panel's middle, by which the rim may be farther from
-        the axis.
+    It comes from the rim of the panel, or of the stop's shadow on it, which may be `beside` metres
+    farther from the axis.
     """
     bent = abs(_wave_curvature(camera, one) - _wave_curvature(camera, other))
     half = _half_diagonal(camera.panel)
@@ -122,12 +118,9 @@ def _displacement(camera: Camera, one: float, other: float, beside: float = 0.0)
 def _wave_curvature(camera: Camera, distance: float) -> float:
     """Return the curvature that the lens leaves of a point's wave on the panel (defocus), 1/m."""
     spread = 1 + as_number(camera.separation) / distance
-    vergence = 1 / object_to_lens_distance(camera, distance) - 1 / as_number(
-        camera.lens.focus_distance
-    )
-    return as_number(
-        spread * as_number(camera.lens.image_distance) / as_number(camera.ray_matrix_b) * vergence
-    )
+    focus, image = as_number(camera.lens.focus_distance), as_number(camera.lens.image_distance)
+    vergence = 1 / object_to_lens_distance(camera, distance) - 1 / focus
+    return as_number(spread * image / as_number(camera.ray_matrix_b) * vergence)
 
 
 def _stop_shadow_radius(camera: Camera, distance: float) -> float:

@@ -67,10 +67,8 @@ class Diffraction(OnOffBlurEffect):
 
     def explain(self, s: Situation) -> str:
         spot = s.wavelength * s.camera.lens.image_distance / s.camera.lens.stop_diameter
-        return (
-            f"a diffraction spot is {spot * 1e6:.2g} µm wide and a pixel "
-            f"{s.camera.sensor.pitch * 1e6:.3g} µm"
-        )
+        pitch = s.camera.sensor.pitch
+        return f"a diffraction spot is {spot * 1e6:.2g} µm wide and a pixel {pitch * 1e6:.3g} µm"
 
 
 class PSFReach(BlurEffect):
@@ -122,10 +120,7 @@ _LINES = 128
 
 @cached_across_exposures
 def _mean_ray_displacement(s: Situation) -> float:
-    """Return the mean distance on the sensor from a point's image to its rays, metres.
-
-    It is the largest of all pictures, unmodulated light and object distances, with a margin.
-    """
+    """Return the largest mean distance on the sensor from a point's image to its rays, metres."""
     panel, probe, worst = s.camera.panel, s.pattern_probe, 0.0
     straight = torch.ones(panel.shape, dtype=torch.complex64)
     for field, wave in itertools.product((*probe.fields, straight), probe.lens_phases):

@@ -37,10 +37,7 @@ _DIM_PIXEL_MARGIN = 3.0
 
 
 class PixelwiseEffect(OnOffEffect):
-    """A stage of the sensor that treats each pixel by itself.
-
-    operations_per_pixel: its cost.
-    """
+    """A stage of the sensor that treats each pixel by itself, for so many operations."""
 
     operations_per_pixel: ClassVar[float] = 1.0
 
@@ -70,37 +67,25 @@ def lamp_ripple(s: Situation) -> float:
 
 
 def max_light_seconds(s: Situation) -> float:
-    """Bound the light of an exposure, in seconds of the lamp's mean light on ideal pixels.
-
-    The lamp's flicker, whatever raises the panel's power, distortion and ghosts are included.
-    """
+    """Bound an exposure's light, in seconds of the lamp's mean light on ideal pixels."""
     brighter = area_change(s) * ghost_gain(s.camera)
     return s.exposure * (1 + lamp_ripple(s)) * max_panel_power(s) * brighter
 
 
 def ghost_gain(camera: Camera) -> float:
-    """Return by how much a lens' ghosts brighten even light at most, 1 without any.
-
-    A ghost that is smaller than the picture is denser: of light from beside the frame, too.
-    """
+    """Return by how much a lens' ghosts brighten even light at most: smaller ones are denser."""
     kept = 1 - total_share(camera.ghosts)
     return max(1.0, kept + sum(one.brightness for one in camera.ghosts))
 
 
 def area_change(s: Situation) -> float:
-    """Return by how much distortion and lateral colour change areas at most, 1 without them.
-
-    As much denser or larger is their light, and so is the norm of a picture.
-    """
+    """Return by how much the lens changes areas at most; as much denser may their light be."""
     frame = moved_frame(s)
     return max(frame.largest, 1 / frame.least)
 
 
 def max_panel_power(s: Situation) -> float:
-    """Bound the light of any PSF, relative to that of ideal pixels alone.
-
-    Gaps between pixels, and light that interferes, may add to the light of the pixels.
-    """
+    """Bound a PSF's light over that of ideal pixels, to which gaps and interference may add."""
     return s.pattern_probe.max_relative_power * (1 + abs(s.interference))
 
 
@@ -126,10 +111,7 @@ def all_electrons(s: Situation) -> float:
 
 @cached_per_situation
 def _peak_light_electrons(s: Situation) -> float:
-    """Bound the electrons that light frees in any pixel of a blurred picture.
-
-    Three bounds are compared: by Young, by the PSF's peak, and by frequency.
-    """
+    """Bound any pixel's electrons of blurred light, by Young, the PSF's peak, or frequency."""
     sharpest = float(s.picture_probe.brightest) * max_light_seconds(s)
     if not has_known_psf(s):
         return sharpest
@@ -141,10 +123,7 @@ def _peak_light_electrons(s: Situation) -> float:
 
 
 def finest_octave_norm(s: Situation) -> float:
-    """Bound the norm of the light in the finest octave that pixels resolve, electrons per second.
-
-    So much may a change of PSFs or pixels add by what pixels fold back.
-    """
+    """Bound the norm of light in the octave that pixels resolve and fold back, electrons/s."""
     pitch = s.camera.sensor.pitch
     return s.picture_probe.power_spectrum.filtered_norm_bound(
         lambda k: (k * pitch >= 0.25).astype(np.float64)
@@ -159,11 +138,7 @@ def relative_light_change(s: Situation, change: float) -> float:
 
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
-    """Bound the L2 norm of the blurred picture's electrons.
-
-    Three bounds are compared: by Young; by the brightest pixel and the sum of all; and by frequency
-    (Parseval).
-    """
+    """Bound the L2 norm of the blurred picture's electrons, by Young, its sum, or frequency."""
     if not has_known_psf(s):
         return sharp_norm_bound(s)
     summed = math.sqrt(psf_energy_bound(s)) * all_electrons(s)
@@ -185,10 +160,7 @@ def hot_pixel_norm(s: Situation) -> float:
 
 
 def affected_pixel_bound(share: float, count: int) -> float:
-    """Bound how many of `count` pixels are hit, each with probability `share`.
-
-    The number is taken five standard deviations above its mean.
-    """
+    """Bound how many pixels are hit, each with probability `share`: 5 σ above the mean."""
     expected = share * count
     return min(float(count), expected + 5 * math.sqrt(expected)) if share else 0.0
 
@@ -308,10 +280,7 @@ def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: boo
 
 
 def sigma_by_light(bound: Bound, change: float, electrons: float) -> float:
-    """Bound the change of σ by that of the light's sum, since |√a - √b|² is at most |a - b|.
-
-    change, electrons: L2 norm and sum of the changes of the picture's electrons.
-    """
+    """Bound σ's change, as |√a - √b|² ≤ |a - b|, by norm and sum of those of the electrons."""
     slope = bound.variance / change if change else 0.0
     return math.sqrt(slope * electrons)
 

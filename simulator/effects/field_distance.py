@@ -15,10 +15,9 @@ MARGIN = 1.2
 
 @dataclass(frozen=True)
 class PixelSample:
-    """A sample of the panel's pixels, evenly spaced along each axis.
+    """A sample of the panel's pixels in steps of rows and columns.
 
-    rows, columns: steps between the sample's pixels.
-    aperture_share: share of each that the stop leaves open.
+    aperture_share: share of each pixel that the stop leaves open.
     """
 
     rows: int

@@ -14,12 +14,7 @@ from simulator.effects.electron_bounds import (
     max_light_seconds,
     proportional_error_bound,
 )
-from simulator.effects.field_waves import (
-    displacement,
-    interpolation_error,
-    phase_span,
-    psf_change,
-)
+from simulator.effects.field_waves import displacement, interpolation_error, phase_span, psf_change
 from simulator.effects.light_effects import (
     BlurEffect,
     OnOffBlurEffect,
@@ -158,10 +153,8 @@ class FieldAberrations(BlurEffect):
 
     def explain(self, s: Situation) -> str:
         waves, away = phase_span(s) / 2 / math.pi, displacement(s) / s.camera.sensor.pitch
-        return (
-            f"in the corner they span {waves:.2g} waves more than on the axis, and displace rays "
-            f"by {away:.2g} pixels at most"
-        )
+        more = f"in the corner they span {waves:.2g} waves more than on the axis"
+        return f"{more}, and displace rays by {away:.2g} pixels at most"
 
     def _change(self, s: Situation, level: int) -> float:
         """Bound ‖Δh‖₁ of PSFs. Where places are too few, more may be worse, which counts, too."""

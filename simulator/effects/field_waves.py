@@ -32,10 +32,7 @@ cancel in part. Chosen."""
 
 
 def wave_distance(s: Situation) -> float:
-    """Bound how far a field-aberrated wave is from the axis' of the same power, a turn left out.
-
-    It is the L2 norm of their difference, at most the square root of 2.
-    """
+    """Bound the L2 norm of a field-aberrated wave's difference from the axis', a turn left out."""
     return math.sqrt(2 * (1 - _least_coherence(s)))
 
 
@@ -116,10 +113,7 @@ def _corner(s: Situation) -> Place:
 
 
 def _phases(s: Situation, places: Sequence[Place]) -> NDArray[np.float64]:
-    """Return the phases of field aberrations at open pixels of the panel, (places, pixels).
-
-    The wavelength is the shortest of the band.
-    """
+    """Return field aberrations' largest phases at open pixels of the panel, (places, pixels)."""
     by, lens, mount = s.camera.lens.field_aberrations, s.camera.lens, s.mount
     assert by is not None
     rows, columns = _steps(s)

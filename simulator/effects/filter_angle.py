@@ -9,11 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.fourier import rfft_column_weights
-from simulator.effects.band_effects import (
-    off_axis_factor,
-    sampled_powers,
-    turned_transfers,
-)
+from simulator.effects.band_effects import off_axis_factor, sampled_powers, turned_transfers
 from simulator.effects.electron_bounds import (
     light_norm_bound,
     max_light_seconds,

@@ -11,7 +11,6 @@ import numpy as np
 import scipy.special
 from numpy.typing import NDArray
 
-from optics.camera import Ghost
 from optics.camera.ghost import total_share
 from simulator.effects.electron_bounds import (
     PixelwiseEffect,
@@ -22,6 +21,7 @@ from simulator.effects.electron_bounds import (
     pixel_count,
     sensor_error_bound,
     sigma_by_light,
+    sqrt_pixel_count,
 )
 from simulator.effects.light_effects import FAR, LightChange
 from simulator.effects.psf_bounds import is_uniform_scene, mtf_bound
@@ -36,7 +36,6 @@ from simulator.effects.vignetting_bounds import max_vignetting_change, unevennes
 from simulator.formation.ghosts import ghost_operations
 from simulator.planning import Bound
 from simulator.probing.picture_probe import MARGIN, PictureProbe
-from simulator.probing.sampled_frequencies import Gain
 from simulator.situation import Situation
 
 Array = NDArray[np.float64]
@@ -91,10 +90,7 @@ class LensGhosts(LightChange):
         return total_share(s.camera.ghosts) > 0
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the frame's error by the ghosts, and by the light that they take from the picture.
-
-        Dark pixels beside bright ones count as they do for veiling glare.
-        """
+        """Bound the ghosts and the light that they take; dark pixels count as for veiling glare."""
         change = self.change(s)
         bound = sensor_error_bound(s, change, self.how, read_noise=False)
         taken = total_share(s.camera.ghosts) * all_electrons(s)
@@ -112,16 +108,14 @@ class LensGhosts(LightChange):
     def explain(self, s: Situation) -> str:
         ghosts = s.camera.ghosts
         brightest = max(ghosts, key=lambda one: one.brightness)
-        return (
-            f"{total_share(ghosts):.2g} of the light is in {len(ghosts)} of them; the brightest is "
-            f"{brightest.magnification:.2g} times as large as the picture"
-        )
+        size = f"{brightest.magnification:.2g} times as large as the picture"
+        share = f"{total_share(ghosts):.2g} of the light is in {len(ghosts)} of them"
+        return f"{share}; the brightest is {size}"
 
     def change(self, s: Situation) -> float:
         """Bound the L2 norm of the electrons that ghosts add and take.
 
-        Both are positive, so that the square of their difference is no more than the sum of their
-        squares.
+        Both are positive: the square of their difference is no more than the sum of their squares.
         """
         light = light_norm_bound(s) / ghost_gain(s.camera)
         taken = total_share(s.camera.ghosts) * light
@@ -149,17 +143,22 @@ def _ghost_lights(s: Situation) -> list[_GhostLight]:
     Three bounds of the norm are compared: by frequency, for a disc takes the detail (Parseval); by
     the brightest pixel; and by the light of all points, each spread over its disc (Young).
     """
-    found, count = [], math.sqrt(math.prod(s.camera.sensor.shape))
+    found, count, pitch = [], sqrt_pixel_count(s), s.camera.sensor.pitch
     for ghost in s.camera.ghosts:
         # Cells of more pixels for a wide disc, so that the probe's margin holds all light that the
         # disc brings into the frame.
-        wide = ghost.blur_diameter / 2 / (MARGIN * s.camera.sensor.pitch)
-        cells = max(1, math.ceil(wide))
+        cells = max(1, math.ceil(ghost.blur_diameter / 2 / (MARGIN * pitch)))
         probe = _ghosts_probe(s, abs(ghost.magnification), cells)
         total = probe.total_with_margin + probe.off_plane_star_rate
-        disc = math.pi * ghost.blur_diameter**2 / 4 / s.camera.sensor.pitch**2
+        disc = math.pi * ghost.blur_diameter**2 / 4 / pitch**2
         brightest = probe.brightest / cells**2
-        by_frequency = probe.power_spectrum.filtered_norm_bound(_passed(s, ghost)) / cells
+
+        def passed(
+            k: Array, width: float = ghost.blur_diameter / abs(ghost.magnification)
+        ) -> Array:
+            return disc_gain_bound(k * width) * mtf_bound(s, k)
+
+        by_frequency = probe.power_spectrum.filtered_norm_bound(passed) / cells
         norms = [by_frequency + probe.off_plane_star_rate, count * brightest]
         if disc:
             norms += [total / math.sqrt(disc), count * total / disc]
@@ -167,12 +166,6 @@ def _ghost_lights(s: Situation) -> list[_GhostLight]:
         most = min(total, count**2 * brightest)
         found.append(_GhostLight(seconds * min(norms), seconds * most))
     return found
-
-
-def _passed(s: Situation, ghost: Ghost) -> Gain:
-    """Bound what blur and a ghost's disc leave of its picture, by cycles per metre."""
-    width = ghost.blur_diameter / abs(ghost.magnification)
-    return lambda k: disc_gain_bound(k * width) * mtf_bound(s, k)
 
 
 def disc_gain_bound(k: Array) -> Array:

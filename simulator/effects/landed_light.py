@@ -36,8 +36,7 @@ beyond it, errors relative to all light mislead."""
 class LandedLight:
     """The light in the frame by cells, after the blur of the shown pattern, without other losses.
 
-    cells: electrons per second and pixel, (rows, columns) of cells.
-    pixels: along a cell.
+    cells: electrons per second and pixel, of cells so many `pixels` wide.
     """
 
     cells: Array
@@ -154,11 +153,7 @@ def _in_cells(s: Situation, step: int, half: tuple[int, int]) -> Array:
 
 
 def _on_sensor(s: Situation, kernel: Array, scale: float, half: tuple[int, int]) -> Array:
-    """Turn a kernel from the panel's axes to the sensor's, and scale it with the wavelength.
-
-    A cell's light is shared by the four cells around its new place.
-    half: cells (y, x) on each side of the middle that are returned.
-    """
+    """Turn a kernel to the sensor's axes and scale it; see kernel_over_band() for the rest."""
     most = math.ceil(math.hypot(*half) / min(scale, 1.0)) + 1
     near = cut_kernel(kernel, (most, most))
     down, along = (np.arange(n) - n // 2 for n in near.shape)

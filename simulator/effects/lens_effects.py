@@ -40,9 +40,8 @@ for, from audits: the panel's effects may change a PSF, and its wavelength isn't
 
 
 def far_field_change(s: Situation, number: int, k: Array, apart: float) -> Array:
-    """Bound how a focus changes transfer functions near frequencies k, (frequencies,).
+    """Bound PatternProbe.focus_change() near frequencies k for all light.
 
-    number: of the focus, as for PatternProbe.focus_change().
     apart: ratio of wavelengths by which light may differ from the band's centre.
     """
     return _MARGIN * apart**2 * s.pattern_probe.focus_change(number, k, _SPREAD * apart)

@@ -61,10 +61,7 @@ def psf_error_bound(s: Situation, change: float, how: str, density: float = math
 
 
 def light_share_bound(s: Situation, share: float, how: str, density: float = math.inf) -> Bound:
-    """Bound the frame's error where PSFs change by a share of their own light.
-
-    That may be more than the light of ideal pixels. All else is as in psf_error_bound().
-    """
+    """Bound the error where PSFs change by a share of their light; see psf_error_bound()."""
     share = min(share, 2.0)
     on_pixel = min(density * s.camera.sensor.pitch**2, 1.0)
     of_points = math.sqrt(on_pixel * share) * total_electrons(s)

@@ -43,21 +43,14 @@ from simulator.situation import Situation
 
 
 class PanelEffect(OnOffBlurEffect):
-    """An imperfection of the panel, described by one field of Panel.
-
-    panel_field: name of that field.
-    neutral_value: its value on an ideal panel.
-    """
+    """An imperfection of the panel: a field of Panel that isn't at its neutral value."""
 
     panel_field: ClassVar[str]
     neutral_value: ClassVar[Any] = 0.0
 
     @abstractmethod
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Bound ‖Δh‖₁ of PSFs with the imperfection against without it, and say how it's known.
-
-        The bound holds at any levels of everything else.
-        """
+        """Bound the change ‖Δh‖₁ of PSFs, at any levels of all else, and say how it's known."""
 
     def is_caused(self, s: Situation) -> bool:
         return bool(getattr(s.camera.panel, self.panel_field) != self.neutral_value)
@@ -344,8 +337,8 @@ def _dispersed_psf_change(s: Situation) -> float:
 def _psf_change_over(s: Situation, which: Which) -> float:
     """Bound the mean change ‖Δh‖₁ of a PSF by dispersion over the band or the leak.
 
-    Each wavelength is weighted by its share of the brightest channel's electrons, or by the largest
-    share that it has in any part and channel. The leak counts by its share of the light.
+    Each wavelength has the weight of its largest share in any part and channel, over the brightest
+    channel's electrons.
     """
     found, band = spectral_measure(s, which), spectral_measure(s, "band")
     if found.is_empty:

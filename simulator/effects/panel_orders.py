@@ -14,17 +14,11 @@ from simulator.effects.electron_bounds import max_light_seconds
 from simulator.effects.landed_light import cell_pixels, detail_factor, kernel_over_band
 from simulator.effects.light_effects import FAR, BlurEffect, light_share_bound, transfer_error_bound
 from simulator.effects.psf_bounds import can_orders_reach_sensor, has_occlusion
-from simulator.effects.rendering_work import (
-    LEVELS,
-    PANEL_ORDERS,
-    PSF_REACH,
-    are_orders_coarse,
-)
+from simulator.effects.rendering_work import LEVELS, PANEL_ORDERS, PSF_REACH, are_orders_coarse
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.formation.coarse_orders import order_cell_pixels
 from simulator.formation.windows import ORDER_FADE_PIXELS, max_blur_distance
 from simulator.planning import Bound
-from simulator.probing.sampled_frequencies import Gain
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
@@ -61,24 +55,16 @@ class PanelOrders(BlurEffect):
         missing = light_share_bound(s, self.audit_margin * max(lost, 0.0), how)
         if not coarse:
             return missing
-        how = "audited: what cells of pixels take of the detail in all orders"
-        blurred = transfer_error_bound(s, self._coarse_gain(s), how)
-        return min(missing, blurred, key=lambda one: one.mean)
-
-    def _coarse_gain(self, s: Situation) -> Gain:
-        """Bound the detail by frequency that orders lose if they are rendered on cells.
-
-        A cell's mean, and the line between the middles of two cells, each take (π k c)²/6 of a
-        fringe of k cycles per metre, for cells of a side c along both axes; what cells don't
-        resolve may be aliased as well. No more light than is in all side orders is concerned.
-        """
-        share = s.pattern_probe.side_order_share
-        cell = order_cell_pixels(s) * s.camera.sensor.pitch
+        # A cell's mean, and the line between the middles of two cells, each take (π k c)²/6 of a
+        # fringe of k cycles per metre, for cells of a side c along both axes; what cells don't
+        # resolve may be aliased as well.
+        share, cell = probe.side_order_share, order_cell_pixels(s) * s.camera.sensor.pitch
 
         def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
             return share * np.minimum((math.pi * k * cell) ** 2 / 2, 2.0)
 
-        return gain
+        how = "audited: what cells of pixels take of the detail in all orders"
+        return min(missing, transfer_error_bound(s, gain, how), key=lambda one: one.mean)
 
     def likely_error(self, s: Situation, level: int) -> Bound:
         told = super().likely_error(s, level)

@@ -38,10 +38,7 @@ from simulator.speckle import speckle_variance
 
 
 class DustLosses(NamedTuple):
-    """Sums of the losses by dust over the pixels, each a share of a pixel's light.
-
-    Shadows that overlap count as if they added up.
-    """
+    """Sums over pixels of the shares of light that dust takes, as if shadows added up."""
 
     deepest: float  # of any pixel
     total: float
@@ -100,8 +97,7 @@ def minimum_norms(s: Situation) -> MinimumNorms:
 def _with_speckle(s: Situation, norms: MinimumNorms, light: float) -> MinimumNorms:
     """Add what speckle of variance v m² adds to the least norms of pictures, for a mean m.
 
-    The norm of m² is least where all pixels are alike.
-    light: least norm of m.
+    The norm of m² is least where all pixels are alike. light: least norm of m.
     """
     squared = speckle_variance(s) * light**2
     variance = math.hypot(norms.variance, squared / sqrt_pixel_count(s))
@@ -126,10 +122,7 @@ def estimated_norms(s: Situation) -> MinimumNorms:
 
 
 def light_share(s: Situation, *, least: bool = False) -> float:
-    """Return the mean or least share of the frame's light that isn't held back.
-
-    Vignetting, the angle at the filter, colour filters and panel hold light back.
-    """
+    """Return the mean or least share of light that vignetting, filters and panel leave."""
     distances = set(s.picture_probe.distances)
     seen, passed = vignetting_samples(s, s.camera.sensor.shape, distances), angle_shares(s)
     left = float(seen.min() if least else seen.mean())
@@ -161,10 +154,7 @@ def estimated_light(s: Situation) -> tuple[float, float]:
 
 @cached_across_exposures
 def _min_light(s: Situation) -> tuple[float, float]:
-    """Bound the sum and norm of the frame's light from below, electrons per second.
-
-    Some share of a PSF's light may fall beyond a square around its image: each share gives bounds.
-    """
+    """Bound the sum and norm of the frame's light from below, electrons/s, in several ways."""
     pattern, occluded, total, norm = s.pattern_probe, has_occlusion(s), 0.0, 0.0
     for share in (0.5, 0.3, 0.2, 0.1, 0.05):
         edge, kept = _blur_margin(s, share), max(1 - share - pattern.side_order_share, 0.0)
@@ -192,10 +182,7 @@ def _min_light(s: Situation) -> tuple[float, float]:
 
 
 def _min_channel_share(s: Situation) -> float:
-    """Return the least share of a part's electrons that colour filters leave the mean pixel.
-
-    It is relative to the part's best channel.
-    """
+    """Return the least electrons of the mean pixel over those of the best channel, of any part."""
     colour = s.camera.sensor.colour
     if colour is None:
         return 1.0

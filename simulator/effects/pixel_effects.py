@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -84,13 +83,6 @@ class Speckle(PixelwiseEffect):
 
 
 class PixelAperture(LightEffect, PixelwiseEffect):
-    """The average over a pixel's area, which takes contrast from fine detail.
-
-    audit_margin: factor, from audits, by which light above the pixels' Nyquist frequency may exceed
-        that in the finest octave that they resolve.
-    """
-
-    audit_margin: ClassVar[float] = 2.0
     name = "pixel aperture"
     likely_shares = (0.8,)
     recipe_field = "pixel_aperture"
@@ -109,8 +101,9 @@ class PixelAperture(LightEffect, PixelwiseEffect):
         finest = 2 * s.camera.lens.image_numerical_aperture / s.band.support[0]
         aliases = max(math.ceil(2 * finest * s.camera.sensor.pitch), 1.0)
         folded = MAX_SINC_LOSS * aliases * finest_octave_norm(s)
-        change = math.hypot(self._resolved_loss(s), self.audit_margin * folded)
-        how = f"audited ×{self.audit_margin:g}: 1 - sinc sinc ≤ (π p k)²/6 in every frequency"
+        # Light above the Nyquist frequency may exceed that octave by a factor of 2 (audits).
+        change = math.hypot(self._resolved_loss(s), 2.0 * folded)
+        how = "audited ×2: 1 - sinc sinc ≤ (π p k)²/6 in every frequency"
         return proportional_error_bound(s, max_light_seconds(s) * change, how)
 
     def explain(self, s: Situation) -> str:
@@ -150,10 +143,8 @@ class Dust(LightChange, PixelwiseEffect):
 
     def explain(self, s: Situation) -> str:
         losses = dust_losses(s)
-        return (
-            f"the deepest shadow takes {losses.deepest:.2g} of a pixel's light, all of them that "
-            f"of {losses.total:.3g} pixels"
-        )
+        deepest = f"the deepest shadow takes {losses.deepest:.2g} of a pixel's light"
+        return f"{deepest}, all of them that of {losses.total:.3g} pixels"
 
     def change(self, s: Situation) -> float:
         losses = dust_losses(s)
@@ -190,10 +181,7 @@ class ColourFilters(OnOffEffect):
 
 @cached_per_situation
 def _filter_difference(s: Situation) -> float:
-    """Return a filter's largest difference from the mean pixel, over the best channel's electrons.
-
-    The maximum is over all parts and filters.
-    """
+    """Return the largest difference of filters from the mean pixel, over the best channel."""
     # Cameras without colour filters that see the difference itself.
     sensors = [
         replace(s.camera.sensor, colour=None, spectral_efficiency=one)
@@ -212,10 +200,7 @@ def _filter_difference(s: Situation) -> float:
 
 
 def _curve_differences(s: Situation) -> list[Spectrum]:
-    """Return each filter's absolute difference from the mean pixel's curve.
-
-    The nodes are the wavelengths at which any curve bends or ends, both sides of the ends included.
-    """
+    """Return each filter's absolute difference from the mean pixel's curve."""
     colour = s.camera.sensor.colour
     if colour is None:
         return []
@@ -243,10 +228,7 @@ class PixelCrosstalk(LightChange, PixelwiseEffect):
         return s.camera.sensor.crosstalk > 0
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        """Bound the frame's error by the loss of contrast at each frequency.
-
-        Dark pixels beside bright ones count as they do for veiling glare: |√a - √b|² ≤ |a - b|.
-        """
+        """Bound the loss of contrast; dark pixels beside bright ones count as for veiling glare."""
         bound, change = super().error_bound_if_omitted(s), self.change(s)
         slope = bound.variance / change if change else 0.0
         moved = slope * 2 * self._largest_loss(s) * all_electrons(s)

@@ -45,10 +45,7 @@ def peak_pixel_share(s: Situation) -> float:
 
 @cached_per_situation
 def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
-    """Bound the sum over pixels of a PSF's squared shares.
-
-    beyond: if given, only the light beyond a square of so many metres to each side counts.
-    """
+    """Bound the sum of a PSF's squared shares of pixels, or that `beyond` metres to each side."""
     if not has_known_psf(s):
         return 1.0
     probe = s.pattern_probe
@@ -56,10 +53,7 @@ def psf_energy_bound(s: Situation, beyond: float = 0.0) -> float:
 
 
 def _on_pixel(s: Situation, density: float) -> float:
-    """Bound a PSF's share on one pixel, over the whole band and field.
-
-    density: the PSF's in 1/m², in the middle of band and field.
-    """
+    """Bound a PSF's share on one pixel by its density in the middle of band and field, 1/m²."""
     # It is denser at the band's short end than at its centre.
     density *= _MARGIN * s.band.centre**2 / s.band.support[0] ** 2
     # Off the axis, light passes another part of the panel, and is aberrated more: amplitudes add.
@@ -71,10 +65,7 @@ def _on_pixel(s: Situation, density: float) -> float:
 
 
 def full_aperture_density(s: Situation) -> float:
-    """Return the densest that a PSF can be with any phase, in shares per m².
-
-    All amplitudes of the pupil then add up at one point, at the middle of the band.
-    """
+    """Return the densest that a PSF can be, all amplitudes in phase, in shares per m²."""
     camera = s.mount.camera_in_panel_axes(s.camera)
     return open_area(camera) / (s.wavelength * as_number(s.camera.ray_matrix_b)) ** 2
 
@@ -87,10 +78,7 @@ def zeroth_order_share(s: Situation) -> float:
 
 
 def can_orders_reach_sensor(s: Situation) -> bool:
-    """Whether side orders of any light can reach a pixel.
-
-    The first order begins half a period from the light's image.
-    """
+    """Whether side orders, which begin half a period from an image, can reach a pixel."""
     period = s.pattern_probe.period * s.band.whole_support[0] / s.wavelength
     return max(max_blur_distance(s)) + ORDER_FADE_PIXELS * s.camera.sensor.pitch > period / 2
 

@@ -193,10 +193,7 @@ def light_samples_at(s: Situation, levels: Mapping[str, int]) -> int:
 
 
 def _count_steps(s: Situation, levels: Mapping[str, int], *, apart: bool) -> _Counts:
-    """Count the PSFs, transforms and pictures that rendering takes.
-
-    apart: whether the panel's side orders have PSFs of their own.
-    """
+    """Count rendering's steps; apart: whether the panel's side orders have PSFs of their own."""
     layers = s.target.layers
     distances, places = {layer.distance for layer in layers}, place_count_at(levels)
     wave, nodes = bool(levels[DIFFRACTION]), wavelength_count_at(levels)

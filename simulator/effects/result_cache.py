@@ -18,8 +18,7 @@ def _cached_in(
 ) -> Callable[[Callable[Concatenate[Situation, P], T]], Callable[Concatenate[Situation, P], T]]:
     """Return a decorator of functions of a situation, whose results are kept in a place.
 
-    They are deleted with what keeps them. A cache of the function's own would keep situations alive
-    that nothing else uses any more.
+    A cache of the function's own would keep situations alive that nothing else uses any more.
     place: returns the results that are kept already, and what they depend on beside the arguments.
     """
 

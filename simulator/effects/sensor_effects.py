@@ -87,10 +87,7 @@ class FixedPattern(PixelwiseEffect):
         )
 
     def _offsets(self, s: Situation) -> Bound:
-        """Bound the change by the pixels' offsets (DSNU).
-
-        Offsets move means; they change variances only by rounding and at the converter's ends.
-        """
+        """Bound the change by offsets (DSNU); variances change by rounding and clipping alone."""
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         if not sensor.dsnu:
             return Bound()

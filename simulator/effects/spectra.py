@@ -46,10 +46,7 @@ class SpectralMeasure:
 
     @cached_property
     def nodes(self) -> Array:
-        """Return 49 Chebyshev wavelengths over the band or the leak, in metres.
-
-        A transfer function, which is smooth over the range, is interpolated between them.
-        """
+        """Return 49 Chebyshev wavelengths, metres, between which transfer functions are smooth."""
         count = 49
         turns = np.pi * (np.arange(count) + 0.5) / count
         low, high = self.wavelengths.min(), self.wavelengths.max()
@@ -95,10 +92,9 @@ def _lights_and_curves(s: Situation) -> tuple[tuple[Spectrum, ...], tuple[Spectr
 
 
 def measures_at_angles(s: Situation, squared: Sequence[Sequence[float]]) -> list[Array]:
-    """Return wavelengths in metres, and the electrons at them for lists of angles.
+    """Return wavelengths in metres, and the electrons at them for lists of angles' sin².
 
     Each array of electrons is (angles, channels, parts, wavelengths).
-    squared: lists of sin².
     """
     x, measures = electrons_by_angle(
         *_lights_and_curves(s), s.band, [one for many in squared for one in many], leak=False
@@ -160,8 +156,7 @@ def _largest_mean(
 ) -> Array:
     """Return the mean changes of each channel of each part over band or leak, (..., rows).
 
-    Each is the largest for any number of wavelengths. The weights are relative to all light of the
-    part in its brightest channel.
+    Each is the largest for any number of wavelengths, relative to all light of the best channel.
     """
     measures = [spectral_measure(s, "band"), spectral_measure(s, "leak")]
     found = measures[which == "leak"]

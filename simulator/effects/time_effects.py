@@ -59,18 +59,12 @@ class LampFlicker(LightEffect, OnOffEffect):
         return float(s.camera.sensor.shape[0]) if levels[self.name] else 0.0
 
     def explain(self, s: Situation) -> str:
-        lamp = _lamp(s)
-        periods = s.exposure * lamp.frequency
-        return (
-            f"the lamp's {lamp.ripple:.3g} at {lamp.frequency:g} Hz, over {periods:.3g} periods, "
-            f"leave {self._max_row_deviation(s):.2g}"
-        )
+        lamp, left = _lamp(s), f"leave {self._max_row_deviation(s):.2g}"
+        over = f"over {s.exposure * lamp.frequency:.3g} periods"
+        return f"the lamp's {lamp.ripple:.3g} at {lamp.frequency:g} Hz, {over}, {left}"
 
     def _max_row_deviation(self, s: Situation) -> float:
-        """Return the largest deviation from 1 of the lamp's mean light over a row's exposure.
-
-        Without a rolling shutter, all rows are exposed with the first.
-        """
+        """Return the largest deviation from 1 of the lamp's mean light over a row's exposure."""
         begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
         return float(np.abs(_lamp(s).mean(begins, begins + s.exposure) - 1).max())
 
@@ -220,11 +214,8 @@ class RollingShutter(LightEffect, PixelwiseEffect):
         return sensor_error_bound(s, self._row_difference(s) * light_norm_bound(s), how)
 
     def explain(self, s: Situation) -> str:
-        late = s.exposure_span - s.exposure
-        return (
-            f"the last row starts {late * 1e3:.3g} ms after the first, of an exposure of "
-            f"{s.exposure * 1e3:.3g} ms"
-        )
+        late, each = (s.exposure_span - s.exposure) * 1e3, s.exposure * 1e3
+        return f"the last row starts {late:.3g} ms after the first, of an exposure of {each:.3g} ms"
 
     def _row_difference(self, s: Situation) -> float:
         """Bound how much any row's light differs from the first row's, as a share of the light."""

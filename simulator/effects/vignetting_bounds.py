@@ -22,10 +22,7 @@ from simulator.situation import Situation
 
 @cached_per_situation
 def max_vignetting_change(s: Situation) -> float:
-    """Return the largest relative change of a point's light by vignetting.
-
-    The point may be wherever the finest rendering of side orders brings light from.
-    """
+    """Return the largest change of a point's light, wherever side orders bring light from."""
     return _vignetting_change(s, LEVELS.orders[-1])
 
 
@@ -44,10 +41,7 @@ def vignetting_change(s: Situation) -> float:
 
 
 def _vignetting_change(s: Situation, orders: int) -> float:
-    """Return the largest change of vignetting where light up to some side order comes from.
-
-    The change is computed at a few places, the corners included.
-    """
+    """Return the largest change at places where light up to some side order comes from."""
     plane = s.picture_probe.plane
     period = s.pattern_probe.period * s.band.whole_support[1] / s.wavelength
     turned = abs(math.cos(s.mount.rotation)) + abs(math.sin(s.mount.rotation))
@@ -85,10 +79,7 @@ def _vignetting_at(s: Situation, camera: Camera, plane: Plane, distance: float) 
 
 
 def blur_sensitivity(s: Situation) -> float:
-    """Return the largest share of the light that a change of PSFs can change.
-
-    Uniform, endless light changes only by what vignetting and the filter's angle make of it.
-    """
+    """Return the largest share of the light, in uniform light a small one, that PSFs can change."""
     return min(max_vignetting_change(s) + _aslant(s), 1.0) if is_uniform_scene(s) else 1.0
 
 

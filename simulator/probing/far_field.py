@@ -177,10 +177,7 @@ class FarField:
 
     @cached_property
     def transfer(self) -> NDArray[np.complex64]:
-        """Return the transfer function of the zeroth order, (frequencies y, frequencies x).
-
-        radii() gives the moduli of the frequencies.
-        """
+        """Return the transfer function of the zeroth order at the frequencies of radii()."""
         spectrum = scipy.fft.rfft2(self.zeroth_order_light)
         kept = _frequency_count(self.light.shape)
         return np.asarray(np.concatenate([spectrum[:kept, :kept], spectrum[-kept + 1 :, :kept]]))
@@ -213,10 +210,7 @@ def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: 
 
 
 def _frequency_count(shape: tuple[int, ...]) -> int:
-    """Return how many frequencies a transfer function has along each axis.
-
-    The frequencies are 0 and more, up to half those of the far field's shorter axis.
-    """
+    """Return a transfer function's frequencies from 0 on, half those of the shorter axis."""
     return min(shape) // 2
 
 
@@ -229,10 +223,9 @@ def radii(shape: tuple[int, ...]) -> Array:
 
 @lru_cache(maxsize=16)
 def _ring_sums(samples: int, steps: int) -> scipy.sparse.csr_array:
-    """Return the matrix that sums samples along an axis of a far field over rings.
+    """Return the matrix that sums samples along an axis over rings, (steps + 1, samples).
 
-    It is (steps + 1, samples). Ring k contains distances from the optical axis above k - 1 steps,
-    up to k steps. The axis is at sample 0.
+    Ring k contains distances from the optical axis at sample 0 above k - 1 steps, up to k steps.
     """
     sample = np.arange(samples)
     away = np.minimum(sample, samples - sample) * (2 * steps / samples)

@@ -153,10 +153,7 @@ class PatternProbe(_ShownPattern):
 
     @cached_property
     def min_relative_power(self) -> float:
-        """Return the least power of a picture behind the panel, over that of even pixels.
-
-        A phase that is blurred within pixels makes the power less.
-        """
+        """Return the least power of a picture behind the panel, over that of even pixels."""
         if not self._ideal_fields:
             return 1.0
         weight = self.aperture_share.to(torch.float32).square()
@@ -167,8 +164,7 @@ class PatternProbe(_ShownPattern):
     def max_relative_power(self) -> float:
         """Bound the power of any picture behind the panel, over that of even pixels.
 
-        The light of the gaps between pixels may be in phase with that of the pixels. An uneven beam
-        may be brighter than its mean where the stop is open.
+        Light of the gaps may be in phase with theirs, and a beam brighter where the stop is open.
         """
         power, panel = max_gap_power(self.panel), self.panel
         weight = self.aperture_share.square()
@@ -405,10 +401,7 @@ class PatternProbe(_ShownPattern):
 
 
 def _move_pixels(values: torch.Tensor, down: float, along: float) -> torch.Tensor:
-    """Move values of the panel's pixels by pixels; 0 takes their place.
-
-    Between whole pixels, values are interpolated linearly.
-    """
+    """Move values of the panel's pixels, interpolated linearly; 0 takes their place."""
     for axis, away in ((0, down), (1, along)):
         whole = math.floor(away)
         near, far = (_move_by_whole_pixels(values, axis, one) for one in (whole, whole + 1))

@@ -27,10 +27,7 @@ from simulator.scene.target import Layer, Target
 
 
 def _efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
-    """Return the sensor's electrons per photon by wavelength, for each colour channel.
-
-    None stands for the same efficiency at all wavelengths.
-    """
+    """Return the electrons per photon of each channel; None for the same at all wavelengths."""
     if sensor.colour is not None:
         return tuple(sensor.colour.efficiencies[name] for name in sensor.colour.channels)
     return (sensor.spectral_efficiency,)
@@ -125,10 +122,7 @@ class PictureProbe:
 
     @cached_property
     def rates(self) -> tuple[tuple[float, ...], ...]:
-        """Return a pixel's electrons per second at picture value 1, by layer and part.
-
-        Where the filter's band shifts with the angle, the rates are those of the best angle.
-        """
+        """Return a pixel's electrons/s at picture value 1 and the best angle, by layer and part."""
         area, camera = self.camera.sensor.pitch**2, self.camera
         bands = [self.band.at_angle(one) for one in some_angles(camera, self.band, PROBED_ANGLES)]
 
@@ -143,18 +137,12 @@ class PictureProbe:
 
     @cached_property
     def lights(self) -> tuple[torch.Tensor, ...]:
-        """Return the light of each layer in electrons per second, hidden parts included.
-
-        The arrays are (rows, columns) of the plane.
-        """
+        """Return the light of each layer on the plane, electrons/s, hidden parts included."""
         return tuple(self._lights_on(self.plane))
 
     @cached_property
     def covers(self) -> tuple[torch.Tensor | None, ...]:
-        """Return the share of each pixel in which a layer hides what is behind it.
-
-        None stands for a layer that hides nothing, such as the farthest one.
-        """
+        """Return the share of each pixel that a layer covers; None for one that hides nothing."""
         covers = [
             None
             if layer.cover is None
@@ -165,10 +153,7 @@ class PictureProbe:
 
     @cached_property
     def sharp_picture(self) -> torch.Tensor:
-        """Return the sharp picture of all layers, near layers in front of far ones.
-
-        The array is (rows, columns) of the plane, in electrons per second.
-        """
+        """Return the picture of all layers on the plane, near ones in front, electrons/s."""
         seen = self.lights[-1]
         for light, cover in zip(self.lights[-2::-1], self.covers[-2::-1], strict=True):
             seen = seen + light if cover is None else seen * (1 - cover) + light
@@ -193,10 +178,7 @@ class PictureProbe:
         return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
 
     def excess_over(self, level: float) -> tuple[float, float]:
-        """Sum the sharp picture's excess over a level in electrons/s, and the excess squared.
-
-        The sums are over frame and margin.
-        """
+        """Sum the picture's excess over a level in electrons/s, and its square, margin included."""
         rest = (self.sharp_picture - level).clamp(min=0)
         return float(rest.sum(dtype=torch.float64)), float(rest.double().square().sum())
 
@@ -244,10 +226,7 @@ class PictureProbe:
 
     @cached_property
     def norm_bound(self) -> float:
-        """Bound the picture's L2 norm over the frame after any blur, electrons per second.
-
-        By Young's inequality, a PSF with a sum of one or less doesn't increase the norm.
-        """
+        """Bound the picture's L2 norm over the frame after any blur (Young), electrons/s."""
         if len(self.lights) == 1:
             apart = self.power_spectrum.norm
         else:
@@ -261,10 +240,7 @@ class PictureProbe:
 
     @cached_property
     def power_spectrum(self) -> RadialProfile:
-        """Return the sharp picture's power spectrum, (electrons per second)² per pixel.
-
-        Frequencies are in cycles per metre on the sensor.
-        """
+        """Return the sharp picture's power spectrum, (electrons per second)² per pixel."""
         return self._profile(self.sharp_picture)
 
     @cached_property
@@ -326,11 +302,7 @@ class PictureProbe:
 
     @cached_property
     def edge_length(self) -> float:
-        """Return the length of edges where near layers hide far ones, metres on the sensor.
-
-        The length is counted along rows and columns, so it is never too short, and at most √2 times
-        too long.
-        """
+        """Return the length of covers' edges along rows and columns, metres on the sensor."""
         edges = (
             torch.diff(cover, dim=axis)
             for cover in self.covers
@@ -366,10 +338,7 @@ class PictureProbe:
         return self.camera.magnification(layer.distance)
 
     def light_on(self, plane: Plane) -> NDArray[np.float64]:
-        """Return the light of all layers on another plane, (rows, columns), electrons/s and pixel.
-
-        Hidden parts are included. Each value is the mean over a sample's cell.
-        """
+        """Return the light of all layers on another plane, hidden parts included, electrons/s."""
         light = torch.stack(list(self._lights_on(plane)))
         return np.asarray(light.sum(0, dtype=torch.float64))
 

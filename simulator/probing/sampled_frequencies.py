@@ -66,18 +66,11 @@ class RadialProfile:
         return math.sqrt(float(self.power.sum()))
 
     def filtered_norm_bound(self, gain: Gain) -> float:
-        """Bound the L2 norm of the picture after a filter.
-
-        gain: function of cycles per metre, not negative. Within each bin, its largest value at nine
-            frequencies is used.
-        """
+        """Bound the picture's L2 norm after a filter, by the largest of nine gains in each bin."""
         return math.sqrt(float((self._largest_gain(gain) ** 2 * self.power).sum()))
 
     def filtered_peak_bound(self, gain: Gain) -> float:
-        """Bound every sample of the picture after a filter with the given gain.
-
-        All frequencies are taken to be in phase.
-        """
+        """Bound every sample of the picture after a filter, as if all frequencies were in phase."""
         return float((self._largest_gain(gain) * np.sqrt(self.count * self.power)).sum())
 
     def _largest_gain(self, gain: Gain) -> Array:
@@ -175,8 +168,7 @@ class SampledFrequencies:
     def represented_power(self, squared: torch.Tensor, plane: Plane) -> Array:
         """Return the power of a picture that each frequency represents.
 
-        Without aliases, the powers add up to about the sum of the squares of the picture without
-        its mean, over its samples.
+        Without aliases, it adds up to about the sum of the squares of the picture without its mean.
         squared: |spectrum|² on the plane's rfft2 grid.
         """
         power = (squared * rfft_column_weights(plane.shape[1])).flatten().numpy()[self.place]

@@ -41,10 +41,7 @@ class TransferBounds:
         return np.append(self.max_loss, 2.0)[index]
 
     def modulus_bound(self, frequency: Array, spread: float = 1.0) -> Array:
-        """Bound ``|H|`` near the given frequencies. Beyond the last bin, the last value is used.
-
-        spread: factor by which the blur may be wider or narrower.
-        """
+        """Bound ``|H|`` near frequencies; spread: factor by which the blur may be wider."""
         return largest_near(self.low, self.high, self.most, frequency, spread)
 
     def least_between(self, low: Array, high: Array) -> Array:
