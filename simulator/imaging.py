@@ -5,12 +5,9 @@ from __future__ import annotations
 import copy
 import math
 import os
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import TypeVar
 
 import torch
 
@@ -34,41 +31,17 @@ from simulator.situation import Situation
 from simulator.speckle import moments_with_speckle, speckle_pattern
 from simulator.streaming import FrameSimulator
 
-T = TypeVar("T")
 
+class Cache(ByteCache):
+    """Keep the most recently used results under hashable keys, a limited number of any size."""
 
-class Cache:
-    """Keep the `size` most recently used results under hashable keys, for several threads."""
-
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self._kept: OrderedDict[Hashable, object] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def get(self, key: Hashable, compute: Callable[[], T]) -> T:
-        """Return the result under `key`, or compute and keep it."""
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]  # type: ignore[return-value]
-        # The lock isn't held here: a simulated camera that timed out may still compute while its
-        # replacement starts to.
-        result = compute()
-        with self._lock:
-            self._kept[key] = result
-            while len(self._kept) > self._size:
-                self._kept.popitem(last=False)
-        return result
+    def size_of(self, result: object) -> int:
+        return 1
 
     def __contains__(self, key: Hashable) -> bool:
         """Return whether a result is kept under `key`."""
         with self._lock:
-            return key in self._kept
-
-    def clear(self) -> None:
-        """Remove all results."""
-        with self._lock:
-            self._kept.clear()
+            return key in self._entries
 
 
 _LEAST_MEMORY, _MEMORY_PER_PIXEL = 560 << 20, 85

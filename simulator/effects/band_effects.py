@@ -16,12 +16,11 @@ from simulator.effects.electron_bounds import (
     relative_light_change,
     sensor_error_bound,
 )
-from simulator.effects.field_waves import phase_span, wave_distance
 from simulator.effects.landed_light import is_light_moved, landed_light
 from simulator.effects.lens_effects import rim_displacement
 from simulator.effects.light_effects import FAR, BlurEffect, light_share_bound, occlusion_factor
 from simulator.effects.picture_norms import estimated_light
-from simulator.effects.psf_bounds import illuminated_area_change
+from simulator.effects.psf_bounds import illuminated_area_change, phase_span, wave_distance
 from simulator.effects.rendering_work import FILTER_BANDWIDTH, LEVELS, OUT_OF_BAND_LEAK
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import Which, leak_share, spectral_measure, weight_errors
@@ -316,7 +315,5 @@ class Leak(BlurEffect):
 
     def explain(self, s: Situation) -> str:
         low, high = (1e9 * end for end in s.band.leak_range)
-        return (
-            f"{s.band.leak:.2g} passes from {low:.0f} to {high:.0f} nm, and makes "
-            f"{leak_share(s):.2g} of the electrons"
-        )
+        makes = f"makes {leak_share(s):.2g} of the electrons"
+        return f"{s.band.leak:.2g} passes from {low:.0f} to {high:.0f} nm, and {makes}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -17,7 +16,6 @@ from simulator.effects.electron_bounds import (
     sharp_norm_bound,
     total_electrons,
 )
-from simulator.effects.field_waves import displacement, psf_change
 from simulator.effects.light_effects import (
     FAR,
     BlurEffect,
@@ -25,7 +23,7 @@ from simulator.effects.light_effects import (
     occlusion_factor,
     transfer_error_bound,
 )
-from simulator.effects.psf_bounds import psf_energy_bound
+from simulator.effects.psf_bounds import displacement, psf_change, psf_energy_bound
 from simulator.effects.rendering_work import DIFFRACTION, LEVELS, PSF_REACH, first_level_reaching
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import leak_share
@@ -34,14 +32,17 @@ from simulator.formation.windows import max_blur_distance
 from simulator.planning import Bound
 from simulator.situation import Situation
 
+_MARGIN = 1.5
+"""Factor of error bounds, from audits: with some of the panel's imperfections off, or all on, light
+may change more, and more of it may fall outside a PSF's window."""
+
+_LINES = 128
+"""Lines of the panel along each axis from which the mean angle of rays is computed. Chosen."""
+
 
 class Diffraction(OnOffBlurEffect):
-    """Diffraction of the light; without it, a PSF is the geometric blur of the wavefront.
+    """Diffraction of the light; without it, a PSF is the geometric blur of the wavefront."""
 
-    audit_margin: factor of its error bound, from audits.
-    """
-
-    audit_margin: ClassVar[float] = 1.5
     name = DIFFRACTION
     likely_shares = (0.6,)
     recipe_field = "diffraction"
@@ -59,11 +60,11 @@ class Diffraction(OnOffBlurEffect):
         def gain(k: NDArray[np.float64]) -> NDArray[np.float64]:
             rays = np.minimum(2 * math.pi * k * turn, 2.0)
             apart = waves.loss_bound(k.ravel()).reshape(k.shape) + rays + aberrated
-            found = np.minimum(self.audit_margin * apart, 2.0)
+            found = np.minimum(_MARGIN * apart, 2.0)
             return np.where(k > 0, found, s.pattern_probe.side_order_share)
 
         how = "|1 - H| of the waves, and of the rays by how far they turn"
-        return transfer_error_bound(s, gain, f"audited ×{self.audit_margin:g}: {how}")
+        return transfer_error_bound(s, gain, f"audited ×{_MARGIN:g}: {how}")
 
     def explain(self, s: Situation) -> str:
         spot = s.wavelength * s.camera.lens.image_distance / s.camera.lens.stop_diameter
@@ -72,13 +73,8 @@ class Diffraction(OnOffBlurEffect):
 
 
 class PSFReach(BlurEffect):
-    """The light of a PSF outside its window.
+    """The light of a PSF outside its window."""
 
-    audit_margin: factor of the error bound, from audits. With some of the panel's imperfections
-        off, or all on, more light may fall outside.
-    """
-
-    audit_margin: ClassVar[float] = 1.5
     name = PSF_REACH
     likely_shares = (0.7,)
     noise_change = FAR
@@ -100,12 +96,12 @@ class PSFReach(BlurEffect):
         return 0.0 if level >= self.finest_level(s) else 0.5 * _beyond(s, level)
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        how = f"audited ×{self.audit_margin:g}: Young; light beyond, in the far field"
+        how = f"audited ×{_MARGIN:g}: Young; light beyond, in the far field"
         missing = sum(
             share * math.sqrt(psf_energy_bound(s, _window_half_side(s, level, longest)))
             for share, longest in _longest_waves(s)
         ) * total_electrons(s)
-        outside = self.audit_margin * _beyond(s, level)
+        outside = _MARGIN * _beyond(s, level)
         change = min(outside * sharp_norm_bound(s), missing, light_norm_bound(s))
         return sensor_error_bound(s, occlusion_factor(s) * blur_sensitivity(s) * change, how)
 
@@ -114,20 +110,16 @@ class PSFReach(BlurEffect):
         return f"{_beyond(s, 0):.2g} of a point's light falls more than {half:.0f} pixels from it"
 
 
-_LINES = 128
-"""Lines of the panel along each axis from which the mean angle of rays is computed. Chosen."""
-
-
 @cached_across_exposures
 def _mean_ray_displacement(s: Situation) -> float:
     """Return the largest mean distance on the sensor from a point's image to its rays, metres."""
-    panel, probe, worst = s.camera.panel, s.pattern_probe, 0.0
-    straight = torch.ones(panel.shape, dtype=torch.complex64)
+    probe, worst = s.pattern_probe, 0.0
+    straight = torch.ones(probe.panel.shape, dtype=torch.complex64)
     for field, wave in itertools.product((*probe.fields, straight), probe.lens_phases):
         turns = [_mean_step(field, wave, probe.aperture_share, axis) for axis in (0, 1)]
         worst = max(worst, math.hypot(*turns) * 1.5)
-    lever = as_number(s.camera.ray_matrix_b) * s.wavelength
-    return worst / (2 * math.pi * panel.pitch) * lever
+    lever = as_number(probe.camera.ray_matrix_b) * probe.wavelength
+    return worst / (2 * math.pi * probe.panel.pitch) * lever
 
 
 def _mean_step(field: torch.Tensor, wave: torch.Tensor, opened: torch.Tensor, axis: int) -> float:

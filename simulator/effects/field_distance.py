@@ -36,21 +36,14 @@ class PixelSample:
 
 def sample_pixels(s: Situation) -> PixelSample:
     """Sample at most 256 x 256 of the panel's pixels."""
-    rows, columns = _steps(s)
-    return PixelSample(
-        rows, columns, s.pattern_probe.aperture_share[::rows, ::columns].contiguous()
-    )
+    rows, columns = (max(1, math.ceil(n / 256)) for n in s.camera.panel.shape)
+    share = s.pattern_probe.aperture_share[::rows, ::columns]
+    return PixelSample(rows, columns, share.contiguous())
 
 
 def covers_all_pixels(s: Situation) -> bool:
     """Whether the sample holds all of the panel's pixels."""
-    return _steps(s) == (1, 1)
-
-
-def _steps(s: Situation) -> tuple[int, int]:
-    """Return the steps between sampled panel pixels on each axis."""
-    rows, columns = (max(1, math.ceil(n / 256)) for n in s.camera.panel.shape)
-    return rows, columns
+    return max(s.camera.panel.shape) <= 256
 
 
 def margin(s: Situation) -> float:

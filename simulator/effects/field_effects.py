@@ -14,14 +14,20 @@ from simulator.effects.electron_bounds import (
     max_light_seconds,
     proportional_error_bound,
 )
-from simulator.effects.field_waves import displacement, interpolation_error, phase_span, psf_change
 from simulator.effects.light_effects import (
     BlurEffect,
     OnOffBlurEffect,
     light_share_bound,
     occlusion_factor,
 )
-from simulator.effects.psf_bounds import full_aperture_density, illuminated_area_change
+from simulator.effects.psf_bounds import (
+    displacement,
+    full_aperture_density,
+    illuminated_area_change,
+    interpolation_error,
+    phase_span,
+    psf_change,
+)
 from simulator.effects.rendering_work import FIELD_ABERRATIONS, FIELD_POSITION, LEVELS, VIGNETTING
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.vignetting_bounds import vignetting_change

@@ -88,7 +88,7 @@ class FocusDrift(FocusShift):
     source = "Newton's law of cooling; defocus as for depth layers, Hopkins 1955"
 
     def is_caused(self, s: Situation) -> bool:
-        return bool(s.focus_drift)
+        return s.focus_drift != 0
 
     def explain(self, s: Situation) -> str:
         blur = 2 * rim_displacement(s, s.focus_drift) / s.camera.sensor.pitch

@@ -291,7 +291,7 @@ class Interference(OnOffBlurEffect):
     requires = ("unmodulated light", "diffraction")
 
     def is_caused(self, s: Situation) -> bool:
-        return bool(s.interference)
+        return s.interference != 0
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         pixels = sample_pixels(s)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +21,13 @@ from simulator.planning import Bound
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 
+_MARGIN, _LIKELY_MARGIN = 1.5, 2.0
+"""Factors of the error bound and of the estimate, from audits."""
+
 
 class PanelOrders(BlurEffect):
-    """The side orders of the panel's pixel grid, which hold copies of the picture.
+    """The side orders of the panel's pixel grid, which hold copies of the picture."""
 
-    audit_margin: factor of the error bound, from audits.
-    ghost_margin: factor of the estimate, from audits.
-    """
-
-    audit_margin: ClassVar[float] = 1.5
-    ghost_margin: ClassVar[float] = 2.0
     name = PANEL_ORDERS
     likely_shares = (0.6,)
     noise_change = FAR
@@ -51,8 +47,8 @@ class PanelOrders(BlurEffect):
         lowest = 0 if coarse else LEVELS.orders[level]
         probe = s.pattern_probe
         lost = probe.beyond_orders(lowest) - probe.beyond_orders(LEVELS.orders[-1])
-        how = f"audited ×{self.audit_margin:g}: Young; light that one pixel's square sends there"
-        missing = light_share_bound(s, self.audit_margin * max(lost, 0.0), how)
+        how = f"audited ×{_MARGIN:g}: Young; light that one pixel's square sends there"
+        missing = light_share_bound(s, _MARGIN * max(lost, 0.0), how)
         if not coarse:
             return missing
         # A cell's mean, and the line between the middles of two cells, each take (π k c)²/6 of a
@@ -77,8 +73,8 @@ class PanelOrders(BlurEffect):
         # lines between them, take from fringes of up to eight.
         finest = 0.125 / (order_cell_pixels(s) * s.camera.sensor.pitch) if coarse else 0.0
         rate = _ghost_norm(s, lowest)
-        change = self.ghost_margin * max_light_seconds(s) * rate * detail_factor(s, finest)
-        how = f"estimated ×{self.ghost_margin:g}: pictures in orders, on coarse cells of the frame"
+        change = _LIKELY_MARGIN * max_light_seconds(s) * rate * detail_factor(s, finest)
+        how = f"estimated ×{_LIKELY_MARGIN:g}: pictures in orders, on coarse cells of the frame"
         found = self.likely_light_error(s, change, how)
         return min(told, found, key=lambda one: one.mean)
 

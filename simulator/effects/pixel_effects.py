@@ -127,7 +127,7 @@ class Dust(LightChange, PixelwiseEffect):
     how = "proved: shadows on the brightest pixels, and at most the deepest on all"
 
     def is_caused(self, s: Situation) -> bool:
-        return bool(dust_losses(s).deepest)
+        return dust_losses(s).deepest > 0
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         """Bound the frame's error by the light that all shadows take.
@@ -174,9 +174,8 @@ class ColourFilters(OnOffEffect):
         return float(pixel_count(s) * len(colour.channels))
 
     def explain(self, s: Situation) -> str:
-        return (
-            f"in this light a pixel's electrons differ by {_filter_difference(s):.2g} of the most"
-        )
+        share = _filter_difference(s)
+        return f"in this light a pixel's electrons differ by {share:.2g} of the most"
 
 
 @cached_per_situation

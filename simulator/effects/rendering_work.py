@@ -47,17 +47,13 @@ class RenderingLevels:
 
 LEVELS = RenderingLevels()
 
-FILTER_BANDWIDTH, OUT_OF_BAND_LEAK, FILTER_ANGLE = (
-    "filter bandwidth",
-    "out-of-band leak",
-    "filter angle",
-)
+FILTER_BANDWIDTH, OUT_OF_BAND_LEAK = "filter bandwidth", "out-of-band leak"
 FIELD_POSITION, FIELD_ABERRATIONS, VIGNETTING = "field position", "field aberrations", "vignetting"
 DIFFRACTION, PANEL_ORDERS, PSF_REACH = "diffraction", "panel orders", "PSF reach"
 PANEL_DISPERSION, POLARISATION_INTERFERENCE = "panel dispersion", "polarisation interference"
 OCCLUSION, LENS_GHOSTS, LATERAL_COLOUR = "occlusion", "lens ghosts", "lateral colour"
 LIGHT_SAMPLING, COLOUR_FILTERS = "light sampling", "colour filter array"
-DEPTH_LAYERS, FLICKER = "depth layers", "flicker"
+DEPTH_LAYERS, FLICKER, FILTER_ANGLE = "depth layers", "flicker", "filter angle"
 
 ATTRIBUTION_ORDER = (
     PSF_REACH,

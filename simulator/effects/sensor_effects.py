@@ -81,10 +81,8 @@ class FixedPattern(PixelwiseEffect):
 
     def explain(self, s: Situation) -> str:
         sensor = s.camera.sensor
-        return (
-            f"responses differ by {sensor.prnu:.2%}, offsets by {sensor.dsnu:g} electrons; "
-            f"{sensor.dead * 1e6:g} pixels in a million are dead, {sensor.hot * 1e6:g} hot"
-        )
+        bad = f"{sensor.dead * 1e6:g} pixels in a million are dead, {sensor.hot * 1e6:g} hot"
+        return f"responses differ by {sensor.prnu:.2%}, offsets by {sensor.dsnu:g} electrons; {bad}"
 
     def _offsets(self, s: Situation) -> Bound:
         """Bound the change by offsets (DSNU); variances change by rounding and clipping alone."""
@@ -126,10 +124,8 @@ class Clipping(PixelwiseEffect):
     def explain(self, s: Situation) -> str:
         most, onset = peak_electrons(s), clipping_onset(s.camera.sensor)
         counted = "; errors are those of the picture before it is clipped" if most > onset else ""
-        return (
-            f"the brightest pixel could hold {most:.3g} electrons, and {onset:.3g} are read "
-            f"without clipping{counted}"
-        )
+        read = f"{onset:.3g} are read without clipping{counted}"
+        return f"the brightest pixel could hold {most:.3g} electrons, and {read}"
 
     def _above(self, s: Situation) -> Bound:
         """Bound the change in pixels that may clip at the upper end."""
@@ -185,9 +181,9 @@ class ReadNoise(PixelwiseEffect):
 
     def explain(self, s: Situation) -> str:
         sensor = s.camera.sensor
+        rounding = f"{sensor.gain / math.sqrt(12):.2g} of rounding"
         return (
-            f"{sensor.read_noise:g} electrons, against {sensor.gain / math.sqrt(12):.2g} of "
-            "rounding and the root of the light's own"
+            f"{sensor.read_noise:g} electrons, against {rounding} and the root of the light's own"
         )
 
     def _can_be_clipped(self, s: Situation) -> bool:

@@ -60,10 +60,8 @@ class ShotNoise(Effect):
         few = "enough for a normal one"
         if least < FEW_ELECTRONS:
             few = "too few for a normal distribution"
-        return (
-            f"the brightest pixel holds {most:.3g} electrons and varies by {math.sqrt(most):.2g}; "
-            f"the darkest may hold {least:.2g}, {few}"
-        )
+        brightest = f"holds {most:.3g} electrons and varies by {math.sqrt(most):.2g}"
+        return f"the brightest pixel {brightest}; the darkest may hold {least:.2g}, {few}"
 
     def _bound_without_noise(self, s: Situation) -> Bound:
         """Bound the frame's error if no noise is drawn."""
@@ -94,13 +92,10 @@ class ShotNoise(Effect):
         variance = sensor.gain + 0.2 * sensor.gain * step + 0.05
         wells = math.sqrt(full_well_count(s))
         knee = min(most, math.sqrt(clipping_onset(sensor) + 50 * most)) if wells else 0.0
-        return Bound(
-            mean * count + 0.2 * wells,
-            variance * count + 0.6 * knee * wells,
-            _max_sigma_change(variance, sensor) * count + math.sqrt(0.6 * knee) * wells,
-            0.068 / math.sqrt(FEW_ELECTRONS),
-            "audited ×1.5: first term of Edgeworth's series",
-        )
+        sigma = _max_sigma_change(variance, sensor) * count + math.sqrt(0.6 * knee) * wells
+        mean, variance = mean * count + 0.2 * wells, variance * count + 0.6 * knee * wells
+        how = "audited ×1.5: first term of Edgeworth's series"
+        return Bound(mean, variance, sigma, 0.068 / math.sqrt(FEW_ELECTRONS), how)
 
     def _skewed_gaussian_bound(self, s: Situation) -> Bound:
         """Bound the frame's error if a skewed normal distribution replaces Poisson's.

@@ -224,19 +224,15 @@ class Ladder:
             return
         touched = [work for work in self._works.values() if name in work.names_read]
         before = sum(work(levels) for work in touched)
-        for to in range(now):
-            if to == 0 and self._is_required(name, levels):
-                continue
+        # An effect that others require, which are still on, can't be off.
+        is_required = any(name in other.requires and levels[other.name] for other in self.effects)
+        for to in range(int(is_required), now):
             levels[name] = to
             saved = max(before - sum(work(levels) for work in touched), 0.0)
             levels[name] = now
             more = self.effect_error(name, to).minus(self.effect_error(name, now))
             often = _FRAMES if one.is_per_frame else 1
             yield LadderStep(name, to, more, self._norms.relative_error(more), saved, often)
-
-    def _is_required(self, name: str, levels: Mapping[str, int]) -> bool:
-        """Whether an effect that is still on requires the named effect."""
-        return any(name in one.requires and levels[one.name] for one in self.effects)
 
 
 def _next_steps(

@@ -94,7 +94,7 @@ class FarField:
         light *= along
         return light
 
-    def _light_around_axis(self, reach: tuple[int, int]) -> Light:
+    def light_around_axis(self, reach: tuple[int, int]) -> Light:
         """Return the light around the optical axis, over all orders, (2 y, 2 x) samples."""
         light: NDArray[np.float32] = self.light
         for axis, most in enumerate(reach):
@@ -123,7 +123,7 @@ class FarField:
             math.ceil(min(aside / step + 1, (2 * most + 1) * n // 2))
             for aside, step, n in zip(half, pitch, self.light.shape, strict=True)
         )
-        light = self._light_around_axis((y, x))
+        light = self.light_around_axis((y, x))
         known = (abs(ky) * pitch[0] < 0.5) & (abs(kx) * pitch[1] < 0.5)
         found = np.zeros(known.shape, dtype=np.complex128)
         series = NonuniformTransform(
