@@ -60,11 +60,15 @@ class ByteCache:
         # This runs without the lock, so that two threads can compute at the same time: a camera
         # that was given up may still compute when the next one starts.
         result = compute()
-        size = result_bytes(result)
+        size = self.size_of(result)
         if size <= self.limit:
             with self._lock:
                 self._store(key, result, size)
         return result
+
+    def size_of(self, result: object) -> int:
+        """Return what a result counts against the limit."""
+        return result_bytes(result)
 
     def _store(self, key: Hashable, result: object, size: int) -> None:
         if key in self._entries:

@@ -5,12 +5,9 @@ from __future__ import annotations
 import copy
 import math
 import os
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import TypeVar
 
 import torch
 
@@ -28,62 +25,28 @@ from simulator.planning import EffectPlan
 from simulator.planning.effect import DecidedBy, forced_level, resolve_forced_levels
 from simulator.planning.effect_plan import plan_effects, require_decided_by, require_tolerance
 from simulator.probing.pattern_probe import PatternProbe
+from simulator.probing.picture_probe import PictureProbe
 from simulator.recipe import Recipe
 from simulator.situation import Situation
 from simulator.speckle import moments_with_speckle, speckle_pattern
 from simulator.streaming import FrameSimulator
 
-T = TypeVar("T")
 
+class Cache(ByteCache):
+    """Keep the most recently used results under hashable keys, a limited number of any size."""
 
-class Cache:
-    """Keep the `size` most recently used results under hashable keys, for several threads."""
-
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self._kept: OrderedDict[Hashable, object] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def get(self, key: Hashable, compute: Callable[[], T]) -> T:
-        """Return the result under `key`, or compute and keep it."""
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]  # type: ignore[return-value]
-        # The lock isn't held here: a simulated camera that timed out may still compute while its
-        # replacement starts to.
-        result = compute()
-        with self._lock:
-            self._kept[key] = result
-            while len(self._kept) > self._size:
-                self._kept.popitem(last=False)
-        return result
+    def size_of(self, result: object) -> int:
+        return 1
 
     def __contains__(self, key: Hashable) -> bool:
         """Return whether a result is kept under `key`."""
         with self._lock:
-            return key in self._kept
+            return key in self._entries
 
-    def clear(self) -> None:
-        """Remove all results."""
-        with self._lock:
-            self._kept.clear()
-
-
-_MACHINE = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 _LEAST_MEMORY, _MEMORY_PER_PIXEL = 560 << 20, 85
 """Bytes that pictures may keep for later ones: of any sensor, and for each pixel. Chosen: more of
 them saved little in the bundled plans."""
-
-_STREAMS_SHARE = 2
-"""Share of the memory, one over this, that frame simulators of pictures may take. Chosen."""
-
-_LARGE_PANEL = 1 << 17
-"""Panel pixels from which on estimates may look at fewer samples of the far field. Chosen."""
-
-_FINE_DETAIL = 0.3
-"""Share of a picture's norm in fine detail from which on they don't. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +86,9 @@ class Imaging:
         self.ledger = Ledger()
         self.plan_count = 0
         """How many effect plans were computed; those that were found in the cache don't count."""
-        # Light and PSFs would displace frame simulators, which show a picture again at once.
-        streams = memory // _STREAMS_SHARE
+        # Light and PSFs would displace frame simulators, which show a picture again at once. They
+        # get half of the memory (chosen).
+        streams = memory // 2
         self._cache, self._streams = ByteCache(memory - streams), ByteCache(streams)
         self._plans = Cache(256)
         self._pictures, self._patterns = Cache(4), Cache(3)
@@ -166,66 +130,59 @@ class Imaging:
 
         Raises ValueError for a filter wavelength at which the panel's phase range isn't known.
         """
-        # Copies: a plan is kept under the tolerance and levels that it was computed with, even if
-        # another thread changes them meanwhile.
-        tol, forced, decided_by = self.tol, dict(self.forced), self.decide_by
-        return self._plans.get(
-            self._plan_key(s), lambda: self._compute_plan(s, tol, forced, decided_by)
-        )
+        # A plan is computed with the tolerance and levels under which it is kept, even if another
+        # thread changes them meanwhile.
+        key = tol, forced, decided_by, _ = self._plan_key(s)
+        return self._plans.get(key, lambda: self._compute_plan(s, tol, dict(forced), decided_by))
 
     def is_planned(self, s: Situation) -> bool:
         """Return whether the effect plan of a situation is in the cache."""
         return self._plan_key(s) in self._plans
 
-    def _plan_key(self, s: Situation) -> Hashable:
+    def _plan_key(
+        self, s: Situation
+    ) -> tuple[float, tuple[tuple[str, str | bool], ...], DecidedBy, Hashable]:
         return self.tol, tuple(sorted(self.forced.items())), self.decide_by, picture_key(s)
 
     @single_threaded
     def _compute_plan(
-        self,
-        s: Situation,
-        tol: float,
-        forced: Mapping[str, str | bool],
-        decided_by: DecidedBy,
+        self, s: Situation, tol: float, forced: Mapping[str, str | bool], decided_by: DecidedBy
     ) -> EffectPlan:
         """Compute the effect plan of a situation, and time it."""
         self.plan_count += 1
         began = time.thread_time()
-        max_phase(s.camera.panel, s.wavelength)
-        self._attach_probes(s, decided_by)
+        max_phase(s.camera.panel, s.wavelength)  # raises ValueError where it isn't known
+        if s.cache.are_estimates != (decided_by == "estimate"):
+            # Bounds must not be found from an estimate.
+            s.cache.results.clear()
+        s.cache.are_estimates = decided_by == "estimate"
+        s.cache.picture_probe = self._shared_picture_probe(s)
+        s.cache.pattern_probe = self._shared_pattern_probe(s)
         norms = minimum_norms(s) if decided_by == "bound" else estimated_norms(s)
         plan = plan_effects(EFFECTS, s, norms, tol, forced, decided_by)
         plan.planning_cpu = time.thread_time() - began
         return plan
 
-    def _attach_probes(self, s: Situation, decided_by: DecidedBy) -> None:
-        """Attach cached probes of picture and pattern, which don't depend on the exposure time."""
-        picture = self._pictures.get(
-            (s.target, s.camera, s.band, s.picture_probe.shift), lambda: s.picture_probe
-        )
-        s.cache.picture_probe = picture
-        if s.cache.are_estimates != (decided_by == "estimate"):
-            # Bounds must not be found from an estimate.
-            s.cache.results.clear()
-        s.cache.are_estimates = decided_by == "estimate"
-        shown = (s.panel_content.names, s.panel_content.frame_time)
+    def _shared_picture_probe(self, s: Situation) -> PictureProbe:
+        """Return the picture's probe, which doesn't depend on the exposure time of what stands."""
+        key = s.target, s.camera, s.band, s.picture_probe.shift
+        return self._pictures.get(key, lambda: s.picture_probe)
+
+    def _shared_pattern_probe(self, s: Situation) -> PatternProbe:
+        """Return the pattern's probe, which doesn't depend on the exposure either."""
+        camera, distances = s.mount.camera_in_panel_axes(s.camera), s.picture_probe.distances
         samples = _samples_per_spot(s) if s.cache.are_estimates else 2.0
-        foci = s.foci, s.leaked_foci
-        camera = s.mount.camera_in_panel_axes(s.camera)
-        looked_at = (camera, shown, s.wavelength, picture.distances, samples, foci)
-        s.cache.pattern_probe = self._patterns.get(
-            looked_at,
-            lambda: PatternProbe(
-                camera,
-                s.panel_content,
-                s.wavelength,
-                picture.distances,
-                self._cache,
-                samples_per_spot=samples,
-                foci=foci[0],
-                leaked_foci=foci[1],
-            ),
-        )
+        foci, leaked = s.foci, s.leaked_foci
+        shown = s.panel_content.names, s.panel_content.frame_time
+
+        def probe() -> PatternProbe:
+            return PatternProbe(
+                camera, s.panel_content, s.wavelength, distances, self._cache,
+                samples_per_spot=samples, foci=foci, leaked_foci=leaked,
+            )  # fmt: skip
+
+        key = camera, shown, s.wavelength, distances, samples, foci, leaked
+        return self._patterns.get(key, probe)
 
     @single_threaded
     def electrons(
@@ -270,21 +227,24 @@ def default_memory(camera: Camera) -> int:
     for one of 2448 x 2048.
     """
     rows, columns = camera.sensor.shape
-    return min(_MACHINE // 4, _LEAST_MEMORY + _MEMORY_PER_PIXEL * rows * columns)
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return min(machine // 4, _LEAST_MEMORY + _MEMORY_PER_PIXEL * rows * columns)
 
 
 def _samples_per_spot(s: Situation) -> float:
-    """Return the samples of far fields in each diffraction spot that plans need.
+    """Return the samples of far fields in each diffraction spot that estimates need.
 
     Fewer samples hide the transfer function near the cut-off, where few pictures have any light.
+    That saves time with large panels. The numbers of pixels and the share of a picture's norm that
+    may be in fine detail were chosen.
     """
-    if math.prod(s.camera.panel.shape) < _LARGE_PANEL or s.picture_probe.is_dark:
+    if math.prod(s.camera.panel.shape) < 1 << 17 or s.picture_probe.is_dark:
         return 2.0
     power, camera = s.picture_probe.power_spectrum, s.camera
     period = s.wavelength * as_number(camera.ray_matrix_b) / camera.panel.pitch
     fine = power.low > 0.3 * min(camera.panel.shape) / period
     share = math.sqrt(power.power[fine].sum() / power.power.sum()) if power.power.any() else 0.0
-    return 2.0 if share > _FINE_DETAIL else 1.5
+    return 2.0 if share > 0.3 else 1.5
 
 
 def picture_key(s: Situation) -> Hashable:

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optics.slm.panel import max_phase
-from simulator.effects.blur_effects import (
-    BlurEffect,
-    light_share_bound,
-    occlusion_factor,
-)
 from simulator.effects.electron_bounds import (
     light_norm_bound,
     max_light_seconds,
@@ -22,19 +16,14 @@ from simulator.effects.electron_bounds import (
     relative_light_change,
     sensor_error_bound,
 )
-from simulator.effects.field_waves import phase_span, wave_distance
 from simulator.effects.landed_light import is_light_moved, landed_light
-from simulator.effects.likely_errors import FAR
+from simulator.effects.lens_effects import rim_displacement
+from simulator.effects.light_effects import FAR, BlurEffect, light_share_bound, occlusion_factor
 from simulator.effects.picture_norms import estimated_light
-from simulator.effects.psf_bounds import illuminated_area_change
-from simulator.effects.pupil_rim import colour_turns
-from simulator.effects.rendering_work import (
-    FILTER_BANDWIDTH,
-    LEVELS,
-    OUT_OF_BAND_LEAK,
-)
+from simulator.effects.psf_bounds import illuminated_area_change, phase_span, wave_distance
+from simulator.effects.rendering_work import FILTER_BANDWIDTH, LEVELS, OUT_OF_BAND_LEAK
 from simulator.effects.result_cache import cached_across_exposures
-from simulator.effects.spectra import leak_share, spectral_measure
+from simulator.effects.spectra import Which, leak_share, spectral_measure, weight_errors
 from simulator.formation.windows import max_blur_distance
 from simulator.panel_at_wavelength import panel_at
 from simulator.planning import Bound
@@ -44,33 +33,19 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class BandwidthBoundSettings:
-    """Tune the error bound of few wavelengths in a filter's band.
+_MARGIN = 2.0
+"""Factor of bound and estimate, computed from a sample of the frequencies; from audits."""
 
-    converged_change: relative to the light in the frame, at which more nodes count as no finer.
-        Chosen.
-    numerical_change: relative to the whole picture's light, that can't be told from rounding.
-        Chosen.
-    margin: factor of the bound, computed from a sample of the frequencies; from audits.
-    likely_margin: factor of the estimate, from audits.
-    likely_thinning: an estimate takes one of so many sampled frequencies. Chosen.
-    likely_converged_change: estimated, relative to the picture's norm, at which more nodes count as
-        no finer. Chosen.
-    dim_pixel_margin: largest relative change of a dim pixel over that of the whole picture, from
-        audits. Light far from an image is dim, and the first to be wrong.
-    """
+_CONVERGED, _ROUNDING, _LIKELY_CONVERGED = 2e-5, 5e-6, 1e-4
+"""Changes at which more nodes count as no finer: of the light in the frame; of all light, where it
+can't be told from rounding; and by estimates. Chosen."""
 
-    converged_change: float = 2e-5
-    numerical_change: float = 5e-6
-    margin: float = 2.0
-    likely_margin: float = 2.0
-    likely_thinning: int = 4
-    likely_converged_change: float = 1e-4
-    dim_pixel_margin: float = 24.0
+_THINNING = 4
+"""An estimate takes one of so many sampled frequencies. Chosen."""
 
-
-_SETTINGS = BandwidthBoundSettings()
+_DIM_PIXEL_MARGIN = 24.0
+"""Largest relative change of a dim pixel over that of the whole picture, from audits. Light far
+from an image is dim, and the first to be wrong."""
 
 
 class Bandwidth(BlurEffect):
@@ -84,18 +59,16 @@ class Bandwidth(BlurEffect):
     source = "Golub and Welsch 1969; Goodman, Introduction to Fourier Optics 6.1"
     levels = tuple(str(n) for n in LEVELS.wavelengths)
 
-    def is_present(self, s: Situation) -> bool:
-        return not s.picture_probe.is_dark and not spectral_measure(s, "band").is_empty
+    def is_caused(self, s: Situation) -> bool:
+        return not spectral_measure(s, "band").is_empty
 
     def finest_level(self, s: Situation) -> int:
         return len(_node_count_errors(s)) - 1
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        change = _node_count_errors(s)[level]
-        how = f"audited ×{_SETTINGS.margin:g}: quadrature of H(k λ) by the far field, at some k"
-        return proportional_error_bound(
-            s, occlusion_factor(s) * change, how, _SETTINGS.dim_pixel_margin
-        )
+        change = occlusion_factor(s) * _node_count_errors(s)[level]
+        how = f"audited ×{_MARGIN:g}: quadrature of H(k λ) by the far field, at some k"
+        return proportional_error_bound(s, change, how, _DIM_PIXEL_MARGIN)
 
     def likely_error(self, s: Situation, level: int) -> Bound:
         if level >= self.finest_level(s):
@@ -119,27 +92,23 @@ def _node_count_errors(s: Situation) -> tuple[float, ...]:
     if s.cache.are_estimates and not is_light_moved(s):
         rates = _likely_error_rates(s, "band", LEVELS.wavelengths)
     else:
-        step = _SETTINGS.likely_thinning if s.cache.are_estimates else 1
-        causes = f"{FILTER_BANDWIDTH}, one frequency of {step}"
-        rates = cached_across_exposures(s, causes, lambda: _node_count_error_rates(s, step))
+        rates = _node_count_error_rates(s, _THINNING if s.cache.are_estimates else 1)
         if s.pattern_probe.samples_per_spot < 2:
             # The finest detail, which the probe then lacks, turns most and asks for a level more.
             rates = (rates[0], *rates)[: len(LEVELS.wavelengths)]
     return tuple(max_light_seconds(s) * one for one in rates)
 
 
+@cached_across_exposures
 def _node_count_error_rates(s: Situation, step: int) -> tuple[float, ...]:
-    """Return the L2 error rates in electrons per second, by number of wavelength nodes.
-
-    They are computed at one in `step` of the picture's sampled frequencies.
-    """
+    """Return the L2 errors by number of nodes, electrons/s, from one in `step` frequencies."""
     found, plane = spectral_measure(s, "band"), s.picture_probe.plane
     some = s.picture_probe.sampled_frequencies
     most = light_norm_bound(s) / max(max_light_seconds(s), 1e-300)
     # The frame may get but a little of the light, which is then far from its image.
     landed = landed_light(s)
     least = most if landed is None else min(landed.norm, most)
-    enough = max(_SETTINGS.converged_change * least, _SETTINGS.numerical_change * most)
+    enough = max(_CONVERGED * least, _ROUNDING * most)
     if not len(some.ky) and not s.camera.lens.lateral_colour:
         # Uniform light has no frequencies but 0.
         return (0.0,)
@@ -148,75 +117,59 @@ def _node_count_error_rates(s: Situation, step: int) -> tuple[float, ...]:
     transfers, changes = turned_transfers(s, found.nodes, some, 0.5), list[float]()
     turns = _phase_turns(s) if is_light_moved(s) else None
     for count in LEVELS.wavelengths:
-        wrong, change = found.weight_errors(count), 0.0
+        wrong, change = weight_errors(found, count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
             apart = transfers.error_power(rows, power)
             if turns is not None:
                 # Whatever part of the light lands may turn by the whole span against the rest.
-                apart = max(apart, _largest_turned_error(turns, rows, power))
+                turned = (np.abs(turns @ rows.T) ** 2).max()
+                apart = max(apart, float(turned * power.sum()))
             change += math.sqrt(apart)
         change += _brightness_error(s, "band", count)
-        changes.append(min(_SETTINGS.margin * off_axis_factor(s) * change, most))
+        changes.append(min(_MARGIN * off_axis_factor(s) * change, most))
         if changes[-1] <= enough:
             break
     return tuple(np.maximum.accumulate(changes[::-1])[::-1].tolist())
 
 
-def _likely_error_rates(
-    s: Situation, which: Literal["band", "leak"], counts: tuple[int, ...]
-) -> tuple[float, ...]:
+@cached_across_exposures
+def _likely_error_rates(s: Situation, which: Which, counts: tuple[int, ...]) -> tuple[float, ...]:
     """Estimate the L2 error rates of band or leak, electrons/s, for numbers of wavelength nodes.
 
-    The list ends where the error has converged.
-    """
-    causes = f"likely errors of the {which}"
-    return cached_across_exposures(s, causes, lambda: _find_likely_rates(s, which, counts))
-
-
-def _find_likely_rates(
-    s: Situation, which: Literal["band", "leak"], counts: tuple[int, ...]
-) -> tuple[float, ...]:
-    """Compute what _likely_error_rates() keeps.
-
-    The errors of lights with different spectra are taken to be independent, and a part of the
-    pattern to differ in phase by a quarter of the phase's span.
+    The list ends where the error has converged. The errors of lights with different spectra are
+    taken to be independent, and a part of the pattern to differ in phase by a quarter of the
+    phase's span.
     """
     found, some = spectral_measure(s, which), s.picture_probe.sampled_frequencies
     if not len(some.ky) and not s.camera.lens.lateral_colour:
         return (0.0,)
-    some = some.every(_SETTINGS.likely_thinning).with_aliases(s.picture_probe.plane)
+    some = some.every(_THINNING).with_aliases(s.picture_probe.plane)
     squares, transfers = sampled_powers(s, some), turned_transfers(s, found.nodes, some, 0.25)
-    rates, enough = [], _SETTINGS.likely_converged_change * estimated_light(s)[1]
+    rates, enough = [], _LIKELY_CONVERGED * estimated_light(s)[1]
     for count in counts:
-        wrong, total = found.weight_errors(count), 0.0
+        wrong, total = weight_errors(found, count), 0.0
         for parts, power in squares:
             rows = np.unique(wrong[:, parts].reshape(-1, wrong.shape[2]), axis=0)
             total += transfers.error_power(rows, power)
         total += _brightness_error(s, which, count) ** 2
-        rates.append(_SETTINGS.likely_margin * math.sqrt(total))
+        rates.append(_MARGIN * math.sqrt(total))
         if rates[-1] <= enough:
             break
     return tuple(np.maximum.accumulate(rates[::-1])[::-1].tolist())
 
 
-def _brightness_error(s: Situation, which: Literal["band", "leak"], count: int) -> float:
-    """Return the L2 error of few wavelengths in light of images of other scale, electrons/s.
-
-    A larger image is as much dimmer, also that of uniform light.
-    """
+def _brightness_error(s: Situation, which: Which, count: int) -> float:
+    """Return the L2 error by few wavelengths of which larger images are dimmer, electrons/s."""
     lens, found = s.camera.lens, spectral_measure(s, which)
     if not lens.lateral_colour or lens.relative_illumination:
         return 0.0
     density = np.array([lens.image_scale(one) ** -2 for one in found.nodes.tolist()])
-    return float(np.abs(found.weight_errors(count) @ density).max() * s.picture_probe.norm_bound)
+    return float(np.abs(weight_errors(found, count) @ density).max() * s.picture_probe.norm_bound)
 
 
 def sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[int], Array]]:
-    """Return the power at sampled frequencies, for each spectrum of light.
-
-    Each entry has the numbers of the parts with that spectrum.
-    """
+    """Return the power at sampled frequencies for each spectrum, with the numbers of its parts."""
     plane = s.picture_probe.plane
     return [
         (parts, some.represented_power(squared, plane))
@@ -224,30 +177,10 @@ def sampled_powers(s: Situation, some: SampledFrequencies) -> list[tuple[list[in
     ]
 
 
-def _largest_turned_error(turns: NDArray[np.complex128], wrong: Array, power: Array) -> float:
-    """Return the error's power of light that all turns by the worst of some turns over the band."""
-    return float((np.abs(turns @ wrong.T) ** 2).max() * power.sum())
-
-
-def _transfers_over_band(
-    s: Situation, nodes: Array, some: SampledFrequencies
-) -> list[NDArray[np.complex128]]:
-    """Return the transfer functions that light has over band or leak, each (frequencies, nodes).
-
-    A PSF grows with λ, so that its transfer function shrinks.
-    nodes: wavelengths in metres.
-    """
-    ky, kx = s.mount.to_panel_axes(some.ky, some.kx)
-    grown = nodes / s.wavelength
-    far = [s.wavelength / min(nodes[0], s.wavelength) * one for one in max_blur_distance(s)]
-    return s.pattern_probe.transfers_at(ky[:, None] * grown, kx[:, None] * grown, (far[0], far[1]))
-
-
 @dataclass(frozen=True)
 class TurnedTransfers:
-    """Hold the transfer functions that parts of the pattern may have over a range of wavelengths.
+    """Hold transfer functions of a pattern's parts over wavelengths, each (frequencies, nodes).
 
-    transfers: each (frequencies, nodes).
     turns: by any of which each may turn, (turns, nodes).
     """
 
@@ -255,9 +188,8 @@ class TurnedTransfers:
     turns: NDArray[np.complex128]
 
     def error_power(self, wrong: Array, power: Array) -> float:
-        """Return the squared error with few wavelengths, summed over frequencies.
+        """Return the largest squared error of any transfer function and weights of few wavelengths.
 
-        The result is the largest sum for any of the transfer functions and weights.
         wrong: errors of the nodes' weights, (weights, nodes).
         power: the picture's, (frequencies,).
         """
@@ -271,20 +203,43 @@ def turned_transfers(
 ) -> TurnedTransfers:
     """Return the transfer functions that parts of the pattern may have at wavelengths `nodes`.
 
-    The pattern's phase and the lens' aberrations go with 1/λ, so that a part turns over the band
-    against the rest.
+    Phase and aberrations go with 1/λ, so that a part turns over the band against the rest.
     part: of the phase's span, by which it may differ to either side.
     """
     grown = nodes / s.wavelength
     span, steps = sum(_phase_spans(s)), np.array([0.0, part, -part])
     turns = np.exp(1j * steps[:, None] * (span * (1 / grown - 1)))
-    found, away = _transfers_over_band(s, nodes, some), np.hypot(some.ky, some.kx)
-    for radians in colour_turns(s, nodes, away):
+    # A PSF grows with λ, so that its transfer function shrinks.
+    ky, kx = (one[:, None] * grown for one in s.mount.to_panel_axes(some.ky, some.kx))
+    y, x = (s.wavelength / min(nodes[0], s.wavelength) * one for one in max_blur_distance(s))
+    found = s.pattern_probe.transfers_at(ky, kx, (y, x))
+    for radians in _colour_turns(s, nodes, np.hypot(some.ky, some.kx)):
         turn = np.exp(1j * part * radians)
         found = [other for one in found for other in (one, one * turn, one * turn.conj())] + [
             one * turn**2 for one in found
         ]
     return TurnedTransfers(found, turns)
+
+
+def _colour_turns(s: Situation, wavelengths: Array, k: Array) -> list[Array]:
+    """Return by how many radians a lens' colours turn light against that of the band's centre.
+
+    They are those of a transfer function at frequencies k in cycles/m: of light from the pupil's
+    rim by axial colour, and of light in the frame's corners by lateral colour; each (frequencies,
+    wavelengths).
+    """
+    lens, sensor = s.camera.lens, s.camera.sensor
+    ways = []
+    if lens.axial_colour:
+        shifts = [lens.focus_shift(one) for one in (s.wavelength, *wavelengths.tolist())]
+        ways.append([math.copysign(rim_displacement(s, one), one) for one in shifts])
+    if lens.lateral_colour:
+        corner = math.hypot(*sensor.shape) * sensor.pitch / 2
+        scales = [lens.image_scale(one) for one in (s.wavelength, *wavelengths.tolist())]
+        ways.append([corner * one for one in scales])
+    return [
+        np.asarray(2 * np.pi * np.multiply.outer(k, np.array(way[1:]) - way[0])) for way in ways
+    ]
 
 
 def _phase_turns(s: Situation) -> NDArray[np.complex128]:
@@ -330,12 +285,8 @@ class Leak(BlurEffect):
     source = "thesis §5.6; any filter's data sheet"
     levels = ("off", *(str(n) for n in LEVELS.leak[1:]))
 
-    def is_present(self, s: Situation) -> bool:
-        return (
-            bool(s.band.leak)
-            and not s.picture_probe.is_dark
-            and not spectral_measure(s, "leak").is_empty
-        )
+    def is_caused(self, s: Situation) -> bool:
+        return bool(s.band.leak) and not spectral_measure(s, "leak").is_empty
 
     def estimated_error(self, s: Situation, level: int) -> float:
         likely = relative_light_change(s, self.error_bound(s, level).mean)
@@ -364,7 +315,5 @@ class Leak(BlurEffect):
 
     def explain(self, s: Situation) -> str:
         low, high = (1e9 * end for end in s.band.leak_range)
-        return (
-            f"{s.band.leak:.2g} passes from {low:.0f} to {high:.0f} nm, and makes "
-            f"{leak_share(s):.2g} of the electrons"
-        )
+        makes = f"makes {leak_share(s):.2g} of the electrons"
+        return f"{s.band.leak:.2g} passes from {low:.0f} to {high:.0f} nm, and {makes}"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -28,34 +29,15 @@ from simulator.recipe import Recipe
 from simulator.situation import Situation
 from simulator.speckle import speckle_variance
 
-
-@dataclass(frozen=True)
-class ElectronBoundSettings:
-    """Tune the bounds of pixels' electrons; all margins are from audits.
-
-    light_margin: factor by which orders of the panel, or an uneven lamp, may raise the light of a
-        pixel.
-    slope_margin: factor by which the slopes of mean and variance may be steeper where a normal
-        distribution replaces Poisson's.
-    dim_pixel_margin: largest relative change of a dim pixel over that of the whole picture.
-    """
-
-    light_margin: float = 1.1
-    slope_margin: float = 1.01
-    dim_pixel_margin: float = 3.0
-
-
-_SETTINGS = ElectronBoundSettings()
-
 MAX_PIXEL_SIGMAS = 4.5
 """Largest deviation of a pixel's response and offset, in standard deviations."""
 
+_DIM_PIXEL_MARGIN = 3.0
+"""Largest relative change of a dim pixel over that of the whole picture, from audits."""
+
 
 class PixelwiseEffect(OnOffEffect):
-    """A stage of the sensor that treats each pixel by itself.
-
-    operations_per_pixel: its cost.
-    """
+    """A stage of the sensor that treats each pixel by itself, for so many operations."""
 
     operations_per_pixel: ClassVar[float] = 1.0
 
@@ -85,37 +67,25 @@ def lamp_ripple(s: Situation) -> float:
 
 
 def max_light_seconds(s: Situation) -> float:
-    """Bound the light of an exposure, in seconds of the lamp's mean light on ideal pixels.
-
-    The lamp's flicker, whatever raises the panel's power, distortion and ghosts are included.
-    """
+    """Bound an exposure's light, in seconds of the lamp's mean light on ideal pixels."""
     brighter = area_change(s) * ghost_gain(s.camera)
     return s.exposure * (1 + lamp_ripple(s)) * max_panel_power(s) * brighter
 
 
 def ghost_gain(camera: Camera) -> float:
-    """Return by how much a lens' ghosts brighten even light at most, 1 without any.
-
-    A ghost that is smaller than the picture is denser: of light from beside the frame, too.
-    """
+    """Return by how much a lens' ghosts brighten even light at most: smaller ones are denser."""
     kept = 1 - total_share(camera.ghosts)
     return max(1.0, kept + sum(one.brightness for one in camera.ghosts))
 
 
 def area_change(s: Situation) -> float:
-    """Return by how much distortion and lateral colour change areas at most, 1 without them.
-
-    As much denser or larger is their light, and so is the norm of a picture.
-    """
+    """Return by how much the lens changes areas at most; as much denser may their light be."""
     frame = moved_frame(s)
     return max(frame.largest, 1 / frame.least)
 
 
 def max_panel_power(s: Situation) -> float:
-    """Bound the light of any PSF, relative to that of ideal pixels alone.
-
-    Gaps between pixels, and light that interferes, may add to the light of the pixels.
-    """
+    """Bound a PSF's light over that of ideal pixels, to which gaps and interference may add."""
     return s.pattern_probe.max_relative_power * (1 + abs(s.interference))
 
 
@@ -129,34 +99,31 @@ def total_electrons(s: Situation) -> float:
     return s.picture_probe.total_with_margin * max_light_seconds(s)
 
 
-@cached_per_situation
-def _peak_light_electrons(s: Situation) -> float:
-    """Bound the electrons that light frees in any pixel of a blurred picture.
-
-    Three bounds are compared: by Young, by the PSF's peak, and by frequency.
-    """
-    sharpest = float(s.picture_probe.brightest) * max_light_seconds(s)
-    if not has_known_psf(s):
-        return sharpest
-    sharpest = min(sharpest, zeroth_order_share(s) * sharpest + off_plane_star_electrons(s))
-    in_phase = s.picture_probe.power_spectrum.filtered_peak_bound(
-        lambda k: mtf_bound(s, k)
-    ) * max_light_seconds(s) + off_plane_star_electrons(s)
-    return min(
-        sharpest, peak_pixel_share(s) * (total_electrons(s) + off_plane_star_electrons(s)), in_phase
-    )
-
-
 def off_plane_star_electrons(s: Situation) -> float:
     """Return the electrons of stars outside the probed picture."""
     return s.picture_probe.off_plane_star_rate * max_light_seconds(s)
 
 
-def finest_octave_norm(s: Situation) -> float:
-    """Bound the norm of the light in the finest octave that pixels resolve, electrons per second.
+def all_electrons(s: Situation) -> float:
+    """Return the electrons of the unblurred picture, and of stars outside of it."""
+    return total_electrons(s) + off_plane_star_electrons(s)
 
-    So much may a change of PSFs or pixels add by what pixels fold back.
-    """
+
+@cached_per_situation
+def _peak_light_electrons(s: Situation) -> float:
+    """Bound any pixel's electrons of blurred light, by Young, the PSF's peak, or frequency."""
+    sharpest = float(s.picture_probe.brightest) * max_light_seconds(s)
+    if not has_known_psf(s):
+        return sharpest
+    beside = off_plane_star_electrons(s)
+    sharpest = min(sharpest, zeroth_order_share(s) * sharpest + beside)
+    in_phase = s.picture_probe.power_spectrum.filtered_peak_bound(lambda k: mtf_bound(s, k))
+    summed = peak_pixel_share(s) * all_electrons(s)
+    return min(sharpest, summed, in_phase * max_light_seconds(s) + beside)
+
+
+def finest_octave_norm(s: Situation) -> float:
+    """Bound the norm of light in the octave that pixels resolve and fold back, electrons/s."""
     pitch = s.camera.sensor.pitch
     return s.picture_probe.power_spectrum.filtered_norm_bound(
         lambda k: (k * pitch >= 0.25).astype(np.float64)
@@ -171,17 +138,12 @@ def relative_light_change(s: Situation, change: float) -> float:
 
 @cached_per_situation
 def light_norm_bound(s: Situation) -> float:
-    """Bound the L2 norm of the blurred picture's electrons.
-
-    Three bounds are compared: by Young; by the brightest pixel and the sum of all; and by frequency
-    (Parseval).
-    """
+    """Bound the L2 norm of the blurred picture's electrons, by Young, its sum, or frequency."""
     if not has_known_psf(s):
         return sharp_norm_bound(s)
-    summed = math.sqrt(psf_energy_bound(s)) * (total_electrons(s) + off_plane_star_electrons(s))
-    resolved = s.picture_probe.power_spectrum.filtered_norm_bound(
-        lambda k: mtf_bound(s, k)
-    ) * max_light_seconds(s) + off_plane_star_electrons(s)
+    summed = math.sqrt(psf_energy_bound(s)) * all_electrons(s)
+    resolved = s.picture_probe.power_spectrum.filtered_norm_bound(lambda k: mtf_bound(s, k))
+    resolved = resolved * max_light_seconds(s) + off_plane_star_electrons(s)
     return min(sharp_norm_bound(s), summed, resolved)
 
 
@@ -191,54 +153,39 @@ def dark_current_electrons(s: Situation) -> float:
 
 
 def hot_pixel_norm(s: Situation) -> float:
-    """Bound the L2 norm of the hot pixels' electrons.
-
-    The number of hot pixels is taken five standard deviations above its mean.
-    """
+    """Bound the L2 norm of the hot pixels' electrons."""
     sensor = s.camera.sensor
-    return (
-        sensor.hot_current
-        * s.exposure
-        * math.sqrt(affected_pixel_bound(sensor.hot, pixel_count(s)))
-    )
+    count = affected_pixel_bound(sensor.hot, pixel_count(s))
+    return sensor.hot_current * s.exposure * math.sqrt(count)
 
 
 def affected_pixel_bound(share: float, count: int) -> float:
-    """Bound how many of `count` pixels are hit, each with probability `share`.
-
-    The number is taken five standard deviations above its mean.
-    """
+    """Bound how many pixels are hit, each with probability `share`: 5 σ above the mean."""
     expected = share * count
     return min(float(count), expected + 5 * math.sqrt(expected)) if share else 0.0
 
 
 def peak_electrons(s: Situation) -> float:
     """Bound the brightest pixel's electrons, hot pixels included."""
-    sensor = s.camera.sensor
-    lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu) * _speckle_peak(s)
-    return (
-        lit + dark_current_electrons(s) + (sensor.hot_current * s.exposure if sensor.hot else 0.0)
-    )
-
-
-def _speckle_peak(s: Situation) -> float:
-    """Return how many times the mean light a pixel holds at most because of speckle.
-
-    Five standard deviations, and as many means of an exponential distribution as all but one in
-    10,000 pixels stay below.
-    """
-    variance = speckle_variance(s)
-    return 1 + 5 * math.sqrt(variance) + 4 * variance
+    sensor, variance = s.camera.sensor, speckle_variance(s)
+    # Of speckle five standard deviations, and as many means of an exponential distribution as all
+    # but one in 10,000 pixels stay below.
+    speckled = 1 + 5 * math.sqrt(variance) + 4 * variance
+    lit = _peak_light_electrons(s) * (1 + MAX_PIXEL_SIGMAS * sensor.prnu) * speckled
+    hot = sensor.hot_current * s.exposure if sensor.hot else 0.0
+    return lit + dark_current_electrons(s) + hot
 
 
 def electron_norm_bound(s: Situation) -> float:
     """Bound the L2 norm of all pixels' electrons, of light, dark current and hot pixels."""
     gain = 1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu
-    return (
-        light_norm_bound(s) * gain
-        + dark_current_electrons(s) * sqrt_pixel_count(s)
-        + hot_pixel_norm(s)
-    )
+    dark = dark_current_electrons(s) * sqrt_pixel_count(s)
+    return light_norm_bound(s) * gain + dark + hot_pixel_norm(s)
+
+
+def shot_noise_norm(s: Situation) -> float:
+    """Bound the L2 norm of the frame's shot noise by that of its electrons (Cauchy-Schwarz)."""
+    return math.sqrt(electron_norm_bound(s) * sqrt_pixel_count(s))
 
 
 def clipping_onset(sensor: Sensor) -> float:
@@ -263,52 +210,36 @@ def without_clipping(s: Situation, recipe: Recipe) -> Recipe:
 
 
 def unclipped_light(s: Situation) -> float:
-    """Return the electrons of light up to which surely nothing clips.
-
-    Seven standard deviations of shot noise are allowed for.
-    """
+    """Return the electrons of light up to which nothing clips, with 7 σ of shot noise."""
     free = max(clipping_onset(s.camera.sensor) - 20 - dark_current_electrons(s), 0.0)
     # Solves x + 7 √x = free for x.
     root = max(math.sqrt(free + 12.25) - 3.5, 0.0)
     return root**2 / (1 + MAX_PIXEL_SIGMAS * s.camera.sensor.prnu)
 
 
-@dataclass(frozen=True)
-class FullWells:
-    """Upper bounds for the pixels that hold more light than surely doesn't clip.
-
-    count: of these pixels.
-    total: sum of their electrons.
-    energy: sum of the squares of these.
-    """
-
-    count: float
-    total: float
-    energy: float
-
-
 @cached_per_situation
-def full_well_bounds(s: Situation) -> FullWells:
-    """Bound the number and the light of pixels whose wells may be full.
+def full_well_count(s: Situation) -> float:
+    """Bound the number of pixels that hold more light than surely doesn't clip.
 
     A blurred picture m has no more of (m - θ)₊, and of its square, than the sharp picture, for any
     θ (Jensen: a blur is a mean). Where m is above W > θ, m is at most W / (W - θ) times m - θ.
     """
     if not can_clip(s):
-        return FullWells(0.0, 0.0, 0.0)
+        return 0.0
     count, well = float(pixel_count(s)), unclipped_light(s)
-    total, energy = total_electrons(s) + off_plane_star_electrons(s), light_norm_bound(s) ** 2
     if well <= 0:
-        return FullWells(count, total, energy)
+        return count
+    total, energy = all_electrons(s), light_norm_bound(s) ** 2
     if not s.picture_probe.off_plane_star_rate:
         for share in (0.5, 0.7, 0.8, 0.9):
             over = s.picture_probe.excess_over(share * well / max_light_seconds(s))
-            factor = _SETTINGS.light_margin * max_light_seconds(s) / (1 - share)
+            # Orders of the panel or an uneven lamp may raise a pixel's light by a tenth (audited).
+            factor = 1.1 * max_light_seconds(s) / (1 - share)
             total = min(total, factor * over[0])
             energy = min(energy, factor**2 * over[1])
     sensor = s.camera.sensor
     hot = affected_pixel_bound(sensor.hot, pixel_count(s)) if sensor.hot_current else 0.0
-    return FullWells(min(count, energy / well**2 + hot, total / well + hot), total, energy)
+    return min(count, energy / well**2 + hot, total / well + hot)
 
 
 def can_clip_at_zero(sensor: Sensor) -> bool:
@@ -332,22 +263,35 @@ def sensor_error_bound(s: Situation, change: float, how: str, *, read_noise: boo
     change: L2 norm of the change of the picture's electrons over the exposure.
     read_noise: whether read noise may be relied on; without it, a few electrons change σ much.
     """
-    mean, variance, least = _slopes(s)
+    sensor = s.camera.sensor
+    if s.cache.are_estimates:  # as if nothing was clipped or rounded
+        mean, variance, least = 1.0, 1.0, sensor.read_noise
+    else:
+        most = _next_power_of_two(peak_electrons(s))
+        unclipped = min(most, float(round(unclipped_light(s))))
+        mean, variance, least = _steepest_slopes(sensor, most, unclipped)
     varied = variance * change
     sigma = math.sqrt(varied * sqrt_pixel_count(s))
     if read_noise and least:
-        sigma = min(sigma, varied / (2 * math.hypot(least, math.sqrt(_dim_pixel_electrons(s)))))
+        # The blur may halve the electrons in the dim tenth of the sharp picture.
+        dim = 0.5 * s.picture_probe.dim_decile * s.exposure
+        sigma = min(sigma, varied / (2 * math.hypot(least, math.sqrt(dim))))
     return Bound(mean * change, varied, sigma, how=how)
 
 
+def sigma_by_light(bound: Bound, change: float, electrons: float) -> float:
+    """Bound σ's change, as |√a - √b|² ≤ |a - b|, by norm and sum of those of the electrons."""
+    slope = bound.variance / change if change else 0.0
+    return math.sqrt(slope * electrons)
+
+
 def proportional_error_bound(
-    s: Situation, change: float, how: str, dim_pixel_margin: float = _SETTINGS.dim_pixel_margin
+    s: Situation, change: float, how: str, dim_pixel_margin: float = _DIM_PIXEL_MARGIN
 ) -> Bound:
     """Bound the frame's error when each pixel's light changes in proportion.
 
-    The bound is sensor_error_bound() with a tighter σ.
-
-    A dim pixel's relative change is at most `dim_pixel_margin` times that of the whole picture.
+    The bound is sensor_error_bound() with a tighter σ. A dim pixel's relative change is at most
+    `dim_pixel_margin` times that of the whole picture.
     Where m changes by a share ε of it, √(m + r²) changes by at most ε √m / 2, for any read noise r:
     over all pixels, by ε/2 times the square root of the sum of all light.
     """
@@ -355,34 +299,8 @@ def proportional_error_bound(
     norm = light_norm_bound(s)
     if not norm:
         return bound
-    root = (
-        math.sqrt(bound.variance / change * (total_electrons(s) + off_plane_star_electrons(s)))
-        if change
-        else 0.0
-    )
-    sigma = min(bound.sigma, dim_pixel_margin * change / norm / 2 * root)
-    return replace(bound, sigma=sigma)
-
-
-def _slopes(s: Situation) -> tuple[float, float, float]:
-    """Return the steepest slopes of mean and variance by electrons, and the least σ.
-
-    For estimates, they are those without clipping and rounding.
-    """
-    sensor = s.camera.sensor
-    if s.cache.are_estimates:
-        return 1.0, 1.0, sensor.read_noise
-    most = _next_power_of_two(peak_electrons(s))
-    return _steepest_slopes(sensor, most, min(most, float(round(unclipped_light(s)))))
-
-
-def _dim_pixel_electrons(s: Situation) -> float:
-    """Return the fewest electrons in pixels whose change counts.
-
-    The result is half the electrons in the dim tenth of the sharp picture, since blur may make it
-    dimmer.
-    """
-    return 0.5 * s.picture_probe.dim_decile * s.exposure
+    root = sigma_by_light(bound, change, all_electrons(s))
+    return replace(bound, sigma=min(bound.sigma, dim_pixel_margin * change / norm / 2 * root))
 
 
 def _next_power_of_two(electrons: float) -> float:
@@ -396,29 +314,21 @@ def _steepest_slopes(
 ) -> tuple[float, float, float]:
     """Return the steepest slopes of mean and variance by electrons, and the least σ.
 
-    The slopes are the largest at any number of electrons up to `most`. The least σ includes read
-    noise.
-
+    The slopes are the largest at any number of electrons up to `most`; σ includes read noise.
     unclipped_electrons: number up to which the upper end clips nothing. Without clipping, the
         converter's steps of g electrons make the slopes oscillate by exp(-2 π² m / g²) at m
         electrons (Widrow): this is negligible from g² electrons on.
     """
     slopes, least = [], math.inf
     rounded = min(most, _next_power_of_two(sensor.gain**2))
-    for stages, end in (
-        (
-            Stages(clipping=clipping, quantisation=quantisation),
-            unclipped_electrons if clipping else rounded,
-        )
-        for clipping in (True, False)
-        for quantisation in (True, False)
-    ):
-        for table in moment_tables(sensor, stages, end):
+    for clipping, quantisation in itertools.product((True, False), repeat=2):
+        end = unclipped_electrons if clipping else rounded
+        for table in moment_tables(
+            sensor, Stages(clipping=clipping, quantisation=quantisation), end
+        ):
             slopes.append(table.max_slopes(end))
             least = min(least, table.min_variance(end))
     mean, variance = np.array(slopes).max(axis=0)
-    return (
-        _SETTINGS.slope_margin * max(float(mean), 1.0),
-        _SETTINGS.slope_margin * max(float(variance), 1.0),
-        math.sqrt(least) if sensor.read_noise else 0.0,
-    )
+    # A normal distribution in place of Poisson's may be steeper by a hundredth (audited).
+    steepest = [1.01 * max(float(one), 1.0) for one in (mean, variance)]
+    return steepest[0], steepest[1], math.sqrt(least) if sensor.read_noise else 0.0

@@ -15,10 +15,9 @@ MARGIN = 1.2
 
 @dataclass(frozen=True)
 class PixelSample:
-    """A sample of the panel's pixels, evenly spaced along each axis.
+    """A sample of the panel's pixels in steps of rows and columns.
 
-    rows, columns: steps between the sample's pixels.
-    aperture_share: share of each that the stop leaves open.
+    aperture_share: share of each pixel that the stop leaves open.
     """
 
     rows: int
@@ -37,21 +36,14 @@ class PixelSample:
 
 def sample_pixels(s: Situation) -> PixelSample:
     """Sample at most 256 x 256 of the panel's pixels."""
-    rows, columns = _steps(s)
-    return PixelSample(
-        rows, columns, s.pattern_probe.aperture_share[::rows, ::columns].contiguous()
-    )
+    rows, columns = (max(1, math.ceil(n / 256)) for n in s.camera.panel.shape)
+    share = s.pattern_probe.aperture_share[::rows, ::columns]
+    return PixelSample(rows, columns, share.contiguous())
 
 
 def covers_all_pixels(s: Situation) -> bool:
     """Whether the sample holds all of the panel's pixels."""
-    return _steps(s) == (1, 1)
-
-
-def _steps(s: Situation) -> tuple[int, int]:
-    """Return the steps between sampled panel pixels on each axis."""
-    rows, columns = (max(1, math.ceil(n / 256)) for n in s.camera.panel.shape)
-    return rows, columns
+    return max(s.camera.panel.shape) <= 256
 
 
 def margin(s: Situation) -> float:

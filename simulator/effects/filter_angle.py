@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optics.fourier import rfft_column_weights
-from simulator.effects.band_effects import (
-    TurnedTransfers,
-    off_axis_factor,
-    sampled_powers,
-    turned_transfers,
-)
-from simulator.effects.blur_effects import BlurEffect, occlusion_factor
+from simulator.effects.band_effects import off_axis_factor, sampled_powers, turned_transfers
 from simulator.effects.electron_bounds import (
     light_norm_bound,
     max_light_seconds,
     proportional_error_bound,
 )
-from simulator.effects.likely_errors import FAR
+from simulator.effects.light_effects import FAR, BlurEffect, occlusion_factor
 from simulator.effects.rendering_work import FILTER_ANGLE, LEVELS
 from simulator.effects.result_cache import cached_across_exposures
 from simulator.effects.spectra import measures_at_angles, spectral_measure
@@ -33,29 +27,16 @@ from simulator.situation import Situation
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class FilterAngleBoundSettings:
-    """Tune the error bound of few angles at the filter.
+_ANGLES, _WORST, _THINNING = 17, 2, 4
+"""Angles at which the interpolated band is compared with the true one; the worst of them, which are
+looked at for PSFs; and one of how many frequencies is taken there. Chosen."""
 
-    angles: at which the interpolated band is compared with the true one. Chosen.
-    worst_angles: how many of them, where most is wrong, are looked at for PSFs. Chosen.
-    thinning: one of so many sampled frequencies is taken. Chosen.
-    margin: factor of what the band's shift does to PSFs, computed from a sample of the frequencies;
-        from audits.
-    converged_change: relative to all light, at which more angles count as no finer. Chosen.
-    dim_pixel_margin: largest relative change of a dim pixel over that of the whole picture, as of
-        the band's other effects.
-    """
+_MARGIN, _DIM_PIXEL_MARGIN = 2.0, 12.0
+"""Factor of what the band's shift does to PSFs, as computed from a sample of frequencies; and
+largest relative change of a dim pixel over that of the picture. From audits."""
 
-    angles: int = 17
-    worst_angles: int = 2
-    thinning: int = 4
-    margin: float = 2.0
-    converged_change: float = 1e-5
-    dim_pixel_margin: float = 12.0
-
-
-_SETTINGS = FilterAngleBoundSettings()
+_CONVERGED = 1e-5
+"""Change relative to all light at which more angles count as no finer. Chosen."""
 
 
 class FilterAngle(BlurEffect):
@@ -69,24 +50,17 @@ class FilterAngle(BlurEffect):
     source = "Macleod, Thin-Film Optical Filters: λ = λ₀ √(1 - sin²θ / n²)"
     levels = tuple(str(n) for n in LEVELS.angles)
 
-    def is_present(self, s: Situation) -> bool:
-        return (
-            s.band.shifts_with_angle
-            and not s.picture_probe.is_dark
-            and not spectral_measure(s, "band").is_empty
-        )
+    def is_caused(self, s: Situation) -> bool:
+        return s.band.shifts_with_angle and not spectral_measure(s, "band").is_empty
 
     def finest_level(self, s: Situation) -> int:
         return len(_error_rates(s)) - 1
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        rate = _error_rates(s)[level]
-        how = (
-            f"proved: the light that few angles miss; audited ×{_SETTINGS.margin:g}: H(k λ) of the "
-            "wavelengths that differ"
-        )
-        change = occlusion_factor(s) * max_light_seconds(s) * rate
-        return proportional_error_bound(s, change, how, _SETTINGS.dim_pixel_margin)
+        turned = f"audited ×{_MARGIN:g}: H(k λ) of the wavelengths that differ"
+        how = f"proved: the light that few angles miss; {turned}"
+        change = occlusion_factor(s) * max_light_seconds(s) * _error_rates(s)[level]
+        return proportional_error_bound(s, change, how, _DIM_PIXEL_MARGIN)
 
     def explain(self, s: Situation) -> str:
         steepest = largest_squared_sine(s.camera)
@@ -95,33 +69,33 @@ class FilterAngle(BlurEffect):
         return f"at {angle:.3g}° in the frame's corner the band is {shift * 1e9:.3g} nm lower"
 
 
+@cached_across_exposures
 def _error_rates(s: Situation) -> tuple[float, ...]:
     """Return the L2 errors in electrons per second, by number of angles.
 
-    The list ends where the error has converged. No finer level has a larger error.
-    """
-    return cached_across_exposures(s, FILTER_ANGLE, lambda: _find_error_rates(s))
-
-
-def _find_error_rates(s: Situation) -> tuple[float, ...]:
-    """Compute what _error_rates() keeps.
-
-    Light of a wrong band differs by the electrons that are missing or too many, whatever its blur
-    (Young), and by the PSFs of wavelengths that differ. All light is taken to come from the angle
-    at which most is wrong. Both together are no more than all electrons of wavelengths that differ.
+    The list ends where the error has converged; no finer level has a larger one. Light of a wrong
+    band differs by the electrons that are missing or too many, whatever its blur (Young), and by
+    the PSFs of wavelengths that differ. All light is taken to come from the angle at which most is
+    wrong. Both together are no more than all electrons of wavelengths that differ.
     """
     greatest = largest_squared_sine(s.camera)
-    checked = np.linspace(0, greatest, _SETTINGS.angles).tolist()
+    checked = np.linspace(0, greatest, _ANGLES).tolist()
     known = {count: angle_nodes(greatest, count) for count in LEVELS.angles}
     x, true, *measures = measures_at_angles(s, [checked, *known.values()])
     masses = spectral_measure(s, "band").electrons.sum(-1).max(0)
     masses = np.where(masses > 0, masses, 1.0)[:, None]
     most = light_norm_bound(s) / max(max_light_seconds(s), 1e-300)
-    lights, turned = _norms_by_spectrum(s), _TurnedPicture.of(s)
+    rows, columns = s.picture_probe.plane.shape
+    counts = rfft_column_weights(columns)
+    norms = [
+        (parts, math.sqrt(float((squared * counts).double().sum()) / (rows * columns)))
+        for parts, squared in s.picture_probe.powers_by_spectrum
+    ]
+    turned_change = _turned_picture(s)
 
     def norm_of(share: Array) -> float:
         """Return the norm of light of which each part has a share, electrons/s. share: (parts,)."""
-        apart = sum(norm * float(share[parts].max()) for parts, norm in lights)
+        apart = sum(norm * float(share[parts].max()) for parts, norm in norms)
         beside = s.picture_probe.off_plane_star_rate
         return min(apart + beside * float(share.max()), float(share.max()) * most)
 
@@ -131,65 +105,35 @@ def _find_error_rates(s: Situation) -> tuple[float, ...]:
         wrong = (np.tensordot(share.T, measure, 1) - true) / masses
         missing = norm_of(np.abs(wrong.sum(-1)).max((0, 1)))
         any_way = norm_of(np.abs(wrong).sum(-1).max((0, 1)))
-        rates.append(min(missing + turned.change(x, wrong, measure[0] / masses), any_way))
-        if rates[-1] <= _SETTINGS.converged_change * most:
+        rates.append(min(missing + turned_change(x, wrong, measure[0] / masses), any_way))
+        if rates[-1] <= _CONVERGED * most:
             break
     return tuple(np.maximum.accumulate(rates[::-1])[::-1].tolist())
 
 
-def _norms_by_spectrum(s: Situation) -> list[tuple[list[int], float]]:
-    """Return the L2 norm of the sharp light of each spectrum, electrons/s.
+def _turned_picture(s: Situation) -> Callable[[Array, Array, Array], float]:
+    """Return a bound of what a wrong band changes by its PSFs alone, in electrons/s.
 
-    Each entry has the numbers of the parts with that spectrum, which are lit.
+    Missing electrons are given back in the spectrum of the axis. Its arguments are wavelengths x,
+    the wrong electrons, (angles, channels, parts, wavelengths), and the spectrum of the axis,
+    (channels, parts, wavelengths).
     """
-    probe = s.picture_probe
-    rows, columns = probe.plane.shape
-    counts = rfft_column_weights(columns)
-    return [
-        (parts, math.sqrt(float((squared * counts).double().sum()) / (rows * columns)))
-        for parts, squared in probe.powers_by_spectrum
-    ]
+    nodes, some = spectral_measure(s, "band").nodes, s.picture_probe.sampled_frequencies
+    if not len(some.ky):
+        # Uniform light has no frequencies but 0.
+        return lambda x, wrong, axis: 0.0
+    some = some.every(_THINNING).with_aliases(s.picture_probe.plane)
+    transfers, powers = turned_transfers(s, nodes, some, 0.5), sampled_powers(s, some)
+    factor = _MARGIN * off_axis_factor(s)
 
-
-@dataclass(frozen=True)
-class _TurnedPicture:
-    """The sharp picture, and the transfer functions of the pattern's parts.
-
-    powers: of the lights of each spectrum, at some frequencies; none of uniform light, which has no
-        other frequency than 0.
-    nodes: the transfer functions' wavelengths, metres.
-    """
-
-    powers: list[tuple[list[int], Array]]
-    nodes: Array
-    transfers: TurnedTransfers | None
-    factor: float
-
-    @classmethod
-    def of(cls, s: Situation) -> _TurnedPicture:
-        nodes, some = spectral_measure(s, "band").nodes, s.picture_probe.sampled_frequencies
-        if not len(some.ky):
-            return cls([], nodes, None, 0.0)
-        some = some.every(_SETTINGS.thinning).with_aliases(s.picture_probe.plane)
-        transfers = turned_transfers(s, nodes, some, 0.5)
-        factor = _SETTINGS.margin * off_axis_factor(s)
-        return cls(sampled_powers(s, some), nodes, transfers, factor)
-
-    def change(self, x: Array, wrong: Array, axis: Array) -> float:
-        """Bound what a wrong band changes by its PSFs alone, in electrons/s.
-
-        Missing electrons are given back in the spectrum of the axis.
-        x: wavelengths.
-        wrong: electrons, (angles, channels, parts, wavelengths).
-        axis: spectrum of the axis, (channels, parts, wavelengths).
-        """
-        if self.transfers is None:
-            return 0.0
+    def change(x: Array, wrong: Array, axis: Array) -> float:
         lit = np.maximum(axis.sum(-1, keepdims=True), 1e-300)
         shape = wrong - wrong.sum(-1, keepdims=True) * axis / lit
-        worst = np.argsort(np.abs(shape).sum((1, 2, 3)))[-_SETTINGS.worst_angles :]
-        shape, change = shape[worst] @ interpolation_weights(self.nodes.tolist(), x).T, 0.0
-        for parts, power in self.powers:
-            rows = np.unique(shape[:, :, parts].reshape(-1, len(self.nodes)), axis=0)
-            change += math.sqrt(self.transfers.error_power(rows, power))
-        return self.factor * change
+        worst = np.argsort(np.abs(shape).sum((1, 2, 3)))[-_WORST:]
+        shape, found = shape[worst] @ interpolation_weights(nodes.tolist(), x).T, 0.0
+        for parts, power in powers:
+            rows = np.unique(shape[:, :, parts].reshape(-1, len(nodes)), axis=0)
+            found += math.sqrt(transfers.error_power(rows, power))
+        return factor * found
+
+    return change

@@ -24,11 +24,8 @@ from simulator.situation import Situation
 
 Array = NDArray[np.float64]
 
-CELLS = 48
-"""Cells along the frame's longer side on which light is estimated. Chosen."""
-
-_WAVELENGTHS = 3
-"""Nodes of the band for which the light is estimated. Chosen."""
+_CELLS, _WAVELENGTHS = 48, 3
+"""Cells along the frame's longer side, and nodes of the band, for estimates of light. Chosen."""
 
 _MOVED = 1.6
 """Ratio of the frame's light with blur and without, from which on most of it is elsewhere. Chosen:
@@ -39,8 +36,7 @@ beyond it, errors relative to all light mislead."""
 class LandedLight:
     """The light in the frame by cells, after the blur of the shown pattern, without other losses.
 
-    cells: electrons per second and pixel, (rows, columns) of cells.
-    pixels: along a cell.
+    cells: electrons per second and pixel, of cells so many `pixels` wide.
     """
 
     cells: Array
@@ -59,14 +55,12 @@ class LandedLight:
 
 def cell_pixels(s: Situation) -> int:
     """Return the sensor pixels along a cell on which estimates of light are computed."""
-    return max(1, math.ceil(max(s.camera.sensor.shape) / CELLS))
+    return max(1, math.ceil(max(s.camera.sensor.shape) / _CELLS))
 
 
 def landed_light(s: Situation) -> LandedLight | None:
     """Estimate the light that lands in the frame; None where blur doesn't move any."""
-    if s.picture_probe.is_dark or is_uniform_scene(s):
-        return None
-    return cached_across_exposures(s, "landed light", lambda: _find_landed_light(s))
+    return None if s.picture_probe.is_dark or is_uniform_scene(s) else _blurred_light(s)
 
 
 def is_light_moved(s: Situation) -> bool:
@@ -94,7 +88,8 @@ def _blurred_norm(s: Situation, low: float, high: float) -> float:
     return math.sqrt(float((power.power * passed)[inside].sum()))
 
 
-def _find_landed_light(s: Situation) -> LandedLight:
+@cached_across_exposures
+def _blurred_light(s: Situation) -> LandedLight:
     """Blur the sharp picture by the PSFs of a few wavelengths, all diffraction orders included."""
     step = cell_pixels(s)
     cell, found = step * s.camera.sensor.pitch, None
@@ -120,8 +115,12 @@ def kernel_over_band(s: Situation, kernel: Array, half: tuple[int, int]) -> Arra
     kernel: at the band's centre and in the panel's axes, as of order_kernel().
     half: cells (y, x) on each side of the middle that are returned, or all that the kernel has.
     """
-    nodes, shares = _spectrum(s)
-    scales = nodes / s.wavelength
+    found = spectral_measure(s, "band")
+    scales, shares = np.ones(1), np.ones(1)
+    if not found.is_empty:
+        nodes, weights = gauss_quadrature(found.wavelengths, found.electrons, _WAVELENGTHS)
+        masses = weights.sum((0, 1))
+        scales, shares = nodes / s.wavelength, masses / masses.sum()
     still = float(np.abs(scales - 1).max()) * max(half) < 0.5
     if still and s.mount.is_aligned:
         return cut_kernel(kernel, half)
@@ -134,16 +133,6 @@ def kernel_over_band(s: Situation, kernel: Array, half: tuple[int, int]) -> Arra
         for scale, share in zip(scales, shares, strict=True)
     )
     return np.asarray(sum(blurs))
-
-
-def _spectrum(s: Situation) -> tuple[Array, Array]:
-    """Return wavelengths for which landed light is estimated, and the light's share at each."""
-    found = spectral_measure(s, "band")
-    if found.is_empty:
-        return np.array([s.wavelength]), np.ones(1)
-    nodes, weights = gauss_quadrature(found.wavelengths, found.electrons, _WAVELENGTHS)
-    masses = weights.sum((0, 1))
-    return nodes, masses / masses.sum()
 
 
 def _in_cells(s: Situation, step: int, half: tuple[int, int]) -> Array:
@@ -164,11 +153,7 @@ def _in_cells(s: Situation, step: int, half: tuple[int, int]) -> Array:
 
 
 def _on_sensor(s: Situation, kernel: Array, scale: float, half: tuple[int, int]) -> Array:
-    """Turn a kernel from the panel's axes to the sensor's, and scale it with the wavelength.
-
-    A cell's light is shared by the four cells around its new place.
-    half: cells (y, x) on each side of the middle that are returned.
-    """
+    """Turn a kernel to the sensor's axes and scale it; see kernel_over_band() for the rest."""
     most = math.ceil(math.hypot(*half) / min(scale, 1.0)) + 1
     near = cut_kernel(kernel, (most, most))
     down, along = (np.arange(n) - n // 2 for n in near.shape)

@@ -1,4 +1,4 @@
-"""Imperfections of the panel, each with a bound of what it changes of a PSF."""
+"""What the panel does beside its pattern, each with a bound of what it changes of a PSF."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.special
@@ -14,13 +14,14 @@ import torch
 
 from optics.camera import Panel
 from optics.slm.coupling import fringing_field_mean
+from optics.slm.dynamics import first_start_phase, relaxed_phase
 from optics.slm.gap import gap_amplitude, max_gap_power
 from optics.slm.modulator import (
     front_reflection_share,
     scattered_share,
     transmitted_unmodulated_share,
 )
-from simulator.effects.blur_effects import OnOffBlurEffect, psf_error_bound
+from simulator.effects.electron_bounds import is_lamp_flickering
 from simulator.effects.field_distance import (
     MARGIN,
     describe_proof,
@@ -30,10 +31,10 @@ from simulator.effects.field_distance import (
     psf_distance_bound,
     sample_pixels,
 )
-from simulator.effects.likely_errors import FAR
-from simulator.effects.rendering_work import PANEL_DISPERSION
+from simulator.effects.light_effects import FAR, OnOffBlurEffect, psf_error_bound
+from simulator.effects.rendering_work import FLICKER, PANEL_DISPERSION, POLARISATION_INTERFERENCE
 from simulator.effects.result_cache import cached_across_exposures
-from simulator.effects.spectra import spectral_measure
+from simulator.effects.spectra import Which, spectral_measure
 from simulator.formation.nodes import gauss_quadrature
 from simulator.panel_at_wavelength import modulator_at
 from simulator.planning import Bound
@@ -42,35 +43,24 @@ from simulator.situation import Situation
 
 
 class PanelEffect(OnOffBlurEffect):
-    """An imperfection of the panel, described by one field of Panel.
-
-    panel_field: name of that field.
-    neutral_value: its value on an ideal panel.
-    """
+    """An imperfection of the panel: a field of Panel that isn't at its neutral value."""
 
     panel_field: ClassVar[str]
     neutral_value: ClassVar[Any] = 0.0
 
     @abstractmethod
     def psf_change_bound(self, s: Situation) -> tuple[float, str]:
-        """Bound ‖Δh‖₁ of PSFs with the imperfection against without it, and say how it's known.
+        """Bound the change ‖Δh‖₁ of PSFs, at any levels of all else, and say how it's known."""
 
-        The bound holds at any levels of everything else.
-        """
-
-    def is_present(self, s: Situation) -> bool:
-        return (
-            bool(getattr(s.camera.panel, self.panel_field) != self.neutral_value)
-            and not s.picture_probe.is_dark
-        )
+    def is_caused(self, s: Situation) -> bool:
+        return bool(getattr(s.camera.panel, self.panel_field) != self.neutral_value)
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         change, how = self.psf_change_bound(s)
         return psf_error_bound(s, change, how, s.pattern_probe.peak)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        rows, columns = s.camera.panel.shape
-        return 20.0 * rows * columns if levels[self.name] else 0.0
+        return 20.0 * math.prod(s.camera.panel.shape) if levels[self.name] else 0.0
 
     def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
         datum = getattr(s.camera.panel, self.panel_field)
@@ -102,9 +92,8 @@ class Illumination(PanelEffect):
         field = pixels(torch.sqrt(light / light.mean())).to(torch.complex128)
         # The gaps between pixels are lit as unevenly as the pixels.
         found = psf_distance_bound(pixels, field, torch.ones_like(field)) * max_gap_power(panel)
-        return margin(s) * found, describe_proof(
-            s, "Cauchy-Schwarz; amplitude that isn't the mean's"
-        )
+        how = describe_proof(s, "Cauchy-Schwarz; amplitude that isn't the mean's")
+        return margin(s) * found, how
 
     def explain(self, s: Situation) -> str:
         return "the light on the panel isn't even"
@@ -185,27 +174,17 @@ class Coupling(PanelEffect):
 def _blocks(
     phase: torch.Tensor, aperture_share: torch.Tensor
 ) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Return blocks of neighbouring pixels on which coupling is bounded.
-
-    These are 4 x 4 squares of 64 x 64 pixels from all over the panel, or the whole of a small
-    panel.
-    """
-    rows, columns = phase.shape
+    """Return 4 x 4 blocks of 64 x 64 pixels from all over a panel, or the whole of a small one."""
     count, side = 4, 64
-    if rows * columns <= (count * side) ** 2:
+    if phase.numel() <= (count * side) ** 2:
         return [(phase, aperture_share)]
-    found = []
-    for j in range(count):
-        for i in range(count):
-            y = (rows - side) * j // (count - 1)
-            x = (columns - side) * i // (count - 1)
-            part = slice(y, y + side), slice(x, x + side)
-            found.append((phase[part].contiguous(), aperture_share[part]))
-    return found
+    down, along = ([(n - side) * k // (count - 1) for k in range(count)] for n in phase.shape)
+    parts = [(slice(y, y + side), slice(x, x + side)) for y in down for x in along]
+    return [(phase[part].contiguous(), aperture_share[part]) for part in parts]
 
 
 class Flicker(PanelEffect):
-    name = "flicker"
+    name = FLICKER
     likely_shares = (0.3,)
     panel_field = "flicker"
     physics = "the drive makes the phase ripple within a frame"
@@ -217,8 +196,7 @@ class Flicker(PanelEffect):
         The ripple's first order averages out. What is left is the loss of the mean field, 1 - J₀,
         which interferes, and the power of the ripple, 2 (1 - J₀).
         """
-        pixels, worst = sample_pixels(s), 0.0
-        panel = s.camera.panel
+        pixels, panel, worst = sample_pixels(s), s.camera.panel, 0.0
         for phase in s.pattern_probe.phases:
             some = pixels(phase)
             if not has_coherent_background(s):
@@ -262,9 +240,8 @@ class GapLight(PanelEffect):
         return (2 + g) * g, "proved: Cauchy-Schwarz; the frame's amplitude"
 
     def explain(self, s: Situation) -> str:
-        return (
-            f"the frame between pixels sends {gap_amplitude(s.camera.panel):.1%} of their amplitude"
-        )
+        amplitude = gap_amplitude(s.camera.panel)
+        return f"the frame between pixels sends {amplitude:.1%} of their amplitude"
 
 
 class Flatness(PanelEffect):
@@ -279,11 +256,8 @@ class Flatness(PanelEffect):
         assert panel.flatness is not None
         # The figure's phase is largest at the band's shortest wavelength.
         path = panel.flatness.at_pixels(panel) * (2 * math.pi / s.band.support[0])
-        change = (
-            phase_error_psf_bound(s, pixels, pixels(path))
-            * max_gap_power(panel)
-            * phase_error_gain(panel)
-        )
+        change = phase_error_psf_bound(s, pixels, pixels(path))
+        change = change * max_gap_power(panel) * phase_error_gain(panel)
         return margin(s) * change, describe_proof(s, "Cauchy-Schwarz; the figure's rms phase")
 
     def explain(self, s: Situation) -> str:
@@ -307,6 +281,33 @@ class UnmodulatedLight(RedirectedLight):
         return f"{share:.1%} of the light ignores the pattern and stays in the centre"
 
 
+class Interference(OnOffBlurEffect):
+    name = POLARISATION_INTERFERENCE
+    likely_shares = (0.5,)
+    recipe_field = "interference"
+    typical_bound_share = 0.3
+    physics = "behind an analyser, light that the panel turns and light that it doesn't interfere"
+    source = "Saleh and Teich, Fundamentals of Photonics 6.1; optics.polarisation"
+    requires = ("unmodulated light", "diffraction")
+
+    def is_caused(self, s: Situation) -> bool:
+        return s.interference != 0
+
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
+        pixels = sample_pixels(s)
+        powers = [
+            pixels.mean(pixels(field).abs().double() ** 2).real for field in s.pattern_probe.fields
+        ]
+        # Light from the gaps between pixels, and an uneven beam, may raise the power of either
+        # wave above 1.
+        brightest = max(1.0, *powers) * 1.2
+        how = "proved: Cauchy-Schwarz on two waves, each of all the light"
+        return psf_error_bound(s, abs(s.interference) * brightest, how)
+
+    def explain(self, s: Situation) -> str:
+        return f"the two beat by {abs(s.interference):.2g} of the light at most"
+
+
 class PanelDispersion(OnOffBlurEffect):
     name = PANEL_DISPERSION
     likely_shares = (0.15,)
@@ -315,30 +316,29 @@ class PanelDispersion(OnOffBlurEffect):
     source = "Li and Wu 2004, doi 10.1063/1.1635971"
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
-        change = MARGIN * cached_across_exposures(s, self.name, lambda: _total_psf_change(s))
+        change = MARGIN * _dispersed_psf_change(s)
         how = f"audited ×{MARGIN:g}: Cauchy-Schwarz; the rms phase error over the band"
         return psf_error_bound(s, change, how, s.pattern_probe.peak)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        rows, columns = s.camera.panel.shape
-        return 60.0 * rows * columns if levels[self.name] else 0.0
+        return 60.0 * math.prod(s.camera.panel.shape) if levels[self.name] else 0.0
 
     def explain(self, s: Situation) -> str:
-        return (
-            f"over the band the pattern's phase changes by {s.band.fwhm / s.wavelength:.2g} of it"
-        )
+        share = s.band.fwhm / s.wavelength
+        return f"over the band the pattern's phase changes by {share:.2g} of it"
 
 
-def _total_psf_change(s: Situation) -> float:
+@cached_across_exposures
+def _dispersed_psf_change(s: Situation) -> float:
     """Bound the change ‖Δh‖₁ of a PSF by dispersion, over band and leak."""
     return _psf_change_over(s, "band") + (_psf_change_over(s, "leak") if s.band.leak else 0.0)
 
 
-def _psf_change_over(s: Situation, which: Literal["band", "leak"]) -> float:
+def _psf_change_over(s: Situation, which: Which) -> float:
     """Bound the mean change ‖Δh‖₁ of a PSF by dispersion over the band or the leak.
 
-    Each wavelength is weighted by its share of the brightest channel's electrons, or by the largest
-    share that it has in any part and channel. The leak counts by its share of the light.
+    Each wavelength has the weight of its largest share in any part and channel, over the brightest
+    channel's electrons.
     """
     found, band = spectral_measure(s, which), spectral_measure(s, "band")
     if found.is_empty:
@@ -358,15 +358,101 @@ def _psf_change_at(s: Situation, wavelength: float) -> float:
     there = modulator_at(panel, wavelength)
     # A response that varies over the panel has to be evaluated on all pixels.
     maps = panel.response is not None and panel.response.shares.shape[1:3] != (1, 1)
-    figure = 0.0
-    if panel.flatness is not None:
-        figure = 2 * np.pi * (1 / wavelength - 1 / s.wavelength)
+    figure = 2 * np.pi * (1 / wavelength - 1 / s.wavelength)
     spread = max_gap_power(panel) * phase_error_gain(panel)
     changes = []
     for grey, phase in zip(s.pattern_probe.greys, s.pattern_probe.phases, strict=True):
         error = pixels(there.phase(grey)) if maps else there.phase(pixels(grey))
         error = torch.as_tensor(error) - pixels(phase)
-        if figure and panel.flatness is not None:
+        if panel.flatness is not None:
             error = error + figure * pixels(panel.flatness.at_pixels(panel))
         changes.append(phase_error_psf_bound(s, pixels, error) * spread)
     return max(changes)
+
+
+class CrystalResponse(OnOffBlurEffect):
+    name = "liquid-crystal response"
+    likely_shares = (0.2,)
+    kind = "axis"
+    physics = "the crystal follows a video's frames exponentially, and shows none of them wholly"
+    source = "thesis §3.4"
+
+    def is_caused(self, s: Situation) -> bool:
+        return bool(s.camera.panel.response_time) and s.panel_content.is_changing
+
+    def error_bound_if_omitted(self, s: Situation) -> Bound:
+        spread = max_gap_power(s.camera.panel) * phase_error_gain(s.camera.panel) ** 2
+        change = MARGIN * _lagging_psf_change(s) * spread
+        how = f"audited ×{MARGIN:g}: mean and power of what the field lacks, worst of all times"
+        return psf_error_bound(s, change, how)
+
+    def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
+        pixels = math.prod(s.camera.panel.shape) if levels[self.name] else 0
+        return 100.0 * pixels * len(s.panel_content.names)
+
+    def explain(self, s: Situation) -> str:
+        tau, frame = s.camera.panel.response_time, s.panel_content.frame_time
+        return f"the phase follows in {tau * 1e3:.2g} ms, of frames of {frame * 1e3:.3g} ms"
+
+    def add_to_recipe(self, recipe: Recipe, s: Situation, level: int) -> Recipe:
+        tau = s.camera.panel.response_time
+        return recipe.with_changes(crystal=True, panel=replace(recipe.panel, response_time=tau))
+
+
+_CRYSTAL_TIMES, _CRYSTAL_FRAMES = 24, 24
+"""Evenly spaced times in a part of a frame, and last frames of a video, for which the crystal's
+response is computed at most. Chosen."""
+
+
+def _lagging_psf_change(s: Situation) -> float:
+    """Bound the change ‖Δh‖₁ of a PSF by the crystal's slow response.
+
+    The mean over time of |p|², less |q|² of the settled field q, is the power of the difference of
+    the fields, and twice its mean times q (Cauchy-Schwarz).
+    """
+    pixels, tau, shown = sample_pixels(s), s.camera.panel.response_time, s.panel_content
+    settled = {
+        name: pixels(
+            torch.as_tensor(s.pattern_probe.modulator.phase(torch.from_numpy(grey.copy())))
+        )
+        for name, grey in shown.pictures.items()
+    }
+    names = shown.names[-_CRYSTAL_FRAMES:]
+    phases = torch.stack([settled[name] for name in names])
+    start = first_start_phase(phases, shown.frame_time, tau)
+    # A rolling shutter or a flickering lamp may let parts of a frame count unequally.
+    uneven = s.camera.sensor.shutter == "rolling" or is_lamp_flickering(s)
+    parts, found = _seen_frame_parts(s, uneven=uneven), list[tuple[float, float]]()
+    for frame, end in enumerate(phases):
+        for begin, finish, share in parts.get(frame if len(names) == len(shown.names) else -1, ()):
+            steps = [(k + 0.5) / _CRYSTAL_TIMES for k in range(_CRYSTAL_TIMES)]
+            times = [begin + step * (finish - begin) for step in steps]
+            lacking = [torch.expm1(1j * (relaxed_phase(end, start, t, tau) - end)) for t in times]
+            mean = torch.stack(lacking).mean(0)
+            power = torch.stack([one.abs() ** 2 for one in lacking]).mean(0)
+            rms = math.sqrt(pixels.mean(mean.abs() ** 2).real)
+            found.append((share, pixels.mean(power).real + 2 * rms))
+        start = relaxed_phase(end, start, shown.frame_time, tau)
+    if uneven:
+        return max(one for _, one in found)
+    whole = sum(share for share, _ in found)
+    return sum(share * one for share, one in found) / whole
+
+
+def _seen_frame_parts(s: Situation, *, uneven: bool) -> dict[int, list[tuple[float, float, float]]]:
+    """Return which parts of each video frame an exposure sees, each as (begin, end, share).
+
+    Where parts may count unequally, they are the eighths of each frame. If there are too many
+    frames to tell apart, key -1 has the whole frame.
+    """
+    frame_time, n = s.panel_content.frame_time, len(s.panel_content.names)
+    if uneven:
+        step = frame_time / 8
+        eighths = [(k * step, (k + 1) * step, 1.0) for k in range(8)]
+        return dict.fromkeys(range(-1, n), eighths)
+    if n > _CRYSTAL_FRAMES:
+        return {-1: [(0.0, frame_time, 1.0)]}
+    parts: dict[int, list[tuple[float, float, float]]] = {}
+    for span in s.panel_content.frame_sequence(s.exposure_start, s.exposure).spans:
+        parts.setdefault(span.frame, []).append((span.begin, span.end, span.share))
+    return parts

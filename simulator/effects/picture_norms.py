@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -17,12 +15,15 @@ from optics.formation import spectrum_of_samples
 from optics.plane import centred_crop
 from optics.sensor.crosstalk import max_contrast_loss
 from optics.sensor.shutter import row_starts
-from simulator.effects.electron_bounds import area_change, peak_electrons
-from simulator.effects.landed_light import detail_factor, landed_light
-from simulator.effects.psf_bounds import (
-    has_occlusion,
-    is_uniform_scene,
+from simulator.effects.electron_bounds import (
+    area_change,
+    dark_current_electrons,
+    peak_electrons,
+    pixel_count,
+    sqrt_pixel_count,
 )
+from simulator.effects.landed_light import detail_factor, landed_light
+from simulator.effects.psf_bounds import has_occlusion, is_uniform_scene
 from simulator.effects.result_cache import cached_across_exposures, cached_across_patterns
 from simulator.effects.spectra import angle_shares, spectral_measure
 from simulator.effects.vignetting_bounds import vignetting_samples
@@ -36,21 +37,13 @@ from simulator.situation import Situation
 from simulator.speckle import speckle_variance
 
 
-@dataclass(frozen=True)
-class DustLosses:
-    """Sums of the losses by dust over the pixels, each a share of a pixel's light.
+class DustLosses(NamedTuple):
+    """Sums over pixels of the shares of light that dust takes, as if shadows added up."""
 
-    Shadows that overlap count as if they added up.
-    deepest: of any pixel.
-    total: of all.
-    norm: root of the sum of squares.
-    pixels: number that are shaded.
-    """
-
-    deepest: float
+    deepest: float  # of any pixel
     total: float
-    norm: float
-    pixels: float
+    norm: float  # root of the sum of squares
+    pixels: float  # number that are shaded
 
 
 def dust_losses(s: Situation) -> DustLosses:
@@ -68,33 +61,30 @@ def dust_losses(s: Situation) -> DustLosses:
     )
 
 
-T = TypeVar("T")
-
-_SHARES = (0.5, 0.3, 0.2, 0.1, 0.05)
-"""Shares of a PSF's light that may fall beyond a square around its image; each gives a bound."""
-
-
 def minimum_norms(s: Situation) -> MinimumNorms:
     """Bound the norms of mean, variance and σ over the sensor's pixels from below, in electrons.
 
     The norm of the mean is the largest of three bounds. First, a pixel has at least the light of
     the darkest place within the reach of its PSF. Second, the light that surely stays on the sensor
     has the least norm if it is uniform (Cauchy-Schwarz). Third, the least of the transfer function
-    leaves at least so much of the sharp picture at each frequency. All attenuation counts. The
-    noise is the shot noise of that light, with dark current and read noise. A full well counts with
-    the electrons that it would hold if it were deeper: an overexposed picture is compared as if it
+    leaves at least so much of the sharp picture at each frequency. The noise is the shot noise of
+    that light, with dark current and read noise. An overexposed picture is compared as if it
     weren't clipped.
     """
-    sensor = s.camera.sensor
-    pixels = sensor.shape[0] * sensor.shape[1]
-    dark = sensor.dark_current * s.exposure
+    sensor, pixels = s.camera.sensor, pixel_count(s)
+    dark = dark_current_electrons(s)
     total, norm = 0.0, 0.0
     if not s.picture_probe.is_dark:
-        seconds = s.exposure * _min_lamp_light(s)
-        total, norm = (
-            seconds * one for one in cached_across_exposures(s, "floor", lambda: _min_light(s))
-        )
-        total, norm = _in_dusts_shadow(s, total, norm)
+        seconds, lamp = s.exposure, s.target.lamp
+        if lamp is not None and not lamp.is_constant:
+            begins = row_starts(sensor, s.exposure_start).numpy()
+            seconds *= float(lamp.mean(begins, begins + s.exposure).min())
+        total, norm = (seconds * one for one in _min_light(s))
+        losses = dust_losses(s)
+        if losses.deepest:
+            left, most = 1 - losses.deepest, peak_electrons(s)
+            total = max(left * total, total - losses.total * most)
+            norm = max(left * norm, norm - losses.norm * most)
     noise = dark + sensor.read_noise**2
     found = MinimumNorms(
         math.hypot(norm, dark * math.sqrt(pixels)),
@@ -107,38 +97,21 @@ def minimum_norms(s: Situation) -> MinimumNorms:
 def _with_speckle(s: Situation, norms: MinimumNorms, light: float) -> MinimumNorms:
     """Add what speckle of variance v m² adds to the least norms of pictures, for a mean m.
 
-    The norm of m² is least where all pixels are alike.
-    light: least norm of m.
+    The norm of m² is least where all pixels are alike. light: least norm of m.
     """
-    varied = speckle_variance(s)
-    squared = varied * light**2
-    even = squared / math.sqrt(math.prod(s.camera.sensor.shape))
-    return MinimumNorms(
-        norms.mean, math.hypot(norms.variance, even), math.sqrt(norms.sigma**2 + squared)
-    )
-
-
-def _in_dusts_shadow(s: Situation, total: float, norm: float) -> tuple[float, float]:
-    """Return the least sum and norm of light that dust leaves, electrons."""
-    losses = dust_losses(s)
-    if not losses.deepest:
-        return total, norm
-    left, most = 1 - losses.deepest, peak_electrons(s)
-    return max(left * total, total - losses.total * most), max(
-        left * norm, norm - losses.norm * most
-    )
+    squared = speckle_variance(s) * light**2
+    variance = math.hypot(norms.variance, squared / sqrt_pixel_count(s))
+    return MinimumNorms(norms.mean, variance, math.sqrt(norms.sigma**2 + squared))
 
 
 def estimated_norms(s: Situation) -> MinimumNorms:
     """Estimate the norms that estimated errors are relative to.
 
     The norm of the mean is that of the sharp picture, whose power at each frequency falls by the
-    mean square of the transfer function. The full wells count as in minimum_norms().
+    mean square of the transfer function. Full wells count as in minimum_norms().
     """
-    sensor = s.camera.sensor
-    pixels = sensor.shape[0] * sensor.shape[1]
-    dark = sensor.dark_current * s.exposure
-    noise = dark + sensor.read_noise**2
+    pixels, dark = pixel_count(s), dark_current_electrons(s)
+    noise = dark + s.camera.sensor.read_noise**2
     total, norm = (s.exposure * one for one in estimated_light(s))
 
     def with_offset(offset: float) -> float:
@@ -148,35 +121,30 @@ def estimated_norms(s: Situation) -> MinimumNorms:
     return _with_speckle(s, found, norm)
 
 
+def light_share(s: Situation, *, least: bool = False) -> float:
+    """Return the mean or least share of light that vignetting, filters and panel leave."""
+    distances = set(s.picture_probe.distances)
+    seen, passed = vignetting_samples(s, s.camera.sensor.shape, distances), angle_shares(s)
+    left = float(seen.min() if least else seen.mean())
+    left *= float(passed.min() if least else passed.mean())
+    return left * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
+
+
+@cached_across_exposures
 def estimated_light(s: Situation) -> tuple[float, float]:
     """Estimate the sum and norm of all light in the frame, electrons/s."""
-    if s.picture_probe.is_dark:
-        return 0.0, 0.0
-    return cached_across_exposures(s, "estimated light", lambda: _estimated_light(s))
-
-
-def estimated_light_share(s: Situation) -> float:
-    """Estimate the share of the frame's light that vignetting, panel and colour filters leave."""
-    distances = set(s.picture_probe.distances)
-    seen = float(vignetting_samples(s, s.camera.sensor.shape, distances).mean())
-    seen *= float(angle_shares(s).mean())
-    return seen * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
-
-
-def _estimated_light(s: Situation) -> tuple[float, float]:
-    """Compute what estimated_light() keeps."""
-    power = _cached_for_margin(s, "power", 0, lambda edge: _power(s, _frame_without_edge(s, edge)))
+    power = None if s.picture_probe.is_dark else _power_within(s, 0)
     if power is None:
         return 0.0, 0.0
-    left = estimated_light_share(s)
+    left = light_share(s)
     if is_uniform_scene(s):
         # As much light is blurred into the frame as out of it.
         return left * s.picture_probe.total, left * math.sqrt(float(power.power.sum()))
-    transfer = s.pattern_probe.transfer_bounds.mean_square_between(power.low, power.high)
-    pixel = _pixel_power_gain(s, power.high)
-    norm = math.sqrt(float((power.power * transfer * pixel).sum()))
+    probe = s.pattern_probe
+    transfer = probe.transfer_bounds.mean_square_between(power.low, power.high)
+    norm = math.sqrt(float((power.power * transfer * _pixel_power_gain(s, power.high)).sum()))
     half = min(s.camera.sensor.shape) / 2 * s.camera.sensor.pitch
-    kept = 1 - s.pattern_probe.share_beyond(half) / 2 - s.pattern_probe.side_order_share
+    kept = 1 - probe.share_beyond(half) / 2 - probe.side_order_share
     total = max(kept, 0.0) * s.picture_probe.total
     landed = landed_light(s)
     if landed is not None:
@@ -184,34 +152,37 @@ def _estimated_light(s: Situation) -> tuple[float, float]:
     return left * total, left * (1 - total_share(s.camera.ghosts)) * norm
 
 
+@cached_across_exposures
 def _min_light(s: Situation) -> tuple[float, float]:
-    """Bound the sum and norm of the frame's light from below, electrons per second."""
+    """Bound the sum and norm of the frame's light from below, electrons/s, in several ways."""
+    pattern, occluded, total, norm = s.pattern_probe, has_occlusion(s), 0.0, 0.0
+    for share in (0.5, 0.3, 0.2, 0.1, 0.05):
+        edge, kept = _blur_margin(s, share), max(1 - share - pattern.side_order_share, 0.0)
+        lit, sides = _lit_within(s, edge)
+        if lit:
+            frame = zip(s.camera.sensor.shape, sides, strict=True)
+            area = math.prod(min(n, side + 2 * edge + 2) for n, side in frame)
+            total, norm = max(total, kept * lit), max(norm, kept * lit / math.sqrt(area))
+        if edge <= MARGIN and not occluded:
+            norm = max(norm, kept * _neighbourhood_min_norm(s, edge))
+        if share > 0.2 or s.target.is_moving or occluded:
+            continue
+        if (power := _power_within(s, edge)) is not None:
+            least = pattern.transfer_bounds.least_between(power.low, power.high)
+            mean = pattern.transfer_bounds.mean_square_between(power.low, power.high)
+            squares = np.maximum(power.power * least**2, power.least * mean)
+            passed = float((squares * _pixel_power_gain(s, power.high)).sum())
+            # At most `share` of the light falls beyond the frame.
+            norm = max(norm, math.sqrt(passed) * (1 - share))
     # The factor 0.8 is from audits: it allows for effects that blur the picture further.
-    attenuated, spread = 0.8 * _min_attenuation(s) / area_change(s), _min_light_by_area(s)
+    attenuated = 0.8 * light_share(s, least=True) / area_change(s)
     # What ghosts take may fall beside the frame.
     attenuated *= 1 - total_share(s.camera.ghosts)
-    total = max((one for one, _ in spread), default=0.0)
-    norm = max((one / math.sqrt(area) for one, area in spread), default=0.0)
-    return attenuated * total, attenuated * max(
-        norm, _norm_by_frequency(s), _norm_by_neighbourhood(s)
-    )
-
-
-def _min_attenuation(s: Situation) -> float:
-    """Return the least share of light that vignetting, angle, colour filters and panel leave.
-
-    The colour filters' share is relative to the light of the best channel.
-    """
-    least = vignetting_samples(s, s.camera.sensor.shape, set(s.picture_probe.distances)).min()
-    left = float(least) * float(angle_shares(s).min())
-    return left * _min_channel_share(s) * min(s.pattern_probe.min_relative_power, 1.0)
+    return attenuated * total, attenuated * norm
 
 
 def _min_channel_share(s: Situation) -> float:
-    """Return the least share of electrons that colour filters leave the mean pixel.
-
-    The minimum is over the scene's parts. The share is relative to the part's best channel.
-    """
+    """Return the least electrons of the mean pixel over those of the best channel, of any part."""
     colour = s.camera.sensor.colour
     if colour is None:
         return 1.0
@@ -220,19 +191,7 @@ def _min_channel_share(s: Situation) -> float:
     shares = np.array([letters.count(name) / len(letters) for name in colour.channels])
     best = masses.max(0)
     lit = best > 0
-    if not lit.any():
-        return 0.0
-    relative = masses[:, lit] / best[lit]
-    return float((shares @ relative).min())
-
-
-def _min_lamp_light(s: Situation) -> float:
-    """Return the least mean lamp light of any row's exposure, relative to the mean."""
-    lamp = s.target.lamp
-    if lamp is None or lamp.is_constant:
-        return 1.0
-    begins = row_starts(s.camera.sensor, s.exposure_start).numpy()
-    return float(lamp.mean(begins, begins + s.exposure).min())
+    return float((shares @ (masses[:, lit] / best[lit])).min()) if lit.any() else 0.0
 
 
 def _blur_margin(s: Situation, share: float) -> int:
@@ -241,56 +200,28 @@ def _blur_margin(s: Situation, share: float) -> int:
     The image's motion is added. The result is rounded up to one of four values per octave, so that
     other patterns can use the same results of the picture.
     """
-    reach = (
-        s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength
-        + s.image_motion
-        + moved_frame(s).reach
-        + 3 * image_vibration(s)
-    )
+    reach = s.pattern_probe.reach_of_share(share) * s.band.support[1] / s.wavelength
+    reach = reach + s.image_motion + moved_frame(s).reach + 3 * image_vibration(s)
     pixels = max(reach / s.camera.sensor.pitch, 1.0) + (1.0 if s.camera.sensor.crosstalk else 0.0)
     return math.ceil(2 ** (math.ceil(4 * math.log2(pixels)) / 4))
 
 
-def _cached_for_margin(s: Situation, what: str, edge: int, find: Callable[[int], T]) -> T:
-    """Return a result of the sharp picture alone, computed once for each edge width."""
-    causes = (what, edge, s.camera.sensor.shape)
-    return cached_across_patterns(s, causes, lambda: find(edge))
-
-
 def _frame_without_edge(s: Situation, edge: int) -> torch.Tensor:
-    """Return the sharp picture, set to zero outside the frame and on an edge within it.
-
-    edge: pixels of the frame that are set to zero on each side.
-    """
+    """Return the sharp picture, but zero outside the frame and on an edge of pixels within it."""
     rows, columns = s.camera.sensor.shape
     picture = s.picture_probe.sharp_picture
-    y, x = ((n - m) // 2 + edge for n, m in zip(picture.shape, (rows, columns), strict=True))
     kept = torch.zeros_like(picture)
     if rows > 2 * edge and columns > 2 * edge:
-        part = slice(y, y + rows - 2 * edge), slice(x, x + columns - 2 * edge)
+        first = MARGIN + edge
+        part = slice(first, MARGIN + rows - edge), slice(first, MARGIN + columns - edge)
         kept[part] = picture[part].clamp(min=0)
     return kept
 
 
-def _min_light_by_area(s: Situation) -> list[tuple[float, float]]:
-    """Return pairs (light, pixels): light that blur surely leaves on so many pixels."""
-    found = []
-    for share in _SHARES:
-        edge = _blur_margin(s, share)
-        total, sides = _cached_for_margin(
-            s, "lit", edge, lambda edge: _sum_and_sides(_frame_without_edge(s, edge))
-        )
-        if not total:
-            continue
-        kept = 1 - share - s.pattern_probe.side_order_share
-        frame = zip(s.camera.sensor.shape, sides, strict=True)
-        wide = [min(n, side + 2 * edge + 2) for n, side in frame]
-        found.append((max(kept, 0.0) * total, float(wide[0] * wide[1])))
-    return found
-
-
-def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
-    """Return a picture's sum, and how many rows and columns its light spans."""
+@cached_across_patterns
+def _lit_within(s: Situation, edge: int) -> tuple[float, tuple[int, int]]:
+    """Return the frame's sum without an edge, and how many rows and columns its light spans."""
+    light = _frame_without_edge(s, edge)
     rows, columns = (light > 0).any(1).nonzero(), (light > 0).any(0).nonzero()
     if not len(rows):
         return 0.0, (0, 0)
@@ -298,28 +229,7 @@ def _sum_and_sides(light: torch.Tensor) -> tuple[float, tuple[int, int]]:
     return float(light.sum(dtype=torch.float64)), (sides[0], sides[1])
 
 
-def _norm_by_neighbourhood(s: Situation) -> float:
-    """Bound the norm from below by the least light within the PSF's reach of each pixel.
-
-    It is in electrons per second.
-    """
-    if has_occlusion(s):
-        return 0.0
-    best = 0.0
-    for share in _SHARES:
-        edge = _blur_margin(s, share)
-        if edge <= MARGIN:
-            kept = max(1 - share - s.pattern_probe.side_order_share, 0.0)
-            best = max(
-                best,
-                kept
-                * _cached_for_margin(
-                    s, "least", edge, lambda edge: _neighbourhood_min_norm(s, edge)
-                ),
-            )
-    return best
-
-
+@cached_across_patterns
 def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
     """Return the frame's norm with the least light up to `edge` pixels away, along each axis."""
     least = s.picture_probe.sharp_picture.clamp(min=0).numpy()
@@ -327,27 +237,6 @@ def _neighbourhood_min_norm(s: Situation, edge: int) -> float:
         least = minimum_filter1d(least, 2 * edge + 1, axis, mode="constant")
     frame = centred_crop(torch.from_numpy(least), s.camera.sensor.shape)
     return float(torch.linalg.vector_norm(frame, dtype=torch.float64))
-
-
-def _norm_by_frequency(s: Situation) -> float:
-    """Bound the norm that blur leaves from below by the transfer function, electrons per second."""
-    if s.target.is_moving or has_occlusion(s):
-        return 0.0
-    transfer, best = s.pattern_probe.transfer_bounds, 0.0
-    for share in _SHARES[2:]:
-        edge = _blur_margin(s, share)
-        power = _cached_for_margin(
-            s, "power", edge, lambda edge: _power(s, _frame_without_edge(s, edge))
-        )
-        if power is None:
-            continue
-        least = transfer.least_between(power.low, power.high)
-        mean = transfer.mean_square_between(power.low, power.high)
-        pixel = _pixel_power_gain(s, power.high)
-        squares = np.maximum(power.power * least**2, power.least * mean) * pixel
-        # At most `share` of the light falls beyond the frame.
-        best = max(best, math.sqrt(float(squares.sum())) * (1 - share))
-    return best
 
 
 def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -366,8 +255,10 @@ def _pixel_power_gain(s: Situation, k: NDArray[np.float64]) -> NDArray[np.float6
     return gain
 
 
-def _power(s: Situation, light: torch.Tensor) -> RadialProfile | None:
-    """Return a picture's radial power spectrum; None without light."""
-    return (
-        RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane) if light.any() else None
-    )
+@cached_across_patterns
+def _power_within(s: Situation, edge: int) -> RadialProfile | None:
+    """Return the power spectrum of the frame without an edge; None without light."""
+    light = _frame_without_edge(s, edge)
+    if not light.any():
+        return None
+    return RadialProfile.of(spectrum_of_samples(light), s.picture_probe.plane)

@@ -1,56 +1,52 @@
-"""Keep results that are computed for a situation, or for all exposures of a scene."""
+"""Keep results with what they depend on: a situation, all its exposures, or all its patterns."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Hashable
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from simulator.situation import Situation
 
 T = TypeVar("T")
 P = ParamSpec("P")
+Place = tuple[dict[Hashable, Any], Hashable]
 
 
-def cached_per_situation(
-    find: Callable[Concatenate[Situation, P], T],
-) -> Callable[Concatenate[Situation, P], T]:
-    """Decorate a function of a situation so that the situation keeps its results.
+def _cached_in(
+    place: Callable[[Situation], Place],
+) -> Callable[[Callable[Concatenate[Situation, P], T]], Callable[Concatenate[Situation, P], T]]:
+    """Return a decorator of functions of a situation, whose results are kept in a place.
 
-    The results are deleted with the situation. A cache of the function's own would keep situations
-    alive that nothing else uses any more.
+    A cache of the function's own would keep situations alive that nothing else uses any more.
+    place: returns the results that are kept already, and what they depend on beside the arguments.
     """
 
-    @functools.wraps(find)
-    def wrapper(s: Situation, /, *args: P.args, **options: P.kwargs) -> T:
-        known = s.cache.results
-        causes = (find, args, tuple(sorted(options.items())))
-        if causes not in known:
-            known[causes] = find(s, *args, **options)
-        found: T = known[causes]
-        return found
+    def decorate(
+        find: Callable[Concatenate[Situation, P], T],
+    ) -> Callable[Concatenate[Situation, P], T]:
+        @functools.wraps(find)
+        def wrapper(s: Situation, /, *args: P.args, **options: P.kwargs) -> T:
+            known, beside = place(s)
+            causes = (find, beside, args, *options.items())
+            if causes not in known:
+                known[causes] = find(s, *args, **options)
+            found: T = known[causes]
+            return found
 
-    return wrapper
+        return wrapper
+
+    return decorate
 
 
-def cached_across_exposures(s: Situation, what: str, find: Callable[[], T]) -> T:
-    """Return a result that is computed once for all exposure times and starts.
-
-    If the target moves, each exposure time has a result of its own.
-    what: name of the result, and of everything else that it depends on.
-    """
+def _of_pattern(s: Situation) -> Place:
+    # If the target moves, each exposure time has a result of its own.
     moving = s.exposure if s.target.is_moving else None
-    causes = (what, s.picture_probe, s.band, s.camera, s.mount, moving)
-    if causes not in s.pattern_probe.results:
-        s.pattern_probe.results[causes] = find()
-    found: T = s.pattern_probe.results[causes]
-    return found
+    return s.pattern_probe.results, (s.picture_probe, s.band, s.camera, s.mount, moving)
 
 
-def cached_across_patterns(s: Situation, causes: Hashable, find: Callable[[], T]) -> T:
-    """Return a result that follows from the sharp picture and the named causes alone."""
-    known = s.picture_probe.results
-    if causes not in known:
-        known[causes] = find()
-    found: T = known[causes]
-    return found
+cached_per_situation = _cached_in(lambda s: (s.cache.results, None))
+cached_across_exposures = _cached_in(_of_pattern)
+"""For what is the same for all exposure times and starts."""
+cached_across_patterns = _cached_in(lambda s: (s.picture_probe.results, s.mount))
+"""For what follows from the sharp picture, mount and arguments alone."""

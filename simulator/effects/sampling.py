@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulator.effects.blur_effects import BlurEffect, occlusion_factor, transfer_error_bound
 from simulator.effects.electron_bounds import max_light_seconds
+from simulator.effects.light_effects import BlurEffect, occlusion_factor, transfer_error_bound
 from simulator.effects.psf_bounds import has_occlusion, mtf_bound
 from simulator.effects.rendering_work import LEVELS, LIGHT_SAMPLING, first_level_reaching
 from simulator.effects.result_cache import cached_across_exposures
@@ -17,37 +16,21 @@ from simulator.planning import Bound
 from simulator.probing.sampled_frequencies import Gain
 from simulator.situation import Situation
 
+Array = NDArray[np.float64]
 
-@dataclass(frozen=True)
-class LightSamplingSettings:
-    """Tune how finely pictures are sampled, and the error bound of their samples.
+_MARGIN, _LIKELY_FACTOR = 2.0, 3.0
+"""Factors of bound and estimate, from audits: of detail finer than pixels, only the finest that
+pixels resolve is known; and where edges lie at random, aliases may be in phase."""
 
-    max_samples_per_pixel: along each axis of a pixel, at the finest level. Chosen.
-    max_samples: of a whole picture, at most. Chosen.
-    margin: factor of the error bound, from audits: of detail finer than pixels, only the finest
-        that pixels resolve is known.
-    likely_factor: of the estimated error, from audits on random scenes: where edges lie at random,
-        aliases may be in phase.
-    fine_detail: cycles per pixel from which on a picture's detail is taken to go on beyond what
-        pixels resolve. Chosen.
-    """
-
-    max_samples_per_pixel: int = 4
-    max_samples: int = 2**27
-    margin: float = 2.0
-    likely_factor: float = 3.0
-    fine_detail: float = 0.4
-
-
-_SETTINGS = LightSamplingSettings()
+_FINE_DETAIL = 0.4
+"""Cycles per pixel from which on detail is taken to go on beyond what pixels resolve. Chosen."""
 
 
 class LightSampling(BlurEffect):
     """The samples of pictures before they are blurred, and of the blurred light.
 
     From some level on, the light has enough samples to resolve its finest fringe, and only pictures
-    have more. With fewer, detail that is finer than they resolve is left out: pixels would show it
-    as coarser detail.
+    have more. With fewer, detail that is finer is left out: pixels would show it as coarser detail.
     """
 
     name = LIGHT_SAMPLING
@@ -62,27 +45,23 @@ class LightSampling(BlurEffect):
         resolving = first_level_reaching(LEVELS.samples, s.coarsest_sampling)
         if _has_exact_spectra(s):
             return resolving
+        # Chosen: at most four along a pixel, and 2^27 of a whole picture.
         pixels = math.prod(n + LEVELS.windows[0] for n in s.camera.sensor.shape)
-        most = [
-            level
-            for level, n in enumerate(LEVELS.samples)
-            if n <= _SETTINGS.max_samples_per_pixel and n * n * pixels <= _SETTINGS.max_samples
-        ]
-        return max(*most, resolving)
+        few = (n <= 4 and n * n * pixels <= 2**27 for n in LEVELS.samples)
+        return max(sum(few) - 1, resolving)
 
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
-        how = f"audited ×{_SETTINGS.margin:g}: what a picture's edges fold back, as blurred"
-        return transfer_error_bound(s, _aliasing_gain(s, LEVELS.samples[level]), how)
+        pitch = s.camera.sensor.pitch
+        aliases = _alias_power(s, level, lambda cycles: mtf_bound(s, cycles / pitch) ** 2)
+        how = f"audited ×{_MARGIN:g}: what a picture's edges fold back, as blurred"
+        return transfer_error_bound(s, lambda k: _MARGIN * np.sqrt(aliases(k * pitch)), how)
 
     def likely_error(self, s: Situation, level: int) -> Bound:
         if level >= self.finest_level(s):
             return Bound()
-        rate = cached_across_exposures(
-            s, f"aliases at level {level}", lambda: _likely_error_rate(s, LEVELS.samples[level])
-        )
-        factor = _SETTINGS.likely_factor
-        change = factor * occlusion_factor(s) * max_light_seconds(s) * rate
-        how = f"estimated ×{factor:g}: what edges fold back, blurred as by the far field"
+        rate = _likely_error_rate(s, level)
+        change = _LIKELY_FACTOR * occlusion_factor(s) * max_light_seconds(s) * rate
+        how = f"estimated ×{_LIKELY_FACTOR:g}: what edges fold back, blurred as by the far field"
         return self.likely_light_error(s, change, how)
 
     def explain(self, s: Situation) -> str:
@@ -92,30 +71,23 @@ class LightSampling(BlurEffect):
         return f"the picture has {falls}, and the light {s.coarsest_sampling} samples in a pixel"
 
 
-def _aliasing_gain(s: Situation, samples: int) -> Gain:
-    """Bound the relative amplitude of aliases by frequency, for `samples` per pixel."""
-    pitch = s.camera.sensor.pitch
-    aliases = _alias_power(s, samples, lambda cycles: mtf_bound(s, cycles / pitch) ** 2)
-    return lambda k: _SETTINGS.margin * np.sqrt(aliases(k * pitch))
-
-
-def _likely_error_rate(s: Situation, samples: int) -> float:
-    """Estimate the L2 error of aliases, electrons/s, for `samples` per pixel."""
+@cached_across_exposures
+def _likely_error_rate(s: Situation, level: int) -> float:
+    """Estimate the L2 error of aliases at a level, electrons/s."""
     power, pitch = s.picture_probe.power_spectrum, s.camera.sensor.pitch
     transfers = s.pattern_probe.transfer_bounds
-    aliases = _alias_power(s, samples, lambda cycles: transfers.mean_square_near(cycles / pitch))
+    aliases = _alias_power(s, level, lambda cycles: transfers.mean_square_near(cycles / pitch))
     middles = (power.low + power.high) / 2 * pitch
     return math.sqrt(float((power.power * aliases(middles)).sum()))
 
 
-def _alias_power(s: Situation, samples: int, contrast: Gain) -> Gain:
+def _alias_power(s: Situation, level: int, contrast: Gain) -> Gain:
     """Return the power of aliases over that of a picture, by cycles per pixel.
 
     Where a picture has edges, its spectrum falls with 1/k, and the mean over a sample's cell falls
     with another 1/k: aliases from beyond the samples' Nyquist frequency add (k / (n - k))² of the
     spectrum at k cycles per pixel, for n samples. Between the Nyquist frequencies of pixels and
-    samples, the spectrum begins as just below the former, and falls further. The blur takes
-    contrast from both.
+    samples, the spectrum begins as just below the former, and falls further.
 
     If light needs more samples to resolve its finest fringe, the pixels fold back what these
     samples leave out: as much of the picture's spectrum there, and averaged over pixels instead of
@@ -124,10 +96,12 @@ def _alias_power(s: Situation, samples: int, contrast: Gain) -> Gain:
 
     contrast: square of the transfer function, by cycles per pixel.
     """
-    falls, finest = _least_decay(s), s.coarsest_sampling / 2
-    drawn = 0.0 if _has_exact_spectra(s) else 1.0
+    samples = LEVELS.samples[level]
+    exact, finest = _has_exact_spectra(s), s.coarsest_sampling / 2
+    # A formula's picture needs no samples, and may be a point, whose spectrum doesn't fall.
+    drawn, falls = (0.0, 0) if exact else (1.0, min(_spectral_decay(s), 2))
 
-    def aliases(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
+    def aliases(cycles: Array) -> Array:
         beyond = samples - cycles
         left_out = (samples < s.coarsest_sampling) & (beyond <= finest)
         blurred = drawn * contrast(cycles) + np.where(left_out, contrast(beyond), 0.0)
@@ -136,28 +110,18 @@ def _alias_power(s: Situation, samples: int, contrast: Gain) -> Gain:
     fine = np.linspace(0.5, samples / 2, 65)
     of_finer = (aliases(fine) * (np.sinc(fine) * (0.5 / fine) ** falls) ** 2).max()
 
-    def power(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
+    def power(cycles: Array) -> Array:
         known = aliases(np.minimum(cycles, samples / 2))
-        return known + np.where(cycles >= _SETTINGS.fine_detail, of_finer, 0.0)
+        return known + np.where(cycles >= _FINE_DETAIL, of_finer, 0.0)
 
     return power
 
 
-def _least_decay(s: Situation) -> int:
-    """Return the slowest decay of spectra that can be relied on, a power of 0 to 2."""
-    # A formula's picture may be a point, whose spectrum doesn't fall.
-    return 0 if _has_exact_spectra(s) else min(_spectral_decay(s), 2)
-
-
 def _spectral_decay(s: Situation) -> int:
-    """Return the slowest decay of the pictures' spectra, a power of the frequency.
-
-    It is found at the pixels' Nyquist frequency.
-    """
-    found = []
+    """Return the slowest decay of spectra, a power of the frequency, at the pixels' Nyquist one."""
+    found, finest = [], 0.5 / s.camera.sensor.pitch
     for layer in s.target.layers:
         scale = s.camera.magnification(layer.distance)
-        finest = 0.5 / s.camera.sensor.pitch
         found += [part.picture.spectral_decay(scale, finest) for part in layer.parts]
         found += [layer.cover.spectral_decay(scale, finest)] if layer.cover is not None else []
     return min(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from optics.sensor import has_fixed_pattern
 from simulator.effects.electron_bounds import (
@@ -13,13 +14,14 @@ from simulator.effects.electron_bounds import (
     can_clip_at_zero,
     clipping_onset,
     dark_current_electrons,
-    electron_norm_bound,
-    full_well_bounds,
+    full_well_count,
     hot_pixel_norm,
     light_norm_bound,
     peak_electrons,
     pixel_count,
     sensor_error_bound,
+    shot_noise_norm,
+    sigma_by_light,
     sqrt_pixel_count,
 )
 from simulator.planning import Bound
@@ -36,20 +38,18 @@ class DarkCurrent(PixelwiseEffect):
         return dark_current_electrons(s) > 0 or hot_pixel_norm(s) > 0
 
     def estimated_error_if_omitted(self, s: Situation) -> float:
-        return math.sqrt(dark_current_electrons(s)) / math.hypot(
-            s.camera.sensor.read_noise, s.camera.sensor.gain
-        )
+        sensor = s.camera.sensor
+        return math.sqrt(dark_current_electrons(s)) / math.hypot(sensor.read_noise, sensor.gain)
 
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         change = dark_current_electrons(s) * sqrt_pixel_count(s) + hot_pixel_norm(s)
         how = "proved: so many more electrons in every pixel"
         bound = sensor_error_bound(s, change, how, read_noise=False)
         # σ grows by at most the square root of the added variance.
-        slope = bound.variance / change
         hot = s.camera.sensor.hot_current * s.exposure
         count = affected_pixel_bound(s.camera.sensor.hot, pixel_count(s))
-        alone = math.sqrt(slope * (dark_current_electrons(s) * pixel_count(s) + hot * count))
-        return Bound(bound.mean, bound.variance, alone, how=bound.how)
+        added = dark_current_electrons(s) * pixel_count(s) + hot * count
+        return replace(bound, sigma=sigma_by_light(bound, change, added))
 
     def explain(self, s: Situation) -> str:
         noise = math.hypot(s.camera.sensor.read_noise, s.camera.sensor.gain / math.sqrt(12))
@@ -73,46 +73,34 @@ class FixedPattern(PixelwiseEffect):
     def error_bound_if_omitted(self, s: Situation) -> Bound:
         sensor = s.camera.sensor
         dead = math.sqrt(affected_pixel_bound(sensor.dead, pixel_count(s))) * peak_electrons(s)
-        change = (
-            MAX_PIXEL_SIGMAS * sensor.prnu * light_norm_bound(s)
-            + min(dead, light_norm_bound(s))
-            + hot_pixel_norm(s)
-        )
+        light = light_norm_bound(s)
+        change = MAX_PIXEL_SIGMAS * sensor.prnu * light + min(dead, light) + hot_pixel_norm(s)
         how = "proved: the largest response and offset that there are"
         bound = sensor_error_bound(s, change, how, read_noise=False)
         return bound.plus(self._offsets(s))
 
     def explain(self, s: Situation) -> str:
         sensor = s.camera.sensor
-        return (
-            f"responses differ by {sensor.prnu:.2%}, offsets by {sensor.dsnu:g} electrons; "
-            f"{sensor.dead * 1e6:g} pixels in a million are dead, {sensor.hot * 1e6:g} hot"
-        )
+        bad = f"{sensor.dead * 1e6:g} pixels in a million are dead, {sensor.hot * 1e6:g} hot"
+        return f"responses differ by {sensor.prnu:.2%}, offsets by {sensor.dsnu:g} electrons; {bad}"
 
     def _offsets(self, s: Situation) -> Bound:
-        """Bound the change by the pixels' offsets (DSNU).
-
-        Offsets move means; they change variances only by rounding and at the converter's ends.
-        """
+        """Bound the change by offsets (DSNU); variances change by rounding and clipping alone."""
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         if not sensor.dsnu:
             return Bound()
-        step = sensor.gain
-        spread = math.sqrt(electron_norm_bound(s) * root) + sensor.read_noise * root
+        step, peak, pixels = sensor.gain, peak_electrons(s), pixel_count(s)
+        spread = shot_noise_norm(s) + sensor.read_noise * root
         varied = step * (2 * spread + step * root)
         top = (sensor.top_number - sensor.black_level) * sensor.gain
-        most = min(peak_electrons(s) + 8 * math.sqrt(peak_electrons(s)) + 30, sensor.full_well)
+        most = min(peak + 8 * math.sqrt(peak) + 30, sensor.full_well)
         high = most + 8 * sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu > top
-        cut = (
-            (math.sqrt(peak_electrons(s)) + sensor.read_noise) ** 2
-            if can_clip_at_zero(sensor) or high
-            else 0.0
-        )
-        offset = sensor.dsnu * math.sqrt(pixel_count(s) + 5 * math.sqrt(2 * pixel_count(s)))
-        return Bound(
-            offset + step * root, varied + cut * root, (step + math.sqrt(cut)) * root,
-            how="proved: offsets, and a step of the converter's",
-        )  # fmt: skip
+        cut = 0.0
+        if can_clip_at_zero(sensor) or high:
+            cut = (math.sqrt(peak) + sensor.read_noise) ** 2
+        mean = sensor.dsnu * math.sqrt(pixels + 5 * math.sqrt(2 * pixels)) + step * root
+        how = "proved: offsets, and a step of the converter's"
+        return Bound(mean, varied + cut * root, (step + math.sqrt(cut)) * root, how=how)
 
 
 class Clipping(PixelwiseEffect):
@@ -136,28 +124,19 @@ class Clipping(PixelwiseEffect):
     def explain(self, s: Situation) -> str:
         most, onset = peak_electrons(s), clipping_onset(s.camera.sensor)
         counted = "; errors are those of the picture before it is clipped" if most > onset else ""
-        return (
-            f"the brightest pixel could hold {most:.3g} electrons, and {onset:.3g} are read "
-            f"without clipping{counted}"
-        )
+        read = f"{onset:.3g} are read without clipping{counted}"
+        return f"the brightest pixel could hold {most:.3g} electrons, and {read}"
 
     def _above(self, s: Situation) -> Bound:
-        """Bound the change in pixels that may clip at the upper end.
-
-        Their number is limited by the sum of their squared electrons.
-        """
+        """Bound the change in pixels that may clip at the upper end."""
         how = "proved: excess of the brightest pixel, in as many pixels as the light allows"
         if not can_clip(s):
             return Bound(how=how)
         sensor, most, least = s.camera.sensor, peak_electrons(s), clipping_onset(s.camera.sensor)
-        spread = math.sqrt(most)
-        count = full_well_bounds(s).count
-        noise = sensor.read_noise + sensor.gain
-        excess = (
-            max(most - least, 0.0) + 0.5 * spread + 0.5 * noise + MAX_PIXEL_SIGMAS * sensor.dsnu
-        )
+        spread, root = math.sqrt(most), math.sqrt(full_well_count(s))
+        noise, offset = sensor.read_noise + sensor.gain, MAX_PIXEL_SIGMAS * sensor.dsnu
+        excess = max(most - least, 0.0) + 0.5 * spread + 0.5 * noise + offset
         varied = (spread + noise) ** 2
-        root = math.sqrt(count)
         return Bound(excess * root, varied * root, math.sqrt(varied) * root, how=how)
 
     def _below(self, s: Situation) -> Bound:
@@ -167,7 +146,7 @@ class Clipping(PixelwiseEffect):
         how = "proved: noise below the number 0"
         if not can_clip_at_zero(sensor):
             return Bound(how=how)
-        root, lost = math.sqrt(pixel_count(s)), 0.5 * noise + MAX_PIXEL_SIGMAS * sensor.dsnu
+        root, lost = sqrt_pixel_count(s), 0.5 * noise + MAX_PIXEL_SIGMAS * sensor.dsnu
         return Bound(lost * root, noise**2 * root, noise * root, how=how)
 
 
@@ -193,30 +172,25 @@ class ReadNoise(PixelwiseEffect):
         read, step = sensor.read_noise, sensor.gain
         # Rounding, and clipping at the converter's ends, change how much read noise appears.
         kink = 0.5 * (read + MAX_PIXEL_SIGMAS * sensor.dsnu) if self._can_be_clipped(s) else 0.0
-        # If a step of the converter is about an electron, rounding depends on the number of
-        # electrons.
-        beat = min(step, 1.0) * math.sqrt(electron_norm_bound(s) * root)
+        # With a step of about an electron, rounding depends on the number of electrons.
+        beat = min(step, 1.0) * shot_noise_norm(s)
         knee = read * math.sqrt(peak_electrons(s)) if self._can_be_clipped(s) else 0.0
-        return Bound(
-            (0.5 * step + kink) * root,
-            (read**2 + step**2 + knee) * root + beat,
-            (read + step) * root,
-            how="audited ×1.5: its variance, and a step of the converter's",
-        )
+        variance = (read**2 + step**2 + knee) * root + beat
+        how = "audited ×1.5: its variance, and a step of the converter's"
+        return Bound((0.5 * step + kink) * root, variance, (read + step) * root, how=how)
 
     def explain(self, s: Situation) -> str:
         sensor = s.camera.sensor
+        rounding = f"{sensor.gain / math.sqrt(12):.2g} of rounding"
         return (
-            f"{sensor.read_noise:g} electrons, against {sensor.gain / math.sqrt(12):.2g} of "
-            "rounding and the root of the light's own"
+            f"{sensor.read_noise:g} electrons, against {rounding} and the root of the light's own"
         )
 
     def _can_be_clipped(self, s: Situation) -> bool:
         """Whether read noise can be clipped at the converter's ends."""
         sensor = s.camera.sensor
-        return can_clip_at_zero(sensor) or (
-            can_clip(s) and clipping_onset(sensor) < sensor.full_well
-        )
+        at_top = can_clip(s) and clipping_onset(sensor) < sensor.full_well
+        return can_clip_at_zero(sensor) or at_top
 
 
 class Quantisation(PixelwiseEffect):
@@ -241,14 +215,9 @@ class Quantisation(PixelwiseEffect):
         the variance changes by the sum of both σ times that.
         """
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
-        half = sensor.gain / 2
-        spread = math.sqrt(electron_norm_bound(s) * root) + sensor.read_noise * root
-        return Bound(
-            half * root,
-            half * (2 * spread + half * root),
-            half * root,
-            how="proved: half a step; Minkowski's inequality",
-        )
+        half, how = sensor.gain / 2, "proved: half a step; Minkowski's inequality"
+        spread = shot_noise_norm(s) + sensor.read_noise * root
+        return Bound(half * root, half * (2 * spread + half * root), half * root, how=how)
 
     def explain(self, s: Situation) -> str:
         sensor = s.camera.sensor

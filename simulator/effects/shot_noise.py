@@ -14,9 +14,10 @@ from simulator.effects.electron_bounds import (
     clipping_onset,
     dark_current_electrons,
     electron_norm_bound,
-    full_well_bounds,
+    full_well_count,
     peak_electrons,
     pixel_count,
+    shot_noise_norm,
     sqrt_pixel_count,
 )
 from simulator.planning import Bound, Effect
@@ -48,47 +49,34 @@ class ShotNoise(Effect):
     def error_bound_below_finest(self, s: Situation, level: int) -> Bound:
         if level and peak_electrons(s) < FEW_ELECTRONS:
             return Bound()
-        return (self._bound_without_noise, self._gaussian_bound, self._skewed_gaussian_bound)[
-            level
-        ](s)
+        bounds = self._bound_without_noise, self._gaussian_bound, self._skewed_gaussian_bound
+        return bounds[level](s)
 
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
         return self.operations_by_level[levels[self.name]] * pixel_count(s)
 
     def explain(self, s: Situation) -> str:
         most, least = peak_electrons(s), dark_current_electrons(s)
-        few = (
-            "too few for a normal distribution"
-            if least < FEW_ELECTRONS
-            else "enough for a normal one"
-        )
-        return (
-            f"the brightest pixel holds {most:.3g} electrons and varies by {math.sqrt(most):.2g}; "
-            f"the darkest may hold {least:.2g}, {few}"
-        )
+        few = "enough for a normal one"
+        if least < FEW_ELECTRONS:
+            few = "too few for a normal distribution"
+        brightest = f"holds {most:.3g} electrons and varies by {math.sqrt(most):.2g}"
+        return f"the brightest pixel {brightest}; the darkest may hold {least:.2g}, {few}"
 
     def _bound_without_noise(self, s: Situation) -> Bound:
-        """Bound the frame's error if no noise is drawn.
-
-        The bound follows from the variance of the number of electrons, a rounding step and full
-        wells.
-        """
+        """Bound the frame's error if no noise is drawn."""
         sensor, root = s.camera.sensor, sqrt_pixel_count(s)
         step = sensor.gain
-        kinked = 0.5 * math.sqrt(peak_electrons(s) * full_well_bounds(s).count)
+        kinked = 0.5 * math.sqrt(peak_electrons(s) * full_well_count(s))
         if can_clip_at_zero(sensor):
             kinked += 0.5 * (sensor.read_noise + MAX_PIXEL_SIGMAS * sensor.dsnu) * root
         floor = 1.5 * sensor.read_noise**2 + step**2
-        # The root of the sum of all pixels' electrons is at most this (Cauchy-Schwarz).
-        spread = math.sqrt(electron_norm_bound(s) * root)
+        spread = shot_noise_norm(s)
         normal = self._gaussian_bound(s)
-        return Bound(
-            max(step * root + kinked, normal.mean),
-            max(electron_norm_bound(s) + step * spread + floor * root, normal.variance),
-            max(spread + (step + sensor.read_noise) * root, normal.sigma),
-            1.0,
-            "proved: the number's variance is its mean",
-        )
+        mean, sigma = step * root + kinked, spread + (step + sensor.read_noise) * root
+        variance = electron_norm_bound(s) + step * spread + floor * root
+        found = max(mean, normal.mean), max(variance, normal.variance), max(sigma, normal.sigma)
+        return Bound(*found, 1.0, "proved: the number's variance is its mean")
 
     def _gaussian_bound(self, s: Situation) -> Bound:
         """Bound the frame's error if a normal distribution replaces Poisson's.
@@ -102,15 +90,12 @@ class ShotNoise(Effect):
         most = math.sqrt(peak_electrons(s))
         mean = 0.15 * step + 1e-3
         variance = sensor.gain + 0.2 * sensor.gain * step + 0.05
-        wells = math.sqrt(full_well_bounds(s).count)
+        wells = math.sqrt(full_well_count(s))
         knee = min(most, math.sqrt(clipping_onset(sensor) + 50 * most)) if wells else 0.0
-        return Bound(
-            mean * count + 0.2 * wells,
-            variance * count + 0.6 * knee * wells,
-            _max_sigma_change(variance, sensor) * count + math.sqrt(0.6 * knee) * wells,
-            0.068 / math.sqrt(FEW_ELECTRONS),
-            "audited ×1.5: first term of Edgeworth's series",
-        )
+        sigma = _max_sigma_change(variance, sensor) * count + math.sqrt(0.6 * knee) * wells
+        mean, variance = mean * count + 0.2 * wells, variance * count + 0.6 * knee * wells
+        how = "audited ×1.5: first term of Edgeworth's series"
+        return Bound(mean, variance, sigma, 0.068 / math.sqrt(FEW_ELECTRONS), how)
 
     def _skewed_gaussian_bound(self, s: Situation) -> Bound:
         """Bound the frame's error if a skewed normal distribution replaces Poisson's.
@@ -121,23 +106,14 @@ class ShotNoise(Effect):
         sensor, count, distance = s.camera.sensor, sqrt_pixel_count(s), 3e-4
         mean = distance * (4 + sensor.gain)
         variance = distance * (8 + 3 * sensor.gain**2)
-        return Bound(
-            mean * count,
-            variance * count,
-            _max_sigma_change(variance, sensor) * count,
-            distance,
-            "audited ×1.1: against Poisson's distribution, from ten electrons on",
-        )
+        sigma = _max_sigma_change(variance, sensor)
+        how = "audited ×1.1: against Poisson's distribution, from ten electrons on"
+        return Bound(mean * count, variance * count, sigma * count, distance, how)
 
 
 def _max_sigma_change(variance: float, sensor: Sensor) -> float:
-    """Bound the error of σ from an error of the variance.
-
-    The error of σ is largest where the variance is least: a step of the converter may hide all of
-    it.
-    """
-    return (
-        math.sqrt(variance)
-        if sensor.gain**2 > FEW_ELECTRONS
-        else variance / math.sqrt(FEW_ELECTRONS)
-    )
+    """Bound the error of σ from an error of the variance, which counts most where that is least."""
+    if sensor.gain**2 > FEW_ELECTRONS:
+        # A step of the converter may hide all of the variance.
+        return math.sqrt(variance)
+    return variance / math.sqrt(FEW_ELECTRONS)

@@ -13,7 +13,7 @@ from optics.camera import Camera
 from optics.plane import Plane
 from simulator.effects.psf_bounds import is_uniform_scene
 from simulator.effects.rendering_work import LEVELS
-from simulator.effects.result_cache import cached_per_situation
+from simulator.effects.result_cache import cached_across_patterns, cached_per_situation
 from simulator.effects.spectra import angle_shares
 from simulator.formation.vignetting import vignetting
 from simulator.formation.windows import light_extent
@@ -22,10 +22,7 @@ from simulator.situation import Situation
 
 @cached_per_situation
 def max_vignetting_change(s: Situation) -> float:
-    """Return the largest relative change of a point's light by vignetting.
-
-    The point may be wherever the finest rendering of side orders brings light from.
-    """
+    """Return the largest change of a point's light, wherever side orders bring light from."""
     return _vignetting_change(s, LEVELS.orders[-1])
 
 
@@ -44,10 +41,7 @@ def vignetting_change(s: Situation) -> float:
 
 
 def _vignetting_change(s: Situation, orders: int) -> float:
-    """Return the largest change of vignetting where light up to some side order comes from.
-
-    The change is computed at a few places, the corners included.
-    """
+    """Return the largest change at places where light up to some side order comes from."""
     plane = s.picture_probe.plane
     period = s.pattern_probe.period * s.band.whole_support[1] / s.wavelength
     turned = abs(math.cos(s.mount.rotation)) + abs(math.sin(s.mount.rotation))
@@ -68,33 +62,24 @@ def vignetting_samples(
     The places go from corner to corner of `shape` pixels. A curve of relative illumination that
     rises again counts with the least light so far, which the places then can't miss.
     """
-    camera = _with_falling_light(s.mount.camera_in_panel_axes(s.camera))
+    camera = s.mount.camera_in_panel_axes(s.camera)
+    if camera.lens.relative_illumination:
+        heights, shares = zip(*camera.lens.relative_illumination, strict=True)
+        falling = tuple(zip(heights, itertools.accumulate(shares, min), strict=True))
+        camera = replace(camera, lens=replace(camera.lens, relative_illumination=falling))
     rows, columns = (n * camera.sensor.pitch / 8 for n in shape)
     plane = Plane((9, 9), (rows, columns))
-    # It doesn't depend on the pattern, and may take a tenth of a second.
-    known = s.picture_probe.results
-    causes = [("vignetting", camera, s.mount, plane, distance) for distance in distances]
-    for cause in causes:
-        if cause not in known:
-            known[cause] = vignetting(camera, s.mount, plane, cause[-1])
-    return torch.stack([known[cause] for cause in causes])
+    return torch.stack([_vignetting_at(s, camera, plane, distance) for distance in distances])
 
 
-def _with_falling_light(camera: Camera) -> Camera:
-    """Return the camera with a curve of relative illumination that nowhere rises outwards."""
-    curve = camera.lens.relative_illumination
-    if not curve:
-        return camera
-    heights, shares = zip(*curve, strict=True)
-    falling = tuple(zip(heights, itertools.accumulate(shares, min), strict=True))
-    return replace(camera, lens=replace(camera.lens, relative_illumination=falling))
+@cached_across_patterns
+def _vignetting_at(s: Situation, camera: Camera, plane: Plane, distance: float) -> torch.Tensor:
+    """Return what vignetting() returns, which may take a tenth of a second."""
+    return vignetting(camera, s.mount, plane, distance)
 
 
 def blur_sensitivity(s: Situation) -> float:
-    """Return the largest share of the light that a change of PSFs can change.
-
-    Uniform, endless light changes only by what vignetting and the filter's angle make of it.
-    """
+    """Return the largest share of the light, in uniform light a small one, that PSFs can change."""
     return min(max_vignetting_change(s) + _aslant(s), 1.0) if is_uniform_scene(s) else 1.0
 
 

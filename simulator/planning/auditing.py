@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import torch
 
@@ -18,10 +18,7 @@ from simulator.situation import Situation
 
 Rendered = tuple[torch.Tensor, torch.Tensor]
 Levels = Mapping[str, int]
-Pairs = Iterable[tuple[str, str]]
-
-_CACHE_BYTES = 2**30
-"""Bytes of cached pictures. Pictures that many others are compared with are used often."""
+Others = Literal["as planned", "finest"]
 
 
 @dataclass(frozen=True)
@@ -36,18 +33,15 @@ class AuditResult:
         Levels of all other effects.
     bound : Bound
         Largest change that the plan states: the effects' bounds, or their estimates.
-    mean : float
-        L2 norm of the change of the mean picture, electrons.
-    variance : float
-        L2 norm of the change of the variance map, electrons².
-    sigma : float
-        L2 norm of the change of the map of standard deviations, electrons.
+    mean, variance, sigma : float
+        L2 norms of the changes of the mean picture in electrons, of the variance map in electrons²,
+        and of the map of standard deviations in electrons.
     slack : Bound
         Largest difference of two renderings by rounding alone; it is added to `bound`.
     """
 
     effects: tuple[str, ...]
-    others: Literal["as planned", "finest"]
+    others: Others
     bound: Bound
     mean: float
     variance: float
@@ -58,10 +52,8 @@ class AuditResult:
     def measured_over_bound(self) -> float:
         """Return the largest measured change over the stated one, which fails above 1."""
         allowed = self.bound.plus(self.slack)
-        return max(
-            ratio(getattr(self, name), getattr(allowed, name))
-            for name in ("mean", "variance", "sigma")
-        )
+        measured = (self.mean, allowed.mean), (self.variance, allowed.variance)
+        return max(ratio(*one) for one in (*measured, (self.sigma, allowed.sigma)))
 
     @property
     def is_broken(self) -> bool:
@@ -74,7 +66,7 @@ def audit(
     plan: EffectPlan,
     render: Callable[[Recipe], Rendered],
     *,
-    pairs: Pairs | None = None,
+    pairs: Iterable[tuple[str, str]] | None = None,
 ) -> tuple[AuditResult, ...]:
     """Compare the errors that a plan states with the measured changes of pictures.
 
@@ -107,18 +99,18 @@ def audit(
     ValueError
         If a pair contains an effect that the plan has at its finest level, or not at all.
     """
-    bench = _AuditRenderer(effects, situation, plan, render)
+    auditor = _Auditor(effects, situation, plan, render)
     singles = [
-        bench.audit_effects((name,), others)
-        for name in bench.coarse_effects
-        for others in ("as planned", "finest")
+        auditor.audit((name,), others)
+        for name in auditor.coarse_effects
+        for others in get_args(Others)
     ]
-    wanted = itertools.combinations(bench.coarse_effects, 2) if pairs is None else pairs
-    return (*singles, *(bench.audit_effects(pair, "as planned") for pair in wanted))
+    wanted = itertools.combinations(auditor.coarse_effects, 2) if pairs is None else pairs
+    return (*singles, *(auditor.audit(pair, "as planned") for pair in wanted))
 
 
-class _AuditRenderer:
-    """Render the pictures that are compared, and cache those that are used several times."""
+class _Auditor:
+    """Compare pictures, and cache those with which many others are compared."""
 
     def __init__(
         self,
@@ -128,30 +120,29 @@ class _AuditRenderer:
         render: Callable[[Recipe], Rendered],
     ) -> None:
         self._effects = {one.name: one for one in effects if one.is_present(situation)}
-        self._s, self._render, self._planned = situation, render, plan.levels
+        self._s, self._render, self._plan = situation, render, plan
         self._finest = {name: one.finest_level(situation) for name, one in self._effects.items()}
-        self._kept, self._decided_by = ByteCache(_CACHE_BYTES), plan.decided_by
+        self._kept = ByteCache(2**30)
         self.coarse_effects = [
             name for name in self._finest if plan.level(name) < self._finest[name]
         ]
 
-    def audit_effects(
-        self, names: tuple[str, ...], others: Literal["as planned", "finest"]
-    ) -> AuditResult:
+    def audit(self, names: tuple[str, ...], others: Others) -> AuditResult:
         for name in names:
             if name not in self.coarse_effects:
                 raise ValueError(
                     f"the plan has {name!r} at its finest, or not at all; audit one of "
                     f"{', '.join(self.coarse_effects) or 'none'}"
                 )
-        around = dict(self._planned if others == "as planned" else self._finest)
+        planned = self._plan.levels
+        around = dict(planned if others == "as planned" else self._finest)
         # Effects that the bounds of others assume are on, unless they are audited themselves.
         around |= {
             name: self._finest[name]
             for name, one in self._effects.items()
             if one.assumed_by_other_bounds
         }
-        low = {name: self._planned[name] for name in names}
+        low = {name: planned[name] for name in names}
         high = {name: self._finest[name] for name in names}
         coarse, fine = self._with_requirements({**around, **low}, {**around, **high}, names)
         mean, variance = self._picture(coarse)
@@ -173,10 +164,10 @@ class _AuditRenderer:
             for name in names
             for refined in self._effects[name].refines
             if refined in self._effects
-        } | {name: self._planned[name] for name in names}
+        } | {name: self._plan.level(name) for name in names}
         total = Bound()
         for name, level in levels.items():
-            total = total.plus(self._effects[name].error(self._s, level, self._decided_by))
+            total = total.plus(self._effects[name].error(self._s, level, self._plan.decided_by))
         return total
 
     def _with_requirements(
@@ -216,17 +207,15 @@ class _AuditRenderer:
 
 
 def _rounding_bound(mean: torch.Tensor, variance: torch.Tensor) -> Bound:
-    """Bound the rounding errors of two pictures that are compared.
+    """Bound the rounding errors of two pictures, a millionth of their own norms.
 
     The rounding of Fourier transforms is as large in dark pixels as in bright ones, and changes the
     standard deviation most in dark pixels.
     """
-    # Two renderings may differ by this share of a picture's own norms.
-    rounding = 1e-6
-    most = rounding * _norm(mean) + rounding * _norm(variance)
-    least = math.sqrt(float(variance.min()))
+    rounding = Bound(1e-6 * _norm(mean), 1e-6 * _norm(variance))
+    most, least = rounding.mean + rounding.variance, math.sqrt(float(variance.min()))
     dark = most / (2 * least) if least else math.sqrt(most * math.sqrt(mean.numel()))
-    return Bound(rounding * _norm(mean), rounding * _norm(variance), dark)
+    return replace(rounding, sigma=dark)
 
 
 def _norm(change: torch.Tensor) -> float:

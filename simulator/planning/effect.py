@@ -17,16 +17,13 @@ from simulator.speckle import speckle_variance
 class Bound:
     """The largest change of a picture if an effect is below its finest level.
 
-    The bound holds for any levels of the other effects.
+    It holds for any levels of the other effects.
 
     Parameters
     ----------
-    mean : float
-        L2 norm over the sensor's pixels of the change of the mean picture, electrons.
-    variance : float
-        L2 norm of the change of the variance map, electrons².
-    sigma : float
-        L2 norm of the change of the map of standard deviations, electrons.
+    mean, variance, sigma : float
+        L2 norms over the sensor's pixels of the changes of the mean picture in electrons, of the
+        variance map in electrons², and of the map of standard deviations in electrons.
     shape : float
         Largest Kolmogorov distance between the cumulative distributions of a pixel, 0 to 1, for an
         effect that changes neither mean nor variance.
@@ -84,12 +81,9 @@ class MinimumNorms:
 
     Parameters
     ----------
-    mean : float
-        L2 norm of the mean picture over the sensor's pixels, electrons; 0 if nothing is known.
-    variance : float
-        L2 norm of the variance map, electrons²; 0 if nothing is known.
-    sigma : float
-        L2 norm of the map of standard deviations, electrons; 0 if nothing is known.
+    mean, variance, sigma : float
+        L2 norms over the sensor's pixels of the mean picture in electrons, of the variance map in
+        electrons², and of the map of standard deviations in electrons; 0 if nothing is known.
 
     Examples
     --------
@@ -102,10 +96,7 @@ class MinimumNorms:
     sigma: float
 
     def relative_error(self, bound: Bound) -> float:
-        """Return the largest relative error of a bound's measures.
-
-        The error is infinite for a change where a norm is 0.
-        """
+        """Return the largest relative error of a bound's measures, infinite over a norm of 0."""
         return max(
             ratio(bound.mean, self.mean),
             ratio(bound.variance, self.variance),
@@ -121,9 +112,6 @@ def ratio(change: float, whole: float) -> float:
     return change / whole if whole > 0 else math.inf
 
 
-_BRIGHTER = 2.0
-"""Factor by which a lamp's ripple or the panel may make the brightest pixel brighter. Chosen."""
-
 DecidedBy = Literal["bound", "estimate"]
 """What decides in a plan: bounds, which prove its error, or audited estimates, which save more."""
 
@@ -135,28 +123,22 @@ class Effect(ABC):
 
     Attributes
     ----------
-    name : str
-        Name of the effect, in words, as in files.
+    name, physics, source : str
+        Name in words, as in files; physics in one sentence; equation, paper or textbook.
     kind : {"axis", "stage"}
         An axis of the image-formation integral, which is sampled, or a stage of it.
-    physics : str
-        The physics in one sentence.
-    source : str
-        Equation, paper or textbook.
     levels : tuple of str
         Names of the levels, the coarsest first. The first is "off", or "1" for an axis.
     requires : tuple of str
         Names of effects that must not be off if this one isn't.
     refines : tuple of str
-        Names of effects that may be rendered at their finest wherever this one isn't off. To put
-        this one back changes the picture by their errors, too.
-    recipe_field : str
-        Name of the field of the Recipe that the effect sets.
-    recipe_values : tuple
-        Value of that field at each level.
+        Names of effects that may be at their finest wherever this one isn't off: to put this one
+        back changes the picture by their errors, too.
+    recipe_field, recipe_values : str, tuple
+        Field of the Recipe that the effect sets, and its value at each level.
     assumed_by_other_bounds : bool
-        Whether the bounds of the other effects assume that this one is on. Changes add up in any
-        order, and the change by this effect is taken to be the last.
+        Whether the bounds of other effects assume that this one is on. Changes add up in any order,
+        and the change by this effect is taken to be the last.
     is_per_frame : bool
         Whether the effect is computed again for each frame of a static picture.
     """
@@ -194,34 +176,30 @@ class Effect(ABC):
         """Bound the error at a level below the finest."""
 
     def likely_error(self, s: Situation, level: int) -> Bound:
-        """Estimate how large the error at a level is, at most, but for few.
+        """Estimate the largest error at a level, but for few, from audits on random scenes.
 
-        The estimate comes from audits on random scenes; it isn't proved. Without one, the bound
-        takes its place.
+        Without an estimate, the bound takes its place.
         """
         return self.error_bound(s, level)
 
     def error(self, s: Situation, level: int, decided_by: DecidedBy) -> Bound:
         """Return the error at a level, as bounds or estimates tell it."""
-        told = self.error_bound if decided_by == "bound" else self.likely_error
-        found = told(s, level)
+        found = (self.error_bound if decided_by == "bound" else self.likely_error)(s, level)
         varied = speckle_variance(s) if found.mean and s.target.speckle else 0.0
         if not varied:
             return found
-        # Speckle's variance v m² changes with the mean m: its root by √v times m's change.
+        # Speckle's variance v m² changes with the mean m: its root by √v times m's change. A lamp's
+        # ripple, or the panel, may make the brightest pixel twice as bright (chosen).
         brightest = float(s.picture_probe.brightest) * s.exposure
         return replace(
             found,
-            variance=found.variance + _BRIGHTER * 2 * varied * brightest * found.mean,
+            variance=found.variance + 2.0 * 2 * varied * brightest * found.mean,
             sigma=found.sigma + math.sqrt(varied) * found.mean,
         )
 
     @abstractmethod
     def added_operations(self, s: Situation, levels: Mapping[str, int]) -> float:
-        """Return the operations that the effect adds to rendering.
-
-        levels: those of all effects that occur.
-        """
+        """Return the operations that the effect adds to rendering, at levels of all effects."""
 
     @abstractmethod
     def explain(self, s: Situation) -> str:
@@ -281,18 +259,17 @@ def resolve_forced_levels(
     """
     there = {one.name for one in effects}
     found = {name: level for name, level in forced_levels.items() if name in there}
-    while falling := [one for one in effects if _lacks_requirement(one, found)]:
-        for one in falling:
-            if found.get(one.name, 0):
-                off = next(name for name in one.requires if found.get(name) == 0)
+    more = True
+    while more:
+        more = False
+        for one in effects:
+            off = next((name for name in one.requires if found.get(name) == 0), None)
+            if off is None or found.get(one.name) == 0:
+                continue
+            if one.name in found:
                 raise ValueError(
                     f"effect {one.name!r} is forced on, and requires {off!r}, which is forced "
                     "off; change one of the two"
                 )
-            found[one.name] = 0
+            found[one.name], more = 0, True
     return found
-
-
-def _lacks_requirement(one: Effect, found: Mapping[str, int]) -> bool:
-    """Whether an effect may be on although one that it requires is forced off."""
-    return found.get(one.name) != 0 and any(found.get(name) == 0 for name in one.requires)

@@ -22,31 +22,20 @@ class Decision:
 
     Parameters
     ----------
-    effect : str
-        Name of the effect.
-    kind : {"axis", "stage"}
-        An axis of the image-formation integral, or a stage of it.
-    level : str
-        Name of the chosen level.
+    effect, kind, level : str
+        Names of the effect, of its kind ("axis" or "stage"), and of the chosen level.
     levels : tuple of str
         Names of all levels up to the finest, the coarsest first.
     error : Bound
         Change of the picture because of the chosen level: the largest, or the likely one, as the
         plan decides by bounds or estimates.
-    relative : float
-        The error over the picture's norms, as the largest of all measures.
-    estimate : float
-        Typical relative change.
-    work : float
-        Operations that the effect adds.
-    finest_work : float
-        Operations that the effect would add at its finest level.
-    why : str
-        How strong the effect is in this situation, in words.
-    physics : str
-        The physics of the effect in one sentence.
-    source : str
-        Equation, paper or textbook.
+    relative, estimate : float
+        The error over the picture's norms, as the largest of all measures; typical relative change.
+    work, finest_work : float
+        Operations that the effect adds, at the chosen level and at its finest.
+    why, physics, source : str
+        How strong the effect is in this situation; its physics in one sentence; equation, paper or
+        textbook.
     forced : bool
         Whether a user forced the level.
     """
@@ -78,27 +67,23 @@ class EffectPlan:
     ladder : Ladder
         The steps from all effects at their finest to all effects off.
     situation : Situation
-        Scene, camera, pattern, filter and exposure.
+        Scene, camera, pattern, filter and exposure; the plan has no reference to it.
     tol : float
         Largest relative error of the picture.
-    levels : dict of str to int
-        Level of each effect.
-    forced : mapping of str to int
-        Levels of the effects that a user forced.
+    levels, forced : dict of str to int
+        Level of each effect, and of those that a user forced.
     decided_by : {"bound", "estimate"}
         What decided, and what the errors are.
 
     Attributes
     ----------
     recipe : Recipe
-        What is to be rendered: the minimal recipe and what every effect above off adds to it.
+        What is to be rendered.
     is_finest : bool
         Whether all effects are at their finest level.
-    error : Bound
-        Change by all effects below their finest level: at most, or likely.
-    relative_error : float
-        The same relative to the picture's norms, 0 to infinity. It exceeds `tol` only where a user
-        forced an effect.
+    error, relative_error : Bound, float
+        Change by all effects below their finest level, at most or likely, and relative to the
+        picture's norms. The latter exceeds `tol` only where a user forced an effect.
     planning_cpu : float
         Seconds of processor time that planning took.
     work, most_work : float
@@ -116,8 +101,6 @@ class EffectPlan:
         forced: Mapping[str, int],
         decided_by: DecidedBy = "bound",
     ) -> None:
-        # A plan is stored for a long time, so it has no reference to the situation, which may hold
-        # large pictures.
         self.tol, self._levels, self.decided_by = tol, levels, decided_by
         self.planning_cpu = 0.0
         self.recipe = build_recipe(ladder.effects, situation, levels)
@@ -173,7 +156,7 @@ def build_recipe(
     Parameters
     ----------
     effects : sequence of Effect
-        Effects in the order in which they are added.
+        In the order in which they are added.
     situation : Situation
         Scene, camera, pattern, filter and exposure.
     levels : mapping of str to int
@@ -212,8 +195,8 @@ def plan_effects(
     tol : float
         Largest relative error of the picture, 0 or more.
     forced : mapping of str to (str or bool), optional
-        Levels that a user forces, by the effect's name: True for the finest level, False for off,
-        or a level's name. They take precedence over the tolerance.
+        Levels that a user forces whatever the error, by the effect's name: True for the finest
+        level, False for off, or a level's name.
     decided_by : {"bound", "estimate"}
         Whether bounds decide, which prove the plan's error, or estimates from audits.
 

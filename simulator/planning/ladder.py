@@ -12,23 +12,22 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from typing import NamedTuple
 
 from simulator.planning.effect import Bound, DecidedBy, Effect, MinimumNorms, resolve_forced_levels
 from simulator.situation import Situation
 
 
 class _RecordingLevels(Mapping[str, int]):
-    """Effect levels that record which of them are read, in order."""
+    """Effect levels that record the names of those that are read, in order."""
 
     def __init__(self, levels: Mapping[str, int]) -> None:
         self._levels = levels
-        self.reads: dict[str, int] = {}
+        self.names: dict[str, None] = {}
 
     def __getitem__(self, name: str) -> int:
         level = self._levels[name]
-        self.reads[name] = level
+        self.names[name] = None
         return level
 
     def __iter__(self) -> Iterator[str]:
@@ -38,52 +37,29 @@ class _RecordingLevels(Mapping[str, int]):
         return len(self._levels)
 
 
-class CachedWork:
+class _CachedWork:
     """The operations of one effect as a cached function of the levels of all effects.
 
-    The operations depend only on the levels that the effect reads. So they are cached in a tree,
-    which branches first by the level that was read first, and so on.
-    levels_read: names of all effects whose level was read so far.
+    The operations depend only on the levels that the effect reads, and are cached by these.
+    names_read: of all effects whose level was read so far, in order.
     """
 
     def __init__(self, effect: Effect, situation: Situation) -> None:
         self._effect, self._s = effect, situation
-        self._kept: _LevelNode | float | None = None
-        self.levels_read: set[str] = set()
+        self._kept: dict[tuple[int, ...], float] = {}
+        self.names_read: dict[str, None] = {}
 
     def __call__(self, levels: Mapping[str, int]) -> float:
-        found = self._kept
-        while isinstance(found, _LevelNode):
-            found = found.children.get(levels[found.name])
-        if found is None:
-            watched = _RecordingLevels(levels)
-            found = self._effect.added_operations(self._s, watched)
-            self.levels_read.update(watched.reads)
-            self._keep(list(watched.reads.items()), found)
-        return found
-
-    def _keep(self, seen: list[tuple[str, int]], work: float) -> None:
-        """Store operations in the tree, under the levels that were read."""
-        if not seen:
-            self._kept = work
-            return
-        if not isinstance(self._kept, _LevelNode):
-            self._kept = _LevelNode(seen[0][0])
-        held = self._kept
-        for (_, level), (name, _) in pairwise(seen):
-            following = held.children.get(level)
-            if not isinstance(following, _LevelNode):
-                following = held.children[level] = _LevelNode(name)
-            held = following
-        held.children[seen[-1][1]] = work
-
-
-class _LevelNode:
-    """A node of the cache: the effect whose level was read next, and a child for each level."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.children: dict[int, _LevelNode | float] = {}
+        known = self._kept.get(tuple([levels[name] for name in self.names_read]))
+        if known is not None:
+            return known
+        watched = _RecordingLevels(levels)
+        work = self._effect.added_operations(self._s, watched)
+        if not watched.names.keys() <= self.names_read.keys():
+            self.names_read |= watched.names
+            self._kept.clear()
+        self._kept[tuple([levels[name] for name in self.names_read])] = work
+        return work
 
 
 _FRAMES = 100
@@ -93,21 +69,14 @@ _PATIENCE = 0.5
 """Share of a step's own error for which it lets steps with smaller errors go first. Chosen."""
 
 
-@dataclass(frozen=True)
-class LadderStep:
-    """One step down, which sets an effect to a coarser level.
-
-    effect, to: name and new level of the effect.
-    bound: largest change beyond that at the level before.
-    relative_error: the same relative to the picture's norms.
-    saved_work: operations that the step saves, multiplied by `repetitions` for its rank.
-    """
+class LadderStep(NamedTuple):
+    """One step down, which sets an effect to a coarser level."""
 
     effect: str
-    to: int
-    bound: Bound
-    relative_error: float
-    saved_work: float
+    to: int  # the new level
+    bound: Bound  # largest change beyond that at the level before
+    relative_error: float  # the same relative to the picture's norms
+    saved_work: float  # operations, which count `repetitions` times for the step's rank
     repetitions: int = 1
 
     @property
@@ -131,8 +100,7 @@ class Ladder:
     Parameters
     ----------
     effects : sequence of Effect
-        All effects that the simulator knows, in the order of the physics. Only those that occur in
-        the situation are used.
+        All effects that the simulator knows, in the order of the physics.
     situation : Situation
         Scene, camera, pattern, filter and exposure.
     norms : MinimumNorms
@@ -173,10 +141,10 @@ class Ladder:
             for name, level in resolve_forced_levels(self.effects, forced_levels or {}).items()
         }
         self._named = {one.name: one for one in self.effects}
-        self._floor = norms
+        self._norms = norms
         self._errors: dict[tuple[str, int], Bound] = {}
         self._situation, self._decided_by = situation, decided_by
-        self._works = {one.name: CachedWork(one, situation) for one in self.effects}
+        self._works = {one.name: _CachedWork(one, situation) for one in self.effects}
         self.finest_levels = finest | self.forced_levels
 
     @functools.cached_property
@@ -195,7 +163,7 @@ class Ladder:
         levels, spent = dict(self.finest_levels), Bound()
         for step in self._walk_down():
             spent = spent.plus(step.bound)
-            if self._floor.relative_error(spent) > tol:
+            if self._norms.relative_error(spent) > tol:
                 break
             levels[step.effect] = step.to
         return levels
@@ -218,7 +186,7 @@ class Ladder:
         return self._errors[effect, level]
 
     def relative_error(self, bound: Bound) -> float:
-        return self._floor.relative_error(bound)
+        return self._norms.relative_error(bound)
 
     def _walk_down(self) -> Iterator[LadderStep]:
         """Yield the steps to coarser levels, from the top of the ladder down.
@@ -254,21 +222,17 @@ class Ladder:
         name, now = one.name, levels[one.name]
         if name in self.forced_levels or not now:
             return
-        touched = [work for work in self._works.values() if name in work.levels_read]
+        touched = [work for work in self._works.values() if name in work.names_read]
         before = sum(work(levels) for work in touched)
-        for to in range(now):
-            if to == 0 and self._is_required(name, levels):
-                continue
+        # An effect that others require, which are still on, can't be off.
+        is_required = any(name in other.requires and levels[other.name] for other in self.effects)
+        for to in range(int(is_required), now):
             levels[name] = to
             saved = max(before - sum(work(levels) for work in touched), 0.0)
             levels[name] = now
             more = self.effect_error(name, to).minus(self.effect_error(name, now))
             often = _FRAMES if one.is_per_frame else 1
-            yield LadderStep(name, to, more, self._floor.relative_error(more), saved, often)
-
-    def _is_required(self, name: str, levels: Mapping[str, int]) -> bool:
-        """Whether an effect that is still on requires the named effect."""
-        return any(name in one.requires and levels[one.name] for one in self.effects)
+            yield LadderStep(name, to, more, self._norms.relative_error(more), saved, often)
 
 
 def _next_steps(

@@ -18,12 +18,21 @@ from scipy.sparse import csr_array
 from optics.caching import ByteCache
 from optics.camera import Camera
 from optics.camera.pupil import object_to_lens_distance, pupil_amplitude
-from optics.fourier import fft
+from optics.fourier import NonuniformTransform, fft
+from optics.plane import Plane
 from optics.validation import as_number
 from optics.zernike import zernike
 
 Array = NDArray[np.float64]
 Light = NDArray[np.float32]
+T = TypeVar("T")
+
+_TRANSFER_ERROR = 1e-6
+"""Error of a transfer function between the samples of its grid, as a share of all light. Chosen."""
+
+_ALIAS_FREE = 0.35
+"""Cycles per sample from which on the transfer function of light with fewer than two samples a
+diffraction spot fades out. Chosen."""
 
 
 class FarField:
@@ -50,7 +59,7 @@ class FarField:
         self._top = _peak_intensity(far, light, samples_per_spot) / total
         light *= np.float32(1 / total)
         self.light: Light = light
-        self._side = side
+        self._side, self._samples_per_spot = side, samples_per_spot
 
     @property
     def bytes(self) -> int:
@@ -65,15 +74,12 @@ class FarField:
         """Return one pixel's envelope along an axis at places in shares of a period."""
         return np.asarray(self._side * np.sinc(self._side * places) ** 2)
 
-    def _summed_envelope(self, axis: int, orders: int) -> Array:
-        """Sum the envelope along an axis over orders from -orders to orders."""
-        every = range(-orders, orders + 1)
-        return np.asarray(sum(self.envelope(axis, order) for order in every))
-
     def order_share(self, orders: int) -> float:
         """Return the share of the light in the orders from -orders to orders."""
-        along = self.light @ self._summed_envelope(1, orders).astype(np.float32)
-        return float(along.astype(np.float64) @ self._summed_envelope(0, orders))
+        every = range(-orders, orders + 1)
+        down, across = (sum(self.envelope(axis, one) for one in every) for axis in (0, 1))
+        along = self.light @ np.asarray(across).astype(np.float32)
+        return float(along.astype(np.float64) @ np.asarray(down))
 
     @cached_property
     def peak(self) -> float:
@@ -89,11 +95,7 @@ class FarField:
         return light
 
     def light_around_axis(self, reach: tuple[int, int]) -> Light:
-        """Return the light around the optical axis, over all orders, (2 y, 2 x) samples.
-
-        The optical axis is in the middle, at n // 2. The light may reach beyond one period.
-        reach: samples (y, x) to either side.
-        """
+        """Return the light around the optical axis, over all orders, (2 y, 2 x) samples."""
         light: NDArray[np.float32] = self.light
         for axis, most in enumerate(reach):
             samples, period = np.arange(-most, most), self.light.shape[axis]
@@ -101,6 +103,39 @@ class FarField:
             light = np.take(light, samples, axis, mode="wrap")
             light *= along if axis else along[:, None]
         return light
+
+    def transfer_at(
+        self, ky: Array, kx: Array, period: float, half: tuple[float, float]
+    ) -> NDArray[np.complex128]:
+        """Return the transfer function at frequencies (ky, kx), cycles/m.
+
+        It is 0 at frequencies that the panel doesn't resolve, and fades out where light with fewer
+        than two samples a spot doesn't tell it.
+        period: metres on the sensor between diffraction orders.
+        half: half sides (y, x) in metres of the part of the PSF that is transformed, with up to two
+            side orders. Of few samples, which are for estimates with large panels, they are left
+            out: they are far aside.
+        """
+        reached = math.ceil(min(max(half) / period - 0.5, 2.0))
+        most = max(reached, 0) if self._samples_per_spot == 2 else 0
+        pitch = period / self.light.shape[0], period / self.light.shape[1]
+        y, x = (
+            math.ceil(min(aside / step + 1, (2 * most + 1) * n // 2))
+            for aside, step, n in zip(half, pitch, self.light.shape, strict=True)
+        )
+        light = self.light_around_axis((y, x))
+        known = (abs(ky) * pitch[0] < 0.5) & (abs(kx) * pitch[1] < 0.5)
+        found = np.zeros(known.shape, dtype=np.complex128)
+        series = NonuniformTransform(
+            torch.from_numpy(ky[known]), torch.from_numpy(kx[known]), Plane(light.shape, pitch),
+            1.0, _TRANSFER_ERROR, few_points=True,
+        )  # fmt: skip
+        found[known] = series.adjoint(torch.from_numpy(light)).numpy()
+        if self._samples_per_spot < 2:
+            for k, step in ((ky, pitch[0]), (kx, pitch[1])):
+                ramp = np.clip((0.5 - abs(k) * step) / (0.5 - _ALIAS_FREE), 0, 1)
+                found *= np.sin(np.pi / 2 * ramp) ** 2
+        return found
 
     def _ensquared_sums(self, light: Light) -> Array:
         """Sum light in squares around the axis, for each size of square.
@@ -116,10 +151,7 @@ class FarField:
 
     @cached_property
     def ensquared_share(self) -> Array:
-        """Return the share of the zeroth order's light within squares around the axis.
-
-        The half side of square k is k + 1/2 steps, as in _ensquared_sums().
-        """
+        """Return the share of the zeroth order's light within squares; see _ensquared_sums()."""
         total = self._ensquared_sums(self.zeroth_order_light)
         return np.asarray(total / total[-1])
 
@@ -145,10 +177,7 @@ class FarField:
 
     @cached_property
     def transfer(self) -> NDArray[np.complex64]:
-        """Return the transfer function of the zeroth order, (frequencies y, frequencies x).
-
-        radii() gives the moduli of the frequencies.
-        """
+        """Return the transfer function of the zeroth order at the frequencies of radii()."""
         spectrum = scipy.fft.rfft2(self.zeroth_order_light)
         kept = _frequency_count(self.light.shape)
         return np.asarray(np.concatenate([spectrum[:kept, :kept], spectrum[-kept + 1 :, :kept]]))
@@ -181,10 +210,7 @@ def _peak_intensity(far: NDArray[np.complex64], light: Light, samples_per_spot: 
 
 
 def _frequency_count(shape: tuple[int, ...]) -> int:
-    """Return how many frequencies a transfer function has along each axis.
-
-    The frequencies are 0 and more, up to half those of the far field's shorter axis.
-    """
+    """Return a transfer function's frequencies from 0 on, half those of the shorter axis."""
     return min(shape) // 2
 
 
@@ -197,10 +223,9 @@ def radii(shape: tuple[int, ...]) -> Array:
 
 @lru_cache(maxsize=16)
 def _ring_sums(samples: int, steps: int) -> scipy.sparse.csr_array:
-    """Return the matrix that sums samples along an axis of a far field over rings.
+    """Return the matrix that sums samples along an axis over rings, (steps + 1, samples).
 
-    It is (steps + 1, samples). Ring k contains distances from the optical axis above k - 1 steps,
-    up to k steps. The axis is at sample 0.
+    Ring k contains distances from the optical axis at sample 0 above k - 1 steps, up to k steps.
     """
     sample = np.arange(samples)
     away = np.minimum(sample, samples - sample) * (2 * steps / samples)
@@ -212,15 +237,16 @@ def _ring_sums(samples: int, steps: int) -> scipy.sparse.csr_array:
 def side_order_kernel(
     far: FarField, period: float, cell: float, lowest: int, highest: int, fade: float = 0.0
 ) -> Array:
-    """Return how a far field spreads a point's light over side orders of the panel.
+    """Return how a far field spreads a point's light over side orders; see order_kernel().
 
-    See order_kernel() for all else.
     lowest, highest: range of the orders' numbers: of the larger of both along y and x.
     fade: metres over which the order below the lowest fades into it, at most a period.
     """
     outer = order_kernel(far, period, cell, highest)
     inner = order_kernel(far, period, cell, lowest - 1, min(fade, period))
-    outer[_middle(outer, inner)] -= inner
+    more = (len(outer) - len(inner)) // 2
+    part = slice(more, len(outer) - more)
+    outer[part, part] -= inner
     return outer
 
 
@@ -243,17 +269,10 @@ def order_kernel(
     reach: metres to either side beyond which light isn't needed.
     """
     half = math.ceil(min((highest + 0.5) * period + fade / 2, reach) / cell)
-    along = [
+    down, across = (
         _cells_of_samples(far, axis, period / cell, highest, half, fade / period) for axis in (0, 1)
-    ]
-    return _in_cells(far, *along)
-
-
-def _middle(outer: Array, inner: Array) -> tuple[slice, slice]:
-    """Return the part of a kernel that a smaller one covers."""
-    more = (len(outer) - len(inner)) // 2
-    part = slice(more, len(outer) - more)
-    return part, part
+    )
+    return np.asarray(across @ (down @ far.light).T).T.astype(np.float64)
 
 
 def cut_kernel(kernel: Array, half: tuple[int, int]) -> Array:
@@ -261,11 +280,6 @@ def cut_kernel(kernel: Array, half: tuple[int, int]) -> Array:
     middle = len(kernel) // 2
     y, x = (min(cells, middle) for cells in half)
     return kernel[middle - y : middle + y + 1, middle - x : middle + x + 1]
-
-
-def _in_cells(far: FarField, down: csr_array, across: csr_array) -> Array:
-    """Sum a far field's light in cells, by the samples of both axes that belong to each."""
-    return np.asarray(across @ (down @ far.light).T).T.astype(np.float64)
 
 
 def _cells_of_samples(
@@ -290,16 +304,11 @@ def _cells_of_samples(
     return csr_array(entries, shape=(2 * half + 1, samples))
 
 
-T = TypeVar("T")
-
-
 class LensProbe:
-    """What a camera's lens and stop do to light of a wavelength, for points at several distances.
+    """What a camera's lens and stop do to light of a wavelength in metres, which patterns share.
 
-    wavelength: metres.
     nearest: the least distance of a point, metres; the stop's shadow on the panel is computed for
         its light.
-    cache: stores the results, which other patterns share.
     samples_per_spot: of far fields.
     """
 
@@ -317,38 +326,41 @@ class LensProbe:
     @property
     def aperture_share(self) -> torch.Tensor:
         """Return the share of each panel pixel that the stop leaves open, (rows, columns)."""
-        return self._from_cache(self._compute_aperture_share, ())
 
-    def path(self, distance: float) -> torch.Tensor:
-        """Return the optical path in metres that the lens adds at each pixel of the panel.
+        def compute() -> torch.Tensor:
+            camera = self._camera
+            spread = 1 + as_number(camera.separation) / self._nearest
+            lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
+            return pupil_amplitude(replace(camera, lens=lens, separation=0.0))
 
-        distance: metres, of the point that the light comes from.
-        """
-        return self._from_cache(self._compute_path, (distance,))
+        return self._from_cache(compute, "aperture")
 
     def lens_phase(self, distance: float) -> torch.Tensor:
         """Return the phase that the lens adds to a point's light on the panel, radians."""
-        return 2 * math.pi / self._wavelength * self.path(distance)
+        path = self._from_cache(lambda: self._path(distance), "path", distance)
+        return 2 * math.pi / self._wavelength * path
 
     def field(self, distance: float) -> torch.Tensor:
         """Return uniform light's field on the panel behind lens and stop, complex64."""
-        return self._from_cache(self._compute_field, (distance, self._wavelength))
+
+        def compute() -> torch.Tensor:
+            return torch.polar(self.aperture_share, self.lens_phase(distance)).to(torch.complex64)
+
+        return self._from_cache(compute, "field", distance, self._wavelength)
 
     def unmodulated_far_field(self, distance: float) -> FarField:
         """Return the far field of light that the panel's pattern doesn't modulate."""
-        return self._from_cache(self._compute_unmodulated_far_field, (distance, self._wavelength))
+        side, samples = math.sqrt(self._camera.panel.fill_factor), self._samples_per_spot
+        return self._from_cache(
+            lambda: FarField(self.field(distance), side, samples), "far", distance, self._wavelength
+        )
 
-    def _from_cache(self, find: Callable[..., T], of: tuple[float, ...]) -> T:
-        causes = (find.__name__, self._camera, self._nearest, self._samples_per_spot, *of)
-        return self._cache.get(causes, lambda: find(*of[:1]))
+    def _from_cache(self, compute: Callable[[], T], *what: str | float) -> T:
+        causes = self._camera, self._nearest, self._samples_per_spot, *what
+        return self._cache.get(causes, compute)
 
-    def _compute_aperture_share(self) -> torch.Tensor:
-        camera = self._camera
-        spread = 1 + as_number(camera.separation) / self._nearest
-        lens = replace(camera.lens, f_number=camera.lens.f_number * spread)
-        return pupil_amplitude(replace(camera, lens=lens, separation=0.0))
-
-    def _compute_path(self, distance: float) -> torch.Tensor:
+    def _path(self, distance: float) -> torch.Tensor:
+        """Return the optical path in metres that the lens adds to a point's light on the panel."""
         camera, lens = self._camera, self._camera.lens
         spread = 1 + as_number(camera.separation) / distance
         vergence = 1 / object_to_lens_distance(camera, distance) - 1 / lens.focus_distance
@@ -359,10 +371,3 @@ class LensProbe:
         for n, m, strength in lens.aberrations:
             path = path + as_number(strength) * zernike(n, m, y / radius, x / radius)
         return torch.where(self.aperture_share > 0, path, 0.0)
-
-    def _compute_field(self, distance: float) -> torch.Tensor:
-        return torch.polar(self.aperture_share, self.lens_phase(distance)).to(torch.complex64)
-
-    def _compute_unmodulated_far_field(self, distance: float) -> FarField:
-        side = math.sqrt(self._camera.panel.fill_factor)
-        return FarField(self.field(distance), side, self._samples_per_spot)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -26,11 +26,8 @@ from simulator.scene.merging import merge_pictures
 from simulator.scene.target import Layer, Target
 
 
-def efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
-    """Return the sensor's electrons per photon by wavelength, for each colour channel.
-
-    None stands for the same efficiency at all wavelengths.
-    """
+def _efficiencies(sensor: Sensor) -> tuple[Spectrum | None, ...]:
+    """Return the electrons per photon of each channel; None for the same at all wavelengths."""
     if sensor.colour is not None:
         return tuple(sensor.colour.efficiencies[name] for name in sensor.colour.channels)
     return (sensor.spectral_efficiency,)
@@ -50,11 +47,12 @@ def electron_rates(
     nodes = _nodes(spectrum, band, camera.sensor, leak)
     passed = band.total_transmission(nodes) if leak else band.transmission(nodes)
     photons = spectrum.at(nodes) * passed * nodes / (constants.h * constants.c)
-    return tuple(
-        float(np.trapezoid(photons * _efficiency(one, nodes, camera.sensor), nodes))
-        * irradiance_per_radiance(camera, distance)
-        for one in efficiencies(camera.sensor)
+    even, gathered = camera.sensor.quantum_efficiency, irradiance_per_radiance(camera, distance)
+    curves = (
+        np.full_like(nodes, even) if one is None else one.at(nodes)
+        for one in _efficiencies(camera.sensor)
     )
+    return tuple(float(np.trapezoid(photons * one, nodes)) * gathered for one in curves)
 
 
 def irradiance_per_radiance(camera: Camera, distance: float) -> float:
@@ -64,15 +62,6 @@ def irradiance_per_radiance(camera: Camera, distance: float) -> float:
     return gathered * camera.panel.reflectivity * camera.transmission
 
 
-def _efficiency(
-    curve: Spectrum | None, nodes: NDArray[np.float64], sensor: Sensor
-) -> NDArray[np.float64]:
-    """Return a sensor's electrons per photon at given wavelengths."""
-    if curve is None:
-        return np.full_like(nodes, sensor.quantum_efficiency)
-    return curve.at(nodes)
-
-
 def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArray[np.float64]:
     """Return the wavelengths at which a spectrum behind a filter is integrated.
 
@@ -80,7 +69,7 @@ def _nodes(spectrum: Spectrum, band: Band, sensor: Sensor, leak: bool) -> NDArra
     its leak.
     """
     ranges = [band.support, *([band.leak_range] if leak and band.leak else [])]
-    curves = [one for one in (spectrum, band.table, *efficiencies(sensor)) if one is not None]
+    curves = [one for one in (spectrum, band.table, *_efficiencies(sensor)) if one is not None]
     jumps = np.array([*(end for one in ranges for end in one), *(
         end for one in curves for end in (one.low, one.high)
     )])  # fmt: skip
@@ -133,50 +122,38 @@ class PictureProbe:
 
     @cached_property
     def rates(self) -> tuple[tuple[float, ...], ...]:
-        """Return a pixel's electrons per second at picture value 1, by layer and part.
+        """Return a pixel's electrons/s at picture value 1 and the best angle, by layer and part."""
+        area, camera = self.camera.sensor.pitch**2, self.camera
+        bands = [self.band.at_angle(one) for one in some_angles(camera, self.band, PROBED_ANGLES)]
 
-        Where the filter's band shifts with the angle, the rates are those of the best angle.
-        """
-        area = self.camera.sensor.pitch**2
-        angles = some_angles(self.camera, self.band, PROBED_ANGLES)
-        bands = [self.band.at_angle(one) for one in angles]
+        def best(spectrum: Spectrum, distance: float) -> float:
+            every = (electron_rates(spectrum, band, camera, distance) for band in bands)
+            return max(rate for rates in every for rate in rates)
+
         return tuple(
-            tuple(
-                area
-                * max(
-                    rate
-                    for band in bands
-                    for rate in electron_rates(part.spectrum, band, self.camera, layer.distance)
-                )
-                for part in layer.parts
-            )
+            tuple(area * best(part.spectrum, layer.distance) for part in layer.parts)
             for layer in self.target.layers
         )
 
     @cached_property
     def lights(self) -> tuple[torch.Tensor, ...]:
-        """Return the light of each layer in electrons per second, hidden parts included.
-
-        The arrays are (rows, columns) of the plane.
-        """
-        pairs = zip(self.target.layers, self.rates, strict=True)
-        return tuple(self._layer_light(layer, rates, self.plane) for layer, rates in pairs)
+        """Return the light of each layer on the plane, electrons/s, hidden parts included."""
+        return tuple(self._lights_on(self.plane))
 
     @cached_property
     def covers(self) -> tuple[torch.Tensor | None, ...]:
-        """Return the share of each pixel in which a layer hides what is behind it.
-
-        None stands for a layer that hides nothing, such as the farthest one.
-        """
-        near = self.target.layers[:-1]
-        return (*(self._covering(layer) for layer in near), None)
+        """Return the share of each pixel that a layer covers; None for one that hides nothing."""
+        covers = [
+            None
+            if layer.cover is None
+            else layer.cover.light(self.plane, self._scale(layer), self.shift)
+            for layer in self.target.layers[:-1]
+        ]
+        return *covers, None
 
     @cached_property
     def sharp_picture(self) -> torch.Tensor:
-        """Return the sharp picture of all layers, near layers in front of far ones.
-
-        The array is (rows, columns) of the plane, in electrons per second.
-        """
+        """Return the picture of all layers on the plane, near ones in front, electrons/s."""
         seen = self.lights[-1]
         for light, cover in zip(self.lights[-2::-1], self.covers[-2::-1], strict=True):
             seen = seen + light if cover is None else seen * (1 - cover) + light
@@ -201,10 +178,7 @@ class PictureProbe:
         return max(float(torch.quantile(inside[::every, ::every].flatten(), 0.1)), 0.0)
 
     def excess_over(self, level: float) -> tuple[float, float]:
-        """Sum the sharp picture's excess over a level in electrons/s, and the excess squared.
-
-        The sums are over frame and margin.
-        """
+        """Sum the picture's excess over a level in electrons/s, and its square, margin included."""
         rest = (self.sharp_picture - level).clamp(min=0)
         return float(rest.sum(dtype=torch.float64)), float(rest.double().square().sum())
 
@@ -252,10 +226,7 @@ class PictureProbe:
 
     @cached_property
     def norm_bound(self) -> float:
-        """Bound the picture's L2 norm over the frame after any blur, electrons per second.
-
-        By Young's inequality, a PSF with a sum of one or less doesn't increase the norm.
-        """
+        """Bound the picture's L2 norm over the frame after any blur (Young), electrons/s."""
         if len(self.lights) == 1:
             apart = self.power_spectrum.norm
         else:
@@ -269,10 +240,7 @@ class PictureProbe:
 
     @cached_property
     def power_spectrum(self) -> RadialProfile:
-        """Return the sharp picture's power spectrum, (electrons per second)² per pixel.
-
-        Frequencies are in cycles per metre on the sensor.
-        """
+        """Return the sharp picture's power spectrum, (electrons per second)² per pixel."""
         return self._profile(self.sharp_picture)
 
     @cached_property
@@ -334,18 +302,14 @@ class PictureProbe:
 
     @cached_property
     def edge_length(self) -> float:
-        """Return the length of edges where near layers hide far ones, metres on the sensor.
-
-        The length is counted along rows and columns, so it is never too short, and at most √2 times
-        too long.
-        """
-        covers = [one for one in self.covers if one is not None]
-        steps = sum(
-            float(torch.diff(cover, dim=axis).abs().double().sum())
-            for cover in covers
+        """Return the length of covers' edges along rows and columns, metres on the sensor."""
+        edges = (
+            torch.diff(cover, dim=axis)
+            for cover in self.covers
+            if cover is not None
             for axis in (0, 1)
         )
-        return steps * self.camera.sensor.pitch
+        return sum(float(one.abs().double().sum()) for one in edges) * self.camera.sensor.pitch
 
     @cached_property
     def off_plane_star_rate(self) -> float:
@@ -373,24 +337,17 @@ class PictureProbe:
     def _scale(self, layer: Layer) -> float:
         return self.camera.magnification(layer.distance)
 
-    def _covering(self, layer: Layer) -> torch.Tensor | None:
-        if layer.cover is None:
-            return None
-        return layer.cover.light(self.plane, self._scale(layer), self.shift)
-
     def light_on(self, plane: Plane) -> NDArray[np.float64]:
-        """Return the light of all layers on another plane, (rows, columns), electrons/s and pixel.
-
-        Hidden parts are included. Each value is the mean over a sample's cell.
-        """
-        pairs = zip(self.target.layers, self.rates, strict=True)
-        light = torch.stack([self._layer_light(layer, rates, plane) for layer, rates in pairs])
+        """Return the light of all layers on another plane, hidden parts included, electrons/s."""
+        light = torch.stack(list(self._lights_on(plane)))
         return np.asarray(light.sum(0, dtype=torch.float64))
 
-    def _layer_light(self, layer: Layer, rates: tuple[float, ...], plane: Plane) -> torch.Tensor:
-        light = torch.zeros(plane.shape)
-        pictures = ((part.picture, rate) for part, rate in zip(layer.parts, rates, strict=True))
-        for picture, weight in merge_pictures(pictures):
-            drawn = picture.light(plane, self._scale(layer), self.shift)
-            light.add_(drawn, alpha=weight)
-        return light
+    def _lights_on(self, plane: Plane) -> Iterator[torch.Tensor]:
+        """Yield the light of each layer, hidden parts included."""
+        for layer, rates in zip(self.target.layers, self.rates, strict=True):
+            light = torch.zeros(plane.shape)
+            pictures = ((part.picture, rate) for part, rate in zip(layer.parts, rates, strict=True))
+            for picture, weight in merge_pictures(pictures):
+                drawn = picture.light(plane, self._scale(layer), self.shift)
+                light.add_(drawn, alpha=weight)
+            yield light

@@ -16,13 +16,15 @@ from optics.formation import rfft2_frequencies
 from optics.fourier import rfft_column_weights
 from optics.plane import Plane
 
-BINS = 64
+Array = NDArray[np.float64]
+Gain = Callable[[Array], Array]
+
+_BINS = 64
 """Number of radial frequency bins without that of frequency 0."""
 
-_INDICES = 16 << 20
-"""Bytes of the cache of bin numbers. A frame of 2448 x 2048 pixels with its margin takes 3 MB."""
-
-Gain = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+_INDICES, _ORDERS = 16 << 20, 32 << 20
+"""Bytes of the caches of bin numbers and of sorted entries. A frame of 2448 x 2048 pixels with its
+margin takes 3 and 12 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,18 +38,15 @@ class RadialProfile:
     count: number of frequencies in a bin over that of the picture's samples.
     """
 
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    power: NDArray[np.float64]
-    least: NDArray[np.float64]
-    count: NDArray[np.float64]
+    low: Array
+    high: Array
+    power: Array
+    least: Array
+    count: Array
 
     @staticmethod
     def of(spectrum: torch.Tensor, plane: Plane) -> RadialProfile:
-        """Sum a spectrum's power in radial bins.
-
-        spectrum: on the plane's rfft2 grid.
-        """
+        """Sum the power of a spectrum on the plane's rfft2 grid in radial bins."""
         numbers, low, high, count = bins(plane)
         index = numbers.flatten().long()
         # Columns between the first and the last count twice, for their mirror images.
@@ -67,56 +66,35 @@ class RadialProfile:
         return math.sqrt(float(self.power.sum()))
 
     def filtered_norm_bound(self, gain: Gain) -> float:
-        """Bound the L2 norm of the picture after a filter.
-
-        gain: function of cycles per metre, not negative. Within each bin, its largest value at nine
-            frequencies is used.
-        """
+        """Bound the picture's L2 norm after a filter, by the largest of nine gains in each bin."""
         return math.sqrt(float((self._largest_gain(gain) ** 2 * self.power).sum()))
 
     def filtered_peak_bound(self, gain: Gain) -> float:
-        """Bound every sample of the picture after a filter with the given gain.
-
-        All frequencies are taken to be in phase.
-        """
+        """Bound every sample of the picture after a filter, as if all frequencies were in phase."""
         return float((self._largest_gain(gain) * np.sqrt(self.count * self.power)).sum())
 
-    def _largest_gain(self, gain: Gain) -> NDArray[np.float64]:
+    def _largest_gain(self, gain: Gain) -> Array:
         steps = np.linspace(0, 1, 9)[:, None]
         return np.asarray(gain(self.low + steps * (self.high - self.low)).max(axis=0))
 
-    def plus(self, other: RadialProfile) -> RadialProfile:
-        """Add two power spectra, as if their pictures were uncorrelated."""
-        return RadialProfile(
-            self.low, self.high, self.power + other.power, self.least + other.least, self.count
-        )
-
 
 @byte_limited_cache(_INDICES)
-def bins(
-    plane: Plane,
-) -> tuple[torch.Tensor, NDArray[np.float64], NDArray[np.float64], torch.Tensor]:
+def bins(plane: Plane) -> tuple[torch.Tensor, Array, Array, torch.Tensor]:
     """Return the radial bin of each frequency of the plane's rfft2 grid, with edges and counts.
 
-    The result is (bin numbers as uint8, lower edges, upper edges, numbers of frequencies).
+    These are bin numbers as uint8, lower and upper edges, and numbers of frequencies.
     """
     fy, fx = rfft2_frequencies(plane)
     # The outer edges have a margin, so that every entry belongs to a bin.
     radius = torch.hypot(fy, fx)
     smallest = 1 / max(n * p for n, p in zip(plane.shape, plane.pitch, strict=True))
     largest = math.hypot(*(0.5 / p for p in plane.pitch))
-    edges = np.geomspace(0.999 * smallest, 1.001 * max(largest, 2 * smallest), BINS + 1)
+    edges = np.geomspace(0.999 * smallest, 1.001 * max(largest, 2 * smallest), _BINS + 1)
     index = torch.bucketize(radius, torch.from_numpy(edges))
     doubled = rfft_column_weights(plane.shape[1]).double().expand_as(radius)
-    count = torch.bincount(index.flatten(), doubled.flatten(), minlength=BINS + 1)
+    count = torch.bincount(index.flatten(), doubled.flatten(), minlength=_BINS + 1)
     low, high = np.concatenate([[0.0], edges[:-1]]), np.concatenate([[0.0], edges[1:]])
     return index.to(torch.uint8), low, high, count
-
-
-Array = NDArray[np.float64]
-
-_ORDERS = 32 << 20
-"""Bytes of the cache of sorted entries. A frame of 2448 x 2048 pixels with margin takes 12 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +126,8 @@ class SampledFrequencies:
         places, shares = [], []
         high = bins(plane)[2]
         for number, (a, b) in enumerate(itertools.pairwise(starts), 1):
-            ring, count = order[a:b], _frequencies_per_ring(high[number] / high[-1])
+            # From 6 frequencies in the innermost ring to 64 in the outermost.
+            ring, count = order[a:b], round(6 + (64 - 6) * (high[number] / high[-1]))
             sums = power[ring].cumsum()
             if not len(ring) or not sums[-1] > 0:
                 continue
@@ -189,20 +168,11 @@ class SampledFrequencies:
     def represented_power(self, squared: torch.Tensor, plane: Plane) -> Array:
         """Return the power of a picture that each frequency represents.
 
-        Without aliases, the powers add up to about the sum of the squares of the picture without
-        its mean, over its samples.
+        Without aliases, it adds up to about the sum of the squares of the picture without its mean.
         squared: |spectrum|² on the plane's rfft2 grid.
         """
         power = (squared * rfft_column_weights(plane.shape[1])).flatten().numpy()[self.place]
         return np.asarray(power * self.share / (plane.shape[0] * plane.shape[1]))
-
-
-def _frequencies_per_ring(radius: float) -> int:
-    """Return how many frequencies sample a ring: from 6 for the innermost to 64 for the outermost.
-
-    radius: the ring's, relative to the outermost.
-    """
-    return round(6 + (64 - 6) * radius)
 
 
 @byte_limited_cache(_ORDERS)
@@ -216,4 +186,4 @@ def _sort_by_ring(plane: Plane) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
     fy, fx = rfft2_frequencies(plane)
     angle = torch.atan2(fy, fx).flatten().numpy()
     order = np.lexsort((angle, index)).astype(np.int32)
-    return order, np.searchsorted(index[order], np.arange(1, BINS + 2))
+    return order, np.searchsorted(index[order], np.arange(1, _BINS + 2))

@@ -22,8 +22,7 @@ class TransferBounds:
 
     low, high: edges of each bin, cycles per metre; nothing is known above the last.
     least, mean_square: least |H| and mean of |H|² over the directions, for the light of the pattern
-        from where it is blurred most.
-    largest_mean_square: the same from where it is blurred least.
+        from where it is blurred most; largest_mean_square: from where it is blurred least.
     most: largest |H| of any light that may reach the sensor.
     max_loss: largest |1 - H| of any such light at all frequencies up to a bin.
     """
@@ -42,27 +41,37 @@ class TransferBounds:
         return np.append(self.max_loss, 2.0)[index]
 
     def modulus_bound(self, frequency: Array, spread: float = 1.0) -> Array:
-        """Bound ``|H|`` near the given frequencies. Beyond the last bin, the last value is used.
-
-        spread: factor by which the blur may be wider or narrower.
-        """
+        """Bound ``|H|`` near frequencies; spread: factor by which the blur may be wider."""
         return largest_near(self.low, self.high, self.most, frequency, spread)
 
     def least_between(self, low: Array, high: Array) -> Array:
         """Return the least ``|H|`` of the pattern's light in each range of frequencies."""
-        return _least(self, self.least, low, high)
+        return self._least(self.least, low, high)
 
     def mean_square_near(self, frequency: Array) -> Array:
         """Estimate the mean of ``|H|²`` over the directions, at frequencies.
 
-        It is that of the distance whose light is blurred least: what stands there also hides light
-        of others by its sharp edges. Beyond the last bin, the last value is used.
+        It is from where light is blurred least: what stands there also hides light of others by its
+        sharp edges. Beyond the last bin, the last value is used.
         """
         index = np.searchsorted(self.high, frequency)
         return self.largest_mean_square[np.minimum(index, len(self.high) - 1)]
 
     def mean_square_between(self, low: Array, high: Array) -> Array:
-        return _least(self, self.mean_square, low, high)
+        return self._least(self.mean_square, low, high)
+
+    def _least(self, values: Array, low: Array, high: Array) -> Array:
+        """Return the least value of the bins that each range touches, neighbours included.
+
+        The value is 0 for a range beyond the last bin.
+        """
+        found = np.zeros(len(low))
+        for k, (a, b) in enumerate(zip(low, high, strict=True)):
+            if b <= self.high[-1]:
+                first = max(int(np.searchsorted(self.high, a)) - 1, 0)
+                last = int(np.searchsorted(self.low, b, side="right")) if b > 0 else 0
+                found[k] = values[first : last + 1].min()
+        return found
 
 
 def largest_near(low: Array, high: Array, values: Array, frequency: Array, spread: float) -> Array:
@@ -79,21 +88,6 @@ def largest_near(low: Array, high: Array, values: Array, frequency: Array, sprea
     found = values[first]
     for step in range(1, int((end - first).max(initial=0)) + 1):
         found = np.maximum(found, values[np.minimum(first + step, end)])
-    return found
-
-
-def _least(of: TransferBounds, values: Array, low: Array, high: Array) -> Array:
-    """Return the least value of the bins that each frequency range touches, neighbours included.
-
-    The value is 0 for a range beyond the last bin.
-    """
-    found = np.zeros(len(low))
-    for k, (a, b) in enumerate(zip(low, high, strict=True)):
-        if b > of.high[-1]:
-            continue
-        first = max(int(np.searchsorted(of.high, a)) - 1, 0)
-        last = int(np.searchsorted(of.low, b, side="right")) if b > 0 else 0
-        found[k] = values[first : last + 1].min()
     return found
 
 

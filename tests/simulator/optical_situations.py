@@ -16,23 +16,22 @@ from optics.light import Band, Spectrum, Waveform, halogen
 from optics.slm import PanelMap, PhaseResponse
 from simulator.effects import registry
 from simulator.effects.band_effects import Bandwidth, Leak
-from simulator.effects.crosstalk import PixelCrosstalk
-from simulator.effects.crystal import CrystalResponse
-from simulator.effects.diffraction import Diffraction
-from simulator.effects.dust import Dust
-from simulator.effects.field_aberrations import FieldAberrations as FieldAberrationsEffect
+from simulator.effects.diffraction import Diffraction, PSFReach
+from simulator.effects.field_effects import FieldAberrations as FieldAberrationsEffect
 from simulator.effects.field_effects import FieldPosition, Vignetting
 from simulator.effects.filter_angle import FilterAngle
-from simulator.effects.focus_effects import AxialColour, FocusDrift
-from simulator.effects.glare import VeilingGlare
-from simulator.effects.image_place import Distortion, LateralColour
-from simulator.effects.interference import Interference
-from simulator.effects.lens_ghosts import LensGhosts
-from simulator.effects.panel_effects import PanelDispersion, PanelEffect
+from simulator.effects.glare import LensGhosts, VeilingGlare
+from simulator.effects.lens_effects import AxialColour, Distortion, FocusDrift, LateralColour
+from simulator.effects.panel_effects import (
+    CrystalResponse,
+    Interference,
+    PanelDispersion,
+    PanelEffect,
+)
 from simulator.effects.panel_orders import PanelOrders
-from simulator.effects.reach import PSFReach
+from simulator.effects.pixel_effects import Dust, PixelCrosstalk
 from simulator.effects.sampling import LightSampling
-from simulator.effects.vibration import Vibration
+from simulator.effects.time_effects import Vibration
 from simulator.formation.mean_picture import expected_electrons
 from simulator.ledger import Ledger
 from simulator.mount import Mount

@@ -14,7 +14,7 @@ from optics.camera import Camera, Lens
 from optics.camera.pupil import pupil_phase
 from optics.light import Band
 from simulator.effects.band_effects import Bandwidth
-from simulator.effects.focus_effects import AxialColour
+from simulator.effects.lens_effects import AxialColour
 from simulator.effects.picture_norms import minimum_norms
 from simulator.focus import focus_range, focus_shifts
 from simulator.imaging import Imaging

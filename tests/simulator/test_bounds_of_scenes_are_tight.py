@@ -30,12 +30,10 @@ from scene_situations import (
 from optics.camera import Camera, Lens, Sensor
 from optics.light import Band, Spectrum, Waveform
 from optics.sensor import Mosaic
-from simulator.effects.depths import DepthLayers
+from simulator.effects.depths import DepthLayers, Occlusion
 from simulator.effects.depths import _gain as depths_gain
-from simulator.effects.mosaic import ColourFilters
-from simulator.effects.moving import Motion, Occlusion
-from simulator.effects.pixel_aperture import PixelAperture
-from simulator.effects.time_effects import LampFlicker, RollingShutter
+from simulator.effects.pixel_effects import ColourFilters, PixelAperture
+from simulator.effects.time_effects import LampFlicker, Motion, RollingShutter
 from simulator.probing.picture_probe import electron_rates
 from simulator.scene import Flat, Sheet, Sheets, Star
 from simulator.scene.polygons import Polygons, rectangle

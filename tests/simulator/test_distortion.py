@@ -11,7 +11,7 @@ from optical_situations import CAMERA, PANEL, STAR, finest, rendered, situation
 from optics.caching import ByteCache
 from optics.camera import Camera, Lens, Sensor
 from optics.camera.camera import RadialDistortion
-from simulator.effects.image_place import Distortion
+from simulator.effects.lens_effects import Distortion
 from simulator.effects.picture_norms import minimum_norms
 from simulator.imaging import Imaging
 from simulator.scene import Flat, PhotographPrint

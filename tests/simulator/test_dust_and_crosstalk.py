@@ -16,8 +16,7 @@ from optics.camera import Camera, Sensor
 from optics.light import Spectrum
 from optics.sensor import Mosaic
 from optics.sensor.crosstalk import mix_neighbours
-from simulator.effects.crosstalk import PixelCrosstalk
-from simulator.effects.dust import Dust
+from simulator.effects.pixel_effects import Dust, PixelCrosstalk
 from simulator.formation.dust_shadows import cast_shadows
 from simulator.imaging import Imaging
 from simulator.scene import Flat, PhotographPrint

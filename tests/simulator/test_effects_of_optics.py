@@ -28,9 +28,9 @@ from optics.polarisation import PathEffect
 from optics.psf import PSFOperator
 from simulator.effects.band_effects import Bandwidth
 from simulator.effects.field_effects import FieldPosition
-from simulator.effects.image_place import Distortion, LateralColour
-from simulator.effects.interference import Interference
-from simulator.effects.lens_ghosts import LensGhosts
+from simulator.effects.glare import LensGhosts
+from simulator.effects.lens_effects import Distortion, LateralColour
+from simulator.effects.panel_effects import Interference
 from simulator.effects.picture_norms import minimum_norms
 from simulator.effects.rendering_work import rendering_operations
 from simulator.effects.time_effects import LampFlicker

@@ -13,8 +13,7 @@ from sweeps import some
 from optics.camera import Camera, Lens, Sensor
 from optics.light import Band, Spectrum, Waveform
 from optics.sensor import Mosaic
-from simulator.effects.mosaic import ColourFilters
-from simulator.effects.pixel_aperture import PixelAperture
+from simulator.effects.pixel_effects import ColourFilters, PixelAperture
 from simulator.effects.time_effects import RollingShutter
 from simulator.probing.picture_probe import electron_rates
 

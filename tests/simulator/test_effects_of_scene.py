@@ -24,9 +24,8 @@ from scene_situations import (
 from sweeps import some
 
 from optics.light import Waveform
-from simulator.effects.depths import DepthLayers
-from simulator.effects.moving import Motion, Occlusion
-from simulator.effects.time_effects import LampFlicker
+from simulator.effects.depths import DepthLayers, Occlusion
+from simulator.effects.time_effects import LampFlicker, Motion
 from simulator.scene import Flat, Sheet, Sheets, Star
 from simulator.scene.polygons import Polygons, rectangle
 

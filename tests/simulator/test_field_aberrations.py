@@ -16,8 +16,8 @@ from optics.camera.field_aberrations import FieldAberrations as Aberrations
 from optics.camera.field_aberrations import add_aberrations
 from optics.light import Band
 from optics.zernike import zernike
-from simulator.effects.field_aberrations import FieldAberrations
-from simulator.effects.field_waves import displacement
+from simulator.effects.field_effects import FieldAberrations
+from simulator.effects.psf_bounds import displacement
 from simulator.mount import Mount
 from simulator.scene import PhotographPrint, Star
 

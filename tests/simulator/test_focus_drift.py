@@ -9,7 +9,7 @@ from optical_situations import CAMERA, STAR, finest, rendered, situation
 
 from optics.caching import ByteCache
 from optics.camera import Camera
-from simulator.effects.focus_effects import AxialColour, FocusDrift
+from simulator.effects.lens_effects import AxialColour, FocusDrift
 from simulator.effects.picture_norms import minimum_norms
 from simulator.imaging import Imaging
 from simulator.scene import Scene

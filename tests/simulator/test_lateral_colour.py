@@ -11,7 +11,7 @@ from optics.caching import ByteCache
 from optics.camera import Camera, Lens
 from optics.light import Band
 from simulator.effects.band_effects import Bandwidth
-from simulator.effects.image_place import LateralColour
+from simulator.effects.lens_effects import LateralColour
 from simulator.effects.picture_norms import minimum_norms
 from simulator.imaging import Imaging
 from simulator.scene import Flat, PhotographPrint

@@ -10,7 +10,7 @@ from optical_situations import CAMERA, STAR, rendered, situation
 
 from optics.caching import ByteCache
 from optics.camera import Camera, Ghost
-from simulator.effects.lens_ghosts import LensGhosts
+from simulator.effects.glare import LensGhosts
 from simulator.effects.picture_norms import minimum_norms
 from simulator.imaging import Imaging
 from simulator.scene import Flat, PhotographPrint

@@ -12,7 +12,7 @@ import simulator.imaging
 from optics.light import Band
 from optics.speckle import RoughSurface
 from simulator.effects.picture_norms import estimated_norms, minimum_norms
-from simulator.effects.speckle import Speckle
+from simulator.effects.pixel_effects import Speckle
 from simulator.imaging import Imaging
 from simulator.mount import Mount
 from simulator.recipe import Recipe

@@ -10,7 +10,7 @@ from optical_situations import CAMERA, STAR, rendered, situation
 from optics.caching import ByteCache
 from optics.camera import Camera
 from simulator.effects.picture_norms import minimum_norms
-from simulator.effects.vibration import Vibration
+from simulator.effects.time_effects import Vibration
 from simulator.formation.vibration import image_vibration
 from simulator.imaging import Imaging
 
