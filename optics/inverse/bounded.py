@@ -16,7 +16,7 @@ from optics.inverse.blur import blur_operator
 from optics.inverse.method import SETUP_COST, Gain, RestorationCost, RestorationMethod
 from optics.inverse.observation import Observation, require_weights
 from optics.inverse.operator import Operator
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
+from optics.inverse.own_terms import in_own_unit
 from optics.inverse.restored_image import RestoredImage
 from optics.inverse.total_variation import total_variation
 from optics.inverse.wiener import wiener
@@ -220,8 +220,7 @@ def _light_in_weight(given: Mapping[str, Any]) -> float:
     return 1.0 if given["prior"] == "total variation" else 0.0
 
 
-@in_own_unit(bounds=("lower", "upper"), weight=_light_in_weight, smoothing=1)
-@with_centred_psf
+@in_own_unit(bounds=("lower", "upper"), weight=_light_in_weight, smoothing=1, centred=True)
 def restore_within_bounds(
     observation: Observation,
     weight: float | None = None,

@@ -82,7 +82,7 @@ def restore(
     chosen = METHODS[name]
     if not chosen.takes_variance:
         observation = without_variance(observation)
-    if not chosen.restores_bands and observation.needs_filters:
+    if not chosen.restores_bands and observation.relative_filters is not None:
         able = [one for one, method in METHODS.items() if method.restores_bands]
         raise ValueError(
             f"method is {name}, which knows no colour filters; take {' or '.join(able)}"
@@ -138,7 +138,7 @@ def choose_method(
                 predicted_gain(gain, case),
             )
             for name in select_methods(METHODS, method)
-            if method or METHODS[name].restores_bands or not observation.needs_filters
+            if method or METHODS[name].restores_bands or observation.relative_filters is None
             if method or denoise is not None or not METHODS[name].needs_denoiser
             for number, gain in METHODS[name].gains.items()
         ],

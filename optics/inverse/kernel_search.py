@@ -15,7 +15,6 @@ import torch
 
 from optics.fourier import irfft2, rfft2
 from optics.inverse.blur import transfer_function
-from optics.inverse.border import extend_periodically
 from optics.inverse.gradient_statistics import NATURAL_GRADIENTS, gradients
 from optics.inverse.latent_image import (
     LatentImageSampler,
@@ -25,6 +24,7 @@ from optics.inverse.latent_image import (
     minimise_nonnegative,
     padded_spectrum,
 )
+from optics.inverse.observation import extend_periodically
 from optics.inverse.operator import squared_modulus
 from optics.inverse.priors import laplacian_spectrum
 from optics.plane import centred_crop, centred_pad

@@ -38,7 +38,8 @@ class RestorationCase:
     def of(cls, observation: Observation) -> RestorationCase:
         """Compute the features of a photograph."""
         observation = observation.in_own_unit
-        explained = max(observation.wiener_prediction.explained_share, 1e-3)
+        share, _ = observation.power_law.wiener_prediction(*observation.squared_mtf_of_centre)
+        explained = max(share, 1e-3)
         ratio = max(observation.disturbance / observation.scale, 1e-6)
         mean = max(float(observation.squared_mtf.detach().mean()), 1e-6)
         return cls(

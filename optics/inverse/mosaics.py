@@ -13,10 +13,9 @@ import torch
 
 from optics.inverse.band_coupling import BandCoupling
 from optics.inverse.blur import Border, blur_shape, transfer_function
-from optics.inverse.border import extend_periodically
 from optics.inverse.frequency_step import frequency_step
 from optics.inverse.noise import PowerLaw, flat_block_noise
-from optics.inverse.observation import Observation, require_psf
+from optics.inverse.observation import Observation, extend_periodically, require_psf
 from optics.inverse.pixel_operators import filter_weights
 from optics.inverse.priors import CURVATURE, DerivativePenalty
 from optics.inverse.psf_origin import about_offset
@@ -92,10 +91,6 @@ class MosaicObservation(Observation):
         return replace(self, psf=psfs.mean(0), psfs=psfs, offset=self.psf_offset)
 
     @property
-    def needs_filters(self) -> bool:
-        return True
-
-    @property
     def is_fully_measured(self) -> bool:
         return False
 
@@ -127,16 +122,12 @@ class MosaicObservation(Observation):
         return transfer_function(self.psfs / light, self.period_shape)
 
     @cached_property
-    def _relative_filters(self) -> torch.Tensor:
+    def relative_filters(self) -> torch.Tensor:
         return self.filters / self.filter_gain
 
     @cached_property
-    def filter_power(self) -> torch.Tensor:
-        return self._relative_filters.square().sum(0)
-
-    @cached_property
     def squared_response(self) -> torch.Tensor:
-        return self.squared_mtf * self._relative_filters.square().mean((-2, -1), keepdim=True)
+        return self.squared_mtf * self.relative_filters.square().mean((-2, -1), keepdim=True)
 
     @cached_property
     def channels(self) -> tuple[Observation, torch.Tensor]:
@@ -146,24 +137,18 @@ class MosaicObservation(Observation):
         channels are the bands.
         """
         down, along = self.filter_period
-        first = self._relative_filters[:, :down, :along].flatten(1).mT
+        first = self.relative_filters[:, :down, :along].flatten(1).mT
         mixing, kinds = torch.unique(first, dim=0, return_inverse=True)
         rows, columns = self.image.shape
         place = torch.arange(rows)[:, None] % down * along + torch.arange(columns) % along
         kind = kinds[place]
-        repeats = torch.equal(mixing[kind].movedim(-1, 0), self._relative_filters)
+        repeats = torch.equal(mixing[kind].movedim(-1, 0), self.relative_filters)
         if not repeats or len(mixing) >= self.bands:
             return super().channels
         masks = torch.stack([kind == one for one in range(len(mixing))]).to(self.image)
         # With these filters, the channels' light has the scale of the bands'.
         own = replace(self, psfs=self.psf[None], filters=masks * self.filter_gain)
         return own, mixing
-
-    def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
-        return (self._relative_filters * light).sum(0, keepdim=True)
-
-    def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
-        return self._relative_filters * frame
 
     def _fitted_power_law(self) -> PowerLaw:
         """Estimate the noise alone: the spectrum of a mosaic isn't modelled."""
@@ -178,25 +163,22 @@ class MosaicObservation(Observation):
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The interpolated bands, extended to the period, (bands, rows, columns)."""
-        bands = self._interpolated_bands()
-        if self.border == "dark":
-            return centred_pad(bands, self.period_shape)
-        return torch.stack([extend_periodically(one, self.period_shape) for one in bands])
+        """The interpolated bands, extended to the period, (bands, rows, columns).
 
-    def _interpolated_bands(self) -> torch.Tensor:
-        """Interpolate each band from the pixels around that see it, (bands, rows, columns).
-
-        This is the start of the demosaicing. It is exact where the scene is even and grey.
+        Each is interpolated from the pixels around that see it, which is exact where the scene is
+        even and grey.
         """
         known = self.effective_weights
         trust = torch.ones_like(self.image) if known is None else known
-        filters, period = self._relative_filters, self.filter_period
+        filters, period = self.relative_filters, self.filter_period
         told = _tent_filter(filters * (self.normalised_image * trust), period)
         share = _tent_filter(filters * filters.sum(0) * trust, period)
         seen = share.abs() > 1e-6 * float(share.abs().max())
         mean = told.sum((-2, -1), keepdim=True) / share.sum((-2, -1), keepdim=True)
-        return torch.where(seen, told / torch.where(seen, share, 1.0), mean)
+        bands = torch.where(seen, told / torch.where(seen, share, 1.0), mean)
+        if self.border == "dark":
+            return centred_pad(bands, self.period_shape)
+        return torch.stack([extend_periodically(one, self.period_shape) for one in bands])
 
 
 def _tent_filter(pictures: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
@@ -258,7 +240,12 @@ def build_mosaic_observation(
     ValueError
         If an argument has the wrong shape or isn't finite, or if no pixel sees one of the bands.
     """
-    rows = _validate_pattern(pattern)
+    rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
+    if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
+        raise ValueError(
+            f"pattern is {pattern!r}; give rows of one letter a pixel, all as long, as in "
+            "('RG', 'GB')"
+        )
     raw, weights = split_mask(raw, weights)
     built: MosaicObservation = _build_mosaic_observation(
         raw, rows, psf, channels, response, noise, border, weights, clipped
@@ -278,8 +265,17 @@ def _build_mosaic_observation(
     weights: torch.Tensor | None,
     clipped: torch.Tensor | None,
 ) -> MosaicObservation:
-    raw = _validate_raw(raw)
-    shares = _validate_response(response, channels).to(raw)
+    if raw.ndim != 2:
+        raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
+    require_finite("raw", raw)
+    raw = as_floating_point(raw)
+    shares = torch.eye(len(channels)) if response is None else response
+    require_finite("response", shares)
+    if shares.ndim != 2 or len(shares) != len(channels):
+        raise ValueError(
+            f"response is {tuple(shares.shape)}; give (channels, bands), of {len(channels)} "
+            f"channels {channels!r}"
+        )
     psfs = torch.ones(1, 1, 1).to(raw) if psf is None else psf.to(raw)
     psfs = psfs[None] if psfs.ndim == 2 else psfs
     return MosaicObservation(
@@ -290,65 +286,20 @@ def _build_mosaic_observation(
         weights if weights is None else weights.to(raw),
         clipped if clipped is None else clipped.to(torch.bool),
         psfs=psfs,
-        filters=filter_weights(rows, shares, channels, raw.shape),
+        filters=filter_weights(rows, shares.to(raw), channels, raw.shape),
         filter_period=(len(rows), len(rows[0])),
     )
 
 
-def _validate_pattern(pattern: Sequence[str]) -> tuple[str, ...]:
-    """Return the rows of a filter pattern; raise ValueError if they are malformed."""
-    rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
-    if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
-        raise ValueError(
-            f"pattern is {pattern!r}; give rows of one letter a pixel, all as long, as in "
-            "('RG', 'GB')"
-        )
-    return rows
+_LUMINANCE = 0.4
+"""Weight of the luminance's curvature relative to that of the colour differences. Chosen."""
 
+_CURVATURE_THRESHOLD = 1.0
+"""Curvature that one iteration sets to zero, over the light's standard deviation. Chosen."""
 
-def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
-    """Return a raw picture in floating point; raise ValueError if it's unusable."""
-    if raw.ndim != 2:
-        raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
-    require_finite("raw", raw)
-    return as_floating_point(raw)
-
-
-def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
-    """Return the filters' response, by default the identity.
-
-    Raises ValueError for a response that isn't finite or has the wrong shape.
-    """
-    if response is None:
-        return torch.eye(len(channels))
-    require_finite("response", response)
-    if response.ndim != 2 or len(response) != len(channels):
-        raise ValueError(
-            f"response is {tuple(response.shape)}; give (channels, bands), of {len(channels)} "
-            f"channels {channels!r}"
-        )
-    return response
-
-
-@dataclass(frozen=True)
-class DemosaicingSettings:
-    """Tune the demosaicing of all bands together. All values are chosen.
-
-    luminance: weight of the luminance's curvature relative to that of the colour differences.
-    curvature_threshold: curvature that one iteration sets to zero, relative to the standard
-        deviation of the light.
-    noiseless_weight: regularisation weight of a picture without noise, relative to the scale of the
-        light.
-    noise_weight: factor of the squared relative noise, which is added to `noiseless_weight`.
-    """
-
-    luminance: float = 0.4
-    curvature_threshold: float = 1.0
-    noiseless_weight: float = 1e-3
-    noise_weight: float = 1.8
-
-
-_SETTINGS = DemosaicingSettings()
+_NOISELESS_WEIGHT, _NOISE_WEIGHT = 1e-3, 1.8
+"""Regularisation weight of a picture without noise, over the light's scale, and the factor of the
+squared relative noise, which is added. Chosen."""
 
 
 @single_threaded
@@ -399,8 +350,8 @@ def demosaic(
         weight / unit if weight else demosaicing_weight(observation.scene_noise, observation.scale)
     )
     prior = DerivativePenalty(
-        BandCoupling.luminance_chrominance(observation.bands, _SETTINGS.luminance),
-        observation.period_shape, _SETTINGS.curvature_threshold * observation.scale,
+        BandCoupling.luminance_chrominance(observation.bands, _LUMINANCE),
+        observation.period_shape, _CURVATURE_THRESHOLD * observation.scale,
         observation.image.dtype, derivative=CURVATURE,
     )  # fmt: skip
     step, settings = frequency_step(observation, iterations), SplittingSettings(iterations, used)
@@ -424,4 +375,4 @@ def demosaicing_weight(noise: float, scale: float) -> float:
     float
         In that unit. Parts of a picture that are demosaiced by themselves need one in common.
     """
-    return scale * (_SETTINGS.noiseless_weight + _SETTINGS.noise_weight * (noise / scale) ** 2)
+    return scale * (_NOISELESS_WEIGHT + _NOISE_WEIGHT * (noise / scale) ** 2)

@@ -11,8 +11,7 @@ from typing import Self
 import torch
 
 from optics.inverse.blur import Border, blur_shape, require_border, transfer_function
-from optics.inverse.border import extend_periodically
-from optics.inverse.noise import PhotographSpectrum, PowerLaw, WienerPrediction, fit_power_law
+from optics.inverse.noise import PowerLaw, fit_power_law
 from optics.inverse.operator import squared_modulus
 from optics.inverse.psf_origin import about_offset, light_offset, shifted_window
 from optics.plane import centred_crop, centred_pad
@@ -37,9 +36,9 @@ MIN_EXPLAINED_SHARE = 3e-3
 class Observation:
     """A photograph with its PSF, noise, border and pixel weights.
 
-    It states the problem that a restoration solves. `build_observation` makes one from arrays of
-    any kind. If the PSF sums to less than 1, part of the light is lost, and the restored scene is
-    brighter than the photograph by the inverse of that sum.
+    It states the problem that a restoration solves; `build_observation` makes one from arrays of
+    any kind. If the PSF sums to less than 1, the restored scene is brighter than the photograph by
+    the inverse of that sum.
 
     Parameters
     ----------
@@ -72,9 +71,9 @@ class Observation:
     Raises
     ------
     ValueError
-        If shapes don't fit or are empty, if a value isn't finite, if the noise or a weight is
-        negative, if the noise is larger than the photograph, if the PSF has no light or more than
-        the scene, if `border` is another word, or if all pixels are clipped or have no weight.
+        If shapes don't fit or are empty, if a value isn't finite, if noise or a weight is negative,
+        if the noise is larger than the photograph, if the PSF has no light or more than the scene,
+        if `border` is another word, or if all pixels are clipped or have no weight.
     """
 
     image: torch.Tensor
@@ -95,12 +94,15 @@ class Observation:
         if not self.image.numel() or not self.psf.numel():
             raise ValueError(f"{shapes}; both need at least one pixel")
         require_psf(self.psf)
-        _require_share(self.psf)
+        share, noise = float(self.psf.detach().sum()), self.given_noise
+        if share > _MOST_LIGHT:
+            raise ValueError(
+                f"psf sums to {share:g}; the sum is the share of the scene's light that arrives, "
+                "at most 1: divide the PSF by its sum"
+            )
         require_border(self.border)
-        if self.given_noise is not None and not (
-            self.given_noise >= 0 and math.isfinite(self.given_noise)
-        ):
-            raise ValueError(f"noise is {self.given_noise:g}; it must be finite, and not negative")
+        if noise is not None and not (noise >= 0 and math.isfinite(noise)):
+            raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
         require_same_shape(
             "image", self.image,
             weights=self.weights, clipped=self.clipped, variance=self.variance,
@@ -108,7 +110,12 @@ class Observation:
         if self.weights is not None:
             require_weights(self.weights)
         require_finite("image", self.image)
-        _require_less_noise(self.image, self.given_noise)
+        brightest = float(self.image.detach().abs().max())
+        if noise is not None and noise > brightest > 0:
+            raise ValueError(
+                f"noise is {noise:g}, and the photograph's largest pixel {brightest:g}; give the "
+                "standard deviation of a pixel in the photograph's unit, or leave it out"
+            )
         if self.effective_weights is not None and not bool(self.effective_weights.any()):
             raise ValueError("every pixel is clipped or has no weight; nothing was measured")
 
@@ -128,17 +135,6 @@ class Observation:
         """Whether derivatives by the photograph, its PSF or weights are recorded."""
         given = (self.image, self.psf, self.weights)
         return torch.is_grad_enabled() and any(needs_gradient(one) for one in given)
-
-    def without_light(self) -> Observation:
-        """Return the same problem for a dark photograph, on the same scale.
-
-        Clipped pixels have no weight in it.
-        """
-        dark = replace(
-            self, image=torch.zeros_like(self.image), weights=self.effective_weights, clipped=None
-        )
-        dark.__dict__["scale"] = self.scale
-        return dark
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
@@ -216,9 +212,9 @@ class Observation:
     @cached_property
     def period_shape(self) -> tuple[int, int]:
         """The (rows, columns) of the period."""
-        rows, columns = self.image.shape
-        frame = rows, columns
-        return frame if self.border == "periodic" else blur_shape(frame, self.psf.shape)
+        if self.border == "periodic":
+            return self.image.shape[0], self.image.shape[1]
+        return blur_shape(self.image.shape, self.psf.shape)
 
     @cached_property
     def otf(self) -> torch.Tensor:
@@ -251,49 +247,44 @@ class Observation:
     @cached_property
     def power_law(self) -> PowerLaw:
         """The power law and noise of the photograph's spectrum, in its unit squared."""
-        own = self.in_own_unit
-        return self._fitted_power_law() if own is self else own.power_law.in_unit(self.unit)
+        own, square = self.in_own_unit, self.unit * self.unit
+        if own is self:
+            return self._fitted_power_law()
+        law = own.power_law
+        variances = law.noise_variance * square, law.model_error_variance * square
+        return PowerLaw(law.strength * square, law.slope, *variances)
 
     def _fitted_power_law(self) -> PowerLaw:
         """Fit the power law to the middle of the photograph."""
         trust = self.effective_weights
         return fit_power_law(
-            self._centre,
+            self.centre,
             self.psf / self.psf_sum,
             finds_model_error=trust is None or bool((trust > 0).all()),
         )
 
     @property
-    def _centre(self) -> torch.Tensor:
-        """The middle of the photograph, whose spectrum is fitted."""
-        return centred_crop(self.inpainted_image.detach(), self._centre_shape) * self.psf_sum
+    def centre(self) -> torch.Tensor:
+        """The middle of the photograph, whose spectrum is fitted.
 
-    @property
-    def centre_spectrum(self) -> PhotographSpectrum | None:
-        """The spectrum of the middle of the photograph; None without structure."""
-        return PhotographSpectrum.of(self._centre)
-
-    @property
-    def wiener_prediction(self) -> WienerPrediction:
-        """What the Wiener filter is predicted to find, from the photograph's power law."""
-        return self.power_law.wiener_prediction(
-            self._squared_mtf_on(self._centre_shape), self._centre_shape
+        512 pixels, or four times the PSF, are enough for the fit.
+        """
+        rows, columns = self.image.shape
+        shape = (
+            min(rows, max(512, 4 * self.psf.shape[0])),
+            min(columns, max(512, 4 * self.psf.shape[1])),
         )
+        return centred_crop(self.inpainted_image.detach(), shape) * self.psf_sum
+
+    @property
+    def squared_mtf_of_centre(self) -> tuple[torch.Tensor, tuple[int, int]]:
+        """The squared MTF on the rfft2 grid of the photograph's middle, and the middle's shape."""
+        rows, columns = self.centre.shape
+        return self._squared_mtf_on((rows, columns)), (rows, columns)
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
         """Compute the squared MTF ``|H|²`` on a period of the given shape."""
         return squared_modulus(transfer_function(self.psf / self.psf_sum, shape))
-
-    @property
-    def _centre_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the middle whose spectrum is fitted.
-
-        512 pixels, or four times the PSF, are enough for the fit.
-        """
-        rows, columns = (
-            min(n, max(512, 4 * m)) for n, m in zip(self.image.shape, self.psf.shape, strict=True)
-        )
-        return rows, columns
 
     @cached_property
     def noise(self) -> float:
@@ -378,41 +369,22 @@ class Observation:
         )
 
     @property
-    def picture_window(self) -> tuple[slice, slice]:
-        """The rows and columns of the period that the picture's frame shows."""
-        if self.border == "periodic":
-            return slice(None), slice(None)
-        first = [
-            whole // 2 - n // 2 + shift
-            for whole, n, shift in zip(
-                self.period_shape, self.image.shape, self.offset, strict=True
-            )
-        ]
-        rows, columns = (
-            slice(max(one, 0), max(one + n, 0))
-            for one, n in zip(first, self.image.shape, strict=True)
-        )
-        return rows, columns
-
-    @property
     def bands(self) -> int:
         """The number of the scene's bands."""
         return 1
 
     @property
-    def needs_filters(self) -> bool:
-        """Whether the photograph was taken through a mosaic of filters."""
-        return False
+    def relative_filters(self) -> torch.Tensor | None:
+        """The transmissions of a mosaic of filters, (bands, rows, columns), over their norm.
+
+        None for a photograph without filters.
+        """
+        return None
 
     @property
     def squared_response(self) -> torch.Tensor:
         """The squared response of blur and filters to each frequency, a mean over the pixels."""
         return self.squared_mtf
-
-    @property
-    def filter_power(self) -> float | torch.Tensor:
-        """The squared transmission of the sensor's filters, summed over the bands."""
-        return 1.0
 
     @property
     def channels(self) -> tuple[Observation, torch.Tensor]:
@@ -429,11 +401,12 @@ class Observation:
         `light` is (bands, rows, columns), and the result is (1, rows, columns), on the scale of
         `normalised_image`.
         """
-        return light
+        filters = self.relative_filters
+        return light if filters is None else (filters * light).sum(0, keepdim=True)
 
     def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
         """Apply the adjoint of sum_bands() to a picture in the frame."""
-        return frame
+        return frame if self.relative_filters is None else self.relative_filters * frame
 
     @torch.no_grad()
     def mean_squared_residual(self, light: torch.Tensor) -> float:
@@ -452,16 +425,6 @@ class Observation:
         return mean / self.scene_noise**2
 
 
-def _require_less_noise(image: torch.Tensor, noise: float | None) -> None:
-    """Raise ValueError for a told noise beside which the photograph is nothing."""
-    brightest = float(image.detach().abs().max())
-    if noise is not None and brightest > 0 and noise > brightest:
-        raise ValueError(
-            f"noise is {noise:g}, and the photograph's largest pixel {brightest:g}; give the "
-            "standard deviation of a pixel in the photograph's unit, or leave it out"
-        )
-
-
 def require_weights(weights: torch.Tensor) -> None:
     """Raise ValueError for weights that are negative, all zero or not finite."""
     require_finite("weights", weights)
@@ -476,16 +439,6 @@ def require_psf(psf: torch.Tensor) -> None:
     light = float(psf.detach().sum())
     if not light > 0:
         raise ValueError(f"psf sums to {light:g}; it must send light somewhere")
-
-
-def _require_share(psf: torch.Tensor) -> None:
-    """Raise ValueError for a PSF that sends more light than there is."""
-    light = float(psf.detach().sum())
-    if light > _MOST_LIGHT:
-        raise ValueError(
-            f"psf sums to {light:g}; the sum is the share of the scene's light that arrives, at "
-            "most 1: divide the PSF by its sum"
-        )
 
 
 def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
@@ -503,3 +456,31 @@ def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
             # Some 25 pixels deep in a gap, too little arrives: what is filled counts as valid.
             value, share = torch.where(missing, 0.0, answer), (~missing).to(image)
     return answer[0, 0]
+
+
+def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """Extend a photograph smoothly to the period `shape`, as FFTs need it.
+
+    The picture is mirrored at each edge. Across the gap, the mirrored parts of two opposite edges
+    are blended into each other by a raised cosine, so that opposite edges meet smoothly.
+    """
+    whole = centred_pad(image, shape)
+    for dim in (-1, -2):
+        n, length = image.shape[dim], shape[dim]
+        gap, first = length - n, length // 2 - n // 2
+        if gap == 0:
+            continue
+        step = torch.arange(gap)
+        ramp = (0.5 * (1 + torch.cos(torch.pi * (step + 1) / (gap + 1)))).to(whole)
+        period = max(2 * n - 2, 1)
+        beyond = torch.stack([n + step, step - gap]) % period
+        after, before = first + torch.where(beyond < n, beyond, period - beyond)
+        filling = torch.lerp(
+            whole.index_select(dim, before),
+            whole.index_select(dim, after),
+            ramp if dim == -1 else ramp[:, None],
+        )
+        end = gap - first
+        whole.narrow(dim, first + n, end).copy_(filling.narrow(dim, 0, end))
+        whole.narrow(dim, 0, first).copy_(filling.narrow(dim, end, first))
+    return whole

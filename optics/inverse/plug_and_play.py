@@ -15,7 +15,7 @@ from optics.inverse.band_coupling import helmert_matrix, transform_bands
 from optics.inverse.method import SETUP_COST, Denoise, Gain, RestorationCost, RestorationMethod
 from optics.inverse.normal_equations import ConjugateGradientStep, NormalEquations
 from optics.inverse.observation import Observation
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
+from optics.inverse.own_terms import in_own_unit
 from optics.inverse.priors import Prior
 from optics.inverse.restored_image import CONVERGED_CHANGE, RestoredImage
 from optics.inverse.splitting import SplittingSettings, restored_image, solve_by_splitting
@@ -180,8 +180,7 @@ _SETTINGS = PlugAndPlaySettings()
 
 @single_threaded
 @torch.no_grad()
-@in_own_unit()
-@with_centred_psf
+@in_own_unit(centred=True)
 def plug_and_play(
     observation: Observation,
     denoise: Denoise,

@@ -9,7 +9,7 @@ import torch
 from optics.inverse.frequency_step import DataProx
 from optics.inverse.method import SETUP_COST, Gain, RestorationCost, RestorationMethod
 from optics.inverse.observation import Observation
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
+from optics.inverse.own_terms import in_own_unit
 from optics.inverse.restored_image import RestoredImage
 from optics.inverse.total_variation import total_variation
 from optics.progress import Progress
@@ -18,8 +18,7 @@ from optics.threads import single_threaded
 
 @single_threaded
 @torch.no_grad()
-@in_own_unit(weight=1)
-@with_centred_psf
+@in_own_unit(weight=1, centred=True)
 def poisson_total_variation(
     observation: Observation,
     weight: float | None = None,

@@ -43,7 +43,7 @@ class RestoredImage:
         Relative change of the picture in each iteration.
     converged : bool, default True
         Whether the method ended by itself, or further iterations would change the picture by
-        little: see has_converged().
+        little: see remaining_change().
     period_image : torch.Tensor or numpy.ndarray, optional
         The restored scene on the whole period, which includes the surroundings whose light reaches
         the frame. A later restoration can start from it. Negative light isn't cut in it.
@@ -100,11 +100,6 @@ def remaining_change(changes: Sequence[float]) -> float:
         return 0.0
     ratio = (last[-1] / max(last[0], last[-1] * 1e-30)) ** (1 / (len(last) - 1))
     return last[-1] * ratio / (1 - ratio) if ratio < 1 else math.inf
-
-
-def has_converged(changes: Sequence[float]) -> bool:
-    """Tell whether more iterations would change the picture by little."""
-    return remaining_change(changes) <= CONVERGED_CHANGE
 
 
 @torch.no_grad()

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.ndimage
 import torch
 
+from optics.inverse.noise import PhotographSpectrum
 from optics.inverse.observation import LEAST_NOISE, Observation
 from optics.inverse.restored_image import RestoredImage, residual_map
 from optics.progress import Progress
@@ -70,7 +71,7 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
         The scale and its evidence; 1 without evidence for a point or an even photograph.
     """
     progress, observation = progress or Progress(), observation.in_own_unit
-    spectrum = observation.centre_spectrum
+    spectrum = PhotographSpectrum.of(observation.centre)
     if spectrum is None or observation.psf_radius == 0:
         return PSFScale(1.0, 0.0, 0)
     likelihoods = dict[float, float]()
@@ -233,10 +234,10 @@ def judge_restoration(
         not any(one.is_grave for one in causes)
         and (rest := _residual_finding(restored)) is not None
         # A mosaic leaves much freedom to its bands, so that they fit some of the noise.
-        and not (observation.needs_filters and rest.cause == "smoothing")
+        and not (observation.relative_filters is not None and rest.cause == "smoothing")
     ):
         causes.append(rest)
-    return Verdict(tuple(causes), judges_psf=not observation.needs_filters)
+    return Verdict(tuple(causes), judges_psf=observation.relative_filters is None)
 
 
 def _scale_finding(scale: PSFScale | None) -> Finding | None:

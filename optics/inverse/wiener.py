@@ -13,7 +13,7 @@ from optics.inverse.method import SETUP_COST, Gain, RestorationCost, Restoration
 from optics.inverse.noise import squared_frequencies
 from optics.inverse.normal_equations import NormalEquations, least_weight
 from optics.inverse.observation import Observation
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
+from optics.inverse.own_terms import in_own_unit
 from optics.inverse.restored_image import RestoredImage
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -35,8 +35,7 @@ _TRIAL_WEIGHTS = torch.logspace(-8, 2, 61, dtype=torch.float64)
 
 
 @single_threaded
-@in_own_unit()
-@with_centred_psf
+@in_own_unit(centred=True)
 def wiener(
     observation: Observation,
     weight: float | None = None,
