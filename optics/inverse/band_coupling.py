@@ -40,7 +40,7 @@ class BandCoupling:
     scales: torch.Tensor | None = None
 
     def __post_init__(self) -> None:
-        for part in self.weights.split(self.groups):
+        for part in torch.split(self.weights, list(self.groups)):
             if not bool((part == part[0]).all()):
                 raise ValueError(
                     f"weights of a group are {part.tolist()}; they must be equal. Give scales to "
@@ -130,11 +130,16 @@ class BandCoupling:
         if self.bands == 1:
             return squares.sqrt() * float(self.weights[0])
         weights = self.weights.square().to(squares.dtype).reshape(-1, *(1,) * (squares.ndim - 1))
-        return torch.stack([part.sum(0) for part in (squares * weights).split(self.groups)]).sqrt_()
+        return torch.stack(
+            [part.sum(0) for part in torch.split(squares * weights, list(self.groups))]
+        ).sqrt_()
 
     def group_totals(self, values: torch.Tensor) -> torch.Tensor:
         """Return the sum of its group's values for each component."""
-        each = [part.sum(0, keepdim=True).expand_as(part) for part in values.split(self.groups)]
+        each = [
+            part.sum(0, keepdim=True).expand_as(part)
+            for part in torch.split(values, list(self.groups))
+        ]
         return torch.cat(each)
 
     def removed_share(self, squares: torch.Tensor, threshold: float, power: float) -> torch.Tensor:
@@ -158,10 +163,10 @@ class BandCoupling:
 
         if set(self.groups) == {1}:
             return removed(squares, self.weights.to(squares.dtype)[:, None, None])
-        weights = [float(part[0]) for part in self.weights.split(self.groups)]
+        weights = [float(part[0]) for part in torch.split(self.weights, list(self.groups))]
         if len(self.groups) == 1:
             return removed(squares.sum(0, keepdim=True), weights[0])
-        for part, weight in zip(squares.split(self.groups), weights, strict=True):
+        for part, weight in zip(torch.split(squares, list(self.groups)), weights, strict=True):
             part.copy_(removed(part.sum(0, keepdim=True), weight))
         return squares
 

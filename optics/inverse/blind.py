@@ -1,17 +1,16 @@
-"""Find a photograph's unknown blur kernel, and the sharp picture with it."""
+"""Find a photograph's unknown blur kernel."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import torch
 
 from optics.inverse.gradient_statistics import LIGHT_DEVIATION, gradients
 from optics.inverse.kernel_search import (
-    EDGE_SETTINGS,
+    EDGE_PENALTIES,
     NormalisedPhotograph,
     align_kernel,
     centred_window_start,
@@ -24,7 +23,6 @@ from optics.inverse.kernel_search import (
 )
 from optics.inverse.observation import LEAST_NOISE
 from optics.inverse.observation_builder import build_observation
-from optics.inverse.restored_image import RestoredImage
 from optics.inverse.total_variation import total_variation
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -36,14 +34,35 @@ GOOD, FAIR = 0.9, 0.7
 MOST_ERROR = math.sqrt(10)
 """Kernel error and noise over the noise, up to which a kernel may be used without a check."""
 
+_SIZE_SLACK = 1.15
+"""Side of the window in which a kernel is estimated, over the requested size, so that the kernel
+may shift. Chosen."""
+
+_SPECK = 0.02
+"""Share of the kernel's peak below which its pixels are set to 0, and share of its light below
+which connected parts are removed. Chosen."""
+
+_MIN_FRAME_SIDES = 3
+"""Smallest side of the photograph, relative to the kernel's. Chosen."""
+
+_STARTS, _PART_ROUNDS = 2, 10
+"""Starts from which a kernel is refined, and rounds of the refinement for a part of the photograph.
+Chosen."""
+
+_MIN_IMPROVEMENT = 1.01
+"""Factor by which the mean of two kernels must lower the unnaturalness to be used. Chosen."""
+
+_MIN_CONTRAST_TO_NOISE, _MAX_CLIPPED_SHARE = 3.0, 0.5
+"""Smallest standard deviation of the photograph over that of the noise, and the largest share of
+clipped pixels. Chosen."""
+
 
 @dataclass(frozen=True, eq=False)
 class KernelEstimate:
     """An estimated blur kernel with its standard deviation and score.
 
-    psf: kernel, (size, size), with its origin at n // 2, nowhere negative, with a sum of 1. Its
-        centroid is as near to the origin as `size` allows, since the photograph doesn't show a
-        shift of the scene.
+    psf: kernel, (size, size), origin at n // 2, nowhere negative, with a sum of 1. Its centroid is
+        as near to the origin as `size` allows: the photograph doesn't show a shift of the scene.
     deviation: standard deviation of each pixel of the kernel, (size, size). It comes from the
         differences between parts of the photograph and between searches from two starts, and
         doesn't include an error that all of them share.
@@ -79,26 +98,7 @@ class KernelEstimate:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class BlindRestoration:
-    """An estimated blur kernel, and the photograph restored with it."""
-
-    kernel: KernelEstimate
-    restored_image: RestoredImage
-
-
-def rank_by_naturalness(
-    photo: NormalisedPhotograph, kernels: Sequence[torch.Tensor], progress: Progress
-) -> list[int]:
-    """Return the indices of blur kernels, first the one whose picture looks most natural."""
-    costs = []
-    for number, kernel in enumerate(kernels):
-        progress.report(number / len(kernels), f"judging kernel {number + 1}/{len(kernels)}")
-        costs.append(unnaturalness(photo, kernel))
-    return sorted(range(len(costs)), key=lambda number: costs[number])
-
-
-def unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
+def _unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
     """Measure how unnatural a photograph looks after it is deblurred with a kernel.
 
     The measure is the mean length of the picture's gradients over their rms. It is high for blurred
@@ -116,63 +116,6 @@ def unnaturalness(photo: NormalisedPhotograph, kernel: torch.Tensor) -> float:
         return math.inf
     left = max(answer.residual, 1e-3)
     return float(inside.abs().mean()) / size * max(left, 1 / left)
-
-
-@dataclass(frozen=True)
-class BlindEstimateSettings:
-    """Tune the estimate of an unknown blur kernel. All values are chosen.
-
-    size_slack: side of the window in which a kernel is estimated, relative to the requested size,
-        so that the kernel may shift.
-    speck_peak_share: pixels of the kernel below this share of its peak are set to 0.
-    speck_light_share: connected parts of the kernel with less than this share of its light are
-        removed.
-    min_frame_sides: smallest side of the photograph, relative to the kernel's.
-    start_count: number of starts from which a kernel is refined.
-    refinement_rounds: rounds of the refinement for a part of the photograph.
-    min_improvement: factor by which the mean of two kernels must lower the unnaturalness to be
-        used.
-    min_contrast_to_noise: smallest standard deviation of the photograph, relative to that of the
-        noise.
-    max_clipped_share: largest share of clipped pixels.
-    """
-
-    size_slack: float = 1.15
-    speck_peak_share: float = 0.02
-    speck_light_share: float = 0.02
-    min_frame_sides: int = 3
-    start_count: int = 2
-    refinement_rounds: int = 10
-    min_improvement: float = 1.01
-    min_contrast_to_noise: float = 3.0
-    max_clipped_share: float = 0.5
-
-
-_SETTINGS = BlindEstimateSettings()
-
-
-def blind_deconvolution(
-    image: torch.Tensor,
-    size: int,
-    *,
-    noise: float | None = None,
-    clipped: torch.Tensor | None = None,
-    progress: Progress | None = None,
-) -> BlindRestoration:
-    """Deblur a photograph with an unknown PSF.
-
-    `find_kernel` estimates the kernel, and raises its ValueErrors. total_variation() restores the
-    picture with the weight by the evidence.
-
-    image: light per pixel on any scale, (rows, columns).
-    size: largest side of the kernel in pixels, 3 or more.
-    noise: standard deviation of a pixel; estimated if None.
-    clipped: True where the well was full, (rows, columns).
-    """
-    progress = progress or Progress()
-    kernel = find_kernel(image, size, noise=noise, clipped=clipped, progress=progress.part(0, 0.95))
-    seen = build_observation(image, kernel.psf, noise, clipped=clipped)
-    return BlindRestoration(kernel, total_variation(seen, progress=progress.part(0.95, 1)))
 
 
 def find_kernel(
@@ -225,14 +168,25 @@ def _find_kernel(
     image = as_floating_point(image).to(torch.float64)
     known = torch.ones_like(image) if clipped is None else (~clipped.to(torch.bool)).to(image)
     level = estimate_photograph_noise(image, known) if noise is None else float(noise)
-    spread = _require_contrast(image, known, level)
+    light = image[known > 0]
+    spread = float(light.std(correction=0))
+    if spread <= max(_MIN_CONTRAST_TO_NOISE * level, LEAST_NOISE * float(light.abs().mean())):
+        raise ValueError(
+            f"image has a standard deviation of {spread:.3g}, with noise of {level:.3g}: it shows "
+            "nothing that a blur could be told by; give a part with sharp edges, or more light"
+        )
     scale = LIGHT_DEVIATION / spread
-    shown = torch.where(known > 0, image, float(image[known > 0].mean())) * scale
+    shown = torch.where(known > 0, image, float(light.mean())) * scale
     photo = NormalisedPhotograph(shown.to(torch.float32), known.to(torch.float32), level * scale)
-    wide = next_odd(_SETTINGS.size_slack * size)
+    wide = next_odd(_SIZE_SLACK * size)
     kernel, other = _most_natural_kernel(photo, wide, progress.part(0, 0.75))
-    again = partial(refine_kernel_by_statistics, rounds=_SETTINGS.refinement_rounds)
-    deviation = kernel_deviation(photo, kernel, other, again, progress.part(0.75, 1))
+    deviation = kernel_deviation(
+        photo,
+        kernel,
+        other,
+        lambda part, start, told: refine_kernel_by_statistics(part, start, told, _PART_ROUNDS),
+        progress.part(0.75, 1),
+    )
     first = centred_window_start(kernel, size)
     psf, unsure = cut_window(kernel, first, size), cut_window(deviation, first, size)
     psf = psf / psf.sum()
@@ -243,50 +197,35 @@ def _find_kernel(
 def _most_natural_kernel(
     photo: NormalisedPhotograph, size: int, progress: Progress
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Estimate two blur kernels from two starts; return the one of lower unnaturalness() first."""
-    count = len(EDGE_SETTINGS)
-    starts = [
-        _remove_specks(
-            search_kernel_by_edges(
-                photo, size, taste, progress.part(0.4 * n / count, 0.4 * (n + 1) / count)
-            )
-        )
-        for n, taste in enumerate(EDGE_SETTINGS)
-    ]
-    best = rank_by_naturalness(photo, starts, progress.part(0.4, 0.5))[: _SETTINGS.start_count]
-    fine = [
-        _remove_specks(
-            refine_kernel_by_statistics(
-                photo, starts[start], progress.part(0.5 + 0.2 * n, 0.5 + 0.2 * (n + 1))
-            )
-        )
-        for n, start in enumerate(best)
-    ]
-    chosen, other = rank_by_naturalness(photo, fine, progress.part(0.9, 0.95))
-    return _combine_kernels(
-        photo, starts[best[chosen]], fine[chosen], progress.part(0.95, 1)
-    ), fine[other]
+    """Estimate two blur kernels from two starts, first the one whose picture looks more natural."""
 
+    def rank(kernels: Sequence[torch.Tensor], told: Progress) -> list[int]:
+        costs = []
+        for number, kernel in enumerate(kernels):
+            told.report(number / len(kernels), f"judging kernel {number + 1}/{len(kernels)}")
+            costs.append(_unnaturalness(photo, kernel))
+        return sorted(range(len(costs)), key=costs.__getitem__)
 
-def _combine_kernels(
-    photo: NormalisedPhotograph, edges: torch.Tensor, fine: torch.Tensor, progress: Progress
-) -> torch.Tensor:
-    """Average two estimated blur kernels if that gives a more natural picture, else keep `fine`.
-
-    Where the errors of the two kernels differ, their mean has a smaller error than either.
-
-    edges: kernel from the photograph's strong edges.
-    fine: kernel from the statistics of natural pictures.
-    """
-    both = align_kernel(edges, fine).clamp(min=0) + fine
+    starts, fine, count = [], [], len(EDGE_PENALTIES)
+    for n, (weight, ridge) in enumerate(EDGE_PENALTIES):
+        told = progress.part(0.4 * n / count, 0.4 * (n + 1) / count)
+        found = search_kernel_by_edges(photo, size, weight, ridge, told)
+        starts.append(without_specks(found, _SPECK, _SPECK))
+    best = rank(starts, progress.part(0.4, 0.5))[:_STARTS]
+    for n, start in enumerate(best):
+        told = progress.part(0.5 + 0.2 * n, 0.5 + 0.2 * (n + 1))
+        found = refine_kernel_by_statistics(photo, starts[start], told)
+        fine.append(without_specks(found, _SPECK, _SPECK))
+    chosen, other = rank(fine, progress.part(0.9, 0.95))
+    # Where the errors of two kernels differ, their mean has a smaller error than either: the one
+    # from strong edges, and the one from statistics.
+    kernel, edges = fine[chosen], starts[best[chosen]]
+    both = align_kernel(edges, kernel).clamp(min=0) + kernel
     mean = both / both.sum()
-    progress.report(0, "judging the mean kernel")
-    better = _SETTINGS.min_improvement * unnaturalness(photo, mean) < unnaturalness(photo, fine)
-    return mean if better else fine
-
-
-def _remove_specks(kernel: torch.Tensor) -> torch.Tensor:
-    return without_specks(kernel, _SETTINGS.speck_peak_share, _SETTINGS.speck_light_share)
+    progress.part(0.95, 1).report(0, "judging the mean kernel")
+    if _MIN_IMPROVEMENT * _unnaturalness(photo, mean) < _unnaturalness(photo, kernel):
+        kernel = mean
+    return kernel, fine[other]
 
 
 def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float:
@@ -300,19 +239,6 @@ def estimate_photograph_noise(image: torch.Tensor, valid: torch.Tensor) -> float
     return float(detail[sound].abs().median()) / 0.6745 if bool(sound.any()) else 0.0
 
 
-def _require_contrast(image: torch.Tensor, valid: torch.Tensor, noise: float) -> float:
-    """Return the standard deviation of a photograph's light; raise ValueError if it's too low."""
-    light = image[valid > 0]
-    spread = float(light.std(correction=0))
-    least = _SETTINGS.min_contrast_to_noise * noise
-    if spread <= max(least, LEAST_NOISE * float(light.abs().mean())):
-        raise ValueError(
-            f"image has a standard deviation of {spread:.3g}, with noise of {noise:.3g}: it shows "
-            "nothing that a blur could be told by; give a part with sharp edges, or more light"
-        )
-    return spread
-
-
 def _require(
     image: torch.Tensor, size: int, noise: float | None, clipped: torch.Tensor | None
 ) -> None:
@@ -322,7 +248,7 @@ def _require(
     require_finite("image", as_floating_point(image))
     if not (isinstance(size, int) and size >= 3):
         raise ValueError(f"size is {size!r}; give a whole number of pixels, 3 or more")
-    sides = _SETTINGS.min_frame_sides
+    sides = _MIN_FRAME_SIDES
     if min(image.shape) < sides * size:
         raise ValueError(
             f"image is {tuple(image.shape)} and size {size}; the photograph must be at least "
@@ -335,8 +261,8 @@ def _require(
         return
     require_same_shape("image", image, clipped=clipped)
     share = float(clipped.to(torch.float64).mean())
-    if share > _SETTINGS.max_clipped_share:
+    if share > _MAX_CLIPPED_SHARE:
         raise ValueError(
-            f"{share:.0%} of the pixels are clipped; at most {_SETTINGS.max_clipped_share:.0%} may "
+            f"{share:.0%} of the pixels are clipped; at most {_MAX_CLIPPED_SHARE:.0%} may "
             "be: expose for less time, or give a part that isn't burnt"
         )

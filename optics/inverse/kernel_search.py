@@ -30,17 +30,8 @@ from optics.inverse.priors import laplacian_spectrum
 from optics.plane import centred_crop, centred_pad
 from optics.progress import Progress
 
-STEP = math.sqrt(2)
+_SCALE_STEP = math.sqrt(2)
 """Ratio between one scale of the kernel search and the next."""
-
-
-def scale_factors(size: int) -> list[float]:
-    """Return the factors by which a photograph is shrunk, from coarse to 1.
-
-    A kernel of `size` has at least 3 pixels at the coarsest scale.
-    """
-    count = max(0, math.floor(math.log(size / 3) / math.log(STEP)))
-    return [STEP**number for number in range(count, -1, -1)]
 
 
 def next_odd(size: float) -> int:
@@ -211,54 +202,27 @@ class StrongEdges:
         return found / total if total > 0 else start
 
 
-@dataclass(frozen=True)
-class EdgeSettings:
-    """Penalties of the search by strong edges.
+EDGE_PENALTIES = (4e-3, 2.0), (2e-2, 2.0), (2e-2, 20.0)
+"""Penalties from which the search by strong edges starts: of each pixel with a gradient, and of the
+kernel's squared norm, for photographs whose light has a standard deviation of LIGHT_DEVIATION.
+Several are tried, since one doesn't suit all photographs."""
 
-    They are for photographs whose light has a standard deviation of LIGHT_DEVIATION.
+_WEIGHT_DIVISOR, _MAX_WEIGHT_DIVISION = 1.1, 40.0
+"""Divisor of the edges' weight in each iteration, and the largest one over all scales. Chosen."""
 
-    weight: first penalty of each pixel with a gradient.
-    ridge: penalty of the kernel's squared norm.
-    """
+_ITERATIONS_PER_SCALE = 5
+"""Iterations of the search by edges at each scale. Chosen."""
 
-    weight: float
-    ridge: float
+_SPECK_SHARE = 0.1
+"""Share of the kernel's light below which connected parts are removed. Chosen."""
 
+_FIRST_NOISE, _MIN_NOISE = 2.0, 1e-3
+"""First noise of the search by statistics, over the photograph's, and the smallest standard
+deviation of the noise, which allows for errors of the model. Chosen."""
 
-EDGE_SETTINGS = (EdgeSettings(4e-3, 2.0), EdgeSettings(2e-2, 2.0), EdgeSettings(2e-2, 20.0))
-"""Penalties from which the search by strong edges starts. Several are tried, since one doesn't suit
-all photographs."""
-
-
-@dataclass(frozen=True)
-class KernelSearchSettings:
-    """Tune the search for a kernel by strong edges and by statistics. All values are chosen.
-
-    weight_divisor: divisor of the edges' weight in each iteration.
-    max_weight_division: largest divisor of the edges' weight over all scales.
-    iterations_per_scale: iterations of the search by edges at each scale.
-    speck_light_share: connected parts of the kernel with less than this share of its light are
-        removed.
-    initial_noise_factor: first noise of the search by statistics, relative to the photograph's
-        noise.
-    burn_in_rounds: first rounds of the search by statistics, in which the kernel doesn't change.
-    history_weight: weight of the earlier samples in each round.
-    seed: seed of the random samples.
-    min_noise: smallest standard deviation of the noise, which allows for errors of the model.
-    """
-
-    weight_divisor: float = 1.1
-    max_weight_division: float = 40.0
-    iterations_per_scale: int = 5
-    speck_light_share: float = 0.1
-    initial_noise_factor: float = 2.0
-    burn_in_rounds: int = 2
-    history_weight: float = 0.75
-    seed: int = 0
-    min_noise: float = 1e-3
-
-
-_SETTINGS = KernelSearchSettings()
+_BURN_IN_ROUNDS, _HISTORY_WEIGHT = 2, 0.75
+"""First rounds of the search by statistics, in which the kernel doesn't change, and the weight of
+the earlier samples in each round. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,53 +245,34 @@ class NormalisedPhotograph:
         known = (downsample(self.valid, factor) > 0.999).to(self.image)
         return NormalisedPhotograph(downsample(self.image, factor), known, self.noise / factor)
 
-    def crop(self, rows: slice, columns: slice) -> NormalisedPhotograph:
-        return NormalisedPhotograph(
-            self.image[rows, columns], self.valid[rows, columns], self.noise
-        )
-
 
 def search_kernel_by_edges(
-    photo: NormalisedPhotograph, size: int, settings: EdgeSettings, progress: Progress
+    photo: NormalisedPhotograph, size: int, weight: float, ridge: float, progress: Progress
 ) -> torch.Tensor:
     """Search for a kernel by strong edges, from coarse to fine scales.
 
     size: odd side of the kernel, which is (size, size).
+    weight, ridge: see EDGE_PENALTIES. The weight decreases from one iteration to the next.
     """
-    kernel, weight = point_kernel(3), settings.weight
+    kernel, first = point_kernel(3), weight
     kernel[1, 0] = kernel[1, 1] = 0.5
-    ladder = scale_factors(size)
+    # From coarse to 1; a kernel has at least 3 pixels at the coarsest scale.
+    count = max(0, math.floor(math.log(size / 3) / math.log(_SCALE_STEP)))
+    ladder = [_SCALE_STEP**number for number in range(count, -1, -1)]
     for number, factor in enumerate(ladder):
         progress.report(number / len(ladder), f"strong edges, 1/{factor:.3g} of the size")
         n = next_odd(size / factor)
-        step = ladder[number - 1] / factor if number else 1.0
-        kernel = enlarge_kernel(kernel, step, n)
-        kernel = refine_kernel_by_edges(
-            photo.downsample(factor), kernel, EdgeSettings(weight, settings.ridge), progress
-        )
-        weight = max(
-            weight / _SETTINGS.weight_divisor**_SETTINGS.iterations_per_scale,
-            settings.weight / _SETTINGS.max_weight_division,
-        )
+        kernel = enlarge_kernel(kernel, ladder[number - 1] / factor if number else 1.0, n)
+        smaller, used = photo.downsample(factor), weight
+        strong = StrongEdges(smaller.image, smaller.valid, (n, n))
+        for _ in range(_ITERATIONS_PER_SCALE):
+            progress.raise_if_cancelled()
+            picture = strong.estimate_picture(kernel, used)
+            kernel = strong.estimate_kernel(picture, kernel, ridge)
+            kernel = without_specks(kernel, 0.0, _SPECK_SHARE)
+            used /= _WEIGHT_DIVISOR
+        weight = max(weight / _WEIGHT_DIVISOR**_ITERATIONS_PER_SCALE, first / _MAX_WEIGHT_DIVISION)
         kernel = centre_kernel(kernel, n)
-    return kernel
-
-
-def refine_kernel_by_edges(
-    photo: NormalisedPhotograph, kernel: torch.Tensor, settings: EdgeSettings, progress: Progress
-) -> torch.Tensor:
-    """Improve a kernel by a photograph's strong edges, at one scale.
-
-    The weight of the penalty on edges decreases from one iteration to the next.
-    """
-    weight = settings.weight
-    strong = StrongEdges(photo.image, photo.valid, (kernel.shape[0], kernel.shape[1]))
-    for _ in range(_SETTINGS.iterations_per_scale):
-        progress.raise_if_cancelled()
-        picture = strong.estimate_picture(kernel, weight)
-        kernel = strong.estimate_kernel(picture, kernel, settings.ridge)
-        kernel = without_specks(kernel, 0.0, _SETTINGS.speck_light_share)
-        weight /= _SETTINGS.weight_divisor
     return kernel
 
 
@@ -341,22 +286,24 @@ def refine_kernel_by_statistics(
     assumed noise decreases to the photograph's noise in the last of the `rounds`.
     """
     size = start.shape[0], start.shape[1]
-    latent = LatentImageSampler(photo.image, photo.valid, NATURAL_GRADIENTS, size, _SETTINGS.seed)
-    kernel, noise = start, max(photo.noise, _SETTINGS.min_noise)
+    latent = LatentImageSampler(photo.image, photo.valid, NATURAL_GRADIENTS, size, seed=0)
+    kernel, noise = start, max(photo.noise, _MIN_NOISE)
     told: QuadraticProblem | None = None
     for number in range(rounds):
         progress.report(number / rounds, f"natural statistics {number + 1}/{rounds}")
-        factor = _SETTINGS.initial_noise_factor ** (1 - number / (rounds - 1))
+        factor = _FIRST_NOISE ** (1 - number / (rounds - 1))
         latent.sample(kernel, noise * factor)
         now = latent.kernel_problem(kernel)
-        told = now if told is None else told.blend_with(_SETTINGS.history_weight, now)
-        if number >= _SETTINGS.burn_in_rounds:
+        if told is not None:
+            now = QuadraticProblem(
+                torch.lerp(now.normal_matrix, told.normal_matrix, _HISTORY_WEIGHT),
+                torch.lerp(now.right_hand_side, told.right_hand_side, _HISTORY_WEIGHT),
+            )
+        told = now
+        if number >= _BURN_IN_ROUNDS:
             kernel = minimise_nonnegative(told, kernel, sum_is_one=True)
     return kernel
 
-
-RefineKernel = Callable[[NormalisedPhotograph, torch.Tensor, Progress], torch.Tensor]
-"""A function that refines a kernel for a photograph, starting from a similar kernel."""
 
 _PARTS = 2
 """Number of parts into which the photograph is divided along each axis."""
@@ -366,7 +313,7 @@ def kernel_deviation(
     photo: NormalisedPhotograph,
     kernel: torch.Tensor,
     rival: torch.Tensor,
-    refine: RefineKernel,
+    refine: Callable[[NormalisedPhotograph, torch.Tensor, Progress], torch.Tensor],
     progress: Progress,
 ) -> torch.Tensor:
     """Estimate the standard deviation of each pixel of a kernel.
@@ -381,7 +328,11 @@ def kernel_deviation(
     square = torch.zeros_like(kernel)
     for number in range(_PARTS**2):
         y, x = divmod(number, _PARTS)
-        part = photo.crop(_part_slice(rows, y), _part_slice(columns, x))
+        inside = (
+            slice(rows * y // _PARTS, rows * (y + 1) // _PARTS),
+            slice(columns * x // _PARTS, columns * (x + 1) // _PARTS),
+        )
+        part = NormalisedPhotograph(photo.image[inside], photo.valid[inside], photo.noise)
         told = progress.part(number / _PARTS**2, (number + 1) / _PARTS**2)
         square += (align_kernel(refine(part, kernel, told), kernel) - kernel).square()
     # The factor of 2 in the deviation allows for the error that all parts share. It was measured on
@@ -418,8 +369,3 @@ def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
     ]
     moved = torch.fft.ifft2(spectrum * turn[0][:, None] * turn[1]).real
     return moved[:rows, :columns].to(kernel)
-
-
-def _part_slice(length: int, number: int) -> slice:
-    """Return the slice of one of the photograph's parts along an axis of `length`."""
-    return slice(math.floor(length * number / _PARTS), math.floor(length * (number + 1) / _PARTS))

@@ -27,24 +27,10 @@ class QuadraticProblem:
     normal_matrix: torch.Tensor
     right_hand_side: torch.Tensor
 
-    def value(self, kernel: torch.Tensor) -> float:
-        flat = kernel.ravel()
-        return float(0.5 * flat @ (self.normal_matrix @ flat) - self.right_hand_side.ravel() @ flat)
-
     def with_ridge(self, weight: float) -> QuadraticProblem:
         """Return the problem with ``weight * |k|² / 2`` added."""
         eye = torch.eye(self.normal_matrix.shape[0], dtype=self.normal_matrix.dtype)
         return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
-
-    def blend_with(self, own_weight: float, new: QuadraticProblem) -> QuadraticProblem:
-        """Return the weighted mean of two problems.
-
-        own_weight: weight of this problem, from 0 to 1.
-        """
-        return QuadraticProblem(
-            torch.lerp(new.normal_matrix, self.normal_matrix, own_weight),
-            torch.lerp(new.right_hand_side, self.right_hand_side, own_weight),
-        )
 
 
 def fast_period(rows: int, columns: int) -> tuple[int, int]:
@@ -73,15 +59,11 @@ def least_squares_problem(
     power = (sharp.real.square() + sharp.imag.square()).sum(0)
     own = irfft2(power.to(sharp.dtype), period)
     pull = irfft2((sharp.conj() * blurred).sum(0), period)[: shape[0], : shape[1]]
-    return QuadraticProblem(_toeplitz(own, shape), pull)
-
-
-def _toeplitz(autocorrelation: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
-    """Build the matrix of the autocorrelation at the lag between each two pixels of the kernel."""
+    # The matrix has the autocorrelation at the lag between each two pixels of the kernel.
     y = torch.arange(shape[0]).repeat_interleave(shape[1])
     x = torch.arange(shape[1]).repeat(shape[0])
-    rows, columns = autocorrelation.shape
-    return autocorrelation[(y[:, None] - y) % rows, (x[:, None] - x) % columns]
+    matrix = own[(y[:, None] - y) % period[0], (x[:, None] - x) % period[1]]
+    return QuadraticProblem(matrix, pull)
 
 
 def minimise_nonnegative(
@@ -93,9 +75,16 @@ def minimise_nonnegative(
     10.1137/080716542; O'Donoghue and Candès 2015, doi 10.1007/s10208-013-9150-3). `sum_is_one`
     limits the kernels to those with a sum of 1.
     """
-    size = _largest_eigenvalue(problem.normal_matrix)
-    if size <= 0:
-        return start
+    # 1.1 times the estimate of the power iteration is an upper bound of the largest eigenvalue of
+    # a Toeplitz matrix with mostly positive entries.
+    vector, size = torch.ones(start.numel(), dtype=problem.normal_matrix.dtype), 0.0
+    for _ in range(20):
+        vector = problem.normal_matrix @ vector
+        size = float(torch.linalg.vector_norm(vector))
+        if size == 0:
+            return start
+        vector = vector / size
+    size *= 1.1
     normal, pull = problem.normal_matrix / size, problem.right_hand_side.ravel() / size
     now = ahead = start.ravel()
     pace = 1.0
@@ -124,23 +113,6 @@ def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
     count = torch.arange(1, values.numel() + 1, dtype=values.dtype)
     last = int((sorted_down - excess / count > 0).sum()) - 1
     return (values - excess[last] / (last + 1)).clamp(min=0)
-
-
-def _largest_eigenvalue(normal: torch.Tensor, steps: int = 20) -> float:
-    """Bound the largest eigenvalue of a kernel's normal matrix.
-
-    The result is 1.1 times the estimate of the power iteration, which makes it an upper bound for a
-    Toeplitz matrix with mostly positive entries.
-    """
-    vector = torch.ones(normal.shape[0], dtype=normal.dtype)
-    size = 0.0
-    for _ in range(steps):
-        vector = normal @ vector
-        size = float(torch.linalg.vector_norm(vector))
-        if size == 0:
-            return 0.0
-        vector = vector / size
-    return 1.1 * size
 
 
 class LatentImageSampler:
