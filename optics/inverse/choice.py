@@ -73,7 +73,15 @@ def restore(
         arguments exclude each other, or if the method raises it.
     """
     speed, progress = speed or MachineSpeed(), progress or Progress()
-    _require(budget, method, weight, count)
+    if budget is not None:
+        require_positive("budget", budget, "s")
+    select_methods(METHODS, method)
+    if method is None and not weight is count is None:
+        raise ValueError("weight and count are a method's; name the method as well")
+    if budget is not None and count is not None:
+        raise ValueError("budget and count are both given; give one of them")
+    if count is not None:
+        require_count("count", count)
     if budget is not None:
         name, number = choose_method(observation, budget, method, denoise=denoise, speed=speed)
     else:
@@ -92,21 +100,6 @@ def restore(
     restored = chosen.solve(observation, weight, iterations=number, progress=progress, **own)
     progress.report(1, restored.method)
     return restored.to_numpy() if observation.is_numpy else restored
-
-
-def _require(
-    budget: float | None, method: str | None, weight: float | None, count: int | None
-) -> None:
-    """Raise ValueError for invalid arguments of restore(), or for ones that exclude each other."""
-    if budget is not None:
-        require_positive("budget", budget, "s")
-    select_methods(METHODS, method)
-    if method is None and not weight is count is None:
-        raise ValueError("weight and count are a method's; name the method as well")
-    if budget is not None and count is not None:
-        raise ValueError("budget and count are both given; give one of them")
-    if count is not None:
-        require_count("count", count)
 
 
 def choose_method(

@@ -61,7 +61,7 @@ class LayeredObservation(Observation):
 
     @property
     def psf_offset(self) -> tuple[int, int]:
-        """0: the map of layers holds where the PSFs put the picture."""
+        # The map of layers holds where the PSFs put the picture.
         return 0, 0
 
     @cached_property

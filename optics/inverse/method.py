@@ -53,10 +53,9 @@ class RestorationCase:
 
 @dataclass(frozen=True)
 class Gain:
-    """A gain in PSNR over the blurred photograph, dB, which is linear in the features of its case.
+    """A gain in PSNR over the blurred photograph, dB: `usual` where all features are 0.
 
-    `usual` is the gain where all features are 0, and the others are its change for 1 of a feature:
-    see RestorationCase.
+    It is linear in the features of its case, see RestorationCase: the others are its change for 1.
     """
 
     usual: float
@@ -95,16 +94,10 @@ class Denoise(Protocol):
 class RestorationCost:
     """The operations of a method, from which its time is predicted.
 
-    Attributes
-    ----------
-    transforms : float
-        Number of two-dimensional real FFTs of the whole period.
-    passes : float
-        Number of passes over all samples of the period.
-    multiply_adds : float
-        Number of multiplications and additions per pixel of the period.
-    centre_passes : float
-        Number of passes over the middle of the photograph, whose spectrum is computed.
+    transforms: number of two-dimensional real FFTs of the whole period.
+    passes: number of passes over all samples of the period.
+    multiply_adds: number of multiplications and additions per pixel of the period.
+    centre_passes: passes over the middle of the photograph, whose spectrum is computed.
     """
 
     transforms: float
@@ -147,30 +140,18 @@ class Solve(Protocol):
 class RestorationMethod:
     """A method that undoes blur, with its gain and its cost.
 
-    Attributes
-    ----------
-    description : str
-        The method in a few words.
-    solve : Solve
-        The function that restores a photograph.
-    gains : mapping of int to float or Gain
-        Gain in PSNR over the blurred photograph in dB, by the number of iterations or rounds: a
+    description: the method in a few words.
+    solve: the function that restores a photograph.
+    gains: gain in PSNR over the blurred photograph in dB, by the number of iterations or rounds: a
         number, or one that depends on the case.
-    default_count : int
-        Default number of iterations or rounds.
-    setup_cost : RestorationCost
-        Cost that occurs once.
-    iteration_cost : callable
-        Cost of each iteration, for an observation.
-    needs_denoiser : bool
-        Whether `solve` needs the argument `denoise` as well.
-    restores_bands : bool
-        Whether scenes of several bands, seen through a mosaic of filters, are restored too.
-    takes_variance : bool
-        Whether the photograph's variance map is used. Other methods take one noise for all pixels.
-    slow_if_wide : bool
-        Whether twice the default number is needed where a wide PSF brings much light from beyond
-        the frame.
+    default_count: default number of iterations or rounds.
+    setup_cost: cost that occurs once.
+    iteration_cost: cost of each iteration, for an observation.
+    needs_denoiser: whether `solve` needs the argument `denoise` as well.
+    slow_if_wide: whether twice the default number is needed where a wide PSF brings much light from
+        beyond the frame.
+    restores_bands: whether scenes of several bands, seen through a mosaic of filters, are restored.
+    takes_variance: whether the photograph's variance map is used, not one noise for all pixels.
     """
 
     description: str

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -40,11 +40,8 @@ def conjugate_gradients(
 
     normal: applies the symmetric positive definite matrix to an x.
     residual: b less normal(start); it is overwritten.
-    start: first estimate of x.
     preconditioner: approximate inverse of `normal`, one factor for each unknown.
-    inner_product: inner product of two such x.
-    tolerance: the solver ends when the inner product of the residual and the preconditioned
-        residual is at most this.
+    tolerance: the inner product of residual and preconditioned residual at which the solver ends.
     steps: largest number of steps.
     """
     turned = residual * preconditioner
@@ -126,30 +123,35 @@ class LinearEquations(ABC):
         """Return the mean squared residual, relative to the noise variance."""
 
     def solve(
-        self,
-        penalty: torch.Tensor,
-        start: torch.Tensor,
-        steps: int,
-        pull: torch.Tensor | None = None,
-    ) -> tuple[torch.Tensor, int, float]:
-        """Solve the equations from the spectra `start`: see solve_on_frequencies().
-
-        penalty: K of each frequency.
-        pull: spectrum of K z; 0 if None.
-        """
-        wanted = self.data_spectrum if pull is None else self.data_spectrum + pull
-        return self._solve(wanted, penalty, start, steps)
-
-    def _solve(
         self, wanted: torch.Tensor, penalty: torch.Tensor, start: torch.Tensor, steps: int
     ) -> tuple[torch.Tensor, int, float]:
+        """Solve the equations from the spectra `start`, for the right-hand side `wanted`.
+
+        Returns the solution's spectrum, the number of steps, and the residual relative to the
+        right-hand side, in the preconditioner's norm: see conjugate_gradients().
+
+        penalty: K of each frequency.
+        """
         inverse = self._denominator(penalty).reciprocal_().detach()
         if self.is_diagonal:
             return wanted * inverse, 0, 0.0
-        return solve_on_frequencies(
-            lambda x: self.apply_data_gram(x).add_(x * penalty),
-            wanted, start, inverse, self._count, steps,
-        )  # fmt: skip
+
+        def normal(x: torch.Tensor) -> torch.Tensor:
+            return self.apply_data_gram(x).add_(x * penalty)
+
+        @torch.no_grad()
+        def inner(a: torch.Tensor, b: torch.Tensor) -> float:
+            """Return the inner product of two real pictures, up to a constant factor."""
+            products = (a.real * b.real + a.imag * b.imag) * self._count
+            return float(products.sum(dtype=torch.float64))
+
+        # The residual may be 1e-5 of the right-hand side.
+        whole = inner(wanted, wanted * inverse)
+        left = wanted - normal(start)
+        found, taken, rest = conjugate_gradients(
+            normal, left, start, inverse, inner, 1e-5**2 * whole, steps
+        )
+        return found, taken, math.sqrt(rest / whole) if whole > 0 else 0.0
 
     def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
         """Return ``|H|² + K``, kept above 0 for its inversion."""
@@ -196,9 +198,8 @@ class NormalEquations(LinearEquations):
     ) -> torch.Tensor:
         """Return the solution's picture on the whole period, with its derivatives.
 
-        The derivatives are those of the exact solution (implicit function theorem), by all that
-        photograph, PSF and slope depend on. They take the memory of one application of the
-        equations, whatever the number of iterations was.
+        They are those of the exact solution (implicit function theorem), by all that photograph,
+        PSF and slope depend on, and take the memory of one application of the equations.
 
         spectrum: the solution, where the pull of the data, H* M (y - H x), and the prior's slope
             cancel.
@@ -211,22 +212,6 @@ class NormalEquations(LinearEquations):
         step = _SymmetricSolution.apply(left, solve)  # type: ignore[no-untyped-call]
         picture: torch.Tensor = self.picture(found) + step
         return picture
-
-    def linear_response(
-        self, penalty: torch.Tensor, steps: int
-    ) -> Callable[[torch.Tensor], torch.Tensor]:
-        """Return a function that solves the equations for any right-hand side.
-
-        penalty: K of each frequency.
-        steps: number of steps of conjugate gradients.
-        """
-
-        def solve(picture: torch.Tensor) -> torch.Tensor:
-            wanted = rfft2(picture)
-            answer, *_ = self._solve(wanted, penalty, torch.zeros_like(wanted), steps)
-            return irfft2(answer, self.observation.period_shape)
-
-        return solve
 
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
         """Convert a spectrum to the picture on the whole period, with its mean."""
@@ -276,10 +261,9 @@ class _SymmetricSolution(torch.autograd.Function):
 
 
 class ConjugateGradientStep(PictureStep):
-    """The picture's step of an iteration by splitting, by a few steps of conjugate gradients.
+    """The picture's step of an iteration by splitting, by `steps` of conjugate gradients.
 
     They start from the last picture, the first time from `start`, which is the photograph if None.
-    `steps` is their number.
     """
 
     def __init__(
@@ -297,8 +281,9 @@ class ConjugateGradientStep(PictureStep):
             if prior.adjoint_target is not None:
                 pulled = prior.adjoint_target * coupling
                 target = pulled if target is None else target.add_(pulled)
-        pull = None if target is None else rfft2(target)
-        self._spectrum, *_ = self._equations.solve(penalty, self._spectrum, self._steps, pull)
+        wanted = self._equations.data_spectrum
+        wanted = wanted if target is None else wanted + rfft2(target)
+        self._spectrum, *_ = self._equations.solve(wanted, penalty, self._spectrum, self._steps)
         return irfft2(self._spectrum, self.observation.period_shape)
 
     def blend_with(self, picture: torch.Tensor, share: float) -> torch.Tensor:
@@ -312,36 +297,3 @@ class ConjugateGradientStep(PictureStep):
 
     def residual_of(self, picture: torch.Tensor) -> float:
         return self._equations.mean_squared_residual(rfft2(picture))
-
-
-def solve_on_frequencies(
-    normal: Callable[[torch.Tensor], torch.Tensor],
-    right_hand_side: torch.Tensor,
-    spectrum: torch.Tensor,
-    preconditioner: torch.Tensor,
-    count: torch.Tensor,
-    steps: int,
-) -> tuple[torch.Tensor, int, float]:
-    """Solve normal equations on rfft2 spectra by conjugate gradients, from `spectrum`.
-
-    Returns the solution's spectrum, the number of steps, and the residual relative to the
-    right-hand side, in the preconditioner's norm: see conjugate_gradients().
-
-    count: from optics.fourier.rfft_column_weights().
-    """
-
-    inner = partial(_inner_product, count=count)
-    # The residual may be 1e-5 of the right-hand side, in the preconditioner's norm.
-    whole = inner(right_hand_side, right_hand_side * preconditioner)
-    left = right_hand_side - normal(spectrum)
-    found, taken, rest = conjugate_gradients(
-        normal, left, spectrum, preconditioner, inner, 1e-5**2 * whole, steps
-    )
-    return found, taken, math.sqrt(rest / whole) if whole > 0 else 0.0
-
-
-@torch.no_grad()
-def _inner_product(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
-    """Return the inner product of two real pictures by rfft2 spectra, up to a constant factor."""
-    products = (a.real * b.real + a.imag * b.imag) * count
-    return float(products.sum(dtype=torch.float64))

@@ -49,7 +49,18 @@ def with_variance(observation: Observation, variance: torch.Tensor) -> Observati
     variance: variance of each pixel, (rows, columns), above 0, in the photograph's unit squared;
         infinite where nothing was measured.
     """
-    _require_variance(observation, variance)
+    shape = tuple(observation.image.shape)
+    if tuple(variance.shape) != shape:
+        raise ValueError(f"variance is {tuple(variance.shape)} and image {shape}; give one a pixel")
+    unknown = int(torch.isnan(variance).sum())
+    if unknown:
+        raise ValueError(f"variance is NaN at {unknown} pixels; it's infinite where unmeasured")
+    wrong = int((variance <= 0).sum())
+    if wrong:
+        raise ValueError(
+            f"variance is {float(variance.min()):g} at its least, and at {wrong} pixels not above "
+            "0; give the squared standard deviation of each pixel, which read noise keeps above 0"
+        )
     trust = observation.effective_weights
     measured = torch.isfinite(variance)
     used = measured if trust is None else measured & (trust > 0)
@@ -60,24 +71,17 @@ def with_variance(observation: Observation, variance: torch.Tensor) -> Observati
     known = variance[used].to(torch.float64)
     mean, deviation = float(known.mean()), float(known.sqrt().mean())
     # The weight of a clipped pixel doesn't matter, but it must not look like a dead one.
-    kept = torch.isfinite(variance)
-    if observation.weights is not None:
-        kept &= observation.weights > 0
+    given = torch.ones_like(measured) if observation.weights is None else observation.weights > 0
+    kept = measured & given
     if observation.clipped is not None:
-        kept |= observation.clipped & (
-            torch.ones_like(kept) if observation.weights is None else observation.weights > 0
-        )
+        kept |= observation.clipped & given
     if mean <= EVEN_SPREAD * deviation**2:
         weights = None if bool(kept.all()) else kept.to(observation.image)
         return replace(observation, given_noise=mean**0.5, weights=weights, variance=None)
     inverse = torch.where(used, variance, mean).to(torch.float64).rsqrt()
     weights = (inverse * (mean / deviation) * kept).to(observation.image)
-    return replace(
-        observation,
-        given_noise=mean**0.5,
-        weights=weights,
-        variance=variance.to(torch.float64),
-    )
+    variance = variance.to(torch.float64)
+    return replace(observation, given_noise=mean**0.5, weights=weights, variance=variance)
 
 
 def with_doubted_variance(observation: Observation, variance: torch.Tensor) -> Observation:
@@ -101,22 +105,6 @@ def without_variance(observation: Observation) -> Observation:
     used = observation.weights > 0
     weights = None if bool(used.all()) else used.to(observation.image)
     return replace(observation, weights=weights, variance=None)
-
-
-def _require_variance(observation: Observation, variance: torch.Tensor) -> None:
-    """Raise ValueError for a variance map of another shape, or not above 0, or NaN."""
-    shape = tuple(observation.image.shape)
-    if tuple(variance.shape) != shape:
-        raise ValueError(f"variance is {tuple(variance.shape)} and image {shape}; give one a pixel")
-    unknown = int(torch.isnan(variance).sum())
-    if unknown:
-        raise ValueError(f"variance is NaN at {unknown} pixels; it's infinite where unmeasured")
-    wrong = int((variance <= 0).sum())
-    if wrong:
-        raise ValueError(
-            f"variance is {float(variance.min()):g} at its least, and at {wrong} pixels not above "
-            "0; give the squared standard deviation of each pixel, which read noise keeps above 0"
-        )
 
 
 def build_observation(
@@ -187,9 +175,8 @@ def _build_observation(
     clipped: torch.Tensor | None,
     variance: torch.Tensor | None,
 ) -> Observation:
-    given = {"image": image, "psf": psf, "weights": weights, "clipped": clipped}
-    given["variance"] = variance
-    for name, value in given.items():
+    given = (image, psf, weights, clipped, variance)
+    for name, value in zip(("image", "psf", "weights", "clipped", "variance"), given, strict=True):
         require_tensor(name, value)
         if value is not None and value.is_complex():
             raise TypeError(f"{name} is of {value.dtype}; give real numbers")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 
 from optics.fourier import irfft2, rfft2
@@ -55,8 +53,10 @@ def richardson_lucy(
         if not 0 <= value < float("inf"):
             raise ValueError(f"{name} is {value:g}; give 0 or more")
     progress = progress or Progress()
-    likelihood = _Likelihood.of(observation)
-    path = _Iterates(likelihood.initial_picture(), accelerate)
+    likelihood = _Likelihood(observation)
+    even = torch.full_like(likelihood.data, likelihood.mean_light)
+    even = even if observation.support is None else even * observation.support
+    path = _Iterates(even, accelerate)
     change, ended = list[float](), False
     for number in range(iterations):
         progress.report(number / iterations, f"Richardson-Lucy {number + 1}/{iterations}")
@@ -82,56 +82,38 @@ def richardson_lucy(
     )
 
 
-@dataclass(frozen=True, eq=False)
 class _Likelihood:
-    """The Poisson likelihood of pictures on the whole period."""
+    """The Poisson likelihood of pictures on the whole period.
 
-    observation: Observation
-    otf: torch.Tensor
-    conjugate_otf: torch.Tensor
-    data: torch.Tensor
-    period_weights: torch.Tensor
-    inverse_sensitivity: torch.Tensor
-    restorable: torch.Tensor | None
-    mean_light: float
+    data: the photograph, without negative light.
+    mean_light: of the scene, above 0.
+    """
 
-    @classmethod
-    def of(cls, observation: Observation) -> _Likelihood:
-        """Prepare the likelihood of a blurred photograph."""
-        psf = observation.psf.clamp(min=0) / observation.psf_sum
-        transfer = transfer_function(psf, observation.period_shape)
-        data = observation.normalised_image.clamp(min=0)
-        trust = (
-            torch.ones_like(data)
-            if observation.effective_weights is None
-            else observation.effective_weights
+    def __init__(self, observation: Observation) -> None:
+        self._shape = shape = observation.period_shape
+        self._transfer = transfer_function(
+            observation.psf.clamp(min=0) / observation.psf_sum, shape
         )
-        measured = centred_pad(trust, observation.period_shape)
-        back = transfer.conj().resolve_conj()
-        reached = irfft2(rfft2(measured) * back, observation.period_shape)
+        self._conjugate = self._transfer.conj().resolve_conj()
+        data, trust = observation.normalised_image.clamp(min=0), observation.effective_weights
+        trust = torch.ones_like(data) if trust is None else trust
+        self._weights = centred_pad(trust, shape)
+        reached = irfft2(rfft2(self._weights) * self._conjugate, shape)
         # A place that sends less than 1 % of the largest share of light into the frame can't be
         # restored, and isn't changed.
         least = 0.01 * float(reached.max())
         known = reached > least
         if observation.support is not None:
             known &= observation.support > 0
-        step = torch.where(known, 1 / reached.clamp(min=least), 0.0)
-        light = float((data.detach() * trust).sum() / trust.sum() / transfer[0, 0].real)
-        level = max(light, float(torch.finfo(data.dtype).tiny))
-        data = centred_pad(data, observation.period_shape)
-        everywhere = bool(known.all())
-        return cls(
-            observation, transfer, back, data, measured, step, None if everywhere else known, level
-        )
-
-    def initial_picture(self) -> torch.Tensor:
-        """Return even light inside the scene's support."""
-        even = torch.full_like(self.data, self.mean_light)
-        return even if self.observation.support is None else even * self.observation.support
+        self._step = torch.where(known, 1 / reached.clamp(min=least), 0.0)
+        self._restorable = None if bool(known.all()) else known
+        light = float((data.detach() * trust).sum() / trust.sum() / self._transfer[0, 0].real)
+        self.mean_light = max(light, float(torch.finfo(data.dtype).tiny))
+        self.data = centred_pad(data, shape)
 
     def blur(self, picture: torch.Tensor) -> torch.Tensor:
         """Blur a picture by the PSF, on the whole period."""
-        return irfft2(rfft2(picture) * self.otf, self.observation.period_shape)
+        return irfft2(rfft2(picture) * self._transfer, self._shape)
 
     def updated_picture(
         self, picture: torch.Tensor, expected: torch.Tensor, factor: torch.Tensor | None
@@ -143,12 +125,12 @@ class _Likelihood:
         """
         # The lower limit avoids a division by 0.
         ratio = self.data / expected.clamp(min=1e-6 * self.mean_light)
-        ratio.mul_(self.period_weights)
-        moved = irfft2(rfft2(ratio).mul_(self.conjugate_otf), self.observation.period_shape)
-        moved.mul_(self.inverse_sensitivity).clamp_(min=0).mul_(picture)
+        ratio.mul_(self._weights)
+        moved = irfft2(rfft2(ratio).mul_(self._conjugate), self._shape)
+        moved.mul_(self._step).clamp_(min=0).mul_(picture)
         if factor is not None:
             moved.mul_(factor)
-        return moved if self.restorable is None else torch.where(self.restorable, moved, picture)
+        return moved if self._restorable is None else torch.where(self._restorable, moved, picture)
 
 
 class _Iterates:

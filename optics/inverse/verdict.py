@@ -92,16 +92,15 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
         look_at(best - step)
         look_at(best + step)
     best = max(likelihoods, key=likelihoods.__getitem__)
-    evidence = likelihoods[best] - likelihoods[1.0]
-    return PSFScale(best, evidence, spectrum.count)
+    return PSFScale(best, likelihoods[best] - likelihoods[1.0], spectrum.count)
 
 
 def scaled_psf(psf: torch.Tensor, scale: float) -> torch.Tensor:
     """Enlarge or shrink a PSF about its origin at n // 2, with the same sum.
 
-    The result may be larger than `psf`. Negative values of the cubic interpolation are 0.
+    The result may be larger than `psf`, (rows, columns). Negative values of the cubic interpolation
+    are 0.
 
-    psf: (rows, columns), with its origin at n // 2.
     scale: size of the result over that of `psf`, above 0.
     """
     require_positive("scale", scale, "")
@@ -219,25 +218,20 @@ def judge_restoration(
     Verdict
         What was found, the causes that explain most first.
     """
-    causes = [
-        one
-        for one in (
-            _scale_finding(scale),
-            _clipping_finding(observation, restored),
-            _noise_finding(observation, restored),
-            _dark_finding(observation, restored),
-            _psf_finding(observation),
-        )
-        if one is not None
-    ]
-    if (
-        not any(one.is_grave for one in causes)
-        and (rest := _residual_finding(restored)) is not None
-        # A mosaic leaves much freedom to its bands, so that they fit some of the noise.
-        and not (observation.relative_filters is not None and rest.cause == "smoothing")
-    ):
+    found = (
+        _scale_finding(scale),
+        _clipping_finding(observation, restored),
+        _noise_finding(observation, restored),
+        _dark_finding(observation, restored),
+        _psf_finding(observation),
+    )
+    causes = [one for one in found if one is not None]
+    has_filters = observation.relative_filters is not None
+    rest = None if any(one.is_grave for one in causes) else _residual_finding(restored)
+    # A mosaic leaves much freedom to its bands, so that they fit some of the noise.
+    if rest is not None and not (has_filters and rest.cause == "smoothing"):
         causes.append(rest)
-    return Verdict(tuple(causes), judges_psf=observation.relative_filters is None)
+    return Verdict(tuple(causes), judges_psf=not has_filters)
 
 
 def _scale_finding(scale: PSFScale | None) -> Finding | None:
@@ -264,22 +258,17 @@ def _clipping_finding(observation: Observation, restored: RestoredImage) -> Find
         return None
     if count < _CLIPPED_RATIO * int((below == below.max()).sum()):
         return None
+    # The residual around such pixels, over that of all.
+    left = residual_map(observation, restored).square()
+    near = torch.nn.functional.max_pool2d((image == top)[None, None].float(), 5, 1, 2)[0, 0] > 0
+    everywhere, there = float(left.nanmean()), float(left[near].nanmean())
+    share = math.sqrt(there / everywhere) if everywhere > 0 and there > 0 else 0.0
     return Finding(
         "clipping",
         f"{count} pixels share the highest level, {float(top):.4g}",
         "if they are clipped, give that level, so that they are left out",
-        _residual_around(image == top, observation, restored) > _GRAVE_CLIPPING,
+        share > _GRAVE_CLIPPING,
     )
-
-
-def _residual_around(
-    pixels: torch.Tensor, observation: Observation, restored: RestoredImage
-) -> float:
-    """Return the rms residual near some pixels, over that of all pixels."""
-    left = residual_map(observation, restored).square()
-    near = torch.nn.functional.max_pool2d(pixels[None, None].float(), 5, 1, 2)[0, 0] > 0
-    everywhere, there = float(left.nanmean()), float(left[near].nanmean())
-    return math.sqrt(there / everywhere) if everywhere > 0 and there > 0 else 0.0
 
 
 def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding | None:

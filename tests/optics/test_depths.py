@@ -153,7 +153,7 @@ def test_the_smooth_solution_is_that_of_dense_least_squares():
     penalty = weight * squared_frequencies(shape)
     equations = _LayerEquations(seen, occlusion=False)
     start = torch.zeros(1, 9, 5, dtype=torch.complex128)
-    found, *_ = equations.solve(penalty, start, 300)
+    found, *_ = equations.solve(equations.data_spectrum, penalty, start, 300)
     ours = torch.fft.irfft2(found, s=shape)[0]
     assert relative(ours, truth.reshape(shape)) <= 1e-4
 
