@@ -1,29 +1,18 @@
-"""Search for a blur kernel, first by strong edges, then by statistics of natural pictures.
-
-Parts of the photograph and a second search tell its uncertainty.
-"""
+"""Search for a blur kernel by strong edges, and fit a kernel to known gradients."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 import scipy.ndimage
 import torch
 
 from optics.fourier import irfft2, rfft2
 from optics.inverse.blur import transfer_function
-from optics.inverse.gradient_statistics import NATURAL_GRADIENTS, gradients
-from optics.inverse.latent_image import (
-    LatentImageSampler,
-    QuadraticProblem,
-    fast_period,
-    least_squares_problem,
-    minimise_nonnegative,
-    padded_spectrum,
-)
+from optics.inverse.gradient_statistics import gradients
 from optics.inverse.observation import extend_periodically
 from optics.inverse.operator import squared_modulus
 from optics.inverse.priors import laplacian_spectrum
@@ -82,38 +71,49 @@ def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
     The window may extend beyond the kernel. Among the windows that hold the most light, up to a
     small share, the one is chosen whose centre n // 2 is nearest to the kernel's centroid.
     """
-    rows, columns = (
-        _best_window_start(torch.nn.functional.pad(kernel.sum(1 - dim), (size, size)), size) - size
-        for dim in (0, 1)
-    )
-    return rows, columns
+    first = []
+    for dim in (0, 1):
+        profile = torch.nn.functional.pad(kernel.sum(1 - dim), (size, size))
+        inside = torch.nn.functional.pad(profile.to(torch.float64).cumsum(0), (1, 0))
+        held, whole = inside[size:] - inside[:-size], float(inside[-1])
+        centroid = float((profile * torch.arange(profile.numel())).sum()) / whole
+        # A window may lose up to 0.2 % more of the light than the best one to be centred better.
+        good = (held >= float(held.max()) - 2e-3 * whole).nonzero().ravel().tolist()
+        off = [abs(start + size // 2 - centroid) for start in good]
+        first.append(int(good[off.index(min(off))]) - size)
+    return first[0], first[1]
 
 
 def cut_window(kernel: torch.Tensor, first: tuple[int, int], size: int) -> torch.Tensor:
     """Cut a (size, size) window out of a kernel, padded with zeros.
 
-    first: the window's first row and column, up to `size` pixels outside the kernel.
+    It may start up to `size` pixels outside the kernel.
     """
     padded = torch.nn.functional.pad(kernel, (size, size, size, size))
     y, x = first[0] + size, first[1] + size
     return padded[y : y + size, x : x + size]
 
 
-def _best_window_start(profile: torch.Tensor, size: int) -> int:
-    """Find where the window of `size` that centres a kernel starts on one axis.
+def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
+    """Shift a kernel to the best match with a reference of the same size, by quarter pixels.
 
-    profile: the kernel's sum over the other axis.
+    The photograph doesn't show where the scene was before the blur.
     """
-    inside = torch.nn.functional.pad(profile.to(torch.float64).cumsum(0), (1, 0))
-    held = inside[size:] - inside[:-size]
-    whole = float(inside[-1])
-    centroid = float((profile * torch.arange(profile.numel())).sum()) / whole
-    # A window may lose up to 0.2 % more of the light than the best one to be centred better.
-    good = (held >= float(held.max()) - 2e-3 * whole).nonzero().ravel().tolist()
-    return int(min(good, key=lambda first: abs(first + size // 2 - centroid)))
-
-
-_TOUCHING = np.ones((3, 3))
+    steps = 4
+    rows, columns = reference.shape
+    period = (2 * rows, 2 * columns)
+    spectrum = torch.fft.fft2(kernel, s=period)
+    cross = spectrum.conj() * torch.fft.fft2(reference, s=period)
+    fine = centred_pad(torch.fft.fftshift(cross), tuple(steps * n for n in period))
+    likeness = torch.fft.ifft2(torch.fft.ifftshift(fine)).real
+    place = int(likeness.argmax())
+    y, x = divmod(place, likeness.shape[1])
+    turn = []
+    for at, whole, n in zip((y, x), likeness.shape, period, strict=True):
+        shift = (at if at < whole // 2 else at - whole) / steps
+        turn.append(torch.exp(-2j * math.pi * torch.fft.fftfreq(n) * shift))
+    moved = torch.fft.ifft2(spectrum * turn[0][:, None] * turn[1]).real
+    return moved[:rows, :columns].to(kernel)
 
 
 def without_specks(kernel: torch.Tensor, faint: float, small: float) -> torch.Tensor:
@@ -124,11 +124,113 @@ def without_specks(kernel: torch.Tensor, faint: float, small: float) -> torch.Te
     """
     kept = torch.where(kernel >= faint * kernel.max(), kernel, 0.0)
     if small > 0:
-        parts, count = scipy.ndimage.label(kept.numpy() > 0, _TOUCHING)
+        parts, count = scipy.ndimage.label(kept.numpy() > 0, np.ones((3, 3)))
         light = scipy.ndimage.sum_labels(kept.numpy(), parts, np.arange(count + 1))
         weak = light < small * min(float(kept.sum()), float(light.max()))
         kept = torch.where(torch.from_numpy(weak[parts]), 0.0, kept)
     return kept / kept.sum()
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticProblem:
+    """The quadratic objective k^T N k / 2 - r^T k of a blur kernel k.
+
+    k holds the kernel's pixels row by row. Divided by the noise variance, the objective is the
+    negative log-likelihood of the kernel, up to a constant.
+
+    normal_matrix: N, (pixels, pixels), symmetric and positive semidefinite.
+    right_hand_side: r, (rows, columns).
+    """
+
+    normal_matrix: torch.Tensor
+    right_hand_side: torch.Tensor
+
+    def with_ridge(self, weight: float) -> QuadraticProblem:
+        """Return the problem with ``weight * |k|² / 2`` added."""
+        eye = torch.eye(self.normal_matrix.shape[0], dtype=self.normal_matrix.dtype)
+        return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
+
+
+def fast_period(rows: int, columns: int) -> tuple[int, int]:
+    """Return a period of at least (rows, columns) with fast FFTs and an even number of columns."""
+    half = scipy.fft.next_fast_len((columns + 1) // 2, real=True)
+    return scipy.fft.next_fast_len(rows, real=True), 2 * half
+
+
+def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
+    """Compute the rfft2 of a picture, (..., rows, columns), padded with zeros to a period."""
+    rows, columns = picture.shape[-2:]
+    margins = (0, period[1] - columns, 0, period[0] - rows)
+    return rfft2(torch.nn.functional.pad(picture, margins))
+
+
+def least_squares_problem(
+    sharp: torch.Tensor, blurred: torch.Tensor, shape: tuple[int, int]
+) -> QuadraticProblem:
+    """Build the problem of minimising ``|sharp * k - blurred|² / 2``, where * is convolution.
+
+    sharp, blurred: rfft2 spectra, (channels, ...), on one period that is so large that the
+        convolution doesn't wrap around.
+    shape: (rows, columns) of the kernel, whose first pixel belongs to a lag of 0.
+    """
+    period = (int(sharp.shape[-2]), 2 * (int(sharp.shape[-1]) - 1))
+    power = (sharp.real.square() + sharp.imag.square()).sum(0)
+    own = irfft2(power.to(sharp.dtype), period)
+    pull = irfft2((sharp.conj() * blurred).sum(0), period)[: shape[0], : shape[1]]
+    # The matrix has the autocorrelation at the lag between each two pixels of the kernel.
+    y = torch.arange(shape[0]).repeat_interleave(shape[1])
+    x = torch.arange(shape[1]).repeat(shape[0])
+    matrix = own[(y[:, None] - y) % period[0], (x[:, None] - x) % period[1]]
+    return QuadraticProblem(matrix, pull)
+
+
+def minimise_nonnegative(
+    problem: QuadraticProblem, start: torch.Tensor, *, sum_is_one: bool, steps: int = 200
+) -> torch.Tensor:
+    """Find the non-negative kernel that minimises a quadratic objective, from `start`.
+
+    The method is the accelerated projected gradient with restarts (Beck and Teboulle 2009, doi
+    10.1137/080716542; O'Donoghue and Candès 2015, doi 10.1007/s10208-013-9150-3). `sum_is_one`
+    limits the kernels to those with a sum of 1.
+    """
+    # 1.1 times the estimate of the power iteration is an upper bound of the largest eigenvalue of
+    # a Toeplitz matrix with mostly positive entries.
+    vector, size = torch.ones(start.numel(), dtype=problem.normal_matrix.dtype), 0.0
+    for _ in range(20):
+        vector = problem.normal_matrix @ vector
+        size = float(torch.linalg.vector_norm(vector))
+        if size == 0:
+            return start
+        vector = vector / size
+    size *= 1.1
+    normal, pull = problem.normal_matrix / size, problem.right_hand_side.ravel() / size
+    now = ahead = start.ravel()
+    pace = 1.0
+    for _ in range(steps):
+        stepped = ahead - (normal @ ahead - pull)
+        following = project_onto_simplex(stepped) if sum_is_one else stepped.clamp(min=0)
+        if float((ahead - following) @ (following - now)) > 0:
+            pace, ahead = 1.0, following
+        next_pace = (1 + (1 + 4 * pace * pace) ** 0.5) / 2
+        change = following - now
+        ahead = following + (pace - 1) / next_pace * change
+        now, pace = following, next_pace
+        # The tolerance is for kernels that sum to about 1.
+        if float(change.abs().max()) < 1e-6:
+            break
+    return now.reshape(start.shape)
+
+
+def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
+    """Return the nearest non-negative kernel with a sum of 1.
+
+    See Duchi et al. 2008, doi 10.1145/1390156.1390191.
+    """
+    sorted_down = values.sort(descending=True).values
+    excess = sorted_down.cumsum(0) - 1
+    count = torch.arange(1, values.numel() + 1, dtype=values.dtype)
+    last = int((sorted_down - excess / count > 0).sum()) - 1
+    return (values - excess[last] / (last + 1)).clamp(min=0)
 
 
 class StrongEdges:
@@ -216,14 +318,6 @@ _ITERATIONS_PER_SCALE = 5
 _SPECK_SHARE = 0.1
 """Share of the kernel's light below which connected parts are removed. Chosen."""
 
-_FIRST_NOISE, _MIN_NOISE = 2.0, 1e-3
-"""First noise of the search by statistics, over the photograph's, and the smallest standard
-deviation of the noise, which allows for errors of the model. Chosen."""
-
-_BURN_IN_ROUNDS, _HISTORY_WEIGHT = 2, 0.75
-"""First rounds of the search by statistics, in which the kernel doesn't change, and the weight of
-the earlier samples in each round. Chosen."""
-
 
 @dataclass(frozen=True, eq=False)
 class NormalisedPhotograph:
@@ -274,98 +368,3 @@ def search_kernel_by_edges(
         weight = max(weight / _WEIGHT_DIVISOR**_ITERATIONS_PER_SCALE, first / _MAX_WEIGHT_DIVISION)
         kernel = centre_kernel(kernel, n)
     return kernel
-
-
-def refine_kernel_by_statistics(
-    photo: NormalisedPhotograph, start: torch.Tensor, progress: Progress, rounds: int = 20
-) -> torch.Tensor:
-    """Find the likeliest kernel over all sharp pictures that natural statistics allow.
-
-    It is that of the finest scale. The algorithm is stochastic expectation maximisation (Delyon,
-    Lavielle and Moulines 1999, doi 10.1214/aos/1018031103), with samples from a fixed seed. The
-    assumed noise decreases to the photograph's noise in the last of the `rounds`.
-    """
-    size = start.shape[0], start.shape[1]
-    latent = LatentImageSampler(photo.image, photo.valid, NATURAL_GRADIENTS, size, seed=0)
-    kernel, noise = start, max(photo.noise, _MIN_NOISE)
-    told: QuadraticProblem | None = None
-    for number in range(rounds):
-        progress.report(number / rounds, f"natural statistics {number + 1}/{rounds}")
-        factor = _FIRST_NOISE ** (1 - number / (rounds - 1))
-        latent.sample(kernel, noise * factor)
-        now = latent.kernel_problem(kernel)
-        if told is not None:
-            now = QuadraticProblem(
-                torch.lerp(now.normal_matrix, told.normal_matrix, _HISTORY_WEIGHT),
-                torch.lerp(now.right_hand_side, told.right_hand_side, _HISTORY_WEIGHT),
-            )
-        told = now
-        if number >= _BURN_IN_ROUNDS:
-            kernel = minimise_nonnegative(told, kernel, sum_is_one=True)
-    return kernel
-
-
-_PARTS = 2
-"""Number of parts into which the photograph is divided along each axis."""
-
-
-def kernel_deviation(
-    photo: NormalisedPhotograph,
-    kernel: torch.Tensor,
-    rival: torch.Tensor,
-    refine: Callable[[NormalisedPhotograph, torch.Tensor, Progress], torch.Tensor],
-    progress: Progress,
-) -> torch.Tensor:
-    """Estimate the standard deviation of each pixel of a kernel.
-
-    `refine` estimates the kernel again from parts of the photograph that share no pixel. The
-    variance of the mean of these kernels is their variance over their number. `rival` is a kernel
-    of the same size that was found from another start. Its difference from the kernel shows whether
-    the search has converged, which the parts can't show, since they start from the same kernel
-    (Gelman and Rubin 1992, doi 10.1214/ss/1177011136).
-    """
-    rows, columns = photo.image.shape
-    square = torch.zeros_like(kernel)
-    for number in range(_PARTS**2):
-        y, x = divmod(number, _PARTS)
-        inside = (
-            slice(rows * y // _PARTS, rows * (y + 1) // _PARTS),
-            slice(columns * x // _PARTS, columns * (x + 1) // _PARTS),
-        )
-        part = NormalisedPhotograph(photo.image[inside], photo.valid[inside], photo.noise)
-        told = progress.part(number / _PARTS**2, (number + 1) / _PARTS**2)
-        square += (align_kernel(refine(part, kernel, told), kernel) - kernel).square()
-    # The factor of 2 in the deviation allows for the error that all parts share. It was measured on
-    # photographs with known kernels.
-    spread = 2.0**2 * square / _PARTS**2 / (_PARTS**2 - 1)
-    spread = spread + (align_kernel(rival, kernel) - kernel).square()
-    # Neighbouring pixels of the kernel are taken to have similar variances.
-    pooled = torch.nn.functional.avg_pool2d(spread[None, None], 3, 1, 1)[0, 0]
-    return pooled.sqrt()
-
-
-def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
-    """Shift a kernel to the best match with a reference of the same size, by quarter pixels.
-
-    The position of a kernel is arbitrary, since the photograph doesn't show where the scene was
-    before the blur.
-    """
-    steps = 4
-    rows, columns = reference.shape
-    period = (2 * rows, 2 * columns)
-    spectrum = torch.fft.fft2(kernel, s=period)
-    cross = spectrum.conj() * torch.fft.fft2(reference, s=period)
-    fine = centred_pad(torch.fft.fftshift(cross), tuple(steps * n for n in period))
-    likeness = torch.fft.ifft2(torch.fft.ifftshift(fine)).real
-    place = int(likeness.argmax())
-    y, x = divmod(place, likeness.shape[1])
-    way = [
-        (at if at < n // 2 else at - n) / steps
-        for at, n in zip((y, x), likeness.shape, strict=True)
-    ]
-    turn = [
-        torch.exp(-2j * math.pi * torch.fft.fftfreq(n) * shift)
-        for n, shift in zip(period, way, strict=True)
-    ]
-    moved = torch.fft.ifft2(spectrum * turn[0][:, None] * turn[1]).real
-    return moved[:rows, :columns].to(kernel)

@@ -11,7 +11,12 @@ import torch
 from skimage import data
 
 from optics.inverse import build_observation, restore
-from optics.inverse.blind import estimate_photograph_noise, find_kernel
+from optics.inverse.blind import (
+    LatentImageSampler,
+    estimate_photograph_noise,
+    find_kernel,
+    kernel_deviation,
+)
 from optics.inverse.gradient_statistics import GaussianMixture
 from optics.inverse.kernel_search import (
     NormalisedPhotograph,
@@ -19,17 +24,13 @@ from optics.inverse.kernel_search import (
     centre_kernel,
     downsample,
     enlarge_kernel,
-    kernel_deviation,
-    next_odd,
-    without_specks,
-)
-from optics.inverse.latent_image import (
-    LatentImageSampler,
     fast_period,
     least_squares_problem,
     minimise_nonnegative,
+    next_odd,
     padded_spectrum,
     project_onto_simplex,
+    without_specks,
 )
 from optics.progress import Cancelled, Progress
 
