@@ -75,11 +75,10 @@ class LayeredObservation(Observation):
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """The layers' mean squared MTF on the period, weighted by area."""
         return self._squared_mtf_on(self.period_shape)
 
     def _fitted_power_law(self) -> PowerLaw:
-        """Fit the power law and noise to spectra of layers that add in power."""
+        # The spectra of the layers add in power.
         shape = (int(self.image.shape[0]), int(self.image.shape[1]))
         image = self.inpainted_image * self.psf_sum
         law = fit_power_law_with_mtf(image, self._squared_mtf_on(shape))
@@ -87,7 +86,11 @@ class LayeredObservation(Observation):
         # most blurred layer, if that covers enough of the frame.
         powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
         dullest = int(powers.mean((-2, -1)).argmin())
-        region = _interior_window(self.shares[dullest])
+        # Its window is smooth, and rises from the layer's edge over 16 pixels.
+        inside = self.shares[dullest].numpy() > 1 - _SHARE_TOLERANCE
+        depth = distance_transform_edt(np.pad(inside, 1, mode="edge"))[1:-1, 1:-1]
+        rise = torch.from_numpy(depth / 16).clamp(0, 1)
+        region = (torch.pi * rise / 2).sin().square()
         if float(region.mean()) < 0.02:
             return law
         dull = fit_power_law_with_mtf(image, powers[dullest], region)
@@ -109,13 +112,6 @@ class LayeredObservation(Observation):
         return (self.areas[:, None, None] * powers).sum(0)
 
 
-def _interior_window(share: torch.Tensor) -> torch.Tensor:
-    """Compute a smooth window inside a layer, which rises from its edge over 16 pixels."""
-    depth = distance_transform_edt(np.pad(share.numpy() > 1 - _SHARE_TOLERANCE, 1, mode="edge"))
-    rise = torch.from_numpy(depth[1:-1, 1:-1] / 16).clamp(0, 1)
-    return (torch.pi * rise / 2).sin().square()
-
-
 @accepts_numpy
 def build_layered_observation(
     image: torch.Tensor,
@@ -128,20 +124,17 @@ def build_layered_observation(
 ) -> LayeredObservation:
     """Gather the photograph, the depth layers and the PSF of each of them.
 
-    Arrays may be of any kind. The photograph is restored in double precision if `image` is double,
-    otherwise in single precision.
+    The photograph is restored in double precision if `image` is double, otherwise in single.
 
     Parameters
     ----------
     image : torch.Tensor or numpy.ndarray, (rows, columns)
         The photograph, light per pixel.
     psfs : torch.Tensor or numpy.ndarray, (layers, rows, columns), or a sequence of (rows, columns)
-        PSF of each layer, origin at n // 2. The nearest layer comes first if layers hide each
-        other.
+        PSF of each layer, origin at n // 2; the nearest first if layers hide each other.
     layers : torch.Tensor or numpy.ndarray
-        Number of the layer that each pixel shows, (rows, columns), whole numbers from 0. Or the
-        share of each layer in each pixel, (layers, rows, columns), not negative; the shares of a
-        pixel add up to 1.
+        Number of the layer that each pixel shows, (rows, columns), from 0. Or the share of each
+        layer in each pixel, (layers, rows, columns), not negative, which add up to 1.
     noise : float, optional
         Standard deviation of a pixel of weight 1. Estimated from the photograph if None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
@@ -170,7 +163,22 @@ def build_layered_observation(
         require_psf(psf)
     size = [max(psf.shape[axis] for psf in each) for axis in (0, 1)]
     stacked = torch.stack([centred_pad(psf, size) for psf in each])
-    shares = _layer_shares(torch.as_tensor(layers), len(each), tuple(image.shape)).to(image)
+    shares, count, shape = torch.as_tensor(layers), len(each), tuple(image.shape)
+    require_finite("layers", shares)
+    if tuple(shares.shape) == shape:
+        shares = layer_weights(shares, count)
+    elif tuple(shares.shape) != (count, *shape):
+        raise ValueError(
+            f"layers are {tuple(shares.shape)}; with {count} PSFs and an image of {shape} they "
+            f"must be {shape} or {(count, *shape)}"
+        )
+    missed = float((shares.sum(0) - 1).abs().max())
+    if float(shares.min()) < 0 or missed > _SHARE_TOLERANCE:
+        raise ValueError(
+            f"layers miss 1 by {missed:.2g} in places, or are negative; at each pixel they must "
+            "add up to 1"
+        )
+    shares = shares.to(image)
     mean = (shares.mean((-2, -1))[:, None, None] * stacked).sum(0)
     return LayeredObservation(
         image,
@@ -182,28 +190,6 @@ def build_layered_observation(
         psfs=stacked,
         shares=shares,
     )
-
-
-def _layer_shares(layers: torch.Tensor, count: int, shape: tuple[int, ...]) -> torch.Tensor:
-    """Check the layers, and return their shares, (layers, rows, columns).
-
-    layers: map of layer numbers, (rows, columns), or the shares themselves.
-    """
-    require_finite("layers", layers)
-    if tuple(layers.shape) == shape:
-        return layer_weights(layers, count)
-    if tuple(layers.shape) != (count, *shape):
-        raise ValueError(
-            f"layers are {tuple(layers.shape)}; with {count} PSFs and an image of {shape} they "
-            f"must be {shape} or {(count, *shape)}"
-        )
-    missed = float((layers.sum(0) - 1).abs().max())
-    if float(layers.min()) < 0 or missed > _SHARE_TOLERANCE:
-        raise ValueError(
-            f"layers miss 1 by {missed:.2g} in places, or are negative; at each pixel they must "
-            "add up to 1"
-        )
-    return layers
 
 
 @single_threaded
@@ -227,11 +213,9 @@ def restore_layers(
     counts trusted pixels only, and H blurs each depth layer by its PSF (thesis Fig. 2.17). It is
     cut to be nowhere negative.
 
-    The solver is the alternating direction method of multipliers with the gradients split off (Boyd
-    et al. 2011, doi 10.1561/2200000016). The step for the picture has no closed form, since the
-    PSFs differ. It is solved by conjugate gradients from the previous picture, preconditioned by
-    the mean squared MTF of the layers. A clipped pixel counts where the blurred estimate is below
-    the measured value.
+    Since the PSFs differ, the step for the picture has no closed form. It is solved by conjugate
+    gradients from the previous picture, preconditioned by the mean squared MTF of the layers. A
+    clipped pixel counts where the blurred estimate is below the measured value.
 
     The model doesn't include depths beyond the frame, where the layers at its edge continue; errors
     of the map of layers; and what OccludingBlur neglects.
@@ -282,11 +266,7 @@ def paste_layers(
 
 
 class _LayerEquations(LinearEquations):
-    """The normal equations (H* M H + K) x = H* M y + the priors' right-hand side of all layers.
-
-    M are the pixels' weights. x is one picture for each layer with occlusion, otherwise one
-    picture.
-    """
+    """The equations of all layers; with occlusion x is one picture for each, otherwise one."""
 
     observation: LayeredObservation
 

@@ -45,8 +45,8 @@ _MARGIN = 8
 class MosaicObservation(Observation):
     """The raw picture of a mosaic of colour filters, whose scene has several bands.
 
-    `image` is the light of each pixel, y = sum_n S_n (h_n * x_n) with the filters S_n and PSFs h_n.
-    `psf` is the mean of all PSFs. Raises ValueError if an argument has the wrong shape or isn't
+    `image` is the light of each pixel, y = sum_n S_n (h_n * x_n) with the filters S_n and PSFs h_n,
+    of which `psf` is the mean. Raises ValueError if an argument has the wrong shape or isn't
     finite, or if no pixel sees one of the bands.
 
     psfs: PSF of each band, (bands, rows, columns), or one for all, (1, rows, columns).
@@ -106,7 +106,6 @@ class MosaicObservation(Observation):
 
     @property
     def psf_sum(self) -> float:
-        """The mean share of the scene's light that PSFs and filters let through."""
         return super().psf_sum * self.filter_gain
 
     @cached_property
@@ -117,7 +116,7 @@ class MosaicObservation(Observation):
 
     @cached_property
     def otf(self) -> torch.Tensor:
-        """The OTF of each band on the period, (1 or bands, rows, columns)."""
+        # That of each band, (1 or bands, rows, columns).
         light = self._psf_light / self.filter_gain
         return transfer_function(self.psfs / light, self.period_shape)
 
@@ -131,11 +130,7 @@ class MosaicObservation(Observation):
 
     @cached_property
     def channels(self) -> tuple[Observation, torch.Tensor]:
-        """The light behind each kind of filter as a mosaic of its own, and how bands mix into it.
-
-        The mixing is (channels, bands). Where there aren't fewer kinds of filters than bands, the
-        channels are the bands.
-        """
+        # The light behind each kind of filter is a mosaic of its own, if these are fewer than bands.
         down, along = self.filter_period
         first = self.relative_filters[:, :down, :along].flatten(1).mT
         mixing, kinds = torch.unique(first, dim=0, return_inverse=True)
@@ -151,23 +146,20 @@ class MosaicObservation(Observation):
         return own, mixing
 
     def _fitted_power_law(self) -> PowerLaw:
-        """Estimate the noise alone: the spectrum of a mosaic isn't modelled."""
+        # The noise alone is estimated: the spectrum of a mosaic isn't modelled.
         down, along = self.filter_period
         planes = [self.image[y::down, x::along] for y in range(down) for x in range(along)]
         return PowerLaw(0.0, 2.0, flat_block_noise(planes, _FLAT_SHARE) ** 2)
 
     @property
     def inpainted_image(self) -> torch.Tensor:
-        """The normalised mosaic as it is: neighbouring pixels have other filters."""
+        # Neighbouring pixels have other filters, and tell nothing.
         return self.normalised_image
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The interpolated bands, extended to the period, (bands, rows, columns).
-
-        Each is interpolated from the pixels around that see it, which is exact where the scene is
-        even and grey.
-        """
+        # Each band is interpolated from the pixels around that see it, which is exact where the
+        # scene is even and grey.
         known = self.effective_weights
         trust = torch.ones_like(self.image) if known is None else known
         filters, period = self.relative_filters, self.filter_period
@@ -183,14 +175,12 @@ class MosaicObservation(Observation):
 
 def _tent_filter(pictures: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
     """Convolve with a tent, which falls linearly to 0 over the filter pattern's period."""
-    kernels = [1 - torch.arange(1 - n, n).abs() / n for n in (max(int(m), 2) for m in period)]
-    down, along = (kernel.to(pictures) for kernel in kernels)
-    rows = torch.nn.functional.conv2d(
-        pictures[:, None], down[None, None, :, None], padding=(len(down) // 2, 0)
-    )
-    return torch.nn.functional.conv2d(
-        rows, along[None, None, None, :], padding=(0, len(along) // 2)
-    )[:, 0]
+    m, n = max(period[0], 2), max(period[1], 2)
+    down = (1 - torch.arange(1 - m, m).abs() / m).to(pictures)[:, None]
+    along = (1 - torch.arange(1 - n, n).abs() / n).to(pictures)
+    convolve = torch.nn.functional.conv2d
+    rows = convolve(pictures[:, None], down[None, None], padding=(m - 1, 0))
+    return convolve(rows, along[None, None, None], padding=(0, n - 1))[:, 0]
 
 
 def build_mosaic_observation(
@@ -214,8 +204,8 @@ def build_mosaic_observation(
     pattern : sequence of str
         Rows of one letter per pixel that repeat from the first pixel on, as ``("RG", "GB")``.
     psf : torch.Tensor or numpy.ndarray, optional
-        PSF with its origin at n // 2, (rows, columns), or (bands, rows, columns) for one per band;
-        no blur if None.
+        PSF, origin at n // 2, (rows, columns), or one per band, (bands, rows, columns); no blur if
+        None.
     channels : str, default "RGB"
         Letters of the channels. Without a response each channel is a band, in this order.
     response : torch.Tensor or numpy.ndarray, (channels, bands), optional
@@ -247,28 +237,22 @@ def build_mosaic_observation(
             "('RG', 'GB')"
         )
     raw, weights = split_mask(raw, weights)
+    filters = _filters(raw, rows, channels, response)
+    period = len(rows), len(rows[0])
     built: MosaicObservation = _build_mosaic_observation(
-        raw, rows, psf, channels, response, noise, border, weights, clipped
+        raw, psf, noise, border, weights, clipped, filters, period
     )
     return replace(built, is_numpy=isinstance(raw, np.ndarray))
 
 
 @accepts_numpy
-def _build_mosaic_observation(
-    raw: torch.Tensor,
-    rows: tuple[str, ...],
-    psf: torch.Tensor | None,
-    channels: str,
-    response: torch.Tensor | None,
-    noise: float | None,
-    border: Border,
-    weights: torch.Tensor | None,
-    clipped: torch.Tensor | None,
-) -> MosaicObservation:
+def _filters(
+    raw: torch.Tensor, rows: Sequence[str], channels: str, response: torch.Tensor | None
+) -> torch.Tensor:
+    """Return what each pixel of a raw picture transmits of each band, in its precision."""
     if raw.ndim != 2:
         raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
     require_finite("raw", raw)
-    raw = as_floating_point(raw)
     shares = torch.eye(len(channels)) if response is None else response
     require_finite("response", shares)
     if shares.ndim != 2 or len(shares) != len(channels):
@@ -276,6 +260,21 @@ def _build_mosaic_observation(
             f"response is {tuple(shares.shape)}; give (channels, bands), of {len(channels)} "
             f"channels {channels!r}"
         )
+    return filter_weights(rows, shares.to(as_floating_point(raw)), channels, raw.shape)
+
+
+@accepts_numpy
+def _build_mosaic_observation(
+    raw: torch.Tensor,
+    psf: torch.Tensor | None,
+    noise: float | None,
+    border: Border,
+    weights: torch.Tensor | None,
+    clipped: torch.Tensor | None,
+    filters: torch.Tensor,
+    period: tuple[int, int],
+) -> MosaicObservation:
+    raw = as_floating_point(raw)
     psfs = torch.ones(1, 1, 1).to(raw) if psf is None else psf.to(raw)
     psfs = psfs[None] if psfs.ndim == 2 else psfs
     return MosaicObservation(
@@ -286,8 +285,8 @@ def _build_mosaic_observation(
         weights if weights is None else weights.to(raw),
         clipped if clipped is None else clipped.to(torch.bool),
         psfs=psfs,
-        filters=filter_weights(rows, shares.to(raw), channels, raw.shape),
-        filter_period=(len(rows), len(rows[0])),
+        filters=filters,
+        filter_period=period,
     )
 
 
@@ -314,12 +313,10 @@ def demosaic(
     """Estimate all bands of each pixel of a raw picture behind colour filters.
 
     The result x solves Eq. 4.7 of the thesis. It minimises ``|S G x - y|² / 2 + weight *
-    (|w ∇²L| + |∇²C|)``, summed over the pixels, where S are the filters, G is the blur, and the
-    first term counts trusted pixels only. ``|∇²L|`` is the length of the second derivatives of the
-    luminance, with the weight w, and ``|∇²C|`` is the joint length of those of all colour
-    differences.
-    The bands of a white surface are taken to be equal. Where there is blur, `restore` undoes it
-    better.
+    (|w ∇²L| + |∇²C|)``, summed over the pixels, with the filters S and the blur G; the first term
+    counts trusted pixels only. ``|∇²L|`` is the length of the second derivatives of the luminance,
+    and ``|∇²C|`` the joint length of those of all colour differences. The bands of a white surface
+    are taken to be equal. Where there is blur, `restore` undoes it better.
 
     Parameters
     ----------
@@ -354,8 +351,10 @@ def demosaic(
         observation.period_shape, _CURVATURE_THRESHOLD * observation.scale,
         observation.image.dtype, derivative=CURVATURE,
     )  # fmt: skip
-    step, settings = frequency_step(observation, iterations), SplittingSettings(iterations, used)
-    solution = solve_by_splitting(step, [prior], settings, "demosaicing", progress or Progress())
+    solution = solve_by_splitting(
+        frequency_step(observation, iterations), [prior], SplittingSettings(iterations, used),
+        "demosaicing", progress or Progress(),
+    )  # fmt: skip
     bands = observation.crop_to_frame(solution.picture) * unit
     return bands.numpy() if observation.is_numpy else bands
 

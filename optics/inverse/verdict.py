@@ -55,8 +55,7 @@ class PSFScale:
 def find_psf_scale(observation: Observation, progress: Progress | None = None) -> PSFScale:
     """Find the scale of the PSF that the photograph's spectrum shows.
 
-    Each trial scale is given the power law and noise that fit best: see fit_power_law(). The
-    likeliest scale is found on a grid, and then between its neighbours.
+    Each trial scale is given the power law and noise that fit best: see fit_power_law().
 
     Parameters
     ----------
@@ -172,10 +171,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found; good if the PSF was judged and nothing is grave.
-
-    `judges_psf` is False where the photograph doesn't show whether its PSF is right.
-    """
+    """What was found; `judges_psf` is False where the photograph doesn't show its PSF's errors."""
 
     findings: tuple[Finding, ...] = ()
     judges_psf: bool = True
