@@ -116,12 +116,8 @@ class RestorationCost:
 
     def plus(self, other: RestorationCost, times: float = 1.0) -> RestorationCost:
         """Add `times` times another cost."""
-        return RestorationCost(
-            self.transforms + times * other.transforms,
-            self.passes + times * other.passes,
-            self.multiply_adds + times * other.multiply_adds,
-            self.centre_passes + times * other.centre_passes,
-        )
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return RestorationCost(*(own + times * more for own, more in pairs))
 
 
 class Solve(Protocol):

@@ -130,7 +130,7 @@ class MosaicObservation(Observation):
 
     @cached_property
     def channels(self) -> tuple[Observation, torch.Tensor]:
-        # The light behind each kind of filter is a mosaic of its own, if these are fewer than bands.
+        # The light behind each kind of filter is a mosaic of its own, if fewer than the bands.
         down, along = self.filter_period
         first = self.relative_filters[:, :down, :along].flatten(1).mT
         mixing, kinds = torch.unique(first, dim=0, return_inverse=True)

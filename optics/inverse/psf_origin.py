@@ -6,7 +6,6 @@ The origin is in the middle of the array, or in a corner.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import scipy.ndimage
@@ -61,7 +60,14 @@ def has_origin_in_corner(psf: NDArray[np.floating]) -> bool:
     With the origin in the corner and dark pixels around, 22 to 28 aren't found without noise,
     nearly all spots, and 54 to 58 with noise of 5 %.
     """
-    light = _light_of_psf(np.asarray(psf, dtype=np.float64))
+    psf = np.asarray(psf, dtype=np.float64)
+    lowest, low = (float(one) for one in np.quantile(psf, _LOW_QUANTILES))
+    far, near = _NORMAL_DISTANCES
+    noise = (low - lowest) / (far - near)
+    background = low + near * noise
+    # What belongs to the PSF is above background and noise, and above a share of its peak.
+    least = max(_LEAST_LIGHT * (float(psf.max()) - background), _LEAST_NOISE_RATIO * noise)
+    light = np.clip(psf - background - least, 0, None)
     whole = np.fft.fftshift(light)
     main = _largest_part(whole, joins=False)
     joins = bool(main.sum() < _MAIN_SHARE * light.sum())
@@ -73,22 +79,34 @@ def has_origin_in_corner(psf: NDArray[np.floating]) -> bool:
         return False
     if _largest_part(stored, joins=joins).sum() > _TORN_SHARE * total:
         return False
-    edges = [one for one in (stored, stored.T) if len(one) > _NEAR_LINES]
-    return (
-        all(_lies_along_edge(one) for one in edges)
-        and any(_continues_across_edge(one) for one in edges)
-        and (_lit_quarters(stored) > 2 or min(map(_misfit_across_edge, edges)) <= _MISFIT)
-    )
-
-
-def _light_of_psf(psf: Light) -> Light:
-    """Return the light above background and noise, and above a share of its peak."""
-    lowest, low = (float(one) for one in np.quantile(psf, _LOW_QUANTILES))
-    far, near = _NORMAL_DISTANCES
-    noise = (low - lowest) / (far - near)
-    background = low + near * noise
-    least = max(_LEAST_LIGHT * (float(psf.max()) - background), _LEAST_NOISE_RATIO * noise)
-    return np.clip(psf - background - least, 0, None)
+    continues, misfit = False, math.inf
+    for lines in (stored, stored.T):
+        if len(lines) <= _NEAR_LINES:
+            continue
+        rows = lines.sum(1)
+        # The last lines that a shift of the origin to the middle puts at the edges.
+        middle, edge = len(rows) - len(rows) // 2, rows[0] + rows[-1]
+        sides = sorted((rows[:_NEAR_LINES].sum(), rows[-_NEAR_LINES:].sum()))
+        on_both = sides[0] >= _SIDE_RATIO * sides[1]
+        is_thin = max(rows[0], rows[-1]) >= _THIN_SHARE * rows.sum()
+        is_at_edge = edge >= _EDGE_RATIO * rows[middle - 1 : middle + 1].sum()
+        if not (is_at_edge and edge > _EDGE_SHARE * rows.sum() and (on_both or is_thin)):
+            return False
+        is_valley = rows[1] > _VALLEY * rows[0] and rows[-2] > _VALLEY * rows[-1]
+        goes_on = rows[1] + rows[-2] >= _BEYOND * edge
+        continues = continues or bool(on_both and goes_on and not is_valley)
+        # The difference of both sides over their light, for the best shift.
+        for step in (-1, 0, 1):
+            off = np.abs(lines[0] - np.roll(lines[-1], step)).sum()
+            misfit = min(misfit, float(off) / float((lines[0] + lines[-1]).sum()))
+    half, wide = math.ceil(stored.shape[0] / 2), math.ceil(stored.shape[1] / 2)
+    quarters = [
+        part.sum()
+        for side in (stored[:half], stored[half:])
+        for part in (side[:, :wide], side[:, wide:])
+    ]
+    lit = sum(one > _SIDE_RATIO * max(quarters) for one in quarters)
+    return continues and (lit > 2 or misfit <= _MISFIT)
 
 
 def _largest_part(light: Light, *, joins: bool) -> Light:
@@ -100,46 +118,6 @@ def _largest_part(light: Light, *, joins: bool) -> Light:
         return light
     sums = scipy.ndimage.sum_labels(light, labels, np.arange(1, count + 1))
     return np.where(labels == 1 + int(np.argmax(sums)), light, 0)
-
-
-def _lies_along_edge(light: Light) -> bool:
-    """Tell whether light lies along the first and last row, on both sides, not in the middle."""
-    rows = light.sum(1)
-    # The last lines that a shift of the origin to the middle puts at the edges.
-    middle = len(rows) - len(rows) // 2 + np.array([-1, 0])
-    edge, total = rows[0] + rows[-1], rows.sum()
-    if edge < _EDGE_RATIO * rows[middle].sum() or edge <= _EDGE_SHARE * total:
-        return False
-    sides = sorted((rows[:_NEAR_LINES].sum(), rows[-_NEAR_LINES:].sum()))
-    is_thin = max(rows[0], rows[-1]) >= _THIN_SHARE * total
-    return bool(sides[0] >= _SIDE_RATIO * sides[1] or is_thin)
-
-
-def _continues_across_edge(light: Light) -> bool:
-    """Tell whether light lies on both sides of the first row's edge, as one piece."""
-    rows = light.sum(1)
-    sides = sorted((rows[:_NEAR_LINES].sum(), rows[-_NEAR_LINES:].sum()))
-    is_valley = rows[1] > _VALLEY * rows[0] and rows[-2] > _VALLEY * rows[-1]
-    goes_on = rows[1] + rows[-2] >= _BEYOND * (rows[0] + rows[-1])
-    return bool(sides[0] >= _SIDE_RATIO * sides[1] and goes_on and not is_valley)
-
-
-def _misfit_across_edge(light: Light) -> float:
-    """Return the difference of the first and last row over their light, for the best shift."""
-    first, last = light[0], light[-1]
-    both = float((first + last).sum())
-    return min(float(np.abs(first - np.roll(last, step)).sum()) for step in (-1, 0, 1)) / both
-
-
-def _lit_quarters(light: Light) -> int:
-    """Return the number of quarters of the array that have light."""
-
-    def halves(whole: Light) -> Iterator[Light]:
-        half = math.ceil(len(whole) / 2)
-        yield from (whole[:half], whole[half:])
-
-    sums = [part.sum() for half in halves(light) for part in halves(half.T)]
-    return sum(one > _SIDE_RATIO * max(sums) for one in sums)
 
 
 _OWN_OFFSET, _ROOM = 3.75, 8
@@ -156,10 +134,9 @@ def light_offset(psf: torch.Tensor) -> tuple[int, int]:
     array whose last line is dark, and whose light lies before the origin.
     """
     offset, psf = centroid_offset(psf), psf.detach()
-    down, along = (
-        -1 if n % 2 == 0 and one < -0.5 and not bool(last.any()) else 0
-        for n, one, last in zip(psf.shape, offset, (psf[-1], psf[:, -1]), strict=True)
-    )
+    rows, columns = psf.shape
+    down = -1 if rows % 2 == 0 and offset[0] < -0.5 and not bool(psf[-1].any()) else 0
+    along = -1 if columns % 2 == 0 and offset[1] < -0.5 and not bool(psf[:, -1].any()) else 0
     if max(abs(offset[0] - down), abs(offset[1] - along)) > _OWN_OFFSET:
         return round(offset[0]), round(offset[1])
     return down, along
@@ -171,12 +148,9 @@ def centroid_offset(psf: torch.Tensor) -> tuple[float, float]:
     Negative values of the PSF don't count.
     """
     light = psf.detach().to(torch.float64).clamp(min=0)
-    light = light / light.sum()
-    down, along = (
-        float((light.sum(1 - axis) * torch.arange(n)).sum()) - n // 2
-        for axis, n in enumerate(light.shape)
-    )
-    return down, along
+    light, (rows, columns) = light / light.sum(), light.shape
+    down = float((light.sum(1) * torch.arange(rows)).sum()) - rows // 2
+    return down, float((light.sum(0) * torch.arange(columns)).sum()) - columns // 2
 
 
 def about_offset(psfs: torch.Tensor, offset: tuple[int, int]) -> torch.Tensor:
@@ -193,18 +167,13 @@ def about_offset(psfs: torch.Tensor, offset: tuple[int, int]) -> torch.Tensor:
             psfs = psfs.narrow(axis, 0, n + shift)
             continue
         known = lit.any(-3 - axis).nonzero()[:, 0]
-        reach = int((known - n // 2 - shift).abs().max()) + _ROOM
-        psfs = _cut_line(psfs, axis, n // 2 + shift, reach)
+        middle = n // 2 + shift
+        reach = int((known - middle).abs().max()) + _ROOM
+        place = torch.arange(middle - reach, middle + reach + 1)
+        inside = (place >= 0) & (place < n)
+        taken = psfs.index_select(axis, place.clamp(0, n - 1))
+        psfs = taken * (inside[:, None] if axis == -2 else inside)
     return psfs
-
-
-def _cut_line(psfs: torch.Tensor, axis: int, middle: int, reach: int) -> torch.Tensor:
-    """Cut PSFs along an axis about an index, with zeros beyond their array."""
-    n = psfs.shape[axis]
-    place = torch.arange(middle - reach, middle + reach + 1)
-    inside = (place >= 0) & (place < n)
-    taken = psfs.index_select(axis, place.clamp(0, n - 1))
-    return taken * (inside[:, None] if axis == -2 else inside)
 
 
 def shifted_window(

@@ -55,19 +55,28 @@ def richardson_lucy(
     progress = progress or Progress()
     likelihood = _Likelihood(observation)
     even = torch.full_like(likelihood.data, likelihood.mean_light)
-    even = even if observation.support is None else even * observation.support
-    path = _Iterates(even, accelerate)
+    picture = even if observation.support is None else even * observation.support
     change, ended = list[float](), False
+    direction, gains = torch.zeros(()), list[torch.Tensor]()
     for number in range(iterations):
         progress.report(number / iterations, f"Richardson-Lucy {number + 1}/{iterations}")
-        ahead = path.extrapolate()
+        ahead = picture
+        if len(gains) == 2:
+            before, last = (one.flatten() for one in gains)
+            length = float(torch.dot(before, before))
+            share = float(torch.dot(last, before)) / length if length > 0 else 0.0
+            share = min(max(share, 0.0), 1.0)
+            ahead = torch.add(picture, direction, alpha=share).clamp_(min=0)
         expected = likelihood.blur(ahead)
         if not continue_past_noise and observation.mean_squared_residual(expected) <= 1:
             ended = True
             break
         factor = _regulariser_factor(ahead, likelihood.mean_light, total_variation, tikhonov)
-        change.append(path.advance(likelihood.updated_picture(ahead, expected, factor), ahead))
-    picture = path.current
+        fresh = likelihood.updated_picture(ahead, expected, factor)
+        if accelerate:
+            direction, gains = fresh - picture, [*gains[-1:], (fresh - ahead).detach()]
+        change.append(relative_change(fresh, picture))
+        picture = fresh
     name = "Richardson-Lucy" + (" with total variation" if total_variation else "")
     return RestoredImage(
         observation.crop_to_picture(picture).contiguous(),
@@ -131,33 +140,6 @@ class _Likelihood:
         if factor is not None:
             moved.mul_(factor)
         return moved if self._restorable is None else torch.where(self._restorable, moved, picture)
-
-
-class _Iterates:
-    """The iterates, and their extrapolation."""
-
-    def __init__(self, start: torch.Tensor, accelerate: bool) -> None:
-        self.current, self._accelerate = start, accelerate
-        self._direction: torch.Tensor | None = None
-        self._gains: list[torch.Tensor] = []
-
-    def extrapolate(self) -> torch.Tensor:
-        """Extrapolate the last two pictures to the next step's start."""
-        if not self._accelerate or self._direction is None or len(self._gains) < 2:
-            return self.current
-        before, last = self._gains
-        length = float(torch.dot(before.flatten(), before.flatten()))
-        share = float(torch.dot(last.flatten(), before.flatten())) / length if length > 0 else 0.0
-        share = min(max(share, 0.0), 1.0)
-        return torch.add(self.current, self._direction, alpha=share).clamp_(min=0)
-
-    def advance(self, fresh: torch.Tensor, ahead: torch.Tensor) -> float:
-        """Store the next picture and return its relative change."""
-        self._direction = fresh - self.current
-        if self._accelerate:
-            self._gains = [*self._gains[-1:], (fresh - ahead).detach()]
-        before, self.current = self.current, fresh
-        return relative_change(fresh, before)
 
 
 def _regulariser_factor(
