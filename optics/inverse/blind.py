@@ -49,35 +49,34 @@ GOOD, FAIR = 0.9, 0.7
 MOST_ERROR = math.sqrt(10)
 """Kernel error and noise over the noise, up to which a kernel may be used without a check."""
 
+# Side of the window in which a kernel is estimated, over the requested size, so that the kernel
+# may shift. Chosen.
 _SIZE_SLACK = 1.15
-"""Side of the window in which a kernel is estimated, over the requested size, so that the kernel
-may shift. Chosen."""
 
+# Share of the kernel's peak below which its pixels are set to 0, and share of its light below
+# which connected parts are removed. Chosen.
 _SPECK = 0.02
-"""Share of the kernel's peak below which its pixels are set to 0, and share of its light below
-which connected parts are removed. Chosen."""
 
-_MIN_FRAME_SIDES = 3
-"""Smallest side of the photograph, relative to the kernel's. Chosen."""
+_MIN_FRAME_SIDES = 3  # smallest side of the photograph, relative to the kernel's; chosen
 
+# Starts from which a kernel is refined, and rounds of the refinement for a part of the
+# photograph. Chosen.
 _STARTS, _PART_ROUNDS = 2, 10
-"""Starts from which a kernel is refined, and rounds of the refinement for a part of the photograph.
-Chosen."""
 
+# Factor by which the mean of two kernels must lower the unnaturalness to be used. Chosen.
 _MIN_IMPROVEMENT = 1.01
-"""Factor by which the mean of two kernels must lower the unnaturalness to be used. Chosen."""
 
+# Smallest standard deviation of the photograph over that of the noise, and the largest share of
+# clipped pixels. Chosen.
 _MIN_CONTRAST_TO_NOISE, _MAX_CLIPPED_SHARE = 3.0, 0.5
-"""Smallest standard deviation of the photograph over that of the noise, and the largest share of
-clipped pixels. Chosen."""
 
+# First noise of the search by statistics, over the photograph's, and the smallest standard
+# deviation of the noise, which allows for errors of the model. Chosen.
 _FIRST_NOISE, _MIN_NOISE = 2.0, 1e-3
-"""First noise of the search by statistics, over the photograph's, and the smallest standard
-deviation of the noise, which allows for errors of the model. Chosen."""
 
+# First rounds of the search by statistics, in which the kernel doesn't change, and the weight of
+# the earlier samples in each round. Chosen.
 _BURN_IN_ROUNDS, _HISTORY_WEIGHT = 2, 0.75
-"""First rounds of the search by statistics, in which the kernel doesn't change, and the weight of
-the earlier samples in each round. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,8 +317,7 @@ def refine_kernel_by_statistics(
     return kernel
 
 
-_PARTS = 2
-"""Number of parts into which the photograph is divided along each axis."""
+_PARTS = 2  # number of parts into which the photograph is divided along each axis
 
 
 def kernel_deviation(

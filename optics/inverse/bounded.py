@@ -104,9 +104,9 @@ def differences_adjoint(down: torch.Tensor, along: torch.Tensor) -> torch.Tensor
     return down.roll(1, -2).sub_(down).add_(along.roll(1, -1)).sub_(along)
 
 
+# Default smoothing of total variation, relative to the light's scale: it counts gradients that
+# are shorter about by their squares.
 _SMOOTHING = 1e-2
-"""Default smoothing of total variation, relative to the light's scale: it counts gradients that
-are shorter about by their squares."""
 
 Array = NDArray[np.float64]
 

@@ -16,23 +16,23 @@ from optics.inverse.operator import squared_modulus
 from optics.inverse.priors import RELAXATION, Prior
 from optics.inverse.splitting import PictureStep
 
-LEAST_COUPLING, MOST_COUPLING, COUPLED_ITERATIONS = 0.5, 3.0, 20.0
-"""Coupling of the blurred light's split, over the square root of weight over scale: the last number
-over that of iterations, within the first two. A strong coupling gets farthest in few iterations; a
-weak one is needed for what lies beyond the frame. Measured: of 0.25 to 8, these are the best for 8,
-12, 20 and 30 iterations."""
+# Coupling of the blurred light's split, over the square root of weight over scale: the last
+# number over that of iterations, within the first two. A strong coupling gets farthest in few
+# iterations; a weak one is needed for what lies beyond the frame. Measured: of 0.25 to 8, these
+# are the best for 8, 12, 20 and 30 iterations.
+_LEAST_COUPLING, _MOST_COUPLING, _COUPLED_ITERATIONS = 0.5, 3.0, 20.0
 
-WIDE_COUPLING, NOISY_ITERATIONS = 100.0, 500.0
-"""Largest coupling, times the squared radius of the PSF in pixels, where the scene goes on beyond
-the frame; and the number of iterations, over the square root of weight over scale, below which it
-is larger in proportion. Measured with seven PSFs, 6 to 60 iterations and two noises: of 0.1 to 3,
-the best for a ring of 30 pixels is 0.1 to 0.2, for one of 12 it is 0.4 to 3."""
+# Largest coupling, times the squared radius of the PSF in pixels, where the scene goes on beyond
+# the frame; and the number of iterations, over the square root of weight over scale, below which
+# it is larger in proportion. Measured with seven PSFs, 6 to 60 iterations and two noises: of 0.1
+# to 3, the best for a ring of 30 pixels is 0.1 to 0.2, for one of 12 it is 0.4 to 3.
+_WIDE_COUPLING, _NOISY_ITERATIONS = 100.0, 500.0
 
-VARIED_COUPLING = 4.0
-"""Factor on the coupling of the blurred light's split for photographs with a variance map, whose
-dim pixels have weights far above 1. Measured on nine photographs of three scenes with three PSFs:
-of 1, 4 and 16, the best for 30 iterations in the worst case; with 1, dim pixels aren't fitted yet.
-"""
+# Factor on the coupling of the blurred light's split for photographs with a variance map, whose
+# dim pixels have weights far above 1. Measured on nine photographs of three scenes with three
+# PSFs: of 1, 4 and 16, the best for 30 iterations in the worst case; with 1, dim pixels aren't
+# fitted yet.
+_VARIED_COUPLING = 4.0
 
 DataProx = Callable[[torch.Tensor, float], torch.Tensor]
 """The proximal step of a data term. For a light in the frame and a coupling, it returns the light
@@ -92,12 +92,12 @@ class SplitLight:
 
 def relative_coupling(observation: Observation, iterations: int, weight: float) -> float:
     """Return the blurred light's coupling over the square root of weight over scale."""
-    coupling = min(max(COUPLED_ITERATIONS / iterations, LEAST_COUPLING), MOST_COUPLING)
-    varied = 1.0 if observation.variance is None else VARIED_COUPLING
+    coupling = min(max(_COUPLED_ITERATIONS / iterations, _LEAST_COUPLING), _MOST_COUPLING)
+    varied = 1.0 if observation.variance is None else _VARIED_COUPLING
     if observation.border == "periodic":
         return varied * coupling
-    noisy = NOISY_ITERATIONS * (weight / observation.scale) ** 0.5 / iterations
-    wide = max(noisy, 1.0) * WIDE_COUPLING / max(observation.psf_radius, 1.0) ** 2
+    noisy = _NOISY_ITERATIONS * (weight / observation.scale) ** 0.5 / iterations
+    wide = max(noisy, 1.0) * _WIDE_COUPLING / max(observation.psf_radius, 1.0) ** 2
     return varied * min(coupling, wide)
 
 
@@ -165,13 +165,13 @@ class _BandStep(PictureStep):
         return total / (rows * columns) ** 2 / self.observation.scene_noise**2
 
 
+# Relative change of the prior's weight up to which the linear systems are kept.
 _WEIGHT_CHANGE = 0.02
-"""Relative change of the prior's weight up to which the linear systems are kept."""
 
+# What is added to the squared frequency, in (radians/pixel)², so that the prior determines a
+# scene's mean spectrum as well; a tenth of the lowest frequency's on 600 pixels. Much less, and
+# the linear systems would need double precision.
 _LEAST_GRAM = 1e-5
-"""What is added to the squared frequency, in (radians/pixel)², so that the prior determines a
-scene's mean spectrum as well; a tenth of the lowest frequency's on 600 pixels. Much less, and the
-linear systems would need double precision."""
 
 
 class ChannelStep(PictureStep):

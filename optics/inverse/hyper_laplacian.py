@@ -27,11 +27,10 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
 
+# Entries of the table; linear interpolation between them is accurate to 1e-6 of the length.
 _ENTRIES = 2048
-"""Entries of the table; linear interpolation between them is accurate to 1e-6 of the length."""
 
-_STEPS = 3
-"""Steps of conjugate gradients in a round, which starts from the last one's picture."""
+_STEPS = 3  # steps of conjugate gradients in a round, which starts from the last one's picture
 
 
 @single_threaded

@@ -19,8 +19,7 @@ from optics.inverse.priors import laplacian_spectrum
 from optics.plane import centred_crop, centred_pad
 from optics.progress import Progress
 
-_SCALE_STEP = math.sqrt(2)
-"""Ratio between one scale of the kernel search and the next."""
+_SCALE_STEP = math.sqrt(2)  # ratio between one scale of the kernel search and the next
 
 
 def next_odd(size: float) -> int:
@@ -309,14 +308,12 @@ EDGE_PENALTIES = (4e-3, 2.0), (2e-2, 2.0), (2e-2, 20.0)
 kernel's squared norm, for photographs whose light has a standard deviation of LIGHT_DEVIATION.
 Several are tried, since one doesn't suit all photographs."""
 
+# Divisor of the edges' weight in each iteration, and the largest one over all scales. Chosen.
 _WEIGHT_DIVISOR, _MAX_WEIGHT_DIVISION = 1.1, 40.0
-"""Divisor of the edges' weight in each iteration, and the largest one over all scales. Chosen."""
 
-_ITERATIONS_PER_SCALE = 5
-"""Iterations of the search by edges at each scale. Chosen."""
+_ITERATIONS_PER_SCALE = 5  # iterations of the search by edges at each scale; chosen
 
-_SPECK_SHARE = 0.1
-"""Share of the kernel's light below which connected parts are removed. Chosen."""
+_SPECK_SHARE = 0.1  # share of the kernel's light below which connected parts are removed; chosen
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,8 +38,7 @@ from optics.validation import (
     require_positive,
 )
 
-_SHARE_TOLERANCE = 1e-3
-"""Largest deviation from 1 of the sum of a pixel's shares."""
+_SHARE_TOLERANCE = 1e-3  # largest deviation from 1 of the sum of a pixel's shares
 
 
 @dataclass(frozen=True, eq=False)

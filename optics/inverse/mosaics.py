@@ -33,12 +33,11 @@ from optics.validation import (
     split_mask,
 )
 
+# Share of a mosaic's blocks that are taken to be flat. Each filter's pixels lie apart, so that a
+# block of them shows more of the scene.
 _FLAT_SHARE = 0.02
-"""Share of a mosaic's blocks that are taken to be flat. Each filter's pixels lie apart, so that a
-block of them shows more of the scene."""
 
-_MARGIN = 8
-"""Least number of pixels that keep opposite edges of the frame apart on the period."""
+_MARGIN = 8  # least number of pixels that keep opposite edges of the frame apart on the period
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,15 +289,15 @@ def _build_mosaic_observation(
     )
 
 
+# Weight of the luminance's curvature relative to that of the colour differences. Chosen.
 _LUMINANCE = 0.4
-"""Weight of the luminance's curvature relative to that of the colour differences. Chosen."""
 
+# Curvature that one iteration sets to zero, over the light's standard deviation. Chosen.
 _CURVATURE_THRESHOLD = 1.0
-"""Curvature that one iteration sets to zero, over the light's standard deviation. Chosen."""
 
+# Regularisation weight of a picture without noise, over the light's scale, and the factor of the
+# squared relative noise, which is added. Chosen.
 _NOISELESS_WEIGHT, _NOISE_WEIGHT = 1e-3, 1.8
-"""Regularisation weight of a picture without noise, over the light's scale, and the factor of the
-squared relative noise, which is added. Chosen."""
 
 
 @single_threaded

@@ -21,41 +21,40 @@ from optics.inverse.operator import squared_modulus
 
 Array = NDArray[np.float64]
 
+# Lowest frequency that is used, in periods per frame. The window and slow trends of the picture
+# dominate those below. Chosen.
 _MIN_PERIODS = 3
-"""Lowest frequency that is used, in periods per frame. The window and slow trends of the picture
-dominate those below. Chosen."""
 
+# Ratio of signal to noise power below which a frequency shows the noise alone, and the number of
+# such frequencies from which the noise is taken from them. Chosen.
 _MAX_SIGNAL_TO_NOISE, _MIN_NOISE_FREQUENCIES = 0.1, 300
-"""Ratio of signal to noise power below which a frequency shows the noise alone, and the number of
-such frequencies from which the noise is taken from them. Chosen."""
 
+# Logarithm of the likelihood ratio, per frequency and of all, from which the PSF's error is
+# believed. Of 480 photographs with exact PSFs, they are 0.008 and 345 at most. With measured PSFs
+# they are 0.013 to 0.08, and on frames of 255 pixels 411 and more.
 _LEAST_EVIDENCE, _LEAST_TOTAL_EVIDENCE = 0.008, 280.0
-"""Logarithm of the likelihood ratio, per frequency and of all, from which the PSF's error is
-believed. Of 480 photographs with exact PSFs, they are 0.008 and 345 at most. With measured PSFs
-they are 0.013 to 0.08, and on frames of 255 pixels 411 and more."""
 
+# Standard deviation of noise and error over that of the noise from which the error is believed.
+# Where the evidence with an exact PSF is above 220, it is 1.05 at most; with measured ones it is
+# 1.29 and more.
 _LEAST_HARM = 1.15
-"""Standard deviation of noise and error over that of the noise from which the error is believed.
-Where the evidence with an exact PSF is above 220, it is 1.05 at most; with measured ones it is 1.29
-and more."""
 
+# Factor on the noise if there is such an error. Measured: the best of 1 to 3 in the mean of 33
+# photographs with PSFs that were disturbed by random errors.
 _MODEL_ERROR_FACTOR = 1.5
-"""Factor on the noise if there is such an error. Measured: the best of 1 to 3 in the mean of 33
-photographs with PSFs that were disturbed by random errors."""
 
+# Share of the photograph's blocks that are taken to be flat, and a block's side. Chosen.
 _FLAT_SHARE, _FLAT_BLOCK = 0.1, 16
-"""Share of the photograph's blocks that are taken to be flat, and a block's side. Chosen."""
 
+# Noise over that of flat blocks below which the spectrum's noise isn't believed: the power law
+# has taken it for detail. Chosen.
 _FLAT_RATIO = 0.45
-"""Noise over that of flat blocks below which the spectrum's noise isn't believed: the power law has
-taken it for detail. Chosen."""
 
+# Number of bins of the frequency's modulus, and of the squared MTF, which has one for all below
+# this. Chosen.
 _RADIUS_BINS, _MTF_BINS, _MIN_SQUARED_MTF = 24, 16, 1e-8
-"""Number of bins of the frequency's modulus, and of the squared MTF, which has one for all below
-this. Chosen."""
 
-_STEPS = 40
-"""Largest number of scoring steps of a fit."""
+_STEPS = 40  # largest number of scoring steps of a fit
 
 
 @dataclass(frozen=True)

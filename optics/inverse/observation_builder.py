@@ -18,13 +18,13 @@ from optics.validation import (
     split_mask,
 )
 
-EVEN_SPREAD = 1.05
-"""Mean variance over the squared mean deviation up to which noise counts as even. Chosen: at 1.05,
-deviations differ by about a fifth."""
+# Mean variance over the squared mean deviation up to which noise counts as even. Chosen: at 1.05,
+# deviations differ by about a fifth.
+_EVEN_SPREAD = 1.05
 
+# Noise that the photograph shows over that of its map, from which the rest is added to the map.
+# Chosen: verdicts doubt a told noise from the same ratio.
 _DOUBTED = 1.6
-"""Noise that the photograph shows over that of its map, from which the rest is added to the map.
-Chosen: verdicts doubt a told noise from the same ratio."""
 
 
 def with_variance(observation: Observation, variance: torch.Tensor) -> Observation:
@@ -75,7 +75,7 @@ def with_variance(observation: Observation, variance: torch.Tensor) -> Observati
     kept = measured & given
     if observation.clipped is not None:
         kept |= observation.clipped & given
-    if mean <= EVEN_SPREAD * deviation**2:
+    if mean <= _EVEN_SPREAD * deviation**2:
         weights = None if bool(kept.all()) else kept.to(observation.image)
         return replace(observation, given_noise=mean**0.5, weights=weights, variance=None)
     inverse = torch.where(used, variance, mean).to(torch.float64).rsqrt()

@@ -233,9 +233,9 @@ def sum_products(parts: Sequence[torch.Tensor], others: Sequence[torch.Tensor]) 
     return total
 
 
+# Coupling of the split of Box, relative to that of the data. Measured with four PSFs, two noises,
+# 12 and 30 iterations: 0.3 is up to 2.3 dB better than 1.
 _BOX_COUPLING = 0.3
-"""Coupling of the split of Box, relative to that of the data. Measured with four PSFs, two noises,
-12 and 30 iterations: 0.3 is up to 2.3 dB better than 1."""
 
 
 class Box(Prior):

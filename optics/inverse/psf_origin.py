@@ -14,41 +14,41 @@ from numpy.typing import NDArray
 
 Light = NDArray[np.float64]
 
+# Light above the background that belongs to a PSF, over its peak and over the noise. Chosen.
 _LEAST_LIGHT, _LEAST_NOISE_RATIO = 0.02, 4.0
-"""Light above the background that belongs to a PSF, over its peak and over the noise. Chosen."""
 
+# Quantiles of a PSF's values that show its background and noise. Chosen: few PSFs light more than
+# four fifths of their array.
 _LOW_QUANTILES = 0.02, 0.2
-"""Quantiles of a PSF's values that show its background and noise. Chosen: few PSFs light more than
-four fifths of their array."""
 
+# Distances of these quantiles of the normal distribution below its mean, in deviations.
 _NORMAL_DISTANCES = 2.054, 0.842
-"""Distances of these quantiles of the normal distribution below its mean, in deviations."""
 
+# Least share of a PSF's light in its largest connected part; below, parts that a dark pixel
+# separates belong together, as the lobes of a cubic phase mask's PSF. Chosen.
 _MAIN_SHARE = 0.5
-"""Least share of a PSF's light in its largest connected part; below, parts that a dark pixel
-separates belong together, as the lobes of a cubic phase mask's PSF. Chosen."""
 
+# Largest share of that light that is connected in the array as it is stored. Chosen.
 _TORN_SHARE = 0.99
-"""Largest share of that light that is connected in the array as it is stored. Chosen."""
 
+# Least light of the first and last line, over that of the two lines in the middle, and over all.
+# Chosen; in a sound PSF the first ratio is below 1.
 _EDGE_RATIO, _EDGE_SHARE = 3.0, 0.01
-"""Least light of the first and last line, over that of the two lines in the middle, and over all.
-Chosen; in a sound PSF the first ratio is below 1."""
 
+# Lines on either side of an edge, the least ratio of their light, and the share of light in one
+# line from which a PSF is thin and needn't lie on both sides. Chosen.
 _NEAR_LINES, _SIDE_RATIO, _THIN_SHARE = 3, 0.005, 0.9
-"""Lines on either side of an edge, the least ratio of their light, and the share of light in one
-line from which a PSF is thin and needn't lie on both sides. Chosen."""
 
+# Light of the second line from an edge over the first, on both sides, from which the edge
+# separates spots that only touch it. Chosen: 1.6 for disks of 5 to 7 pixels.
 _VALLEY = 1.25
-"""Light of the second line from an edge over the first, on both sides, from which the edge
-separates spots that only touch it. Chosen: 1.6 for disks of 5 to 7 pixels."""
 
+# Least light of the second lines from an edge over the first. Chosen: single pixels have none.
 _BEYOND = 0.05
-"""Least light of the second lines from an edge over the first. Chosen: single pixels have none."""
 
+# Largest difference of the lines on both sides of an edge, over their light, where the light lies
+# in two quarters only, as a thin line's. Chosen.
 _MISFIT = 0.2
-"""Largest difference of the lines on both sides of an edge, over their light, where the light lies
-in two quarters only, as a thin line's. Chosen."""
 
 
 def has_origin_in_corner(psf: NDArray[np.floating]) -> bool:
@@ -120,11 +120,11 @@ def _largest_part(light: Light, *, joins: bool) -> Light:
     return np.where(labels == 1 + int(np.argmax(sums)), light, 0)
 
 
+# Offset in pixels up to which a PSF's light may be off its origin by its own shape, and the dark
+# pixels that are left around one that is farther off. Measured: the offset is up to 3.5 in 32
+# kernels of shaken cameras. Without room, linear steps find light from beyond the frame worse, by
+# 0.2 dB in the mean of 132 photographs with these kernels.
 _OWN_OFFSET, _ROOM = 3.75, 8
-"""Offset in pixels up to which a PSF's light may be off its origin by its own shape, and the dark
-pixels that are left around one that is farther off. Measured: the offset is up to 3.5 in 32 kernels
-of shaken cameras. Without room, linear steps find light from beyond the frame worse, by 0.2 dB in
-the mean of 132 photographs with these kernels."""
 
 
 def light_offset(psf: torch.Tensor) -> tuple[int, int]:

@@ -53,25 +53,25 @@ GRADIENT_THRESHOLD = 0.2
 deviation. This value is the fastest."""
 
 
+# Over-relaxation of the split gradients. Of 1, 1.5 and 1.8 with four PSFs, two noises and 12 to
+# 60 iterations, 1.5 is up to 0.17 dB better than 1; 1.8 is as good, but not with clipped pixels.
+# It doesn't serve penalties that aren't convex, nor the likelihood of photons.
 _RELAXATION = 1.4
-"""Over-relaxation of the split gradients. Of 1, 1.5 and 1.8 with four PSFs, two noises and 12 to
-60 iterations, 1.5 is up to 0.17 dB better than 1; 1.8 is as good, but not with clipped pixels. It
-doesn't serve penalties that aren't convex, nor the likelihood of photons."""
 
-LUMINANCE_WEIGHT = 0.5
-"""Weight of the luminance beside colour differences. Of 0.3, 0.5 and 0.7, the best for five
-photographs, blurred by a disk or by a ring for each colour."""
+# Weight of the luminance beside colour differences. Of 0.3, 0.5 and 0.7, the best for five
+# photographs, blurred by a disk or by a ring for each colour.
+_LUMINANCE_WEIGHT = 0.5
 
-LEAST_BAND_WEIGHT = 3e-4
-"""Least estimated weight of a scene with several bands, relative to the scale of its light. What
-neither filters nor PSFs determine needs a prior also where there is no noise."""
+# Least estimated weight of a scene with several bands, relative to the scale of its light. What
+# neither filters nor PSFs determine needs a prior also where there is no noise.
+_LEAST_BAND_WEIGHT = 3e-4
 
 
-VARIED_WEIGHT = 1.8
-"""Factor on the estimated weight for photographs with a variance map. The gradients from which the
-weight is estimated are mostly those of the brightest parts. Measured on nine photographs of three
-scenes with three PSFs, of 1, 1.5 and 2.2: the gain in light is 0.6 dB, 0.7 dB and 0.5 dB, and that
-in its logarithm -1.2 dB, -0.2 dB and 0.4 dB."""
+# Factor on the estimated weight for photographs with a variance map. The gradients from which the
+# weight is estimated are mostly those of the brightest parts. Measured on nine photographs of
+# three scenes with three PSFs, of 1, 1.5 and 2.2: the gain in light is 0.6 dB, 0.7 dB and 0.5 dB,
+# and that in its logarithm -1.2 dB, -0.2 dB and 0.4 dB.
+_VARIED_WEIGHT = 1.8
 
 
 def light_in_weight(given: Mapping[str, Any]) -> float:
@@ -125,7 +125,7 @@ def total_variation(
     require_count("iterations", iterations)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
     name = name if data_prox is None else f"Poisson {name}"
-    coupling = bands or BandCoupling.luminance_chrominance(observation.bands, LUMINANCE_WEIGHT)
+    coupling = bands or BandCoupling.luminance_chrominance(observation.bands, _LUMINANCE_WEIGHT)
     if coupling.bands != observation.bands:
         raise ValueError(f"bands couples {coupling.bands}; the scene has {observation.bands}")
     # Clipped light may be many times brighter than the measured value. With a small threshold, it
@@ -210,14 +210,14 @@ def weight_settings(
     """
     if weight is not None:
         return SplittingSettings(iterations, weight, tol=tol)
-    varied = 1.0 if observation.variance is None else VARIED_WEIGHT
+    varied = 1.0 if observation.variance is None else _VARIED_WEIGHT
     delay, limits = (5, (LEAST_WEIGHT_SHARE, 2.5)) if is_predictable else (3, (1 / 8, 8.0))
     least = 0.0
     if observation.relative_filters is None:
         first = varied * initial_weight(observation, power)
     else:
         # Blur and interpolation make the first picture smoother than the scene.
-        least = LEAST_BAND_WEIGHT * observation.scale ** (2 - power)
+        least = _LEAST_BAND_WEIGHT * observation.scale ** (2 - power)
         smooth = penalty.estimate_weight(observation.extended_image, observation.disturbance, 1.0)
         first = max(0.5 * smooth, least)
 

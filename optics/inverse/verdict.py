@@ -16,14 +16,14 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
 
-RANGE, _STEP, _REFINEMENTS = 0.15, 0.025, 3
-"""Largest deviation of the scale from 1 that is looked for, the step of the first scales, and the
-number of halvings of that step."""
+# Largest deviation of the scale from 1 that is looked for, the step of the first scales, and the
+# number of halvings of that step.
+_RANGE, _STEP, _REFINEMENTS = 0.15, 0.025, 3
 
-LEAST_EVIDENCE, EVIDENCE_SHARE, LEAST_DEVIATION = 20.0, 0.002, 0.01
-"""Logarithm of the likelihood ratio, alone and added per frequency, and deviation from 1, from
-which a scale is believed to be wrong. Pictures depart from a power law, which looks like evidence
-and grows with their number of frequencies."""
+# Logarithm of the likelihood ratio, alone and added per frequency, and deviation from 1, from
+# which a scale is believed to be wrong. Pictures depart from a power law, which looks like
+# evidence and grows with their number of frequencies.
+_LEAST_EVIDENCE, _EVIDENCE_SHARE, _LEAST_DEVIATION = 20.0, 0.002, 0.01
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class PSFScale:
         A likelihood that still grows at the end of the range doesn't show it: what grows is then
         the picture's departure from a power law.
         """
-        least = LEAST_EVIDENCE + EVIDENCE_SHARE * self.frequencies
-        return self.evidence >= least and LEAST_DEVIATION <= abs(self.scale - 1) < RANGE - 1e-9
+        least = _LEAST_EVIDENCE + _EVIDENCE_SHARE * self.frequencies
+        return self.evidence >= least and _LEAST_DEVIATION <= abs(self.scale - 1) < _RANGE - 1e-9
 
 
 @single_threaded
@@ -76,11 +76,11 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
     likelihoods = dict[float, float]()
 
     def look_at(scale: float) -> None:
-        if scale not in likelihoods and abs(scale - 1) <= RANGE + 1e-9:
+        if scale not in likelihoods and abs(scale - 1) <= _RANGE + 1e-9:
             psf = scaled_psf(observation.psf, scale)
             likelihoods[scale] = spectrum.log_likelihood(psf / psf.sum())
 
-    count = round(RANGE / _STEP)
+    count = round(_RANGE / _STEP)
     for number in range(-count, count + 1):
         progress.report((number + count) / (2 * count + 1 + 2 * _REFINEMENTS), "scale of the PSF")
         look_at(1 + number * _STEP)
@@ -121,35 +121,35 @@ def refine_psf_scale(observation: Observation, found: PSFScale) -> Observation:
     return replace(observation, psf=scaled_psf(observation.psf, found.scale))
 
 
-LEAST_RESIDUAL, MOST_RESIDUAL = 0.55, 1.25
-"""Residuals, relative to the noise, between which the rest of the photograph looks like noise."""
+# Residuals, relative to the noise, between which the rest of the photograph looks like noise.
+_LEAST_RESIDUAL, _MOST_RESIDUAL = 0.55, 1.25
 
+# Told noise over estimated noise, or the inverse, from which the told noise is doubted.
 _NOISE_RATIO = 1.6
-"""Told noise over estimated noise, or the inverse, from which the told noise is doubted."""
 
+# Deviation of the PSF's scale from 1, or evidence per frequency, that is likely to cost more than
+# 1 dB.
 _GRAVE_SCALE, _GRAVE_EVIDENCE = 0.03, 0.05
-"""Deviation of the PSF's scale from 1, or evidence per frequency, that is likely to cost more than
-1 dB."""
 
+# Residual around clipped pixels, over that of all, that is likely to cost more than 1 dB.
 _GRAVE_CLIPPING = 1.3
-"""Residual around clipped pixels, over that of all, that is likely to cost more than 1 dB."""
 
+# Number of pixels that share the highest level, and their number over that of the next lower
+# level, from which they count as clipped.
 _CLIPPED_PIXELS, _CLIPPED_RATIO = 10, 2.0
-"""Number of pixels that share the highest level, and their number over that of the next lower
-level, from which they count as clipped."""
 
 
+# Depth of a photograph's light below 0, over the noise, and the share of such pixels from which
+# the light is too low. Chosen: white noise has 3e-5 of them where nothing shines.
 _NEGATIVE_DEPTH, _NEGATIVE_SHARE = 4.0, 1e-3
-"""Depth of a photograph's light below 0, over the noise, and the share of such pixels from which
-the light is too low. Chosen: white noise has 3e-5 of them where nothing shines."""
 
+# Share of a PSF's light that is negative from which it may make light negative. Chosen: a
+# measured PSF has less, by its noise.
 _NEGATIVE_PSF = 0.01
-"""Share of a PSF's light that is negative from which it may make light negative. Chosen: a measured
-PSF has less, by its noise."""
 
+# Residual of a picture whose negative light was cut, over that before, from which the cut is what
+# doesn't fit. Chosen.
 _CUT_COST = 1.1
-"""Residual of a picture whose negative light was cut, over that before, from which the cut is what
-doesn't fit. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding
     if told is None or shown <= 0 or observation.variance is not None:
         return None
     ratio, residual = told / shown, restored.residual
-    too_large = ratio > _NOISE_RATIO and residual < MOST_RESIDUAL
+    too_large = ratio > _NOISE_RATIO and residual < _MOST_RESIDUAL
     too_small = ratio < 1 / _NOISE_RATIO and residual > 1
     if not (too_large or too_small):
         return None
@@ -306,7 +306,7 @@ def _dark_finding(observation: Observation, restored: RestoredImage) -> Finding 
         "dark",
         f"{share:.1%} of the pixels are negative by more than {_NEGATIVE_DEPTH:g} times the noise",
         "the dark level that was subtracted is too high; subtract less",
-        is_grave=max(restored.residual, least) > MOST_RESIDUAL,
+        is_grave=max(restored.residual, least) > _MOST_RESIDUAL,
     )
 
 
@@ -324,7 +324,7 @@ def _psf_finding(observation: Observation) -> Finding | None:
 
 def _residual_finding(restored: RestoredImage) -> Finding | None:
     """Report a residual that is too large or too small without a known cause."""
-    if restored.residual > MOST_RESIDUAL:
+    if restored.residual > _MOST_RESIDUAL:
         uncut = restored.uncut_residual
         if uncut is not None and restored.residual > _CUT_COST * uncut:
             return Finding(
@@ -345,7 +345,7 @@ def _residual_finding(restored: RestoredImage) -> Finding | None:
             f"the residual is {restored.residual:.2f} times the noise",
             "PSF, noise or model doesn't fit; measure the PSF again",
         )
-    if restored.residual < LEAST_RESIDUAL:
+    if restored.residual < _LEAST_RESIDUAL:
         return Finding(
             "smoothing",
             f"the residual is only {restored.residual:.2f} times the noise",

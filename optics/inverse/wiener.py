@@ -27,12 +27,12 @@ PENALTY_KINDS: tuple[PenaltyKind, ...] = ("gradient", "spectrum", "flat")
 Frequencies = tuple[slice, slice]
 """Rows and columns of an rfft2 grid."""
 
+# Relative residual of the equations from which more steps change the picture by little. Of 160
+# restorations with 10 PSFs, those within it were within 1.5 % and 0.15 dB of the solution.
 _CONVERGED_RESIDUAL = 1e-4
-"""Relative residual of the equations from which more steps change the picture by little. Of 160
-restorations with 10 PSFs, those within it were within 1.5 % and 0.15 dB of the solution."""
 
+# Weights among which the best one is chosen: K at a frequency of one cycle per pixel.
 _TRIAL_WEIGHTS = torch.logspace(-8, 2, 61, dtype=torch.float64)
-"""Weights among which the best one is chosen: K at a frequency of one cycle per pixel."""
 
 
 @single_threaded
