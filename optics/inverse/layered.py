@@ -281,7 +281,7 @@ class _LayerEquations(LinearEquations):
             self._powers = squared_modulus(transfer_function(psfs, observation.period_shape))
         self._weights = observation.effective_weights
 
-    @property
+    @cached_property
     def squared_response(self) -> torch.Tensor:
         return self._powers
 

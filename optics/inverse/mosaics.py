@@ -124,10 +124,6 @@ class MosaicObservation(Observation):
         return self.filters / self.filter_gain
 
     @cached_property
-    def squared_response(self) -> torch.Tensor:
-        return self.squared_mtf * self.relative_filters.square().mean((-2, -1), keepdim=True)
-
-    @cached_property
     def channels(self) -> tuple[Observation, torch.Tensor]:
         # The light behind each kind of filter is a mosaic of its own, if fewer than the bands.
         down, along = self.filter_period

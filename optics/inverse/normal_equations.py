@@ -88,6 +88,14 @@ def least_weight(
     return least / max(there, 1e-30)
 
 
+def squared_response(seen: Observation) -> torch.Tensor:
+    """Return the squared response of blur and filters to each frequency, a mean over the pixels."""
+    filters = seen.relative_filters
+    if filters is None:
+        return seen.squared_mtf
+    return seen.squared_mtf * filters.square().mean((-2, -1), keepdim=True)
+
+
 class LinearEquations(ABC):
     """Base class of normal equations (B* M B + K) x = B* M y + K z.
 
@@ -109,10 +117,10 @@ class LinearEquations(ABC):
         """Whether the equations treat each frequency on its own."""
         return False
 
-    @property
+    @cached_property
     def squared_response(self) -> torch.Tensor:
         """The diagonal of B* M B on frequencies, as the preconditioner takes it."""
-        return self.observation.squared_response
+        return squared_response(self.observation)
 
     @abstractmethod
     def apply_data_gram(self, x: torch.Tensor) -> torch.Tensor:

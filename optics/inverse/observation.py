@@ -13,7 +13,7 @@ import torch
 from optics.inverse.blur import Border, blur_shape, require_border, transfer_function
 from optics.inverse.noise import PowerLaw, fit_power_law
 from optics.inverse.operator import squared_modulus
-from optics.inverse.psf_origin import about_offset, light_offset, shifted_window
+from optics.inverse.psf_origin import about_offset, light_offset, rms_radius, shifted_window
 from optics.plane import centred_crop, centred_pad
 from optics.validation import needs_gradient, require_finite, require_same_shape
 
@@ -45,11 +45,9 @@ class Observation:
     image : torch.Tensor, (rows, columns)
         The photograph, in light per pixel, of a scene that `psf` has blurred.
     psf : torch.Tensor, (rows, columns)
-        Point spread function with its origin at n // 2. Its sum is the share of the scene's light
-        that reaches the sensor.
+        Point spread function, origin at n // 2. Its sum is the share of the light that arrives.
     given_noise : float, optional
-        Standard deviation of a pixel of weight 1, in the image's unit. Estimated from the
-        photograph if None.
+        Standard deviation of a pixel of weight 1, in the image's unit; estimated if None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
         What the scene does beyond the frame. "unknown" is right for photographs of a real scene.
     weights : torch.Tensor, (rows, columns), optional
@@ -63,17 +61,15 @@ class Observation:
         Noise that is known to be there, for example of photons; an estimate isn't below it.
     variance : torch.Tensor, (rows, columns), optional
         Variance of each pixel from which `weights` were made: see `with_variance`. None where all
-        pixels have the same noise.
+        have the same noise.
     offset : tuple of int, default (0, 0)
-        Place of the restored picture's frame in that of the photograph, (rows, columns): see
-        `with_centred_psf`.
+        Place of the restored picture's frame in the photograph's: see `with_centred_psf`.
 
     Raises
     ------
     ValueError
-        If shapes don't fit or are empty, if a value isn't finite, if noise or a weight is negative,
-        if the noise is larger than the photograph, if the PSF has no light or more than the scene,
-        if `border` is another word, or if all pixels are clipped or have no weight.
+        If shapes don't fit or are empty, if a value isn't finite or is negative, if there is more
+        noise than light, no light in the PSF or too much, another border, or no pixel to trust.
     """
 
     image: torch.Tensor
@@ -88,36 +84,7 @@ class Observation:
     offset: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        shapes = f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}"
-        if self.image.ndim != 2 or self.psf.ndim != 2:
-            raise ValueError(f"{shapes}; both are (rows, columns)")
-        if not self.image.numel() or not self.psf.numel():
-            raise ValueError(f"{shapes}; both need at least one pixel")
-        require_psf(self.psf)
-        share, noise = float(self.psf.detach().sum()), self.given_noise
-        if share > _MOST_LIGHT:
-            raise ValueError(
-                f"psf sums to {share:g}; the sum is the share of the scene's light that arrives, "
-                "at most 1: divide the PSF by its sum"
-            )
-        require_border(self.border)
-        if noise is not None and not (noise >= 0 and math.isfinite(noise)):
-            raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
-        require_same_shape(
-            "image", self.image,
-            weights=self.weights, clipped=self.clipped, variance=self.variance,
-        )  # fmt: skip
-        if self.weights is not None:
-            require_weights(self.weights)
-        require_finite("image", self.image)
-        brightest = float(self.image.detach().abs().max())
-        if noise is not None and noise > brightest > 0:
-            raise ValueError(
-                f"noise is {noise:g}, and the photograph's largest pixel {brightest:g}; give the "
-                "standard deviation of a pixel in the photograph's unit, or leave it out"
-            )
-        if self.effective_weights is not None and not bool(self.effective_weights.any()):
-            raise ValueError("every pixel is clipped or has no weight; nothing was measured")
+        _require_sound(self)
 
     @property
     def psf_sum(self) -> float:
@@ -160,10 +127,9 @@ class Observation:
         return light_offset(self.psf)
 
     def with_centred_psf(self) -> Self:
-        """Return the problem with the PSF's light about its origin.
+        """Return the problem with the PSF's light about its origin, and the picture's frame for it.
 
-        The restored picture, in its frame `offset`, is that of the given PSF. One whose derivatives
-        are recorded stays, since each of its pixels counts.
+        A PSF whose derivatives are recorded stays, since each of its pixels counts.
         """
         if self.psf_offset == (0, 0) or self.psf.requires_grad:
             return self
@@ -172,20 +138,11 @@ class Observation:
     @cached_property
     def psf_radius(self) -> float:
         """The root mean square radius of the PSF about its centroid, in pixels."""
-        psf = self.psf.detach().to(torch.float64).clamp(min=0)
-        share, radius = psf / psf.sum(), 0.0
-        for axis in (0, 1):
-            line = share.sum(1 - axis)
-            place = torch.arange(line.numel(), dtype=torch.float64, device=line.device)
-            radius += float((line * (place - (line * place).sum()) ** 2).sum())
-        return math.sqrt(radius)
+        return rms_radius(self.psf)
 
     @cached_property
     def unit(self) -> float:
-        """The power of two below the photograph's brightest pixel, the unit of `in_own_unit`.
-
-        The told noise takes the place of a dark photograph's light.
-        """
+        """The power of two below the photograph's brightest pixel, or else below its told noise."""
         light = float(self.image.detach().abs().max()) or self.given_noise or self.least_noise
         return math.ldexp(1.0, math.frexp(light)[1] - 1) if light else 1.0
 
@@ -193,21 +150,17 @@ class Observation:
     def in_own_unit(self) -> Self:
         """The same problem with the photograph's brightest pixel from 1 to 2.
 
-        Whatever the unit of the light, its squares are within single precision there, and what is
-        small is small relative to the picture. A power of two changes no digit.
+        Whatever the light's unit, its squares are within single precision there, and what is small
+        is small relative to the picture. A power of two changes no digit.
         """
-        if self.unit == 1:
+        unit, noise, variance = self.unit, self.given_noise, self.variance
+        if unit == 1:
             return self
-        variance = self.variance
         if variance is not None:
-            variance = (variance.to(torch.float64) / self.unit / self.unit).to(self.image)
-        return replace(
-            self,
-            image=self.image / self.unit,
-            given_noise=None if self.given_noise is None else self.given_noise / self.unit,
-            least_noise=self.least_noise / self.unit,
-            variance=variance,
-        )
+            variance = (variance.to(torch.float64) / unit / unit).to(self.image)
+        noise, least = None if noise is None else noise / unit, self.least_noise / unit
+        image = self.image / unit
+        return replace(self, image=image, given_noise=noise, least_noise=least, variance=variance)
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
@@ -225,11 +178,9 @@ class Observation:
     def scale(self) -> float:
         """The scale of the scene's light, which sets thresholds and weights.
 
-        It is the photograph's standard deviation over the sum of the PSF, but at least 1e-3 of the
-        mean; 1 for a dark photograph.
+        It is the standard deviation, but at least 1e-3 of the mean; 1 for a dark photograph.
         """
-        # Statistics of every n-th row are enough, as long as there are at least 128 rows. An odd n
-        # sees all rows of a mosaic.
+        # 128 rows are enough. Every n-th one, with an odd n, sees all rows of a mosaic.
         image = self.image.detach()[:: max(1, len(self.image) >> 7) | 1].to(torch.float64)
         spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
         return spread / self.psf_sum if spread > 0 else 1.0
@@ -257,23 +208,14 @@ class Observation:
     def _fitted_power_law(self) -> PowerLaw:
         """Fit the power law to the middle of the photograph."""
         trust = self.effective_weights
-        return fit_power_law(
-            self.centre,
-            self.psf / self.psf_sum,
-            finds_model_error=trust is None or bool((trust > 0).all()),
-        )
+        is_whole = trust is None or bool((trust > 0).all())
+        return fit_power_law(self.centre, self.psf / self.psf_sum, finds_model_error=is_whole)
 
     @property
     def centre(self) -> torch.Tensor:
-        """The middle of the photograph, whose spectrum is fitted.
-
-        512 pixels, or four times the PSF, are enough for the fit.
-        """
-        rows, columns = self.image.shape
-        shape = (
-            min(rows, max(512, 4 * self.psf.shape[0])),
-            min(columns, max(512, 4 * self.psf.shape[1])),
-        )
+        """The middle of the photograph, 512 pixels or four PSFs, whose spectrum is fitted."""
+        (rows, columns), (m, n) = self.image.shape, self.psf.shape
+        shape = min(rows, max(512, 4 * m)), min(columns, max(512, 4 * n))
         return centred_crop(self.inpainted_image.detach(), shape) * self.psf_sum
 
     @property
@@ -300,10 +242,9 @@ class Observation:
 
     @cached_property
     def disturbance(self) -> float:
-        """The noise against which a prior is weighed, on the scale of the scene.
+        """The noise against which a prior is weighed, with the PSF's error, on the scene's scale.
 
-        It includes what the PSF's error does, whether the noise is told or estimated: see
-        `PowerLaw.model_error_variance`. A residual is relative to `scene_noise` instead.
+        See `PowerLaw.model_error_variance`. A residual is relative to `scene_noise` instead.
         """
         error = self.power_law.model_error_variance / self.psf_sum**2
         return math.hypot(self.scene_noise, math.sqrt(error))
@@ -311,11 +252,9 @@ class Observation:
     def explained_share(self, mean_squared_residual: float) -> float:
         """Return the share of the data that a picture explains, at least a small one.
 
-        The share is of what exceeds the larger of told and estimated noise: noise that is told a
-        little too small would leave nothing explained.
-
-        mean_squared_residual: of the picture, relative to `scene_noise`.
+        `mean_squared_residual` is relative to `scene_noise`.
         """
+        # Noise that is told a little too small would leave nothing explained.
         estimated = self.power_law.total_variance / self.psf_sum**2
         left = mean_squared_residual * self.scene_noise**2 / max(self.disturbance**2, estimated)
         return max(1 - left, MIN_EXPLAINED_SHARE)
@@ -330,18 +269,12 @@ class Observation:
         """The normalised photograph, with pixels of weight 0 filled in from their neighbours."""
         if self.effective_weights is None:
             return self.normalised_image
-        known = self.effective_weights > 0
-        return (
-            self.normalised_image if bool(known.all()) else _inpaint(self.normalised_image, known)
-        )
+        known, image = self.effective_weights > 0, self.normalised_image
+        return image if bool(known.all()) else _inpaint(image, known)
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The inpainted photograph, extended smoothly to the whole period.
-
-        Opposite edges of the period meet smoothly. With a dark border, zeros surround the
-        photograph instead.
-        """
+        """The inpainted photograph, extended smoothly to the period, or by zeros if it's dark."""
         if self.border == "dark":
             return centred_pad(self.inpainted_image, self.period_shape)
         return extend_periodically(self.inpainted_image, self.period_shape)
@@ -349,24 +282,19 @@ class Observation:
     @cached_property
     def support(self) -> torch.Tensor | None:
         """1 on the period where the scene may have light, else 0; None if it may everywhere."""
-        if self.border != "dark":
-            return None
-        return centred_pad(torch.ones_like(self.image), self.period_shape)
+        whole = torch.ones_like(self.image)
+        return centred_pad(whole, self.period_shape) if self.border == "dark" else None
 
     def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
         """Crop a picture on the whole period to the photograph's frame, as a view."""
         return centred_crop(period_image, self.image.shape)
 
     def crop_to_picture(self, period_image: torch.Tensor) -> torch.Tensor:
-        """Crop a picture on the whole period to its own frame: see `offset`.
-
-        Beyond the period, the picture goes on as at its edge.
-        """
+        """Crop a picture on the period to its own frame, beyond which it goes on as at its edge."""
         if self.offset == (0, 0):
             return self.crop_to_frame(period_image)
-        return shifted_window(
-            period_image, self.offset, tuple(self.image.shape), self.border == "periodic"
-        )
+        wraps = self.border == "periodic"
+        return shifted_window(period_image, self.offset, tuple(self.image.shape), wraps)
 
     @property
     def bands(self) -> int:
@@ -375,32 +303,19 @@ class Observation:
 
     @property
     def relative_filters(self) -> torch.Tensor | None:
-        """The transmissions of a mosaic of filters, (bands, rows, columns), over their norm.
-
-        None for a photograph without filters.
-        """
+        """The transmissions of a mosaic of filters over their norm; None without filters."""
         return None
 
     @property
-    def squared_response(self) -> torch.Tensor:
-        """The squared response of blur and filters to each frequency, a mean over the pixels."""
-        return self.squared_mtf
-
-    @property
     def channels(self) -> tuple[Observation, torch.Tensor]:
-        """The photograph as one of the blurred light of each channel, and how bands mix into it.
+        """The photograph as one of each channel's light, and how bands mix into it.
 
-        The mixing is (channels, bands). For many bands, the light of the sensor's channels, which
-        are fewer, is split off.
+        The mixing is (channels, bands). Of many bands, the channels' light is split off.
         """
         return self, torch.eye(self.bands, dtype=torch.float64)
 
     def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
-        """Return what the sensor measures of the bands' light in the frame.
-
-        `light` is (bands, rows, columns), and the result is (1, rows, columns), on the scale of
-        `normalised_image`.
-        """
+        """Return what the sensor measures of the bands' light in the frame, (1, rows, columns)."""
         filters = self.relative_filters
         return light if filters is None else (filters * light).sum(0, keepdim=True)
 
@@ -410,19 +325,48 @@ class Observation:
 
     @torch.no_grad()
     def mean_squared_residual(self, light: torch.Tensor) -> float:
-        """Compute the mean squared residual, relative to the noise variance.
+        """Compute the mean squared residual of pixels with a weight, over the noise variance.
 
-        The residual is the normalised photograph less `light`, the blurred picture on the whole
-        period. The mean is over pixels with a weight.
+        The residual is the normalised photograph less `light`, a blurred picture on the period.
         """
         squares = (self.sum_bands(self.crop_to_frame(light)) - self.normalised_image).square_()
-        if self.effective_weights is None:
-            mean = float(squares.mean())
-        else:
-            mean = float(
-                squares.mul_(self.effective_weights).sum() / (self.effective_weights > 0).sum()
-            )
-        return mean / self.scene_noise**2
+        trust = self.effective_weights
+        mean = squares.mean() if trust is None else squares.mul_(trust).sum() / (trust > 0).sum()
+        return float(mean) / self.scene_noise**2
+
+
+def _require_sound(seen: Observation) -> None:
+    """Raise ValueError for a photograph that can't be restored: see Observation."""
+    shapes = f"image is {tuple(seen.image.shape)} and psf {tuple(seen.psf.shape)}"
+    if seen.image.ndim != 2 or seen.psf.ndim != 2:
+        raise ValueError(f"{shapes}; both are (rows, columns)")
+    if not seen.image.numel() or not seen.psf.numel():
+        raise ValueError(f"{shapes}; both need at least one pixel")
+    require_psf(seen.psf)
+    share, noise = float(seen.psf.detach().sum()), seen.given_noise
+    if share > _MOST_LIGHT:
+        raise ValueError(
+            f"psf sums to {share:g}; the sum is the share of the scene's light that arrives, "
+            "at most 1: divide the PSF by its sum"
+        )
+    require_border(seen.border)
+    if noise is not None and not (noise >= 0 and math.isfinite(noise)):
+        raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
+    require_same_shape(
+        "image", seen.image,
+        weights=seen.weights, clipped=seen.clipped, variance=seen.variance,
+    )  # fmt: skip
+    if seen.weights is not None:
+        require_weights(seen.weights)
+    require_finite("image", seen.image)
+    brightest = float(seen.image.detach().abs().max())
+    if noise is not None and noise > brightest > 0:
+        raise ValueError(
+            f"noise is {noise:g}, and the photograph's largest pixel {brightest:g}; give the "
+            "standard deviation of a pixel in the photograph's unit, or leave it out"
+        )
+    if seen.effective_weights is not None and not bool(seen.effective_weights.any()):
+        raise ValueError("every pixel is clipped or has no weight; nothing was measured")
 
 
 def require_weights(weights: torch.Tensor) -> None:

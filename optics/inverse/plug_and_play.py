@@ -13,7 +13,11 @@ from torch.nn import functional
 from optics.fourier import rfft_column_weights
 from optics.inverse.band_coupling import helmert_matrix, transform_bands
 from optics.inverse.method import SETUP_COST, Denoise, Gain, RestorationCost, RestorationMethod
-from optics.inverse.normal_equations import ConjugateGradientStep, NormalEquations
+from optics.inverse.normal_equations import (
+    ConjugateGradientStep,
+    NormalEquations,
+    squared_response,
+)
 from optics.inverse.observation import Observation
 from optics.inverse.own_terms import in_own_unit
 from optics.inverse.priors import Prior
@@ -233,7 +237,7 @@ class _DenoisedPicture(Prior):
         # About 2^18 values are enough.
         light = light.flatten()[:: max(1, light.numel() >> 18)]
         self._white = max(float(torch.quantile(light, _WHITE_QUANTILE)), observation.scale)
-        response = observation.squared_response
+        response = squared_response(observation)
         # About 16,000 frequencies show the noise, each of which stands for some of the full FFT.
         every = max(1, math.isqrt(response.numel() // (1 << 14)))
         self._power = response[..., ::every, ::every].double()

@@ -153,6 +153,17 @@ def centroid_offset(psf: torch.Tensor) -> tuple[float, float]:
     return down, float((light.sum(0) * torch.arange(columns)).sum()) - columns // 2
 
 
+def rms_radius(psf: torch.Tensor) -> float:
+    """Return the root mean square radius of a PSF about its centroid, in pixels."""
+    light = psf.detach().to(torch.float64).clamp(min=0)
+    share, radius = light / light.sum(), 0.0
+    for axis in (0, 1):
+        line = share.sum(1 - axis)
+        place = torch.arange(line.numel(), dtype=torch.float64, device=line.device)
+        radius += float((line * (place - (line * place).sum()) ** 2).sum())
+    return math.sqrt(radius)
+
+
 def about_offset(psfs: torch.Tensor, offset: tuple[int, int]) -> torch.Tensor:
     """Return PSFs, (..., rows, columns), with their light at `offset` central.
 
