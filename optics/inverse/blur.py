@@ -94,10 +94,8 @@ def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
         (rows, columns) of a period that holds the frame and half a PSF on every side. Its FFTs are
         fast.
     """
-    rows, columns = (
-        fast_fft_length(int(n) + int(m)) for n, m in zip(frame[-2:], psf[-2:], strict=True)
-    )
-    return rows, columns
+    rows, columns = int(frame[-2]) + int(psf[-2]), int(frame[-1]) + int(psf[-1])
+    return fast_fft_length(rows), fast_fft_length(columns)
 
 
 def require_border(border: str) -> None:

@@ -13,7 +13,7 @@ from scipy.ndimage import distance_transform_edt
 from optics.fourier import irfft2, rfft2
 from optics.inverse.band_coupling import BandCoupling
 from optics.inverse.blur import Border, OccludingBlur, VaryingBlur, layer_weights, transfer_function
-from optics.inverse.noise import PowerLaw, fit_power_law_with_mtf
+from optics.inverse.noise import PowerLaw, fit_power_law
 from optics.inverse.normal_equations import ConjugateGradientStep, LinearEquations
 from optics.inverse.observation import Observation, require_psf
 from optics.inverse.operator import Operator, squared_modulus
@@ -80,7 +80,7 @@ class LayeredObservation(Observation):
         # The spectra of the layers add in power.
         shape = (int(self.image.shape[0]), int(self.image.shape[1]))
         image = self.inpainted_image * self.psf_sum
-        law = fit_power_law_with_mtf(image, self._squared_mtf_on(shape))
+        law = fit_power_law(image, self._squared_mtf_on(shape))
         # Fine detail of a sharp layer looks like noise. Therefore the noise is estimated in the
         # most blurred layer, if that covers enough of the frame.
         powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
@@ -92,7 +92,7 @@ class LayeredObservation(Observation):
         region = (torch.pi * rise / 2).sin().square()
         if float(region.mean()) < 0.02:
             return law
-        dull = fit_power_law_with_mtf(image, powers[dullest], region)
+        dull = fit_power_law(image, powers[dullest], region)
         return replace(
             law,
             noise_variance=dull.noise_variance,

@@ -106,26 +106,8 @@ def squared_frequencies(shape: tuple[int, int]) -> torch.Tensor:
 
 
 @torch.no_grad()
-def fit_power_law(
-    image: torch.Tensor, psf: torch.Tensor, *, finds_model_error: bool = True
-) -> PowerLaw:
-    """Fit a power law and white noise to a blurred photograph's spectrum.
-
-    The spectrum of the frame, with a Hann window, is modelled as the sum of white noise and of a
-    scene blurred by the PSF, whose power falls as a power of the frequency. Strength, slope and
-    noise maximise the likelihood of independent, exponentially distributed powers (Whittle 1953).
-    Frequencies that the PSF suppresses show the noise. Power that is left there and falls with the
-    frequency is the scene, blurred by the error of the PSF. In a photograph without blur, the
-    finest detail of the scene counts as noise.
-
-    image: (rows, columns).
-    psf: has a sum of 1.
-    finds_model_error: False where pixels were filled in, which the PSF doesn't explain either.
-    """
-    transfer = transfer_function(psf.to(image), (image.shape[0], image.shape[1]))
-    law = fit_power_law_with_mtf(
-        image, squared_modulus(transfer), finds_model_error=finds_model_error
-    )
+def mend_flat_noise(law: PowerLaw, image: torch.Tensor) -> PowerLaw:
+    """Return a law, with the noise of flat blocks instead if it has taken noise for detail."""
     is_small = min(image.shape) <= 2 * _FLAT_BLOCK + 1
     flat = 0.0 if is_small else flat_block_noise([image], _FLAT_SHARE)
     if law.total_variance >= (_FLAT_RATIO * flat) ** 2:
@@ -164,27 +146,32 @@ def flat_block_noise(planes: Sequence[torch.Tensor], share: float) -> float:
 
 
 @torch.no_grad()
-def fit_power_law_with_mtf(
+def fit_power_law(
     image: torch.Tensor,
     squared_mtf: torch.Tensor,
     region: torch.Tensor | None = None,
     *,
     finds_model_error: bool = True,
 ) -> PowerLaw:
-    """Fit a power law and white noise to a spectrum, given an MTF: see fit_power_law().
+    """Fit a power law and white noise to a blurred photograph's spectrum.
 
-    The noise of the likeliest law is replaced by the mean power above the signal at frequencies
-    where the signal is weak. Another fit looks there for light that falls with the frequency, which
-    the PSF's error leaves.
+    The spectrum of the frame, with a Hann window, is modelled as the sum of white noise and of a
+    scene blurred by the PSF, whose power falls as a power of the frequency. Strength, slope and
+    noise maximise the likelihood of independent, exponentially distributed powers (Whittle 1953).
+    The noise is then replaced by the mean power above the signal at frequencies where the PSF
+    suppresses it. Power that is left there and falls with the frequency is the scene, blurred by
+    the error of the PSF: another fit looks for it. In a photograph without blur, the finest detail
+    of the scene counts as noise.
 
     squared_mtf: on the photograph's rfft2 grid; for several PSFs the mean of their squared MTFs.
     region: smooth window, (rows, columns), around the part of the photograph that is used.
+    finds_model_error: False where pixels were filled in, which the PSF doesn't explain either.
     """
     spectrum = PhotographSpectrum.of(image, region)
     if spectrum is None:
         return PowerLaw(0.0, 2.0, float(image.var(correction=0)) if image.numel() > 1 else 0.0)
     count, bins = spectrum.count, spectrum.bins(spectrum.seen_mtf(squared_mtf))
-    law = bins.fit_without_error()
+    law = bins.likeliest(bins.first_laws())
     noise, signal = law.noise, bins.signal_power(law)
     for _ in range(3):
         quiet = signal < _MAX_SIGNAL_TO_NOISE * noise
@@ -232,7 +219,7 @@ class PhotographSpectrum:
     ) -> PhotographSpectrum | None:
         """Compute the spectrum of a photograph; None for one without structure.
 
-        region: as for fit_power_law_with_mtf().
+        region: as for fit_power_law().
         """
         shape = int(image.shape[0]), int(image.shape[1])
         rounding = 1e-7 * float(image.abs().max()) if image.numel() else 0.0
@@ -294,7 +281,8 @@ class PhotographSpectrum:
         """
         transfer = transfer_function(psf.to(self.power), self.shape)
         seen = self.seen_mtf(squared_modulus(transfer))
-        law = self.bins(seen).fit_without_error()
+        bins = self.bins(seen)
+        law = bins.likeliest(bins.first_laws())
         model = law.strength * seen * self.squares.pow(-law.slope / 2) + law.noise
         each = (model.log() + self.power / model) * self.weight
         return -float(each.sum(dtype=torch.float64))
@@ -358,15 +346,15 @@ class SpectrumBins:
         weight = self.share * kept * (1 - kept) + 1e-30
         return math.exp(float((weight * np.log(disturbance)).sum() / weight.sum()))
 
-    def fit_without_error(self) -> SpectrumLaw:
-        """Fit the law without an error of the PSF, from two initial noise levels."""
+    def first_laws(self) -> list[SpectrumLaw]:
+        """Return laws without an error of the PSF, of two noise levels, from which a fit starts."""
         lowest = max(float(self.power.min()), 1e-30)
         signal = (self.share * self.signal_power(SpectrumLaw(1.0, 2.4, 0.0))).sum()
         starts = []
         for noise in (lowest * 1.0, lowest * 0.03):
             above = (self.share * (self.power - noise).clip(min=0)).sum()
             starts.append(SpectrumLaw(max(float(above / signal), 1e-30), 2.4, max(noise, 1e-30)))
-        return self.likeliest(starts)
+        return starts
 
     def likeliest(self, starts: Iterable[SpectrumLaw]) -> SpectrumLaw:
         """Return the likeliest of the laws that are fitted from several first ones."""

@@ -11,7 +11,7 @@ from typing import Self
 import torch
 
 from optics.inverse.blur import Border, blur_shape, require_border, transfer_function
-from optics.inverse.noise import PowerLaw, fit_power_law
+from optics.inverse.noise import PowerLaw, fit_power_law, mend_flat_noise
 from optics.inverse.operator import squared_modulus
 from optics.inverse.psf_origin import about_offset, light_offset, rms_radius, shifted_window
 from optics.plane import centred_crop, centred_pad
@@ -205,11 +205,14 @@ class Observation:
         variances = law.noise_variance * square, law.model_error_variance * square
         return PowerLaw(law.strength * square, law.slope, *variances)
 
+    @torch.no_grad()
     def _fitted_power_law(self) -> PowerLaw:
         """Fit the power law to the middle of the photograph."""
-        trust = self.effective_weights
+        trust, centre = self.effective_weights, self.centre
+        squared_mtf = self._squared_mtf_on((centre.shape[0], centre.shape[1]))
         is_whole = trust is None or bool((trust > 0).all())
-        return fit_power_law(self.centre, self.psf / self.psf_sum, finds_model_error=is_whole)
+        law = fit_power_law(centre, squared_mtf, finds_model_error=is_whole)
+        return mend_flat_noise(law, centre)
 
     @property
     def centre(self) -> torch.Tensor:

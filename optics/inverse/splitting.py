@@ -148,16 +148,12 @@ def restored_image(
         shown = picture.detach().clone()
         if seen.support is not None:
             shown *= seen.support
-        rows, columns = slice(None), slice(None)
+        window = [slice(None), slice(None)]
         if seen.border != "periodic":
-            rows, columns = (
-                slice(max(first, 0), max(first + n, 0))
-                for n, period, shift in zip(
-                    seen.image.shape, seen.period_shape, seen.offset, strict=True
-                )
-                for first in [period // 2 - n // 2 + shift]
-            )
-        shown[..., rows, columns].clamp_(min=0, max=upper)
+            for axis, n in enumerate(seen.image.shape):
+                first = seen.period_shape[axis] // 2 - n // 2 + seen.offset[axis]
+                window[axis] = slice(max(first, 0), max(first + n, 0))
+        shown[..., window[0], window[1]].clamp_(min=0, max=upper)
         is_cut = not torch.equal(shown, picture)
         if is_cut:
             residual = step.residual_of(shown) ** 0.5
