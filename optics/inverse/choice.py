@@ -41,12 +41,11 @@ def restore(
     observation : Observation
         Photograph and PSF: see `build_observation`.
     budget : float, optional
-        Seconds of processor time, as predicted for the machine's speed. Without it, the method
-        runs with its default number of iterations.
+        Seconds of processor time, as predicted for the machine's speed: the method does as many
+        iterations as there is time for. Without it, it does its default number.
     method : str, optional
-        Name of a method, one of `optics.inverse.choice.METHODS`. Without it and
-        without a budget, the method is total variation. With a budget, the method does as many
-        iterations as there is time for.
+        Name of a method, one of `optics.inverse.choice.METHODS`. Without it and without a budget,
+        the method is total variation.
     progress : Progress, optional
         Receives reports, and can cancel the work.
     weight : float, optional
@@ -54,17 +53,16 @@ def restore(
     count : int, optional
         Number of iterations or rounds, 1 or more. Needs `method`, and excludes `budget`.
     denoise : callable, optional
-        Denoiser for plug-and-play, which isn't considered without one. Its arguments are a
-        picture, (rows, columns) with white at about 1, and the standard deviation of the noise. It
-        returns the denoised picture.
+        Denoiser for plug-and-play, which isn't considered without one: see
+        `optics.inverse.method.Denoise`.
     speed : MachineSpeed, optional
         Speed of the machine, by which times are predicted.
 
     Returns
     -------
     RestoredImage
-        The picture in the photograph's frame, with method, residual and weight. Its arrays are
-        numpy's where the photograph's is.
+        The picture in the photograph's frame, with method, residual and weight, as arrays of the
+        photograph's kind.
 
     Raises
     ------
@@ -112,13 +110,11 @@ def choose_method(
 ) -> tuple[str, int]:
     """Return the method with the largest predicted gain in a budget, and its number of iterations.
 
-    Noise, size of the PSF, its spectrum, the picture and the border decide. Raises ValueError if no
-    method fits in the budget.
+    Raises ValueError if no method fits in the budget.
 
     budget: processor time, seconds.
     method: name of the only method that is considered.
     denoise: methods that need a denoiser aren't considered without it, unless named.
-    speed: speed of the machine, by which times are predicted.
     """
     speed, case = speed or MachineSpeed(), RestorationCase.of(observation)
     best = best_within(

@@ -293,11 +293,10 @@ def frequency_step(
     data_prox: DataProx | None = None,
     bands: BandCoupling | None = None,
 ) -> PictureStep:
-    """Choose the closed-form step that suits observation, data term and bands.
+    """Choose the closed-form step that suits observation, data term and coupling of bands.
 
     iterations: the number that is planned.
     data_prox: replaces the weighted squares by another data term of the light in the frame.
-    bands: coupling of the prior's bands.
     """
     if bands is not None and bands.scales is not None:
         return ChannelStep(observation, iterations, bands, data_prox)

@@ -39,10 +39,7 @@ def downsample(image: torch.Tensor, factor: float) -> torch.Tensor:
 
 
 def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tensor:
-    """Enlarge a kernel from a coarser to a finer scale.
-
-    The origin stays at n // 2. The result is (size, size) with a sum of 1.
-    """
+    """Enlarge a kernel to (size, size), with a sum of 1 and its origin at n // 2."""
     old = kernel.shape[-1]
     at = (torch.arange(size, dtype=kernel.dtype) - size // 2) / factor + old // 2
     share = torch.clamp(1 - (at[:, None] - torch.arange(old, dtype=kernel.dtype)).abs(), min=0)
@@ -67,8 +64,8 @@ def centre_kernel(kernel: torch.Tensor, size: int) -> torch.Tensor:
 def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
     """Find the first row and column of the (size, size) window that centres a kernel.
 
-    The window may extend beyond the kernel. Among the windows that hold the most light, up to a
-    small share, the one is chosen whose centre n // 2 is nearest to the kernel's centroid.
+    It may extend beyond the kernel. Of the windows that hold the most light, it's the one whose
+    centre n // 2 is nearest to the kernel's centroid.
     """
     first = []
     for dim in (0, 1):
@@ -132,10 +129,7 @@ def without_specks(kernel: torch.Tensor, faint: float, small: float) -> torch.Te
 
 @dataclass(frozen=True, eq=False)
 class QuadraticProblem:
-    """The quadratic objective k^T N k / 2 - r^T k of a blur kernel k.
-
-    k holds the kernel's pixels row by row. Divided by the noise variance, the objective is the
-    negative log-likelihood of the kernel, up to a constant.
+    """The quadratic objective k^T N k / 2 - r^T k of a blur kernel k, row by row.
 
     normal_matrix: N, (pixels, pixels), symmetric and positive semidefinite.
     right_hand_side: r, (rows, columns).
@@ -283,9 +277,7 @@ class StrongEdges:
     def estimate_kernel(
         self, picture: torch.Tensor, start: torch.Tensor, ridge: float
     ) -> torch.Tensor:
-        """Estimate the kernel k that blurs a picture with few edges most nearly to the photograph.
-
-        The result sums to 1.
+        """Estimate the kernel k, of sum 1, that blurs a picture most nearly to the photograph.
 
         start: the result if the picture has no edges.
         ridge: weight of |k|², which determines what the edges don't.

@@ -80,9 +80,8 @@ class Denoise(Protocol):
     """A function that removes white noise from a picture.
 
     picture: (bands, rows, columns) with white at about 1, or (rows, columns).
-    axes: orthonormal matrix from the bands to components, (bands, bands), on which it is denoised;
-        the bands themselves if None.
     noise: standard deviation of the components' noise, a number or a map that broadcasts to them.
+    axes: orthonormal matrix from bands to components, (bands, bands); they are the bands if None.
     """
 
     def __call__(
@@ -121,11 +120,7 @@ class RestorationCost:
 
 
 class Solve(Protocol):
-    """The function of a method.
-
-    It chooses the regularisation weight itself if `weight` is None, and does `iterations`
-    iterations or rounds.
-    """
+    """The function of a method, which chooses the regularisation weight itself if it is None."""
 
     def __call__(
         self, observation: Observation, weight: float | None, *, iterations: int, progress: Progress
@@ -178,8 +173,5 @@ SETUP_COST = RestorationCost(5, 60, centre_passes=250)
 
 
 def splitting_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one ADMM iteration with a split gradient.
-
-    If part of the period wasn't measured, the blurred light is split off too, which costs more.
-    """
+    """Return the cost of one ADMM iteration with a split gradient, and often with split light."""
     return RestorationCost(2, 40) if observation.is_fully_measured else RestorationCost(4, 55)

@@ -74,8 +74,8 @@ def least_weight(
 ) -> float:
     """Return the least weight of a penalty K that so many steps can solve.
 
-    With a smaller weight, the light from beyond the frame isn't found yet after these steps, and
-    its errors are amplified; they are worst at frequencies of about the PSF's size.
+    With a smaller one, the light from beyond the frame isn't found yet, and its errors are
+    amplified, most at frequencies of about the PSF's size.
 
     shape: K for a weight of 1, by the squared frequency in (cycles/pixel)².
     """
@@ -167,10 +167,9 @@ class LinearEquations(ABC):
 
 
 class NormalEquations(LinearEquations):
-    """The equations of one photograph, less its mean.
+    """The equations of one photograph, less its mean, so that the penalty K doesn't darken it.
 
-    The mean is added to the solution, so that the penalty K doesn't darken it; with `keeps_mean` it
-    isn't subtracted. If the whole period was measured, the solution has a closed form.
+    With `keeps_mean` it isn't subtracted.
     """
 
     def __init__(self, observation: Observation, *, keeps_mean: bool = False) -> None:
@@ -187,10 +186,7 @@ class NormalEquations(LinearEquations):
         return self._apply_adjoint(self.observation.inpainted_image - self.mean)
 
     def extended_spectrum(self) -> torch.Tensor:
-        """Return the spectrum of the photograph's smooth extension, less its mean.
-
-        It is the best start of conjugate gradients where the PSF is wide.
-        """
+        """Return the spectrum of the photograph's smooth extension, less its mean."""
         return rfft2(self.observation.extended_image - self.mean)
 
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
@@ -244,10 +240,7 @@ class NormalEquations(LinearEquations):
 
 
 class _SymmetricSolution(torch.autograd.Function):
-    """The solution of symmetric linear equations, differentiable by their right-hand side.
-
-    The matrix is symmetric, so that the derivative's adjoint is the same solution.
-    """
+    """The solution of symmetric linear equations, differentiable by their right-hand side."""
 
     @staticmethod
     def forward(
@@ -259,7 +252,7 @@ class _SymmetricSolution(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
-        """Solve the equations for the gradient by the solution."""
+        """Solve the equations for the gradient by the solution, since their matrix is symmetric."""
         with torch.no_grad():
             found = ctx.solve(gradients[0])
         # The equations themselves depend on the PSF, which a second derivative would have to know.

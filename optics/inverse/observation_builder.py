@@ -35,15 +35,14 @@ def with_variance(observation: Observation, variance: torch.Tensor) -> Observati
     and of ``|∇x| / s``. The scale s of the scene's gradients follows the light, as σ does.
     Multiplied by σ, which is about constant in a region, it is the sum of (H x - y)² / (2 σ) and of
     ``|∇x|`` times a constant. The inverse variance would suit a scene whose gradients are as large
-    in the shade as in the sun; it restores bright parts worse than one noise for all. The scale of
-    the weights makes the mean of weight times variance the mean variance, so that a residual
-    relative to the noise is about 1. See Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354,
-    for weighted data and missing pixels in a splitting, and Granados et al. 2010, doi
+    in the shade as in the sun; it restores bright parts worse than one noise for all. The weights'
+    scale makes a residual relative to the noise about 1. See Almeida and Figueiredo 2013, doi
+    10.1109/TIP.2013.2258354, for weighted data in a splitting, and Granados et al. 2010, doi
     10.1109/CVPR.2010.5540208, for the noise of a merged bracket.
 
-    The noise of the result is the root mean square of the map. If the noise is even, `variance` is
-    None in it, and all pixels have the same weight. Raises ValueError for a map of another shape,
-    values that are NaN or not above 0, and a map without a finite value at a pixel that is used.
+    The noise of the result is the rms of the map. If the noise is even, `variance` is None in it,
+    and all pixels have the same weight. Raises ValueError for a map of another shape, values that
+    are NaN or not above 0, and a map without a finite value at a pixel that is used.
 
     observation: its own weights only say which pixels are used.
     variance: variance of each pixel, (rows, columns), above 0, in the photograph's unit squared;
@@ -119,20 +118,18 @@ def build_observation(
 ) -> Observation:
     """Gather a blurred photograph, its PSF, noise and weights.
 
-    The arrays may be of any kind. The photograph is restored in double precision if `image` is
-    double, otherwise in single precision. See `Observation` for what the quantities mean.
+    The photograph is restored in double precision if `image` is double, otherwise in single. See
+    `Observation` for what the quantities mean.
 
     Parameters
     ----------
     image : torch.Tensor or numpy.ndarray, (rows, columns)
-        The photograph, light per pixel. Whole numbers and half precision become float32. `restore`
-        returns an array of the same kind. Masked pixels of a numpy.ma array count as dead.
+        The photograph, light per pixel. Whole numbers and half precision become float32. Masked
+        pixels of a numpy.ma array count as dead.
     psf : torch.Tensor or numpy.ndarray, (rows, columns)
-        Point spread function, origin at n // 2. Its sum is the share of the scene's light that
-        reaches the sensor, at most 1.
+        Point spread function, origin at n // 2. Its sum is the share of the light that arrives.
     noise : float, optional
-        Standard deviation of a pixel, in the unit of `image`. Estimated from the photograph if
-        None.
+        Standard deviation of a pixel, in the unit of `image`; estimated if None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
         What the scene does beyond the frame.
     weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
@@ -140,9 +137,8 @@ def build_observation(
     clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
         True where the well was full.
     variance : torch.Tensor or numpy.ndarray, (rows, columns), optional
-        Variance of each pixel, as of a merged exposure bracket; infinite where nothing was
-        measured. It takes the place of `noise`: see with_variance(). `weights` then only say which
-        pixels are used.
+        Variance of each pixel, in the place of `noise`; infinite where nothing was measured.
+        `weights` then only say which pixels are used: see with_variance().
 
     Returns
     -------

@@ -129,14 +129,12 @@ RELAXATION = 1.8
 
 
 class Prior(ABC):
-    """Base class of priors on D x, where D x is split off.
-
-    Pictures are (bands, rows, columns), on a whole period.
+    """Base class of priors on D x, where D x of pictures (bands, rows, columns) is split off.
 
     gram_spectrum: D^T D on the frequencies of a period, (rows, columns // 2 + 1), or one number.
-    adjoint_target: D^T (d - b), the split's contribution to the right-hand side of the next
-        picture's step for a coupling of 1; d is the split and b its scaled dual variable. None
-        before the first step. Each step may overwrite the array.
+    adjoint_target: D^T (d - b), the split's part in the right-hand side of the next picture's step
+        for a coupling of 1; d is the split and b its scaled dual variable. None before the first
+        step. Each step may overwrite the array.
     component_scales: factors of the components before they are split, (bands,), whose squares
         multiply D^T D. All are 1 if None.
     """
@@ -270,10 +268,9 @@ class Box(Prior):
 
 
 def mean_gradient(x: torch.Tensor, power: float, bands: BandCoupling | None = None) -> float:
-    """Compute the mean length of a picture's gradients to a power.
+    """Compute the mean length of a picture's gradients to a power, in every n-th row of large ones.
 
-    Of large pictures, the mean is taken over every n-th row. With several bands, it is the mean
-    over the pixels of the penalty of all groups of components.
+    With several bands, it is the mean over the pixels of the penalty of all groups of components.
     """
     every = max(1, x.shape[-2] * x.shape[-1] >> 18)
     # A picture of one row or column has no gradient across it.
@@ -307,8 +304,7 @@ class LinearisedPenalty(Prior):
 
     The joint length of derivatives, for a power of 1, is |W z|, with the weights W of the
     components. Its second derivative is (W² - g g^T) / |W z|, with g = W² z / |W z|. The split's
-    step solves a linear system with this matrix, a diagonal less an outer product, by the
-    Sherman-Morrison formula.
+    step solves a system with this matrix by the Sherman-Morrison formula.
     """
 
     def __init__(self, penalty: DerivativePenalty, solution: torch.Tensor) -> None:

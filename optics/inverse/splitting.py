@@ -29,10 +29,7 @@ from optics.progress import Progress
 
 
 class PictureStep(ABC):
-    """Base class of the step for the picture.
-
-    Pictures are (bands, rows, columns), on the observation's period.
-    """
+    """Base class of the step for the picture, (bands, rows, columns), on the whole period."""
 
     def __init__(self, observation: Observation) -> None:
         self.observation = observation
