@@ -53,14 +53,6 @@ class BandCoupling:
         return cls(torch.ones(bands, dtype=torch.float64), (1,) * bands)
 
     @classmethod
-    def vector(cls, bands: int) -> BandCoupling:
-        """Penalise the joint length over all bands, whose edges tend to be at the same places.
-
-        See Blomgren and Chan 1998, doi 10.1109/83.661180.
-        """
-        return cls(torch.ones(bands, dtype=torch.float64), (bands,))
-
-    @classmethod
     def luminance_chrominance(cls, bands: int, luminance: float) -> BandCoupling:
         """Penalise the luminance, with this weight, and jointly all colour differences.
 

@@ -30,8 +30,6 @@ class Blur(Operator):
 
     Attributes
     ----------
-    shape : tuple of int
-        The picture's (rows, columns).
     transfer : torch.Tensor
         The rfft2 of the PSF on that shape, complex.
 
@@ -216,10 +214,7 @@ def field_weights(
 
 
 def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
-    """Compute the weights of linear interpolation along one axis, (places, n) for n pixels.
-
-    Each row is 1 at its own place and falls linearly to 0 at the neighbouring places.
-    """
+    """Compute the weights of linear interpolation along one axis, (places, n) for n pixels."""
     knots = torch.as_tensor(list(places), dtype=torch.float64)
     if not len(knots) or not bool((knots.diff() > 0).all()):
         raise ValueError(f"{name} are {list(places)}; give places that increase")
@@ -272,9 +267,9 @@ class OccludingBlur(Operator):
     visibility_j over j up to k. Surface j transmits 1 - h_j * a_j, and t_k is the product of the
     transmissions of all surfaces in front of k.
 
-    The model assumes that a hidden point is hidden from all rays of a pixel alike. This is exact
-    where the surface behind is in focus (Hasinoff and Kutulakos 2007). Where both surfaces are out
-    of focus in the same way, the model lets too much light past the edge.
+    A hidden point is taken to be hidden from all rays of a pixel alike. This is exact where the
+    surface behind is in focus (Hasinoff and Kutulakos 2007). Where both are out of focus in the
+    same way, too much light comes past the edge.
 
     Parameters
     ----------
@@ -283,15 +278,6 @@ class OccludingBlur(Operator):
     visibility : torch.Tensor or numpy.ndarray
         (surfaces, rows, columns): the share of each pixel in which each surface is seen. The
         shares of a pixel add up to 1.
-
-    Attributes
-    ----------
-    transfers : torch.Tensor
-        The rfft2 of the PSFs.
-    coverage : torch.Tensor
-        Coverage a_k of each surface, (surfaces, rows, columns).
-    transmission : torch.Tensor
-        Transmission t_k of all that lies in front of it.
 
     Raises
     ------

@@ -157,15 +157,13 @@ def minimise_within_bounds(
     data: y, of the operator's codomain.
     weight: regularisation weight, 0 or more.
     prior: the penalty: see Smoothness.
-    smoothing: length of a gradient, in light per pixel, below which total variation is smooth. It
-        raises the least objective of exact total variation by at most weight * smoothing * pixels.
-        A hundredth of the light's scale if None; smaller values need more iterations.
+    smoothing: see restore_within_bounds(). It raises the least objective of exact total variation
+        by at most weight * smoothing * pixels.
     lower, upper: bounds of all samples, or of each sample.
     weights: weight of each datum, 0 where it isn't used. All 1 if None.
     clipped: True where the light is at least what was measured.
     start: picture from which the minimisation starts.
     periodic: whether opposite edges of the picture are neighbours.
-    iterations: largest number of iterations.
     tol: largest entry of the projected gradient, on the light's scale, at which the search ends.
     """
     progress = progress or Progress()
@@ -250,9 +248,8 @@ def restore_within_bounds(
 ) -> RestoredImage:
     """Undo a photograph's blur so that no pixel lies below or above given bounds.
 
-    The result minimises ``|A x - y|² / 2 + weight · prior(x)`` within the bounds; the minimiser is
-    L-BFGS-B in double precision. With an unknown border, the scene around the frame is estimated
-    too, within the same bounds. See `optics.inverse.bounded.minimise_within_bounds`.
+    See `optics.inverse.bounded.minimise_within_bounds`. With an unknown border, the scene around
+    the frame is estimated too, within the same bounds.
 
     Parameters
     ----------

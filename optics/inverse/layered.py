@@ -21,12 +21,7 @@ from optics.inverse.own_terms import in_own_unit
 from optics.inverse.priors import Box, DerivativePenalty, Prior
 from optics.inverse.restored_image import RestoredImage
 from optics.inverse.splitting import restored_image, solve_by_splitting
-from optics.inverse.total_variation import (
-    GRADIENT_THRESHOLD,
-    light_in_weight,
-    require_power,
-    weight_settings,
-)
+from optics.inverse.total_variation import GRADIENT_THRESHOLD, weight_settings
 from optics.plane import centred_pad
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -193,22 +188,19 @@ def build_layered_observation(
 
 @single_threaded
 @torch.no_grad()
-@in_own_unit(weight=light_in_weight)
+@in_own_unit(weight=1)
 def restore_layers(
     observation: LayeredObservation,
     weight: float | None = None,
     *,
-    power: float = 1.0,
     occlusion: bool = True,
     iterations: int = 20,
     cg_steps: int = 10,
-    tol: float = 0.0,
-    positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
     """Deblur a photograph of several depth layers, each with its own PSF.
 
-    The result X minimises |H X - O|² / 2 + weight * the sum of |∇X|^power, where the first term
+    The result X minimises |H X - O|² / 2 + weight * the sum of |∇X|, where the first term
     counts trusted pixels only, and H blurs each depth layer by its PSF (thesis Fig. 2.17). It is
     cut to be nowhere negative.
 
@@ -219,20 +211,16 @@ def restore_layers(
     The model doesn't include depths beyond the frame, where the layers at its edge continue; errors
     of the map of layers; and what OccludingBlur neglects.
 
-    Raises ValueError for a weight that isn't positive, a power outside 0 to 1, or no iteration.
+    Raises ValueError for a weight that isn't positive, or no iteration.
 
     weight: regularisation weight, as for total_variation(). Estimated if None.
-    power: power of the gradients' lengths, above 0 and up to 1.
     occlusion: whether nearer layers, which come first, hide those behind them. Each layer is then
         estimated also where it is hidden, and the picture is composed of the visible parts.
     iterations: largest number of iterations.
     cg_steps: steps of conjugate gradients in each iteration.
-    tol: relative change of the picture at which the iteration ends; 0 for all iterations.
-    positive: whether the light is kept from being negative in each iteration.
     """
     if weight is not None:
         require_positive("weight", weight, "")
-    require_power(power)
     require_count("iterations", iterations)
     require_count("cg_steps", cg_steps)
     step = _LayerStep(_LayerEquations(observation, occlusion), cg_steps)
@@ -240,13 +228,11 @@ def restore_layers(
     penalty = DerivativePenalty(
         BandCoupling.separate(len(step.start())), observation.period_shape,
         GRADIENT_THRESHOLD * observation.scale, observation.image.dtype,
-        power=power, relaxation=1.0,
+        relaxation=1.0,
     )  # fmt: skip
-    bounds = [Box(observation.support)] if positive or observation.border == "dark" else []
+    bounds = [Box(observation.support)] if observation.border == "dark" else []
     # The spectrum of a photograph with several depths predicts the weight poorly.
-    settings = weight_settings(
-        observation, penalty, weight, iterations, tol, power, is_predictable=False
-    )
+    settings = weight_settings(observation, penalty, weight, iterations, is_predictable=False)
     solution = solve_by_splitting(
         step, [penalty, *bounds], settings, "depths", progress or Progress()
     )

@@ -97,9 +97,9 @@ def total_variation(
 ) -> RestoredImage:
     """Deblur with the total-variation prior, which keeps edges sharp (thesis Eq. 2.27).
 
-    The picture is nowhere negative. It has derivatives by the photograph, the PSFs, the pixel
-    weights and `weight` where these record them: those of the exact solution, which the iterations
-    must have reached about. What is flat in it stays flat, and clipped pixels have none.
+    The picture is nowhere negative. It has derivatives by photograph, PSFs, pixel weights and
+    `weight` where these record them: those of the exact solution, which the iterations must have
+    reached about. What is flat in it stays flat, and clipped pixels have none.
 
     Raises ValueError for a weight that isn't positive, or a power outside 0 to 1.
 
@@ -145,7 +145,9 @@ def total_variation(
     bounds = [Box(observation.support, upper)] if bounded else []
     is_grey = observation.relative_filters is None
     with torch.no_grad():
-        settings = weight_settings(observation, penalty, number, iterations, tol, power, is_grey)
+        settings = weight_settings(
+            observation, penalty, number, iterations, tol, power, is_predictable=is_grey
+        )
         step = frequency_step(observation, iterations, data_prox, coupling)
         priors = [penalty, *bounds]
         solution = solve_by_splitting(step, priors, settings, name, progress or Progress())
@@ -197,13 +199,12 @@ def weight_settings(
     penalty: DerivativePenalty,
     weight: float | None,
     iterations: int,
-    tol: float,
-    power: float,
+    tol: float = 0.0,
+    power: float = 1.0,
+    *,
     is_predictable: bool,
 ) -> SplittingSettings:
-    """Choose how the weight is found: as given, or estimated if None.
-
-    The weight follows the evidence of the pictures after some iterations.
+    """Choose how the weight is found: as given, or by the evidence of the pictures if None.
 
     is_predictable: whether the photograph's spectrum predicts the weight well, so that it needn't
         move far.
@@ -233,11 +234,7 @@ def weight_settings(
 
 
 def initial_weight(observation: Observation, power: float = 1.0) -> float:
-    """Predict the weight from the photograph's spectrum.
-
-    The prediction estimates what the Wiener filter would restore, and takes the weight from the
-    evidence of that picture.
-    """
+    """Predict the weight from the evidence of the picture that the Wiener filter would restore."""
     law = observation.power_law
     share, gradient = law.wiener_prediction(*observation.squared_mtf_of_centre)
     # The mean length of photographs' gradients is 0.32 of the rms length.

@@ -89,7 +89,7 @@ SPECTRA = np.array([[1.0, 0.9, 0.7], [0.2, 0.5, 0.9], [0.6, 0.6, 0.5], [0.9, 0.3
 
 COUPLINGS = {
     "separate": BandCoupling.separate(3),
-    "vector": BandCoupling.vector(3),
+    "vector": BandCoupling(torch.ones(3).double(), (3,)),
     "luminance": BandCoupling.luminance_chrominance(3, 0.4),
     "spectral": BandCoupling.spectral(torch.from_numpy(SPECTRA)),
     "more bands than channels": BandCoupling.spectral(numbers(9, 5, seed=13)),
@@ -262,7 +262,7 @@ def test_light_stays_within_an_upper_bound_that_it_would_exceed():
 
 def test_a_coupling_of_other_bands_is_refused():
     with pytest.raises(ValueError, match="bands couples 2; the scene has 3"):
-        total_variation(problem((8, 8)), 0.02, bands=BandCoupling.vector(2))
+        total_variation(problem((8, 8)), 0.02, bands=BandCoupling.separate(2))
 
 
 def test_what_has_no_derivative_is_refused():
