@@ -256,16 +256,15 @@ def restore_within_bounds(
     observation : Observation
         Photograph and PSF.
     weight : float, optional
-        Regularisation weight, 0 or more. If None, total_variation() estimates it for total
-        variation, and wiener() predicts it for the other priors.
+        Regularisation weight, 0 or more; total_variation() or wiener() estimates it if None.
     prior : {"total variation", "gradient", "tikhonov"}, default "total variation"
         The penalty: the lengths of gradients, their squares, or the squares of the light.
     smoothing : float, optional
         Length of a gradient, in light per pixel, below which total variation is smooth. A hundredth
         of the light's scale if None; smaller values need more iterations.
     lower, upper : float or torch.Tensor, (rows, columns), optional
-        Bounds of each pixel of the frame, by default 0 and infinity. Beyond the frame, the smallest
-        value of `lower` and the largest value of `upper` hold.
+        Bounds of each pixel of the frame, by default 0 and infinity. Beyond it, the smallest value
+        of `lower` and the largest of `upper` hold.
     iterations : int, default 200
         Largest number of iterations.
     tol : float, default 1e-3

@@ -51,9 +51,9 @@ def hyper_laplacian(
     hyper-Laplacian priors", NIPS 22). |∇x| is the length of the gradient, independent of its
     direction. The picture is cut to be nowhere negative.
 
-    The solver is half-quadratic splitting. In turn, it shrinks the split gradients one by one, and
-    computes the picture that is nearest to them and to the data, while their coupling grows. The
-    problem has many minima. The solver ends near a good one, and more rounds lead to a lower one.
+    Half-quadratic splitting shrinks the split gradients one by one, and computes the picture that
+    is nearest to them and to the data, in turn, while their coupling grows. It ends near a good one
+    of many minima; more rounds lead to a lower one.
 
     Raises ValueError for a power outside 0 to 1, a weight that isn't positive, or too few rounds.
 
@@ -61,8 +61,7 @@ def hyper_laplacian(
         pictures.
     weight: regularisation weight, in light per pixel to the power 2 - power. Estimated from the
         evidence of the picture if None.
-    rounds: number of couplings, spaced evenly in logarithms, 2 or more. Each round costs one pair
-        of FFTs if the whole period was measured, otherwise a few pairs.
+    rounds: number of couplings, spaced evenly in logarithms, 2 or more.
     """
     require_power(power)
     if weight is not None:

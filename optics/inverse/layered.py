@@ -146,8 +146,8 @@ def build_layered_observation(
     Raises
     ------
     ValueError
-        If shapes don't fit, if shares are negative or their sum differs from 1 by more than 1e-3,
-        if a PSF has no light, or if `Observation` raises it.
+        If shapes don't fit, if shares are negative or don't add up to 1, if a PSF has no light, or
+        if `Observation` raises it.
     """
     image = as_floating_point(image)
     each = [torch.as_tensor(psf).to(image) for psf in psfs]

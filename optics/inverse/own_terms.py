@@ -34,9 +34,8 @@ def in_own_unit(
     bounds: names of arguments that are light and may be negative; other negative numbers are left
         for the method to refuse.
     centred: whether a PSF whose light is off its origin only moves the picture. The method gets a
-        PSF with its light about the origin, and the frame in which the picture stands where the
-        given PSF puts it. So the picture from which iterations start, and what is dark or unknown
-        beyond the frame, fit the photograph. A map of bounds leaves all where it is.
+        PSF with its light about the origin, so that the picture from which iterations start, and
+        what is beyond the frame, fit the photograph. A map of bounds leaves all where it is.
     powers: which power of the light's unit the unit of each named argument is. That of `weight` is
         the restored image's weight as well.
     """

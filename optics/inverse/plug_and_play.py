@@ -186,10 +186,8 @@ def plug_and_play(
     half-quadratic splitting (Zhang et al. 2021, doi 10.1109/TPAMI.2021.3088914). The first picture
     comes from total_variation(). Each round denoises the picture to z, and then computes the x that
     minimises |H x - y|² + K |x - z|², where the first term counts trusted pixels only. K grows
-    geometrically up to `strength`, or less far for data with little noise. The denoiser's noise
-    level in each round is the noise that the last step left in x, which follows from K and the
-    blur. The result is a weighted mean of the first and the last picture, cut to be nowhere
-    negative.
+    geometrically up to `strength`, or less far for data with little noise. The result is a weighted
+    mean of the first and the last picture, cut to be nowhere negative.
 
     Raises ValueError for a strength that isn't positive, or no round.
 

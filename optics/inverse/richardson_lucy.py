@@ -31,11 +31,11 @@ def richardson_lucy(
 ) -> RestoredImage:
     """Deblur a photograph by the Richardson-Lucy iteration.
 
-    The iteration converges towards the picture of greatest likelihood under photon noise. Negative
-    light, which the subtraction of dark frames leaves, counts as 0, and so do negative values of
-    the PSF. Pixels that weren't measured, beyond the frame or in it, are restored with the others
-    (Bertero and Boccacci 2005, doi 10.1051/0004-6361:20052717), so that they cause no ringing. The
-    picture is nowhere negative.
+    The iteration converges towards the picture of greatest likelihood under photon noise, which is
+    nowhere negative. Negative light, which the subtraction of dark frames leaves, counts as 0, and
+    so do negative values of the PSF. Pixels that weren't measured, beyond the frame or in it, are
+    restored with the others, and cause no ringing (Bertero and Boccacci 2005, doi
+    10.1051/0004-6361:20052717).
 
     Raises ValueError for negative weights, or too few iterations.
 

@@ -65,13 +65,10 @@ def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor,
 
 @accepts_numpy
 def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tensor:
-    """Build the matrix that blurs along one axis, (length, scene).
+    """Build the matrix that blurs along one axis by a kernel with its origin at n // 2.
 
-    The scene is as long as the frame of `length` pixels. With an "unknown" border it is n - 1
-    pixels longer, which are all that send light into the frame; n - 1 - n // 2 of them lie before
-    the frame.
-
-    kernel: (n,), with its origin at n // 2.
+    It is (length, scene). The scene is as long as the frame, but with an "unknown" border n - 1
+    pixels longer, of which n - 1 - n // 2 lie before the frame.
     """
     require_border(border)
     n = len(kernel)
@@ -202,10 +199,9 @@ class SeparableFilter:
 
     @accepts_numpy
     def __call__(self, image: torch.Tensor, weight: float) -> torch.Tensor:
-        """Compute the scene X in the frame from a photograph.
+        """Compute the scene X in the frame from a photograph less its mean.
 
         X minimises |A X B^T - image|² + weight * (X in the norm of the inverse prior covariance).
-        Subtract the mean from `image` first, since the prior pulls X to 0.
         """
         if self.joint:
             return self.restore(self.coefficients(image), weight)
@@ -239,9 +235,8 @@ def restore_separable(
 ) -> RestoredImage:
     """Deblur a photograph with a separable PSF by a linear filter, without iterations.
 
-    The result X minimises |H X - O|² + weight * (X in the norm of the inverse prior covariance)
-    exactly. It is linear, so that it may be negative where the light is dim, and differentiable.
-    The mean of the photograph is subtracted before and added afterwards.
+    The result is linear, so that it may be negative where the light is dim, and differentiable: see
+    SeparableFilter. The mean of the photograph is subtracted before and added afterwards.
 
     Raises ValueError for a PSF that isn't separable, a weight that isn't positive, or pixels that
     have weights or are clipped, which aren't separable.
@@ -298,11 +293,10 @@ def _predicted_weight(
 
 
 def _cross_validated_weight(separable_filter: SeparableFilter, coefficients: torch.Tensor) -> float:
-    """Choose the weight by generalised cross-validation.
+    """Choose the weight by generalised cross-validation, which doesn't need the noise.
 
     With this weight, each pixel is predicted best from the others (Golub, Heath and Wahba 1979, doi
-    10.1080/00401706.1979.10489751). The method takes the border into account and doesn't need the
-    noise.
+    10.1080/00401706.1979.10489751).
     """
     data = coefficients.to(torch.float64)
     ones = torch.ones_like(data)

@@ -55,9 +55,8 @@ def estimate_variance_gain(
 
     This is a parametric bootstrap (Efron and Tibshirani 1993, chapter 6). The middle of the
     photograph is restored with the map, more sharply than usual. The result is blurred, noise of
-    the map's variance is added, and both ways restore this photograph, whose scene is known. The
-    estimate is as good as that scene resembles the true one: `make figures ONLY=variance-map`
-    compares it with the true gain.
+    the map's variance is added, and both ways restore this photograph, whose scene is known:
+    `make figures ONLY=variance-map` compares the estimate with the true gain.
 
     Raises ValueError if nothing was measured in the middle, or if it is darker than its noise.
 
