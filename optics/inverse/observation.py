@@ -100,8 +100,8 @@ class Observation:
     @property
     def records_derivatives(self) -> bool:
         """Whether derivatives by the photograph, its PSF or weights are recorded."""
-        given = (self.image, self.psf, self.weights)
-        return torch.is_grad_enabled() and any(needs_gradient(one) for one in given)
+        given = map(needs_gradient, (self.image, self.psf, self.weights))
+        return torch.is_grad_enabled() and any(given)
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
@@ -198,10 +198,9 @@ class Observation:
     @cached_property
     def power_law(self) -> PowerLaw:
         """The power law and noise of the photograph's spectrum, in its unit squared."""
-        own, square = self.in_own_unit, self.unit * self.unit
-        if own is self:
+        if self.unit == 1:
             return self._fitted_power_law()
-        law = own.power_law
+        law, square = self.in_own_unit.power_law, self.unit * self.unit
         variances = law.noise_variance * square, law.model_error_variance * square
         return PowerLaw(law.strength * square, law.slope, *variances)
 
@@ -278,9 +277,8 @@ class Observation:
     @cached_property
     def extended_image(self) -> torch.Tensor:
         """The inpainted photograph, extended smoothly to the period, or by zeros if it's dark."""
-        if self.border == "dark":
-            return centred_pad(self.inpainted_image, self.period_shape)
-        return extend_periodically(self.inpainted_image, self.period_shape)
+        extend = centred_pad if self.border == "dark" else extend_periodically
+        return extend(self.inpainted_image, self.period_shape)
 
     @cached_property
     def support(self) -> torch.Tensor | None:
@@ -296,8 +294,9 @@ class Observation:
         """Crop a picture on the period to its own frame, beyond which it goes on as at its edge."""
         if self.offset == (0, 0):
             return self.crop_to_frame(period_image)
-        wraps = self.border == "periodic"
-        return shifted_window(period_image, self.offset, tuple(self.image.shape), wraps)
+        return shifted_window(
+            period_image, self.offset, self.image.shape, self.border == "periodic"
+        )
 
     @property
     def bands(self) -> int:

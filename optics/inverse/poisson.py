@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 
 from optics.inverse.frequency_step import DataProx
@@ -49,10 +47,10 @@ def poisson_total_variation(
     positive: whether x is kept from being negative in each iteration. Photographs of few photons
         and of stars on a dark sky need this, and more iterations.
     """
-    how: dict[str, Any] = {"iterations": iterations, "tol": tol, "positive": positive}
     return total_variation(
-        observation, weight, data_prox=poisson_data_prox(observation), progress=progress, **how
-    )
+        observation, weight, iterations=iterations, tol=tol, positive=positive,
+        data_prox=poisson_data_prox(observation), progress=progress,
+    )  # fmt: skip
 
 
 def poisson_data_prox(observation: Observation) -> DataProx:
