@@ -252,10 +252,7 @@ class Observation:
         return math.hypot(self.scene_noise, math.sqrt(error))
 
     def explained_share(self, mean_squared_residual: float) -> float:
-        """Return the share of the data that a picture explains, at least a small one.
-
-        `mean_squared_residual` is relative to `scene_noise`.
-        """
+        """Return the share of the data that a picture with such a residual explains, above 0."""
         # Noise that is told a little too small would leave nothing explained.
         estimated = self.power_law.total_variance / self.psf_sum**2
         left = mean_squared_residual * self.scene_noise**2 / max(self.disturbance**2, estimated)
@@ -294,9 +291,8 @@ class Observation:
         """Crop a picture on the period to its own frame, beyond which it goes on as at its edge."""
         if self.offset == (0, 0):
             return self.crop_to_frame(period_image)
-        return shifted_window(
-            period_image, self.offset, self.image.shape, self.border == "periodic"
-        )
+        wraps = self.border == "periodic"
+        return shifted_window(period_image, self.offset, self.image.shape, wraps)
 
     @property
     def bands(self) -> int:
