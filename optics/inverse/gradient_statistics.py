@@ -111,7 +111,7 @@ and scikit-image's). Its smallest deviation isn't below the quantisation by 8 bi
 
 
 @accepts_numpy
-def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> GaussianMixture:
+def fit_mixture(image: torch.Tensor, components: int = 3) -> GaussianMixture:
     """Fit a mixture of Gaussians to the gradients of a picture, (rows, columns).
 
     The likelihood is maximised by expectation maximisation on a histogram. Deviations are at least
@@ -129,7 +129,7 @@ def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> G
     ladder = torch.logspace(-1.3, 0.5, components, dtype=torch.float64)
     deviations = spread * (ladder if components > 1 else torch.ones(1, dtype=torch.float64))
     shares = torch.full((components,), 1 / components, dtype=torch.float64)
-    for _ in range(steps):
+    for _ in range(200):
         joint = (shares / deviations).log()[:, None] - squares / (2 * deviations.square()[:, None])
         part = joint.softmax(0) * weights
         shares = part.sum(1).clamp(min=1e-9)

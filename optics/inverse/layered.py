@@ -262,14 +262,11 @@ class _LayerEquations(LinearEquations):
         self._blur: Operator = (OccludingBlur if occlusion else VaryingBlur)(
             psfs, observation.period_shares
         )
-        self._powers = observation.squared_mtf[None]
+        self.squared_response = observation.squared_mtf[None]
         if occlusion:
-            self._powers = squared_modulus(transfer_function(psfs, observation.period_shape))
+            powers = squared_modulus(transfer_function(psfs, observation.period_shape))
+            self.squared_response = powers
         self._weights = observation.effective_weights
-
-    @cached_property
-    def squared_response(self) -> torch.Tensor:
-        return self._powers
 
     @property
     def data_spectrum(self) -> torch.Tensor:

@@ -79,26 +79,9 @@ def has_origin_in_corner(psf: NDArray[np.floating]) -> bool:
         return False
     if _largest_part(stored, joins=joins).sum() > _TORN_SHARE * total:
         return False
-    continues, misfit = False, math.inf
-    for lines in (stored, stored.T):
-        if len(lines) <= _NEAR_LINES:
-            continue
-        rows = lines.sum(1)
-        # The last lines that a shift of the origin to the middle puts at the edges.
-        middle, edge = len(rows) - len(rows) // 2, rows[0] + rows[-1]
-        sides = sorted((rows[:_NEAR_LINES].sum(), rows[-_NEAR_LINES:].sum()))
-        on_both = sides[0] >= _SIDE_RATIO * sides[1]
-        is_thin = max(rows[0], rows[-1]) >= _THIN_SHARE * rows.sum()
-        is_at_edge = edge >= _EDGE_RATIO * rows[middle - 1 : middle + 1].sum()
-        if not (is_at_edge and edge > _EDGE_SHARE * rows.sum() and (on_both or is_thin)):
-            return False
-        is_valley = rows[1] > _VALLEY * rows[0] and rows[-2] > _VALLEY * rows[-1]
-        goes_on = rows[1] + rows[-2] >= _BEYOND * edge
-        continues = continues or bool(on_both and goes_on and not is_valley)
-        # The difference of both sides over their light, for the best shift.
-        for step in (-1, 0, 1):
-            off = np.abs(lines[0] - np.roll(lines[-1], step)).sum()
-            misfit = min(misfit, float(off) / float((lines[0] + lines[-1]).sum()))
+    edges = [_look_along_edge(one) for one in (stored, stored.T) if len(one) > _NEAR_LINES]
+    if not edges or not all(lies for lies, _, _ in edges):
+        return False
     half, wide = math.ceil(stored.shape[0] / 2), math.ceil(stored.shape[1] / 2)
     quarters = [
         part.sum()
@@ -106,7 +89,30 @@ def has_origin_in_corner(psf: NDArray[np.floating]) -> bool:
         for part in (side[:, :wide], side[:, wide:])
     ]
     lit = sum(one > _SIDE_RATIO * max(quarters) for one in quarters)
+    continues, misfit = any(one for _, one, _ in edges), min(one for _, _, one in edges)
     return continues and (lit > 2 or misfit <= _MISFIT)
+
+
+def _look_along_edge(light: Light) -> tuple[bool, bool, float]:
+    """Look at the edge before the first row, which is behind the last one.
+
+    Returns whether light lies along it on both sides, and not in the middle; whether it goes on
+    across it as one piece; and the difference of both sides over their light, for the best shift.
+    """
+    rows, first, last = light.sum(1), light[0], light[-1]
+    # The last lines that a shift of the origin to the middle puts at the edges.
+    middle, edge = len(rows) - len(rows) // 2, rows[0] + rows[-1]
+    sides = sorted((rows[:_NEAR_LINES].sum(), rows[-_NEAR_LINES:].sum()))
+    on_both = sides[0] >= _SIDE_RATIO * sides[1]
+    is_thin = max(rows[0], rows[-1]) >= _THIN_SHARE * rows.sum()
+    is_at_edge = edge >= _EDGE_RATIO * rows[middle - 1 : middle + 1].sum()
+    if not (is_at_edge and edge > _EDGE_SHARE * rows.sum() and (on_both or is_thin)):
+        return False, False, math.inf
+    is_valley = rows[1] > _VALLEY * rows[0] and rows[-2] > _VALLEY * rows[-1]
+    goes_on = rows[1] + rows[-2] >= _BEYOND * edge
+    off = min(float(np.abs(first - np.roll(last, step)).sum()) for step in (-1, 0, 1))
+    continues = bool(on_both and goes_on and not is_valley)
+    return True, continues, off / float((first + last).sum())
 
 
 def _largest_part(light: Light, *, joins: bool) -> Light:
