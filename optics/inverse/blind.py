@@ -102,11 +102,7 @@ class KernelEstimate:
 
     @property
     def verdict(self) -> str:
-        """The score in words: good, fair or poor.
-
-        The kernel is good from a score of 0.9 if its error isn't much larger than the noise, fair
-        from 0.7, and poor below.
-        """
+        """The score in words: good if the error isn't much larger than the noise, fair or poor."""
         if self.score >= GOOD and self.error_to_noise <= MOST_ERROR:
             return "good: parts of the photograph and searches from two starts agree"
         if self.score >= FAIR:
@@ -154,10 +150,9 @@ def find_kernel(
     photograph, from coarse to fine scales (Cho and Lee 2009, doi 10.1145/1618452.1618491; Xu, Zheng
     and Jia 2013). Then the likeliest kernel is estimated over all sharp pictures that the
     statistics of natural pictures allow (Fergus et al. 2006, doi 10.1145/1141911.1141956; Levin et
-    al. 2011, doi 10.1109/CVPR.2011.5995308); these pictures are sampled: see LatentImageSampler.
-    The estimation is done from two starts, and the difference of the results shows how reliable
-    they are. The scene beyond the frame is unknown. The random samples have a fixed seed, so that
-    the same photograph gives the same kernel. See thesis Fig. 2.9 f, g.
+    al. 2011, doi 10.1109/CVPR.2011.5995308), with samples of a fixed seed: see LatentImageSampler.
+    The difference of the results from two starts shows how reliable they are. See thesis Fig. 2.9
+    f, g.
 
     Raises ValueError if the photograph has no structure, is smaller than three kernels, isn't
     finite or is mostly clipped, or if another argument is outside its range.
@@ -293,9 +288,8 @@ def refine_kernel_by_statistics(
 ) -> torch.Tensor:
     """Find the likeliest kernel over all sharp pictures that natural statistics allow.
 
-    It is that of the finest scale. The algorithm is stochastic expectation maximisation (Delyon,
-    Lavielle and Moulines 1999, doi 10.1214/aos/1018031103), with samples from a fixed seed. The
-    assumed noise decreases to the photograph's noise in the last of the `rounds`.
+    The algorithm is stochastic expectation maximisation (Delyon, Lavielle and Moulines 1999, doi
+    10.1214/aos/1018031103). The assumed noise decreases to the photograph's in the last round.
     """
     size = start.shape[0], start.shape[1]
     latent = LatentImageSampler(photo.image, photo.valid, NATURAL_GRADIENTS, size, seed=0)

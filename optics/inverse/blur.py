@@ -170,11 +170,7 @@ class VaryingBlur(Operator):
 
 
 def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
-    """Raise ValueError unless there are as many pictures as PSFs, all of them finite.
-
-    name: name of the pictures in the message.
-    each: what they stand for, in the plural.
-    """
+    """Raise ValueError unless there are as many pictures, of `each`, as PSFs, all of them finite."""
     require_finite("psfs", psfs)
     require_finite(name, shares)
     if psfs.ndim != 3 or shares.ndim != 3 or len(psfs) != len(shares):
@@ -237,7 +233,7 @@ def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
     Parameters
     ----------
     layers : torch.Tensor or numpy.ndarray
-        The number of the layer that each pixel shows, (rows, columns), whole numbers from 0.
+        Number of the layer that each pixel shows, (rows, columns), whole and from 0.
     count : int
         The number of layers.
 

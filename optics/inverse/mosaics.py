@@ -359,10 +359,8 @@ def demosaicing_weight(noise: float, scale: float) -> float:
 
     Parameters
     ----------
-    noise : float
-        Standard deviation of a pixel.
-    scale : float
-        Standard deviation of the light over the picture, in the same unit.
+    noise, scale : float
+        Standard deviations of a pixel, and of the light over the picture, in the same unit.
 
     Returns
     -------

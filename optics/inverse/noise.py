@@ -61,9 +61,8 @@ _STEPS = 40  # largest number of scoring steps of a fit
 class PowerLaw:
     """A photograph's modelled power spectrum, |H|² strength / frequency^slope + noise_variance.
 
-    `strength` and `noise_variance` are variances per pixel of the photograph; the frequency is in
-    cycles per pixel. `model_error_variance` is the variance that the PSF's error adds, expressed as
-    white noise that does as much harm.
+    Strength and variances are per pixel of the photograph; the frequency is in cycles per pixel.
+    `model_error_variance` is that of white noise that does as much harm as the PSF's error.
     """
 
     strength: float

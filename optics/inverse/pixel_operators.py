@@ -91,7 +91,7 @@ class Mask(Operator):
 
 
 class SpectralMosaic(Operator):
-    """Adds all spectral bands to one value at each pixel of a sensor, y = sum_n S_n x_n.
+    """Adds all spectral bands at each pixel of a sensor, y = sum_n S_n x_n (thesis Eq. 4.1).
 
     Parameters
     ----------
@@ -103,10 +103,6 @@ class SpectralMosaic(Operator):
     ------
     ValueError
         For weights that aren't finite or don't have three axes.
-
-    References
-    ----------
-    Thesis Eq. 4.1.
     """
 
     @accepts_numpy

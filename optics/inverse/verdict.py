@@ -41,11 +41,9 @@ class PSFScale:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the photograph shows that the PSF has another scale.
-
-        A likelihood that still grows at the end of the range doesn't show it: what grows is then
-        the picture's departure from a power law.
-        """
+        """Whether the photograph shows that the PSF has another scale."""
+        # A likelihood that still grows at the end of the range doesn't show it: what grows is then
+        # the picture's departure from a power law.
         least = _LEAST_EVIDENCE + _EVIDENCE_SHARE * self.frequencies
         return self.evidence >= least and _LEAST_DEVIATION <= abs(self.scale - 1) < _RANGE - 1e-9
 
