@@ -170,7 +170,7 @@ class VaryingBlur(Operator):
 
 
 def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
-    """Raise ValueError unless there are as many pictures, of `each`, as PSFs, all of them finite."""
+    """Raise ValueError unless there are as many pictures of `each` as PSFs, all of them finite."""
     require_finite("psfs", psfs)
     require_finite(name, shares)
     if psfs.ndim != 3 or shares.ndim != 3 or len(psfs) != len(shares):
