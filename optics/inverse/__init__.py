@@ -63,35 +63,21 @@ __all__ = [
 ]
 
 _MODULES = {
-    "Blur": "blur",
-    "CentredCrop": "pixel_operators",
-    "GramOperator": "operator",
-    "Mask": "pixel_operators",
-    "Observation": "observation",
-    "OccludingBlur": "blur",
-    "Operator": "operator",
-    "OperatorProduct": "operator",
-    "OperatorSum": "operator",
-    "RestoredImage": "restored_image",
-    "SpectralMosaic": "pixel_operators",
-    "VaryingBlur": "blur",
-    "blur_operator": "blur",
-    "blur_shape": "blur",
-    "build_layered_observation": "layered",
-    "build_mosaic_observation": "mosaics",
-    "build_observation": "observation_builder",
-    "demosaic": "mosaics",
-    "demosaicing_weight": "mosaics",
-    "field_weights": "blur",
-    "filter_weights": "pixel_operators",
-    "find_psf_scale": "verdict",
-    "judge_restoration": "verdict",
-    "layer_weights": "blur",
-    "restore": "choice",
-    "restore_within_bounds": "bounded",
+    "blur": "Blur OccludingBlur VaryingBlur blur_operator blur_shape field_weights layer_weights",
+    "bounded": "restore_within_bounds",
+    "choice": "restore",
+    "layered": "build_layered_observation",
+    "mosaics": "build_mosaic_observation demosaic demosaicing_weight",
+    "observation": "Observation",
+    "observation_builder": "build_observation",
+    "operator": "GramOperator Operator OperatorProduct OperatorSum",
+    "pixel_operators": "CentredCrop Mask SpectralMosaic filter_weights",
+    "restored_image": "RestoredImage",
+    "verdict": "find_psf_scale judge_restoration",
 }
-
-__getattr__ = late_names(__name__, _MODULES)
+__getattr__ = late_names(
+    __name__, {name: module for module, names in _MODULES.items() for name in names.split()}
+)
 
 
 def __dir__() -> list[str]:

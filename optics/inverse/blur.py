@@ -18,9 +18,7 @@ BORDERS: tuple[Border, ...] = ("unknown", "dark", "periodic")
 
 
 class Blur(Operator):
-    """The convolution of a picture with a PSF, with periodic borders.
-
-    It computes in single precision, or in double where the PSF is in double.
+    """The convolution of a picture with a PSF, with periodic borders, in the PSF's precision.
 
     Parameters
     ----------
@@ -32,8 +30,6 @@ class Blur(Operator):
 
     Attributes
     ----------
-    shape : tuple of int
-        The picture's (rows, columns).
     transfer : torch.Tensor
         The rfft2 of the PSF on that shape, complex.
 
@@ -58,11 +54,6 @@ class Blur(Operator):
         return irfft2(rfft2(y) * self.transfer.conj(), self.shape)
 
     @property
-    def bytes(self) -> int:
-        """The memory in bytes that one call needs besides input and output."""
-        return 3 * self.transfer.nelement() * self.transfer.element_size()
-
-    @property
     def diagonal(self) -> tuple[Domain, torch.Tensor]:
         """The transfer function, by which the frequencies are multiplied."""
         return "frequencies", self.transfer
@@ -72,8 +63,7 @@ class Blur(Operator):
 def transfer_function(psf: torch.Tensor, shape: Sequence[int]) -> torch.Tensor:
     """Compute the rfft2 of a PSF on `shape`, with its origin moved from n // 2 to index 0.
 
-    The zero rows around the PSF aren't transformed. For a small PSF this saves nearly half of the
-    time.
+    The zero rows around the PSF aren't transformed, which saves nearly half of the time.
     """
     across = rfft(_wrap_axis(psf, -1, int(shape[1])))
     return fft(_wrap_axis(across, -2, int(shape[0])), int(shape[0]), -2, overwrite=True)
@@ -91,24 +81,19 @@ def _wrap_axis(psf: torch.Tensor, dim: int, period: int) -> torch.Tensor:
 def blur_shape(frame: Sequence[int], psf: Sequence[int]) -> tuple[int, int]:
     """Compute the shape of a period on which a blur doesn't wrap light around the frame.
 
-    The period holds the frame and half a PSF on every side, and its FFTs are fast.
-
     Parameters
     ----------
-    frame : sequence of int
-        The frame's shape; the last two numbers are rows and columns.
-    psf : sequence of int
-        The PSF's shape; the last two numbers are rows and columns.
+    frame, psf : sequence of int
+        Shapes of frame and PSF; the last two numbers are rows and columns.
 
     Returns
     -------
     tuple of int
-        (rows, columns) of the period.
+        (rows, columns) of a period that holds the frame and half a PSF on every side. Its FFTs are
+        fast.
     """
-    rows, columns = (
-        fast_fft_length(int(n) + int(m)) for n, m in zip(frame[-2:], psf[-2:], strict=True)
-    )
-    return rows, columns
+    rows, columns = int(frame[-2]) + int(psf[-2]), int(frame[-1]) + int(psf[-1])
+    return fast_fft_length(rows), fast_fft_length(columns)
 
 
 def require_border(border: str) -> None:
@@ -128,9 +113,8 @@ def blur_operator(psf: torch.Tensor, frame: Sequence[int], border: Border) -> Op
     frame : sequence of int
         The frame's (rows, columns).
     border : {"unknown", "dark", "periodic"}
-        "unknown": the scene continues beyond the frame, and the operator's domain is the period
-        given by `blur_shape`. "dark": there is no light beyond the frame. "periodic": opposite
-        edges of the frame are neighbours, as for Blur.
+        "unknown": the scene continues beyond the frame, and the domain is the period of
+        `blur_shape`. "dark": no light is beyond. "periodic": opposite edges are neighbours.
 
     Returns
     -------
@@ -159,9 +143,8 @@ class VaryingBlur(Operator):
     psfs : torch.Tensor or numpy.ndarray
         (PSFs, rows, columns), with the origin at n // 2.
     weights : torch.Tensor or numpy.ndarray
-        (PSFs, rows, columns): the share of each pixel's light that each PSF spreads. Where the
-        weights of a pixel add up to 1, its PSF is the weighted mean of all PSFs. See
-        `field_weights` for PSFs that vary over the field and `layer_weights` for depth layers.
+        (PSFs, rows, columns): the share of each pixel's light that each PSF spreads, which add up
+        to 1. See `field_weights` for PSFs over the field and `layer_weights` for depth layers.
 
     Raises
     ------
@@ -185,18 +168,9 @@ class VaryingBlur(Operator):
         spectra = rfft2(y)[..., None, :, :] * self.transfers.conj()
         return (irfft2(spectra, self.shape) * self.weights).sum(-3)
 
-    @property
-    def bytes(self) -> int:
-        """The memory in bytes that one call needs besides input and output."""
-        return 3 * self.transfers.nelement() * self.transfers.element_size()
-
 
 def require_matching_psfs(psfs: torch.Tensor, name: str, shares: torch.Tensor, each: str) -> None:
-    """Raise ValueError unless there are as many pictures as PSFs, all of them finite.
-
-    name: name of the pictures in the message.
-    each: what they stand for, in the plural.
-    """
+    """Raise ValueError unless there are as many pictures of `each` as PSFs, all of them finite."""
     require_finite("psfs", psfs)
     require_finite(name, shares)
     if psfs.ndim != 3 or shares.ndim != 3 or len(psfs) != len(shares):
@@ -215,11 +189,9 @@ def field_weights(
     ----------
     shape : sequence of int
         The picture's (rows, columns).
-    rows : sequence of float
-        The grid's row positions in pixels, increasing.
-    columns : sequence of float
-        The grid's column positions in pixels, increasing. Pixels beyond the outermost positions
-        take the PSFs of the nearest ones.
+    rows, columns : sequence of float
+        The grid's positions in pixels, increasing. Pixels beyond the outermost positions take the
+        PSFs of the nearest ones.
 
     Returns
     -------
@@ -232,20 +204,13 @@ def field_weights(
     ValueError
         For positions that don't increase.
     """
-    down, along = (
-        _hat_functions(int(shape[0]), "rows", rows),
-        _hat_functions(int(shape[1]), "columns", columns),
-    )
-    return (down[:, None, :, None] * along[None, :, None, :]).reshape(
-        -1, int(shape[0]), len(along.T)
-    )
+    m, n = int(shape[0]), int(shape[1])
+    down, along = _hat_functions(m, "rows", rows), _hat_functions(n, "columns", columns)
+    return (down[:, None, :, None] * along[None, :, None, :]).reshape(-1, m, n)
 
 
 def _hat_functions(n: int, name: str, places: Sequence[float]) -> torch.Tensor:
-    """Compute the weights of linear interpolation along one axis, (places, n) for n pixels.
-
-    Each row is 1 at its own place and falls linearly to 0 at the neighbouring places.
-    """
+    """Compute the weights of linear interpolation along one axis, (places, n) for n pixels."""
     knots = torch.as_tensor(list(places), dtype=torch.float64)
     if not len(knots) or not bool((knots.diff() > 0).all()):
         raise ValueError(f"{name} are {list(places)}; give places that increase")
@@ -268,7 +233,7 @@ def layer_weights(layers: torch.Tensor, count: int) -> torch.Tensor:
     Parameters
     ----------
     layers : torch.Tensor or numpy.ndarray
-        The number of the layer that each pixel shows, (rows, columns), whole numbers from 0.
+        Number of the layer that each pixel shows, (rows, columns), whole and from 0.
     count : int
         The number of layers.
 
@@ -298,9 +263,9 @@ class OccludingBlur(Operator):
     visibility_j over j up to k. Surface j transmits 1 - h_j * a_j, and t_k is the product of the
     transmissions of all surfaces in front of k.
 
-    The model assumes that a hidden point is hidden from all rays of a pixel alike. This is exact
-    where the surface behind is in focus (Hasinoff and Kutulakos 2007). Where both surfaces are out
-    of focus in the same way, the model lets too much light past the edge.
+    A hidden point is taken to be hidden from all rays of a pixel alike. This is exact where the
+    surface behind is in focus (Hasinoff and Kutulakos 2007). Where both are out of focus in the
+    same way, too much light comes past the edge.
 
     Parameters
     ----------
@@ -309,15 +274,6 @@ class OccludingBlur(Operator):
     visibility : torch.Tensor or numpy.ndarray
         (surfaces, rows, columns): the share of each pixel in which each surface is seen. The
         shares of a pixel add up to 1.
-
-    Attributes
-    ----------
-    transfers : torch.Tensor
-        The rfft2 of the PSFs.
-    coverage : torch.Tensor
-        Coverage a_k of each surface, (surfaces, rows, columns).
-    transmission : torch.Tensor
-        Transmission t_k of all that lies in front of each surface, (surfaces, rows, columns).
 
     Raises
     ------
@@ -350,8 +306,3 @@ class OccludingBlur(Operator):
     def _adjoint(self, y: torch.Tensor) -> torch.Tensor:
         spectra = rfft2(y[..., None, :, :] * self.transmission) * self.transfers.conj()
         return irfft2(spectra, self.shape) * self.coverage
-
-    @property
-    def bytes(self) -> int:
-        """The memory in bytes that one call needs besides input and output."""
-        return 3 * self.transfers.nelement() * self.transfers.element_size()

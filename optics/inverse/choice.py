@@ -41,12 +41,11 @@ def restore(
     observation : Observation
         Photograph and PSF: see `build_observation`.
     budget : float, optional
-        Seconds of processor time, as predicted for the machine's speed. Without it, the method
-        runs with its default number of iterations.
+        Seconds of processor time, as predicted for the machine's speed: the method does as many
+        iterations as there is time for. Without it, it does its default number.
     method : str, optional
-        Name of a method, one of `optics.inverse.choice.METHODS`. Without it and
-        without a budget, the method is total variation. With a budget, the method does as many
-        iterations as there is time for.
+        Name of a method, one of `optics.inverse.choice.METHODS`. Without it and without a budget,
+        the method is total variation.
     progress : Progress, optional
         Receives reports, and can cancel the work.
     weight : float, optional
@@ -54,17 +53,16 @@ def restore(
     count : int, optional
         Number of iterations or rounds, 1 or more. Needs `method`, and excludes `budget`.
     denoise : callable, optional
-        Denoiser for plug-and-play, which isn't considered without one. Its arguments are a
-        picture, (rows, columns) with white at about 1, and the standard deviation of the noise. It
-        returns the denoised picture.
+        Denoiser for plug-and-play, which isn't considered without one: see
+        `optics.inverse.method.Denoise`.
     speed : MachineSpeed, optional
         Speed of the machine, by which times are predicted.
 
     Returns
     -------
     RestoredImage
-        The picture in the photograph's frame, with method, residual and weight. Its arrays are
-        numpy's where the photograph's is.
+        The picture in the photograph's frame, with method, residual and weight, as arrays of the
+        photograph's kind.
 
     Raises
     ------
@@ -73,31 +71,6 @@ def restore(
         arguments exclude each other, or if the method raises it.
     """
     speed, progress = speed or MachineSpeed(), progress or Progress()
-    _require(budget, method, weight, count)
-    if budget is not None:
-        name, number = choose_method(observation, budget, method, denoise=denoise, speed=speed)
-    else:
-        name = method or DEFAULT_METHOD
-        number = METHODS[name].default_iterations(observation) if count is None else count
-    chosen = METHODS[name]
-    if not chosen.takes_variance:
-        observation = without_variance(observation)
-    if not chosen.restores_bands and observation.needs_filters:
-        able = [one for one, method in METHODS.items() if method.restores_bands]
-        raise ValueError(
-            f"method is {name}, which knows no colour filters; take {' or '.join(able)}"
-        )
-    progress.report(0, chosen.description)
-    own = {"denoise": denoise} if chosen.needs_denoiser else {}
-    restored = chosen.solve(observation, weight, iterations=number, progress=progress, **own)
-    progress.report(1, restored.method)
-    return restored.to_numpy() if observation.is_numpy else restored
-
-
-def _require(
-    budget: float | None, method: str | None, weight: float | None, count: int | None
-) -> None:
-    """Raise ValueError for invalid arguments of restore(), or for ones that exclude each other."""
     if budget is not None:
         require_positive("budget", budget, "s")
     select_methods(METHODS, method)
@@ -107,6 +80,24 @@ def _require(
         raise ValueError("budget and count are both given; give one of them")
     if count is not None:
         require_count("count", count)
+    if budget is not None:
+        name, number = choose_method(observation, budget, method, denoise=denoise, speed=speed)
+    else:
+        name = method or DEFAULT_METHOD
+        number = METHODS[name].default_iterations(observation) if count is None else count
+    chosen = METHODS[name]
+    if not chosen.takes_variance:
+        observation = without_variance(observation)
+    if not chosen.restores_bands and observation.relative_filters is not None:
+        able = [one for one, method in METHODS.items() if method.restores_bands]
+        raise ValueError(
+            f"method is {name}, which knows no colour filters; take {' or '.join(able)}"
+        )
+    progress.report(0, chosen.description)
+    own = {"denoise": denoise} if chosen.needs_denoiser else {}
+    restored = chosen.solve(observation, weight, iterations=number, progress=progress, **own)
+    progress.report(1, restored.method)
+    return restored.to_numpy() if observation.is_numpy else restored
 
 
 def choose_method(
@@ -119,13 +110,11 @@ def choose_method(
 ) -> tuple[str, int]:
     """Return the method with the largest predicted gain in a budget, and its number of iterations.
 
-    Noise, size of the PSF, its spectrum, the picture and the border decide. Raises ValueError if no
-    method fits in the budget.
+    Raises ValueError if no method fits in the budget.
 
     budget: processor time, seconds.
     method: name of the only method that is considered.
     denoise: methods that need a denoiser aren't considered without it, unless named.
-    speed: speed of the machine, by which times are predicted.
     """
     speed, case = speed or MachineSpeed(), RestorationCase.of(observation)
     best = best_within(
@@ -138,7 +127,7 @@ def choose_method(
                 predicted_gain(gain, case),
             )
             for name in select_methods(METHODS, method)
-            if method or METHODS[name].restores_bands or not observation.needs_filters
+            if method or METHODS[name].restores_bands or observation.relative_filters is None
             if method or denoise is not None or not METHODS[name].needs_denoiser
             for number, gain in METHODS[name].gains.items()
         ],

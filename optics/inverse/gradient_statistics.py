@@ -27,10 +27,9 @@ def log_histogram(
     """Compute the natural logarithm of the gradients' probability density (thesis Fig. 2.10).
 
     Returns the centres of the bins, and the logarithms, -inf where a bin is empty; both are
-    float64. Raises ValueError for pictures that are constant, too small or not finite, or for fewer
-    than 3 bins.
+    float64. Raises ValueError for pictures, (rows, columns), that are constant, too small or not
+    finite, or for fewer than 3 bins.
 
-    image: (rows, columns).
     reach: gradients from -reach to reach are counted, all of them if None.
     """
     values = _gradient_values(image)
@@ -51,8 +50,7 @@ def log_histogram(
 class GaussianMixture:
     """A mixture of Gaussians with mean 0 (Fergus et al. 2006, doi 10.1145/1141911.1141956).
 
-    shares: weights of the Gaussians, which sum to 1.
-    deviations: their standard deviations.
+    The shares are the Gaussians' weights, which sum to 1.
     """
 
     shares: tuple[float, ...]
@@ -69,49 +67,20 @@ class GaussianMixture:
         if min(self.deviations) <= 0:
             raise ValueError(f"deviations are {self.deviations}; they must be positive")
 
-    def with_scale(self, factor: float) -> GaussianMixture:
-        """Return the distribution for light that is multiplied by `factor`."""
-        return GaussianMixture(self.shares, tuple(factor * one for one in self.deviations))
-
     def log_density(self, values: torch.Tensor) -> torch.Tensor:
         """Return the natural log density of gradients."""
         return self.log_joint(values.square()).logsumexp(0) - 0.5 * math.log(2 * math.pi)
 
     def log_joint(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return the log of each Gaussian's part in the density, (components, ...).
+        """Return the log of each Gaussian's part in the density, but for -log(2 pi) / 2.
 
-        The constant -log(2 pi) / 2 is left out.
-
-        squares: squared gradients.
+        squares: squared gradients. The result is (components, ...).
         """
         parts = [
             math.log(share / deviation) - squares / (2 * deviation**2)
             for share, deviation in zip(self.shares, self.deviations, strict=True)
         ]
         return torch.stack(parts)
-
-    def expected_precision(self, squares: torch.Tensor) -> torch.Tensor:
-        """Return each gradient's expected inverse variance.
-
-        The mean is over the mixture's Gaussians, weighted by the probability that the gradient
-        comes from each.
-
-        squares: squared gradients.
-        """
-        membership = self.log_joint(squares).softmax(0)
-        return sum(
-            (
-                part / deviation**2
-                for part, deviation in zip(membership, self.deviations, strict=True)
-            ),
-            start=torch.zeros_like(squares),
-        )
-
-    def moment(self, power: float) -> float:
-        """Return the mean of ``|gradient|`` to a power above -1."""
-        normal = 2 ** (power / 2) * math.gamma((power + 1) / 2) / math.sqrt(math.pi)
-        pairs = zip(self.shares, self.deviations, strict=True)
-        return normal * sum(share * deviation**power for share, deviation in pairs)
 
 
 @dataclass(frozen=True)
@@ -142,7 +111,7 @@ and scikit-image's). Its smallest deviation isn't below the quantisation by 8 bi
 
 
 @accepts_numpy
-def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> GaussianMixture:
+def fit_mixture(image: torch.Tensor, components: int = 3) -> GaussianMixture:
     """Fit a mixture of Gaussians to the gradients of a picture, (rows, columns).
 
     The likelihood is maximised by expectation maximisation on a histogram. Deviations are at least
@@ -160,7 +129,7 @@ def fit_mixture(image: torch.Tensor, components: int = 3, steps: int = 200) -> G
     ladder = torch.logspace(-1.3, 0.5, components, dtype=torch.float64)
     deviations = spread * (ladder if components > 1 else torch.ones(1, dtype=torch.float64))
     shares = torch.full((components,), 1 / components, dtype=torch.float64)
-    for _ in range(steps):
+    for _ in range(200):
         joint = (shares / deviations).log()[:, None] - squares / (2 * deviations.square()[:, None])
         part = joint.softmax(0) * weights
         shares = part.sum(1).clamp(min=1e-9)

@@ -3,42 +3,39 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import torch
 
 from optics.inverse.method import SETUP_COST, Gain, RestorationCost, RestorationMethod
 from optics.inverse.normal_equations import ConjugateGradientStep, NormalEquations, least_weight
 from optics.inverse.observation import Observation
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
+from optics.inverse.own_terms import in_own_unit
 from optics.inverse.priors import (
     LEAST_WEIGHT_SHARE,
     Prior,
-    add_gradient,
     gradient_adjoint,
+    gradient_of,
     laplacian_spectrum,
     mean_gradient,
     weight_by_evidence,
 )
 from optics.inverse.restored_image import CONVERGED_CHANGE, RestoredImage
 from optics.inverse.splitting import SplittingSettings, restored_image, solve_by_splitting
-from optics.inverse.total_variation import (
-    initial_weight,
-    light_in_weight,
-    require_power,
-    shrinkage_factor,
-)
+from optics.inverse.total_variation import initial_weight, light_in_weight, require_power
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
 
-_STEPS = 3
-"""Steps of conjugate gradients in a round, which starts from the last one's picture."""
+# Entries of the table; linear interpolation between them is accurate to 1e-6 of the length.
+_ENTRIES = 2048
+
+_STEPS = 3  # steps of conjugate gradients in a round, which starts from the last one's picture
 
 
 @single_threaded
 @torch.no_grad()
-@in_own_unit(weight=light_in_weight)
-@with_centred_psf
+@in_own_unit(weight=light_in_weight, centred=True)
 def hyper_laplacian(
     observation: Observation,
     power: float = 2 / 3,
@@ -54,9 +51,9 @@ def hyper_laplacian(
     hyper-Laplacian priors", NIPS 22). |∇x| is the length of the gradient, independent of its
     direction. The picture is cut to be nowhere negative.
 
-    The solver is half-quadratic splitting. In turn, it shrinks the split gradients one by one, and
-    computes the picture that is nearest to them and to the data, while their coupling grows. The
-    problem has many minima. The solver ends near a good one, and more rounds lead to a lower one.
+    Half-quadratic splitting shrinks the split gradients one by one, and computes the picture that
+    is nearest to them and to the data, in turn, while their coupling grows. It ends near a good one
+    of many minima; more rounds lead to a lower one.
 
     Raises ValueError for a power outside 0 to 1, a weight that isn't positive, or too few rounds.
 
@@ -64,8 +61,7 @@ def hyper_laplacian(
         pictures.
     weight: regularisation weight, in light per pixel to the power 2 - power. Estimated from the
         evidence of the picture if None.
-    rounds: number of couplings, spaced evenly in logarithms, 2 or more. Each round costs one pair
-        of FFTs if the whole period was measured, otherwise a few pairs.
+    rounds: number of couplings, spaced evenly in logarithms, 2 or more.
     """
     require_power(power)
     if weight is not None:
@@ -98,7 +94,9 @@ class _ShrunkGradient(Prior):
 
     def __init__(self, observation: Observation, power: float, rounds: int) -> None:
         self._observation, self._power, self._round = observation, power, 0
-        self._couplings = _couplings(observation.scale, power, rounds)
+        # For pictures of unit scale, the couplings go from 1, which is loose, to 1000.
+        ways = torch.logspace(0, 1, rounds, base=1e3, dtype=torch.float64)
+        self._couplings = (ways / observation.scale ** (2 - power)).tolist()
         shape = observation.period_shape
         self.gram_spectrum = laplacian_spectrum(shape).to(observation.squared_mtf)
 
@@ -108,28 +106,54 @@ class _ShrunkGradient(Prior):
     def update(self, x: torch.Tensor, weight: float) -> None:
         seen = self._observation
         x = x if seen.support is None else x * seen.support
-        least = least_weight(seen, _low_frequency_laplacian, _STEPS * (self._round + 1))
+        # The Laplacian at low frequencies is (2 π f)².
+        steps = _STEPS * (self._round + 1)
+        least = least_weight(seen, lambda squares: 4 * math.pi**2 * squares, steps)
         self._coupling = max(self._couplings[self._round], least / weight)
         self._round += 1
-        down, along = torch.zeros_like(x), torch.zeros_like(x)
-        add_gradient(x, down, along)
+        down, along = gradient_of(x)
         squares = torch.addcmul(down * down, along, along)
         share = shrinkage_factor(squares, self._power, self._coupling)
-        self.adjoint_target = gradient_adjoint(down.mul_(share), along.mul_(share), share)
+        self.adjoint_target = gradient_adjoint((down.mul_(share), along.mul_(share)), share)
 
 
-def _low_frequency_laplacian(squares: torch.Tensor) -> torch.Tensor:
-    """Return the negative Laplacian at low frequencies, by their squares in (cycles/pixel)²."""
-    return 4 * math.pi**2 * squares
+def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
+    """Return the share of a gradient w that is kept: |v| / |w| of the best v.
 
+    v minimises |v|^power + coupling / 2 (v - w)². It is 0 up to a threshold of |w|. Beyond it, |v|
+    is the largest root of |v| - |w| = -(power / coupling) |v|^(power - 1) (Krishnan and Fergus
+    2009). The result is accurate to 1e-6.
 
-def _couplings(scale: float, power: float, rounds: int) -> list[float]:
-    """Return the couplings of the split gradient, from loose to tight.
-
-    For pictures of unit scale they go from 1 to 1000.
+    squares: |w|² of each gradient.
     """
-    ways = torch.logspace(0, 1, rounds, base=1e3, dtype=torch.float64)
-    return (ways / scale ** (2 - power)).tolist()
+    threshold, table = _shrinkage_table(power)
+    table = table.to(squares)
+    place = (squares + torch.finfo(squares.dtype).tiny).rsqrt_()
+    place.mul_(threshold * coupling ** (-1 / (2 - power)) * _ENTRIES)
+    lost = place > _ENTRIES
+    # The table is indexed by the inverse length: infinity is at 0, and the threshold at the end.
+    below = place.clamp_(max=_ENTRIES).long().clamp_(max=_ENTRIES - 1)
+    share = torch.lerp(table[below], table[below + 1], place - below)
+    return share.masked_fill_(lost, 0.0)
+
+
+@lru_cache
+def _shrinkage_table(power: float) -> tuple[float, torch.Tensor]:
+    """Compute the shrinkage threshold for a coupling of 1, and a table of the shares kept.
+
+    Entry i is the share that is kept of a gradient of length threshold / (i / _ENTRIES).
+    """
+    least = (2 * (1 - power)) ** (1 / (2 - power))
+    threshold = least + power * least ** (power - 1) if power < 1 else 1.0
+    part = torch.arange(1, _ENTRIES + 1, dtype=torch.float64) / _ENTRIES
+    length = threshold / part
+    root = length.clone()
+    # Newton's method needs many steps: at the threshold, each step only halves the error.
+    for _ in range(60):
+        slope = 1 - power * (1 - power) * root ** (power - 2)
+        root = root - (root - length + power * root ** (power - 1)) / slope
+        root = root.clamp(min=max(least, 1e-12))
+    return threshold, torch.cat([torch.ones(1, dtype=torch.float64), root / length])
 
 
 def _solve(

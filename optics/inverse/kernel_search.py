@@ -1,46 +1,25 @@
-"""Search for a blur kernel, first by strong edges, then by statistics of natural pictures.
-
-Parts of the photograph and a second search tell its uncertainty.
-"""
+"""Search for a blur kernel by strong edges, and fit a kernel to known gradients."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 import scipy.ndimage
 import torch
 
 from optics.fourier import irfft2, rfft2
 from optics.inverse.blur import transfer_function
-from optics.inverse.border import extend_periodically
-from optics.inverse.gradient_statistics import NATURAL_GRADIENTS, gradients
-from optics.inverse.latent_image import (
-    LatentImageSampler,
-    QuadraticProblem,
-    fast_period,
-    least_squares_problem,
-    minimise_nonnegative,
-    padded_spectrum,
-)
+from optics.inverse.gradient_statistics import gradients
+from optics.inverse.observation import extend_periodically
 from optics.inverse.operator import squared_modulus
 from optics.inverse.priors import laplacian_spectrum
 from optics.plane import centred_crop, centred_pad
 from optics.progress import Progress
 
-STEP = math.sqrt(2)
-"""Ratio between one scale of the kernel search and the next."""
-
-
-def scale_factors(size: int) -> list[float]:
-    """Return the factors by which a photograph is shrunk, from coarse to 1.
-
-    A kernel of `size` has at least 3 pixels at the coarsest scale.
-    """
-    count = max(0, math.floor(math.log(size / 3) / math.log(STEP)))
-    return [STEP**number for number in range(count, -1, -1)]
+_SCALE_STEP = math.sqrt(2)  # ratio between one scale of the kernel search and the next
 
 
 def next_odd(size: float) -> int:
@@ -60,10 +39,7 @@ def downsample(image: torch.Tensor, factor: float) -> torch.Tensor:
 
 
 def enlarge_kernel(kernel: torch.Tensor, factor: float, size: int) -> torch.Tensor:
-    """Enlarge a kernel from a coarser to a finer scale.
-
-    The origin stays at n // 2. The result is (size, size) with a sum of 1.
-    """
+    """Enlarge a kernel to (size, size), with a sum of 1 and its origin at n // 2."""
     old = kernel.shape[-1]
     at = (torch.arange(size, dtype=kernel.dtype) - size // 2) / factor + old // 2
     share = torch.clamp(1 - (at[:, None] - torch.arange(old, dtype=kernel.dtype)).abs(), min=0)
@@ -88,41 +64,52 @@ def centre_kernel(kernel: torch.Tensor, size: int) -> torch.Tensor:
 def centred_window_start(kernel: torch.Tensor, size: int) -> tuple[int, int]:
     """Find the first row and column of the (size, size) window that centres a kernel.
 
-    The window may extend beyond the kernel. Among the windows that hold the most light, up to a
-    small share, the one is chosen whose centre n // 2 is nearest to the kernel's centroid.
+    It may extend beyond the kernel. Of the windows that hold the most light, it's the one whose
+    centre n // 2 is nearest to the kernel's centroid.
     """
-    rows, columns = (
-        _best_window_start(torch.nn.functional.pad(kernel.sum(1 - dim), (size, size)), size) - size
-        for dim in (0, 1)
-    )
-    return rows, columns
+    first = []
+    for dim in (0, 1):
+        profile = torch.nn.functional.pad(kernel.sum(1 - dim), (size, size))
+        inside = torch.nn.functional.pad(profile.to(torch.float64).cumsum(0), (1, 0))
+        held, whole = inside[size:] - inside[:-size], float(inside[-1])
+        centroid = float((profile * torch.arange(profile.numel())).sum()) / whole
+        # A window may lose up to 0.2 % more of the light than the best one to be centred better.
+        good = (held >= float(held.max()) - 2e-3 * whole).nonzero().ravel().tolist()
+        off = [abs(start + size // 2 - centroid) for start in good]
+        first.append(int(good[off.index(min(off))]) - size)
+    return first[0], first[1]
 
 
 def cut_window(kernel: torch.Tensor, first: tuple[int, int], size: int) -> torch.Tensor:
     """Cut a (size, size) window out of a kernel, padded with zeros.
 
-    first: the window's first row and column, up to `size` pixels outside the kernel.
+    It may start up to `size` pixels outside the kernel.
     """
     padded = torch.nn.functional.pad(kernel, (size, size, size, size))
     y, x = first[0] + size, first[1] + size
     return padded[y : y + size, x : x + size]
 
 
-def _best_window_start(profile: torch.Tensor, size: int) -> int:
-    """Find where the window of `size` that centres a kernel starts on one axis.
+def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
+    """Shift a kernel to the best match with a reference of the same size, by quarter pixels.
 
-    profile: the kernel's sum over the other axis.
+    The photograph doesn't show where the scene was before the blur.
     """
-    inside = torch.nn.functional.pad(profile.to(torch.float64).cumsum(0), (1, 0))
-    held = inside[size:] - inside[:-size]
-    whole = float(inside[-1])
-    centroid = float((profile * torch.arange(profile.numel())).sum()) / whole
-    # A window may lose up to 0.2 % more of the light than the best one to be centred better.
-    good = (held >= float(held.max()) - 2e-3 * whole).nonzero().ravel().tolist()
-    return int(min(good, key=lambda first: abs(first + size // 2 - centroid)))
-
-
-_TOUCHING = np.ones((3, 3))
+    steps = 4
+    rows, columns = reference.shape
+    period = (2 * rows, 2 * columns)
+    spectrum = torch.fft.fft2(kernel, s=period)
+    cross = spectrum.conj() * torch.fft.fft2(reference, s=period)
+    fine = centred_pad(torch.fft.fftshift(cross), tuple(steps * n for n in period))
+    likeness = torch.fft.ifft2(torch.fft.ifftshift(fine)).real
+    place = int(likeness.argmax())
+    y, x = divmod(place, likeness.shape[1])
+    turn = []
+    for at, whole, n in zip((y, x), likeness.shape, period, strict=True):
+        shift = (at if at < whole // 2 else at - whole) / steps
+        turn.append(torch.exp(-2j * math.pi * torch.fft.fftfreq(n) * shift))
+    moved = torch.fft.ifft2(spectrum * turn[0][:, None] * turn[1]).real
+    return moved[:rows, :columns].to(kernel)
 
 
 def without_specks(kernel: torch.Tensor, faint: float, small: float) -> torch.Tensor:
@@ -133,11 +120,110 @@ def without_specks(kernel: torch.Tensor, faint: float, small: float) -> torch.Te
     """
     kept = torch.where(kernel >= faint * kernel.max(), kernel, 0.0)
     if small > 0:
-        parts, count = scipy.ndimage.label(kept.numpy() > 0, _TOUCHING)
+        parts, count = scipy.ndimage.label(kept.numpy() > 0, np.ones((3, 3)))
         light = scipy.ndimage.sum_labels(kept.numpy(), parts, np.arange(count + 1))
         weak = light < small * min(float(kept.sum()), float(light.max()))
         kept = torch.where(torch.from_numpy(weak[parts]), 0.0, kept)
     return kept / kept.sum()
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticProblem:
+    """The quadratic objective k^T N k / 2 - r^T k of a blur kernel k, row by row.
+
+    normal_matrix: N, (pixels, pixels), symmetric and positive semidefinite.
+    right_hand_side: r, (rows, columns).
+    """
+
+    normal_matrix: torch.Tensor
+    right_hand_side: torch.Tensor
+
+    def with_ridge(self, weight: float) -> QuadraticProblem:
+        """Return the problem with ``weight * |k|² / 2`` added."""
+        eye = torch.eye(self.normal_matrix.shape[0], dtype=self.normal_matrix.dtype)
+        return QuadraticProblem(self.normal_matrix + weight * eye, self.right_hand_side)
+
+
+def fast_period(rows: int, columns: int) -> tuple[int, int]:
+    """Return a period of at least (rows, columns) with fast FFTs and an even number of columns."""
+    half = scipy.fft.next_fast_len((columns + 1) // 2, real=True)
+    return scipy.fft.next_fast_len(rows, real=True), 2 * half
+
+
+def padded_spectrum(picture: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
+    """Compute the rfft2 of a picture, (..., rows, columns), padded with zeros to a period."""
+    rows, columns = picture.shape[-2:]
+    margins = (0, period[1] - columns, 0, period[0] - rows)
+    return rfft2(torch.nn.functional.pad(picture, margins))
+
+
+def least_squares_problem(
+    sharp: torch.Tensor, blurred: torch.Tensor, shape: tuple[int, int]
+) -> QuadraticProblem:
+    """Build the problem of minimising ``|sharp * k - blurred|² / 2``, where * is convolution.
+
+    sharp, blurred: rfft2 spectra, (channels, ...), on one period that is so large that the
+        convolution doesn't wrap around.
+    shape: (rows, columns) of the kernel, whose first pixel belongs to a lag of 0.
+    """
+    period = (int(sharp.shape[-2]), 2 * (int(sharp.shape[-1]) - 1))
+    power = (sharp.real.square() + sharp.imag.square()).sum(0)
+    own = irfft2(power.to(sharp.dtype), period)
+    pull = irfft2((sharp.conj() * blurred).sum(0), period)[: shape[0], : shape[1]]
+    # The matrix has the autocorrelation at the lag between each two pixels of the kernel.
+    y = torch.arange(shape[0]).repeat_interleave(shape[1])
+    x = torch.arange(shape[1]).repeat(shape[0])
+    matrix = own[(y[:, None] - y) % period[0], (x[:, None] - x) % period[1]]
+    return QuadraticProblem(matrix, pull)
+
+
+def minimise_nonnegative(
+    problem: QuadraticProblem, start: torch.Tensor, *, sum_is_one: bool, steps: int = 200
+) -> torch.Tensor:
+    """Find the non-negative kernel that minimises a quadratic objective, from `start`.
+
+    The method is the accelerated projected gradient with restarts (Beck and Teboulle 2009, doi
+    10.1137/080716542; O'Donoghue and Candès 2015, doi 10.1007/s10208-013-9150-3). `sum_is_one`
+    limits the kernels to those with a sum of 1.
+    """
+    # 1.1 times the estimate of the power iteration is an upper bound of the largest eigenvalue of
+    # a Toeplitz matrix with mostly positive entries.
+    vector, size = torch.ones(start.numel(), dtype=problem.normal_matrix.dtype), 0.0
+    for _ in range(20):
+        vector = problem.normal_matrix @ vector
+        size = float(torch.linalg.vector_norm(vector))
+        if size == 0:
+            return start
+        vector = vector / size
+    size *= 1.1
+    normal, pull = problem.normal_matrix / size, problem.right_hand_side.ravel() / size
+    now = ahead = start.ravel()
+    pace = 1.0
+    for _ in range(steps):
+        stepped = ahead - (normal @ ahead - pull)
+        following = project_onto_simplex(stepped) if sum_is_one else stepped.clamp(min=0)
+        if float((ahead - following) @ (following - now)) > 0:
+            pace, ahead = 1.0, following
+        next_pace = (1 + (1 + 4 * pace * pace) ** 0.5) / 2
+        change = following - now
+        ahead = following + (pace - 1) / next_pace * change
+        now, pace = following, next_pace
+        # The tolerance is for kernels that sum to about 1.
+        if float(change.abs().max()) < 1e-6:
+            break
+    return now.reshape(start.shape)
+
+
+def project_onto_simplex(values: torch.Tensor) -> torch.Tensor:
+    """Return the nearest non-negative kernel with a sum of 1.
+
+    See Duchi et al. 2008, doi 10.1145/1390156.1390191.
+    """
+    sorted_down = values.sort(descending=True).values
+    excess = sorted_down.cumsum(0) - 1
+    count = torch.arange(1, values.numel() + 1, dtype=values.dtype)
+    last = int((sorted_down - excess / count > 0).sum()) - 1
+    return (values - excess[last] / (last + 1)).clamp(min=0)
 
 
 class StrongEdges:
@@ -191,9 +277,7 @@ class StrongEdges:
     def estimate_kernel(
         self, picture: torch.Tensor, start: torch.Tensor, ridge: float
     ) -> torch.Tensor:
-        """Estimate the kernel k that blurs a picture with few edges most nearly to the photograph.
-
-        The result sums to 1.
+        """Estimate the kernel k, of sum 1, that blurs a picture most nearly to the photograph.
 
         start: the result if the picture has no edges.
         ridge: weight of |k|², which determines what the edges don't.
@@ -211,54 +295,17 @@ class StrongEdges:
         return found / total if total > 0 else start
 
 
-@dataclass(frozen=True)
-class EdgeSettings:
-    """Penalties of the search by strong edges.
+EDGE_PENALTIES = (4e-3, 2.0), (2e-2, 2.0), (2e-2, 20.0)
+"""Penalties from which the search by strong edges starts: of each pixel with a gradient, and of the
+kernel's squared norm, for photographs whose light has a standard deviation of LIGHT_DEVIATION.
+Several are tried, since one doesn't suit all photographs."""
 
-    They are for photographs whose light has a standard deviation of LIGHT_DEVIATION.
+# Divisor of the edges' weight in each iteration, and the largest one over all scales. Chosen.
+_WEIGHT_DIVISOR, _MAX_WEIGHT_DIVISION = 1.1, 40.0
 
-    weight: first penalty of each pixel with a gradient.
-    ridge: penalty of the kernel's squared norm.
-    """
+_ITERATIONS_PER_SCALE = 5  # iterations of the search by edges at each scale; chosen
 
-    weight: float
-    ridge: float
-
-
-EDGE_SETTINGS = (EdgeSettings(4e-3, 2.0), EdgeSettings(2e-2, 2.0), EdgeSettings(2e-2, 20.0))
-"""Penalties from which the search by strong edges starts. Several are tried, since one doesn't suit
-all photographs."""
-
-
-@dataclass(frozen=True)
-class KernelSearchSettings:
-    """Tune the search for a kernel by strong edges and by statistics. All values are chosen.
-
-    weight_divisor: divisor of the edges' weight in each iteration.
-    max_weight_division: largest divisor of the edges' weight over all scales.
-    iterations_per_scale: iterations of the search by edges at each scale.
-    speck_light_share: connected parts of the kernel with less than this share of its light are
-        removed.
-    initial_noise_factor: first noise of the search by statistics, relative to the photograph's
-        noise.
-    burn_in_rounds: first rounds of the search by statistics, in which the kernel doesn't change.
-    history_weight: weight of the earlier samples in each round.
-    seed: seed of the random samples.
-    min_noise: smallest standard deviation of the noise, which allows for errors of the model.
-    """
-
-    weight_divisor: float = 1.1
-    max_weight_division: float = 40.0
-    iterations_per_scale: int = 5
-    speck_light_share: float = 0.1
-    initial_noise_factor: float = 2.0
-    burn_in_rounds: int = 2
-    history_weight: float = 0.75
-    seed: int = 0
-    min_noise: float = 1e-3
-
-
-_SETTINGS = KernelSearchSettings()
+_SPECK_SHARE = 0.1  # share of the kernel's light below which connected parts are removed; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,145 +328,32 @@ class NormalisedPhotograph:
         known = (downsample(self.valid, factor) > 0.999).to(self.image)
         return NormalisedPhotograph(downsample(self.image, factor), known, self.noise / factor)
 
-    def crop(self, rows: slice, columns: slice) -> NormalisedPhotograph:
-        return NormalisedPhotograph(
-            self.image[rows, columns], self.valid[rows, columns], self.noise
-        )
-
 
 def search_kernel_by_edges(
-    photo: NormalisedPhotograph, size: int, settings: EdgeSettings, progress: Progress
+    photo: NormalisedPhotograph, size: int, weight: float, ridge: float, progress: Progress
 ) -> torch.Tensor:
     """Search for a kernel by strong edges, from coarse to fine scales.
 
     size: odd side of the kernel, which is (size, size).
+    weight, ridge: see EDGE_PENALTIES. The weight decreases from one iteration to the next.
     """
-    kernel, weight = point_kernel(3), settings.weight
+    kernel, first = point_kernel(3), weight
     kernel[1, 0] = kernel[1, 1] = 0.5
-    ladder = scale_factors(size)
+    # From coarse to 1; a kernel has at least 3 pixels at the coarsest scale.
+    count = max(0, math.floor(math.log(size / 3) / math.log(_SCALE_STEP)))
+    ladder = [_SCALE_STEP**number for number in range(count, -1, -1)]
     for number, factor in enumerate(ladder):
         progress.report(number / len(ladder), f"strong edges, 1/{factor:.3g} of the size")
         n = next_odd(size / factor)
-        step = ladder[number - 1] / factor if number else 1.0
-        kernel = enlarge_kernel(kernel, step, n)
-        kernel = refine_kernel_by_edges(
-            photo.downsample(factor), kernel, EdgeSettings(weight, settings.ridge), progress
-        )
-        weight = max(
-            weight / _SETTINGS.weight_divisor**_SETTINGS.iterations_per_scale,
-            settings.weight / _SETTINGS.max_weight_division,
-        )
+        kernel = enlarge_kernel(kernel, ladder[number - 1] / factor if number else 1.0, n)
+        smaller, used = photo.downsample(factor), weight
+        strong = StrongEdges(smaller.image, smaller.valid, (n, n))
+        for _ in range(_ITERATIONS_PER_SCALE):
+            progress.raise_if_cancelled()
+            picture = strong.estimate_picture(kernel, used)
+            kernel = strong.estimate_kernel(picture, kernel, ridge)
+            kernel = without_specks(kernel, 0.0, _SPECK_SHARE)
+            used /= _WEIGHT_DIVISOR
+        weight = max(weight / _WEIGHT_DIVISOR**_ITERATIONS_PER_SCALE, first / _MAX_WEIGHT_DIVISION)
         kernel = centre_kernel(kernel, n)
     return kernel
-
-
-def refine_kernel_by_edges(
-    photo: NormalisedPhotograph, kernel: torch.Tensor, settings: EdgeSettings, progress: Progress
-) -> torch.Tensor:
-    """Improve a kernel by a photograph's strong edges, at one scale.
-
-    The weight of the penalty on edges decreases from one iteration to the next.
-    """
-    weight = settings.weight
-    strong = StrongEdges(photo.image, photo.valid, (kernel.shape[0], kernel.shape[1]))
-    for _ in range(_SETTINGS.iterations_per_scale):
-        progress.raise_if_cancelled()
-        picture = strong.estimate_picture(kernel, weight)
-        kernel = strong.estimate_kernel(picture, kernel, settings.ridge)
-        kernel = without_specks(kernel, 0.0, _SETTINGS.speck_light_share)
-        weight /= _SETTINGS.weight_divisor
-    return kernel
-
-
-def refine_kernel_by_statistics(
-    photo: NormalisedPhotograph, start: torch.Tensor, progress: Progress, rounds: int = 20
-) -> torch.Tensor:
-    """Find the likeliest kernel over all sharp pictures that natural statistics allow.
-
-    It is that of the finest scale. The algorithm is stochastic expectation maximisation (Delyon,
-    Lavielle and Moulines 1999, doi 10.1214/aos/1018031103), with samples from a fixed seed. The
-    assumed noise decreases to the photograph's noise in the last of the `rounds`.
-    """
-    size = start.shape[0], start.shape[1]
-    latent = LatentImageSampler(photo.image, photo.valid, NATURAL_GRADIENTS, size, _SETTINGS.seed)
-    kernel, noise = start, max(photo.noise, _SETTINGS.min_noise)
-    told: QuadraticProblem | None = None
-    for number in range(rounds):
-        progress.report(number / rounds, f"natural statistics {number + 1}/{rounds}")
-        factor = _SETTINGS.initial_noise_factor ** (1 - number / (rounds - 1))
-        latent.sample(kernel, noise * factor)
-        now = latent.kernel_problem(kernel)
-        told = now if told is None else told.blend_with(_SETTINGS.history_weight, now)
-        if number >= _SETTINGS.burn_in_rounds:
-            kernel = minimise_nonnegative(told, kernel, sum_is_one=True)
-    return kernel
-
-
-RefineKernel = Callable[[NormalisedPhotograph, torch.Tensor, Progress], torch.Tensor]
-"""A function that refines a kernel for a photograph, starting from a similar kernel."""
-
-_PARTS = 2
-"""Number of parts into which the photograph is divided along each axis."""
-
-
-def kernel_deviation(
-    photo: NormalisedPhotograph,
-    kernel: torch.Tensor,
-    rival: torch.Tensor,
-    refine: RefineKernel,
-    progress: Progress,
-) -> torch.Tensor:
-    """Estimate the standard deviation of each pixel of a kernel.
-
-    `refine` estimates the kernel again from parts of the photograph that share no pixel. The
-    variance of the mean of these kernels is their variance over their number. `rival` is a kernel
-    of the same size that was found from another start. Its difference from the kernel shows whether
-    the search has converged, which the parts can't show, since they start from the same kernel
-    (Gelman and Rubin 1992, doi 10.1214/ss/1177011136).
-    """
-    rows, columns = photo.image.shape
-    square = torch.zeros_like(kernel)
-    for number in range(_PARTS**2):
-        y, x = divmod(number, _PARTS)
-        part = photo.crop(_part_slice(rows, y), _part_slice(columns, x))
-        told = progress.part(number / _PARTS**2, (number + 1) / _PARTS**2)
-        square += (align_kernel(refine(part, kernel, told), kernel) - kernel).square()
-    # The factor of 2 in the deviation allows for the error that all parts share. It was measured on
-    # photographs with known kernels.
-    spread = 2.0**2 * square / _PARTS**2 / (_PARTS**2 - 1)
-    spread = spread + (align_kernel(rival, kernel) - kernel).square()
-    # Neighbouring pixels of the kernel are taken to have similar variances.
-    pooled = torch.nn.functional.avg_pool2d(spread[None, None], 3, 1, 1)[0, 0]
-    return pooled.sqrt()
-
-
-def align_kernel(kernel: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
-    """Shift a kernel to the best match with a reference of the same size, by quarter pixels.
-
-    The position of a kernel is arbitrary, since the photograph doesn't show where the scene was
-    before the blur.
-    """
-    steps = 4
-    rows, columns = reference.shape
-    period = (2 * rows, 2 * columns)
-    spectrum = torch.fft.fft2(kernel, s=period)
-    cross = spectrum.conj() * torch.fft.fft2(reference, s=period)
-    fine = centred_pad(torch.fft.fftshift(cross), tuple(steps * n for n in period))
-    likeness = torch.fft.ifft2(torch.fft.ifftshift(fine)).real
-    place = int(likeness.argmax())
-    y, x = divmod(place, likeness.shape[1])
-    way = [
-        (at if at < n // 2 else at - n) / steps
-        for at, n in zip((y, x), likeness.shape, strict=True)
-    ]
-    turn = [
-        torch.exp(-2j * math.pi * torch.fft.fftfreq(n) * shift)
-        for n, shift in zip(period, way, strict=True)
-    ]
-    moved = torch.fft.ifft2(spectrum * turn[0][:, None] * turn[1]).real
-    return moved[:rows, :columns].to(kernel)
-
-
-def _part_slice(length: int, number: int) -> slice:
-    """Return the slice of one of the photograph's parts along an axis of `length`."""
-    return slice(math.floor(length * number / _PARTS), math.floor(length * (number + 1) / _PARTS))

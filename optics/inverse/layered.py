@@ -13,7 +13,7 @@ from scipy.ndimage import distance_transform_edt
 from optics.fourier import irfft2, rfft2
 from optics.inverse.band_coupling import BandCoupling
 from optics.inverse.blur import Border, OccludingBlur, VaryingBlur, layer_weights, transfer_function
-from optics.inverse.noise import PowerLaw, fit_power_law_with_mtf
+from optics.inverse.noise import PowerLaw, fit_power_law
 from optics.inverse.normal_equations import ConjugateGradientStep, LinearEquations
 from optics.inverse.observation import Observation, require_psf
 from optics.inverse.operator import Operator, squared_modulus
@@ -21,12 +21,7 @@ from optics.inverse.own_terms import in_own_unit
 from optics.inverse.priors import Box, DerivativePenalty, Prior
 from optics.inverse.restored_image import RestoredImage
 from optics.inverse.splitting import restored_image, solve_by_splitting
-from optics.inverse.total_variation import (
-    GRADIENT_THRESHOLD,
-    light_in_weight,
-    require_power,
-    weight_settings,
-)
+from optics.inverse.total_variation import GRADIENT_THRESHOLD, weight_settings
 from optics.plane import centred_pad
 from optics.progress import Progress
 from optics.threads import single_threaded
@@ -38,8 +33,7 @@ from optics.validation import (
     require_positive,
 )
 
-_SHARE_TOLERANCE = 1e-3
-"""Largest deviation from 1 of the sum of a pixel's shares."""
+_SHARE_TOLERANCE = 1e-3  # largest deviation from 1 of the sum of a pixel's shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +55,7 @@ class LayeredObservation(Observation):
 
     @property
     def psf_offset(self) -> tuple[int, int]:
-        """0: the map of layers holds where the PSFs put the picture."""
+        # The map of layers holds where the PSFs put the picture.
         return 0, 0
 
     @cached_property
@@ -75,22 +69,25 @@ class LayeredObservation(Observation):
 
     @cached_property
     def squared_mtf(self) -> torch.Tensor:
-        """The layers' mean squared MTF on the period, weighted by area."""
         return self._squared_mtf_on(self.period_shape)
 
     def _fitted_power_law(self) -> PowerLaw:
-        """Fit the power law and noise to spectra of layers that add in power."""
+        # The spectra of the layers add in power.
         shape = (int(self.image.shape[0]), int(self.image.shape[1]))
         image = self.inpainted_image * self.psf_sum
-        law = fit_power_law_with_mtf(image, self._squared_mtf_on(shape))
+        law = fit_power_law(image, self._squared_mtf_on(shape))
         # Fine detail of a sharp layer looks like noise. Therefore the noise is estimated in the
         # most blurred layer, if that covers enough of the frame.
         powers = squared_modulus(transfer_function(self.psfs / self.psf_sum, shape))
         dullest = int(powers.mean((-2, -1)).argmin())
-        region = _interior_window(self.shares[dullest])
+        # Its window is smooth, and rises from the layer's edge over 16 pixels.
+        inside = self.shares[dullest].numpy() > 1 - _SHARE_TOLERANCE
+        depth = distance_transform_edt(np.pad(inside, 1, mode="edge"))[1:-1, 1:-1]
+        rise = torch.from_numpy(depth / 16).clamp(0, 1)
+        region = (torch.pi * rise / 2).sin().square()
         if float(region.mean()) < 0.02:
             return law
-        dull = fit_power_law_with_mtf(image, powers[dullest], region)
+        dull = fit_power_law(image, powers[dullest], region)
         return replace(
             law,
             noise_variance=dull.noise_variance,
@@ -109,13 +106,6 @@ class LayeredObservation(Observation):
         return (self.areas[:, None, None] * powers).sum(0)
 
 
-def _interior_window(share: torch.Tensor) -> torch.Tensor:
-    """Compute a smooth window inside a layer, which rises from its edge over 16 pixels."""
-    depth = distance_transform_edt(np.pad(share.numpy() > 1 - _SHARE_TOLERANCE, 1, mode="edge"))
-    rise = torch.from_numpy(depth[1:-1, 1:-1] / 16).clamp(0, 1)
-    return (torch.pi * rise / 2).sin().square()
-
-
 @accepts_numpy
 def build_layered_observation(
     image: torch.Tensor,
@@ -128,20 +118,17 @@ def build_layered_observation(
 ) -> LayeredObservation:
     """Gather the photograph, the depth layers and the PSF of each of them.
 
-    Arrays may be of any kind. The photograph is restored in double precision if `image` is double,
-    otherwise in single precision.
+    The photograph is restored in double precision if `image` is double, otherwise in single.
 
     Parameters
     ----------
     image : torch.Tensor or numpy.ndarray, (rows, columns)
         The photograph, light per pixel.
     psfs : torch.Tensor or numpy.ndarray, (layers, rows, columns), or a sequence of (rows, columns)
-        PSF of each layer, origin at n // 2. The nearest layer comes first if layers hide each
-        other.
+        PSF of each layer, origin at n // 2; the nearest first if layers hide each other.
     layers : torch.Tensor or numpy.ndarray
-        Number of the layer that each pixel shows, (rows, columns), whole numbers from 0. Or the
-        share of each layer in each pixel, (layers, rows, columns), not negative; the shares of a
-        pixel add up to 1.
+        Number of the layer that each pixel shows, (rows, columns), from 0. Or the share of each
+        layer in each pixel, (layers, rows, columns), not negative, which add up to 1.
     noise : float, optional
         Standard deviation of a pixel of weight 1. Estimated from the photograph if None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
@@ -159,8 +146,8 @@ def build_layered_observation(
     Raises
     ------
     ValueError
-        If shapes don't fit, if shares are negative or their sum differs from 1 by more than 1e-3,
-        if a PSF has no light, or if `Observation` raises it.
+        If shapes don't fit, if shares are negative or don't add up to 1, if a PSF has no light, or
+        if `Observation` raises it.
     """
     image = as_floating_point(image)
     each = [torch.as_tensor(psf).to(image) for psf in psfs]
@@ -170,7 +157,22 @@ def build_layered_observation(
         require_psf(psf)
     size = [max(psf.shape[axis] for psf in each) for axis in (0, 1)]
     stacked = torch.stack([centred_pad(psf, size) for psf in each])
-    shares = _layer_shares(torch.as_tensor(layers), len(each), tuple(image.shape)).to(image)
+    shares, count, shape = torch.as_tensor(layers), len(each), tuple(image.shape)
+    require_finite("layers", shares)
+    if tuple(shares.shape) == shape:
+        shares = layer_weights(shares, count)
+    elif tuple(shares.shape) != (count, *shape):
+        raise ValueError(
+            f"layers are {tuple(shares.shape)}; with {count} PSFs and an image of {shape} they "
+            f"must be {shape} or {(count, *shape)}"
+        )
+    missed = float((shares.sum(0) - 1).abs().max())
+    if float(shares.min()) < 0 or missed > _SHARE_TOLERANCE:
+        raise ValueError(
+            f"layers miss 1 by {missed:.2g} in places, or are negative; at each pixel they must "
+            "add up to 1"
+        )
+    shares = shares.to(image)
     mean = (shares.mean((-2, -1))[:, None, None] * stacked).sum(0)
     return LayeredObservation(
         image,
@@ -184,72 +186,41 @@ def build_layered_observation(
     )
 
 
-def _layer_shares(layers: torch.Tensor, count: int, shape: tuple[int, ...]) -> torch.Tensor:
-    """Check the layers, and return their shares, (layers, rows, columns).
-
-    layers: map of layer numbers, (rows, columns), or the shares themselves.
-    """
-    require_finite("layers", layers)
-    if tuple(layers.shape) == shape:
-        return layer_weights(layers, count)
-    if tuple(layers.shape) != (count, *shape):
-        raise ValueError(
-            f"layers are {tuple(layers.shape)}; with {count} PSFs and an image of {shape} they "
-            f"must be {shape} or {(count, *shape)}"
-        )
-    missed = float((layers.sum(0) - 1).abs().max())
-    if float(layers.min()) < 0 or missed > _SHARE_TOLERANCE:
-        raise ValueError(
-            f"layers miss 1 by {missed:.2g} in places, or are negative; at each pixel they must "
-            "add up to 1"
-        )
-    return layers
-
-
 @single_threaded
 @torch.no_grad()
-@in_own_unit(weight=light_in_weight)
+@in_own_unit(weight=1)
 def restore_layers(
     observation: LayeredObservation,
     weight: float | None = None,
     *,
-    power: float = 1.0,
     occlusion: bool = True,
     iterations: int = 20,
     cg_steps: int = 10,
-    tol: float = 0.0,
-    positive: bool = False,
     progress: Progress | None = None,
 ) -> RestoredImage:
     """Deblur a photograph of several depth layers, each with its own PSF.
 
-    The result X minimises |H X - O|² / 2 + weight * the sum of |∇X|^power, where the first term
+    The result X minimises |H X - O|² / 2 + weight * the sum of |∇X|, where the first term
     counts trusted pixels only, and H blurs each depth layer by its PSF (thesis Fig. 2.17). It is
     cut to be nowhere negative.
 
-    The solver is the alternating direction method of multipliers with the gradients split off (Boyd
-    et al. 2011, doi 10.1561/2200000016). The step for the picture has no closed form, since the
-    PSFs differ. It is solved by conjugate gradients from the previous picture, preconditioned by
-    the mean squared MTF of the layers. A clipped pixel counts where the blurred estimate is below
-    the measured value.
+    Since the PSFs differ, the step for the picture has no closed form. It is solved by conjugate
+    gradients from the previous picture, preconditioned by the mean squared MTF of the layers. A
+    clipped pixel counts where the blurred estimate is below the measured value.
 
     The model doesn't include depths beyond the frame, where the layers at its edge continue; errors
     of the map of layers; and what OccludingBlur neglects.
 
-    Raises ValueError for a weight that isn't positive, a power outside 0 to 1, or no iteration.
+    Raises ValueError for a weight that isn't positive, or no iteration.
 
     weight: regularisation weight, as for total_variation(). Estimated if None.
-    power: power of the gradients' lengths, above 0 and up to 1.
     occlusion: whether nearer layers, which come first, hide those behind them. Each layer is then
         estimated also where it is hidden, and the picture is composed of the visible parts.
     iterations: largest number of iterations.
     cg_steps: steps of conjugate gradients in each iteration.
-    tol: relative change of the picture at which the iteration ends; 0 for all iterations.
-    positive: whether the light is kept from being negative in each iteration.
     """
     if weight is not None:
         require_positive("weight", weight, "")
-    require_power(power)
     require_count("iterations", iterations)
     require_count("cg_steps", cg_steps)
     step = _LayerStep(_LayerEquations(observation, occlusion), cg_steps)
@@ -257,13 +228,11 @@ def restore_layers(
     penalty = DerivativePenalty(
         BandCoupling.separate(len(step.start())), observation.period_shape,
         GRADIENT_THRESHOLD * observation.scale, observation.image.dtype,
-        power=power, relaxation=1.0,
+        relaxation=1.0,
     )  # fmt: skip
-    bounds = [Box(observation.support)] if positive or observation.border == "dark" else []
+    bounds = [Box(observation.support)] if observation.border == "dark" else []
     # The spectrum of a photograph with several depths predicts the weight poorly.
-    settings = weight_settings(
-        observation, penalty, weight, iterations, tol, power, is_predictable=False
-    )
+    settings = weight_settings(observation, penalty, weight, iterations, is_predictable=False)
     solution = solve_by_splitting(
         step, [penalty, *bounds], settings, "depths", progress or Progress()
     )
@@ -282,11 +251,7 @@ def paste_layers(
 
 
 class _LayerEquations(LinearEquations):
-    """The normal equations (H* M H + K) x = H* M y + the priors' right-hand side of all layers.
-
-    M are the pixels' weights. x is one picture for each layer with occlusion, otherwise one
-    picture.
-    """
+    """The equations of all layers; with occlusion x is one picture for each, otherwise one."""
 
     observation: LayeredObservation
 
@@ -297,14 +262,11 @@ class _LayerEquations(LinearEquations):
         self._blur: Operator = (OccludingBlur if occlusion else VaryingBlur)(
             psfs, observation.period_shares
         )
-        self._powers = observation.squared_mtf[None]
+        self.squared_response = observation.squared_mtf[None]
         if occlusion:
-            self._powers = squared_modulus(transfer_function(psfs, observation.period_shape))
+            powers = squared_modulus(transfer_function(psfs, observation.period_shape))
+            self.squared_response = powers
         self._weights = observation.effective_weights
-
-    @property
-    def squared_response(self) -> torch.Tensor:
-        return self._powers
 
     @property
     def data_spectrum(self) -> torch.Tensor:

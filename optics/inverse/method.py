@@ -38,7 +38,8 @@ class RestorationCase:
     def of(cls, observation: Observation) -> RestorationCase:
         """Compute the features of a photograph."""
         observation = observation.in_own_unit
-        explained = max(observation.wiener_prediction.explained_share, 1e-3)
+        share, _ = observation.power_law.wiener_prediction(*observation.squared_mtf_of_centre)
+        explained = max(share, 1e-3)
         ratio = max(observation.disturbance / observation.scale, 1e-6)
         mean = max(float(observation.squared_mtf.detach().mean()), 1e-6)
         return cls(
@@ -52,10 +53,9 @@ class RestorationCase:
 
 @dataclass(frozen=True)
 class Gain:
-    """A gain in PSNR over the blurred photograph, dB, which is linear in the features of its case.
+    """A gain in PSNR over the blurred photograph, dB: `usual` where all features are 0.
 
-    `usual` is the gain where all features are 0, and the others are its change for 1 of a feature:
-    see RestorationCase.
+    It is linear in the features of its case, see RestorationCase: the others are its change for 1.
     """
 
     usual: float
@@ -80,9 +80,8 @@ class Denoise(Protocol):
     """A function that removes white noise from a picture.
 
     picture: (bands, rows, columns) with white at about 1, or (rows, columns).
-    axes: orthonormal matrix from the bands to components, (bands, bands), on which it is denoised;
-        the bands themselves if None.
     noise: standard deviation of the components' noise, a number or a map that broadcasts to them.
+    axes: orthonormal matrix from bands to components, (bands, bands); they are the bands if None.
     """
 
     def __call__(
@@ -94,16 +93,10 @@ class Denoise(Protocol):
 class RestorationCost:
     """The operations of a method, from which its time is predicted.
 
-    Attributes
-    ----------
-    transforms : float
-        Number of two-dimensional real FFTs of the whole period.
-    passes : float
-        Number of passes over all samples of the period.
-    multiply_adds : float
-        Number of multiplications and additions per pixel of the period.
-    centre_passes : float
-        Number of passes over the middle of the photograph, whose spectrum is computed.
+    transforms: number of two-dimensional real FFTs of the whole period.
+    passes: number of passes over all samples of the period.
+    multiply_adds: number of multiplications and additions per pixel of the period.
+    centre_passes: passes over the middle of the photograph, whose spectrum is computed.
     """
 
     transforms: float
@@ -122,20 +115,12 @@ class RestorationCost:
 
     def plus(self, other: RestorationCost, times: float = 1.0) -> RestorationCost:
         """Add `times` times another cost."""
-        return RestorationCost(
-            self.transforms + times * other.transforms,
-            self.passes + times * other.passes,
-            self.multiply_adds + times * other.multiply_adds,
-            self.centre_passes + times * other.centre_passes,
-        )
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return RestorationCost(*(own + times * more for own, more in pairs))
 
 
 class Solve(Protocol):
-    """The function of a method.
-
-    It chooses the regularisation weight itself if `weight` is None, and does `iterations`
-    iterations or rounds.
-    """
+    """The function of a method, which chooses the regularisation weight itself if it is None."""
 
     def __call__(
         self, observation: Observation, weight: float | None, *, iterations: int, progress: Progress
@@ -146,30 +131,18 @@ class Solve(Protocol):
 class RestorationMethod:
     """A method that undoes blur, with its gain and its cost.
 
-    Attributes
-    ----------
-    description : str
-        The method in a few words.
-    solve : Solve
-        The function that restores a photograph.
-    gains : mapping of int to float or Gain
-        Gain in PSNR over the blurred photograph in dB, by the number of iterations or rounds: a
+    description: the method in a few words.
+    solve: the function that restores a photograph.
+    gains: gain in PSNR over the blurred photograph in dB, by the number of iterations or rounds: a
         number, or one that depends on the case.
-    default_count : int
-        Default number of iterations or rounds.
-    setup_cost : RestorationCost
-        Cost that occurs once.
-    iteration_cost : callable
-        Cost of each iteration, for an observation.
-    needs_denoiser : bool
-        Whether `solve` needs the argument `denoise` as well.
-    restores_bands : bool
-        Whether scenes of several bands, seen through a mosaic of filters, are restored too.
-    takes_variance : bool
-        Whether the photograph's variance map is used. Other methods take one noise for all pixels.
-    slow_if_wide : bool
-        Whether twice the default number is needed where a wide PSF brings much light from beyond
-        the frame.
+    default_count: default number of iterations or rounds.
+    setup_cost: cost that occurs once.
+    iteration_cost: cost of each iteration, for an observation.
+    needs_denoiser: whether `solve` needs the argument `denoise` as well.
+    slow_if_wide: whether twice the default number is needed where a wide PSF brings much light from
+        beyond the frame.
+    restores_bands: whether scenes of several bands, seen through a mosaic of filters, are restored.
+    takes_variance: whether the photograph's variance map is used, not one noise for all pixels.
     """
 
     description: str
@@ -200,8 +173,5 @@ SETUP_COST = RestorationCost(5, 60, centre_passes=250)
 
 
 def splitting_cost(observation: Observation) -> RestorationCost:
-    """Return the cost of one ADMM iteration with a split gradient.
-
-    If part of the period wasn't measured, the blurred light is split off too, which costs more.
-    """
+    """Return the cost of one ADMM iteration with a split gradient, and often with split light."""
     return RestorationCost(2, 40) if observation.is_fully_measured else RestorationCost(4, 55)

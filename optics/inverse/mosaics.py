@@ -13,10 +13,9 @@ import torch
 
 from optics.inverse.band_coupling import BandCoupling
 from optics.inverse.blur import Border, blur_shape, transfer_function
-from optics.inverse.border import extend_periodically
 from optics.inverse.frequency_step import frequency_step
 from optics.inverse.noise import PowerLaw, flat_block_noise
-from optics.inverse.observation import Observation, require_psf
+from optics.inverse.observation import Observation, extend_periodically, require_psf
 from optics.inverse.pixel_operators import filter_weights
 from optics.inverse.priors import CURVATURE, DerivativePenalty
 from optics.inverse.psf_origin import about_offset
@@ -34,20 +33,19 @@ from optics.validation import (
     split_mask,
 )
 
+# Share of a mosaic's blocks that are taken to be flat. Each filter's pixels lie apart, so that a
+# block of them shows more of the scene.
 _FLAT_SHARE = 0.02
-"""Share of a mosaic's blocks that are taken to be flat. Each filter's pixels lie apart, so that a
-block of them shows more of the scene."""
 
-_MARGIN = 8
-"""Least number of pixels that keep opposite edges of the frame apart on the period."""
+_MARGIN = 8  # least number of pixels that keep opposite edges of the frame apart on the period
 
 
 @dataclass(frozen=True, eq=False)
 class MosaicObservation(Observation):
     """The raw picture of a mosaic of colour filters, whose scene has several bands.
 
-    `image` is the light of each pixel, y = sum_n S_n (h_n * x_n) with the filters S_n and PSFs h_n.
-    `psf` is the mean of all PSFs. Raises ValueError if an argument has the wrong shape or isn't
+    `image` is the light of each pixel, y = sum_n S_n (h_n * x_n) with the filters S_n and PSFs h_n,
+    of which `psf` is the mean. Raises ValueError if an argument has the wrong shape or isn't
     finite, or if no pixel sees one of the bands.
 
     psfs: PSF of each band, (bands, rows, columns), or one for all, (1, rows, columns).
@@ -92,10 +90,6 @@ class MosaicObservation(Observation):
         return replace(self, psf=psfs.mean(0), psfs=psfs, offset=self.psf_offset)
 
     @property
-    def needs_filters(self) -> bool:
-        return True
-
-    @property
     def is_fully_measured(self) -> bool:
         return False
 
@@ -111,7 +105,6 @@ class MosaicObservation(Observation):
 
     @property
     def psf_sum(self) -> float:
-        """The mean share of the scene's light that PSFs and filters let through."""
         return super().psf_sum * self.filter_gain
 
     @cached_property
@@ -122,36 +115,24 @@ class MosaicObservation(Observation):
 
     @cached_property
     def otf(self) -> torch.Tensor:
-        """The OTF of each band on the period, (1 or bands, rows, columns)."""
+        # That of each band, (1 or bands, rows, columns).
         light = self._psf_light / self.filter_gain
         return transfer_function(self.psfs / light, self.period_shape)
 
     @cached_property
-    def _relative_filters(self) -> torch.Tensor:
+    def relative_filters(self) -> torch.Tensor:
         return self.filters / self.filter_gain
 
     @cached_property
-    def filter_power(self) -> torch.Tensor:
-        return self._relative_filters.square().sum(0)
-
-    @cached_property
-    def squared_response(self) -> torch.Tensor:
-        return self.squared_mtf * self._relative_filters.square().mean((-2, -1), keepdim=True)
-
-    @cached_property
     def channels(self) -> tuple[Observation, torch.Tensor]:
-        """The light behind each kind of filter as a mosaic of its own, and how bands mix into it.
-
-        The mixing is (channels, bands). Where there aren't fewer kinds of filters than bands, the
-        channels are the bands.
-        """
+        # The light behind each kind of filter is a mosaic of its own, if fewer than the bands.
         down, along = self.filter_period
-        first = self._relative_filters[:, :down, :along].flatten(1).mT
+        first = self.relative_filters[:, :down, :along].flatten(1).mT
         mixing, kinds = torch.unique(first, dim=0, return_inverse=True)
         rows, columns = self.image.shape
         place = torch.arange(rows)[:, None] % down * along + torch.arange(columns) % along
         kind = kinds[place]
-        repeats = torch.equal(mixing[kind].movedim(-1, 0), self._relative_filters)
+        repeats = torch.equal(mixing[kind].movedim(-1, 0), self.relative_filters)
         if not repeats or len(mixing) >= self.bands:
             return super().channels
         masks = torch.stack([kind == one for one in range(len(mixing))]).to(self.image)
@@ -159,56 +140,42 @@ class MosaicObservation(Observation):
         own = replace(self, psfs=self.psf[None], filters=masks * self.filter_gain)
         return own, mixing
 
-    def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
-        return (self._relative_filters * light).sum(0, keepdim=True)
-
-    def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
-        return self._relative_filters * frame
-
     def _fitted_power_law(self) -> PowerLaw:
-        """Estimate the noise alone: the spectrum of a mosaic isn't modelled."""
+        # The noise alone is estimated: the spectrum of a mosaic isn't modelled.
         down, along = self.filter_period
         planes = [self.image[y::down, x::along] for y in range(down) for x in range(along)]
         return PowerLaw(0.0, 2.0, flat_block_noise(planes, _FLAT_SHARE) ** 2)
 
     @property
     def inpainted_image(self) -> torch.Tensor:
-        """The normalised mosaic as it is: neighbouring pixels have other filters."""
+        # Neighbouring pixels have other filters, and tell nothing.
         return self.normalised_image
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The interpolated bands, extended to the period, (bands, rows, columns)."""
-        bands = self._interpolated_bands()
-        if self.border == "dark":
-            return centred_pad(bands, self.period_shape)
-        return torch.stack([extend_periodically(one, self.period_shape) for one in bands])
-
-    def _interpolated_bands(self) -> torch.Tensor:
-        """Interpolate each band from the pixels around that see it, (bands, rows, columns).
-
-        This is the start of the demosaicing. It is exact where the scene is even and grey.
-        """
+        # Each band is interpolated from the pixels around that see it, which is exact where the
+        # scene is even and grey.
         known = self.effective_weights
         trust = torch.ones_like(self.image) if known is None else known
-        filters, period = self._relative_filters, self.filter_period
+        filters, period = self.relative_filters, self.filter_period
         told = _tent_filter(filters * (self.normalised_image * trust), period)
         share = _tent_filter(filters * filters.sum(0) * trust, period)
         seen = share.abs() > 1e-6 * float(share.abs().max())
         mean = told.sum((-2, -1), keepdim=True) / share.sum((-2, -1), keepdim=True)
-        return torch.where(seen, told / torch.where(seen, share, 1.0), mean)
+        bands = torch.where(seen, told / torch.where(seen, share, 1.0), mean)
+        if self.border == "dark":
+            return centred_pad(bands, self.period_shape)
+        return torch.stack([extend_periodically(one, self.period_shape) for one in bands])
 
 
 def _tent_filter(pictures: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
     """Convolve with a tent, which falls linearly to 0 over the filter pattern's period."""
-    kernels = [1 - torch.arange(1 - n, n).abs() / n for n in (max(int(m), 2) for m in period)]
-    down, along = (kernel.to(pictures) for kernel in kernels)
-    rows = torch.nn.functional.conv2d(
-        pictures[:, None], down[None, None, :, None], padding=(len(down) // 2, 0)
-    )
-    return torch.nn.functional.conv2d(
-        rows, along[None, None, None, :], padding=(0, len(along) // 2)
-    )[:, 0]
+    m, n = max(period[0], 2), max(period[1], 2)
+    down = (1 - torch.arange(1 - m, m).abs() / m).to(pictures)[:, None]
+    along = (1 - torch.arange(1 - n, n).abs() / n).to(pictures)
+    convolve = torch.nn.functional.conv2d
+    rows = convolve(pictures[:, None], down[None, None], padding=(m - 1, 0))
+    return convolve(rows, along[None, None, None], padding=(0, n - 1))[:, 0]
 
 
 def build_mosaic_observation(
@@ -232,8 +199,8 @@ def build_mosaic_observation(
     pattern : sequence of str
         Rows of one letter per pixel that repeat from the first pixel on, as ``("RG", "GB")``.
     psf : torch.Tensor or numpy.ndarray, optional
-        PSF with its origin at n // 2, (rows, columns), or (bands, rows, columns) for one per band;
-        no blur if None.
+        PSF, origin at n // 2, (rows, columns), or one per band, (bands, rows, columns); no blur if
+        None.
     channels : str, default "RGB"
         Letters of the channels. Without a response each channel is a band, in this order.
     response : torch.Tensor or numpy.ndarray, (channels, bands), optional
@@ -258,28 +225,51 @@ def build_mosaic_observation(
     ValueError
         If an argument has the wrong shape or isn't finite, or if no pixel sees one of the bands.
     """
-    rows = _validate_pattern(pattern)
+    rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
+    if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
+        raise ValueError(
+            f"pattern is {pattern!r}; give rows of one letter a pixel, all as long, as in "
+            "('RG', 'GB')"
+        )
     raw, weights = split_mask(raw, weights)
+    filters = _filters(raw, rows, channels, response)
+    period = len(rows), len(rows[0])
     built: MosaicObservation = _build_mosaic_observation(
-        raw, rows, psf, channels, response, noise, border, weights, clipped
+        raw, psf, noise, border, weights, clipped, filters, period
     )
     return replace(built, is_numpy=isinstance(raw, np.ndarray))
 
 
 @accepts_numpy
+def _filters(
+    raw: torch.Tensor, rows: Sequence[str], channels: str, response: torch.Tensor | None
+) -> torch.Tensor:
+    """Return what each pixel of a raw picture transmits of each band, in its precision."""
+    if raw.ndim != 2:
+        raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
+    require_finite("raw", raw)
+    shares = torch.eye(len(channels)) if response is None else response
+    require_finite("response", shares)
+    if shares.ndim != 2 or len(shares) != len(channels):
+        raise ValueError(
+            f"response is {tuple(shares.shape)}; give (channels, bands), of {len(channels)} "
+            f"channels {channels!r}"
+        )
+    return filter_weights(rows, shares.to(as_floating_point(raw)), channels, raw.shape)
+
+
+@accepts_numpy
 def _build_mosaic_observation(
     raw: torch.Tensor,
-    rows: tuple[str, ...],
     psf: torch.Tensor | None,
-    channels: str,
-    response: torch.Tensor | None,
     noise: float | None,
     border: Border,
     weights: torch.Tensor | None,
     clipped: torch.Tensor | None,
+    filters: torch.Tensor,
+    period: tuple[int, int],
 ) -> MosaicObservation:
-    raw = _validate_raw(raw)
-    shares = _validate_response(response, channels).to(raw)
+    raw = as_floating_point(raw)
     psfs = torch.ones(1, 1, 1).to(raw) if psf is None else psf.to(raw)
     psfs = psfs[None] if psfs.ndim == 2 else psfs
     return MosaicObservation(
@@ -290,65 +280,20 @@ def _build_mosaic_observation(
         weights if weights is None else weights.to(raw),
         clipped if clipped is None else clipped.to(torch.bool),
         psfs=psfs,
-        filters=filter_weights(rows, shares, channels, raw.shape),
-        filter_period=(len(rows), len(rows[0])),
+        filters=filters,
+        filter_period=period,
     )
 
 
-def _validate_pattern(pattern: Sequence[str]) -> tuple[str, ...]:
-    """Return the rows of a filter pattern; raise ValueError if they are malformed."""
-    rows = (pattern,) if isinstance(pattern, str) else tuple(pattern)
-    if isinstance(pattern, str) or not rows or not rows[0] or len({len(row) for row in rows}) > 1:
-        raise ValueError(
-            f"pattern is {pattern!r}; give rows of one letter a pixel, all as long, as in "
-            "('RG', 'GB')"
-        )
-    return rows
+# Weight of the luminance's curvature relative to that of the colour differences. Chosen.
+_LUMINANCE = 0.4
 
+# Curvature that one iteration sets to zero, over the light's standard deviation. Chosen.
+_CURVATURE_THRESHOLD = 1.0
 
-def _validate_raw(raw: torch.Tensor) -> torch.Tensor:
-    """Return a raw picture in floating point; raise ValueError if it's unusable."""
-    if raw.ndim != 2:
-        raise ValueError(f"raw is {tuple(raw.shape)}; give (rows, columns)")
-    require_finite("raw", raw)
-    return as_floating_point(raw)
-
-
-def _validate_response(response: torch.Tensor | None, channels: str) -> torch.Tensor:
-    """Return the filters' response, by default the identity.
-
-    Raises ValueError for a response that isn't finite or has the wrong shape.
-    """
-    if response is None:
-        return torch.eye(len(channels))
-    require_finite("response", response)
-    if response.ndim != 2 or len(response) != len(channels):
-        raise ValueError(
-            f"response is {tuple(response.shape)}; give (channels, bands), of {len(channels)} "
-            f"channels {channels!r}"
-        )
-    return response
-
-
-@dataclass(frozen=True)
-class DemosaicingSettings:
-    """Tune the demosaicing of all bands together. All values are chosen.
-
-    luminance: weight of the luminance's curvature relative to that of the colour differences.
-    curvature_threshold: curvature that one iteration sets to zero, relative to the standard
-        deviation of the light.
-    noiseless_weight: regularisation weight of a picture without noise, relative to the scale of the
-        light.
-    noise_weight: factor of the squared relative noise, which is added to `noiseless_weight`.
-    """
-
-    luminance: float = 0.4
-    curvature_threshold: float = 1.0
-    noiseless_weight: float = 1e-3
-    noise_weight: float = 1.8
-
-
-_SETTINGS = DemosaicingSettings()
+# Regularisation weight of a picture without noise, over the light's scale, and the factor of the
+# squared relative noise, which is added. Chosen.
+_NOISELESS_WEIGHT, _NOISE_WEIGHT = 1e-3, 1.8
 
 
 @single_threaded
@@ -363,12 +308,10 @@ def demosaic(
     """Estimate all bands of each pixel of a raw picture behind colour filters.
 
     The result x solves Eq. 4.7 of the thesis. It minimises ``|S G x - y|² / 2 + weight *
-    (|w ∇²L| + |∇²C|)``, summed over the pixels, where S are the filters, G is the blur, and the
-    first term counts trusted pixels only. ``|∇²L|`` is the length of the second derivatives of the
-    luminance, with the weight w, and ``|∇²C|`` is the joint length of those of all colour
-    differences.
-    The bands of a white surface are taken to be equal. Where there is blur, `restore` undoes it
-    better.
+    (|w ∇²L| + |∇²C|)``, summed over the pixels, with the filters S and the blur G; the first term
+    counts trusted pixels only. ``|∇²L|`` is the length of the second derivatives of the luminance,
+    and ``|∇²C|`` the joint length of those of all colour differences. The bands of a white surface
+    are taken to be equal. Where there is blur, `restore` undoes it better.
 
     Parameters
     ----------
@@ -399,12 +342,14 @@ def demosaic(
         weight / unit if weight else demosaicing_weight(observation.scene_noise, observation.scale)
     )
     prior = DerivativePenalty(
-        BandCoupling.luminance_chrominance(observation.bands, _SETTINGS.luminance),
-        observation.period_shape, _SETTINGS.curvature_threshold * observation.scale,
+        BandCoupling.luminance_chrominance(observation.bands, _LUMINANCE),
+        observation.period_shape, _CURVATURE_THRESHOLD * observation.scale,
         observation.image.dtype, derivative=CURVATURE,
     )  # fmt: skip
-    step, settings = frequency_step(observation, iterations), SplittingSettings(iterations, used)
-    solution = solve_by_splitting(step, [prior], settings, "demosaicing", progress or Progress())
+    solution = solve_by_splitting(
+        frequency_step(observation, iterations), [prior], SplittingSettings(iterations, used),
+        "demosaicing", progress or Progress(),
+    )  # fmt: skip
     bands = observation.crop_to_frame(solution.picture) * unit
     return bands.numpy() if observation.is_numpy else bands
 
@@ -414,14 +359,12 @@ def demosaicing_weight(noise: float, scale: float) -> float:
 
     Parameters
     ----------
-    noise : float
-        Standard deviation of a pixel.
-    scale : float
-        Standard deviation of the light over the picture, in the same unit.
+    noise, scale : float
+        Standard deviations of a pixel, and of the light over the picture, in the same unit.
 
     Returns
     -------
     float
         In that unit. Parts of a picture that are demosaiced by themselves need one in common.
     """
-    return scale * (_SETTINGS.noiseless_weight + _SETTINGS.noise_weight * (noise / scale) ** 2)
+    return scale * (_NOISELESS_WEIGHT + _NOISE_WEIGHT * (noise / scale) ** 2)

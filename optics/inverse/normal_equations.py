@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -40,11 +40,8 @@ def conjugate_gradients(
 
     normal: applies the symmetric positive definite matrix to an x.
     residual: b less normal(start); it is overwritten.
-    start: first estimate of x.
     preconditioner: approximate inverse of `normal`, one factor for each unknown.
-    inner_product: inner product of two such x.
-    tolerance: the solver ends when the inner product of the residual and the preconditioned
-        residual is at most this.
+    tolerance: the inner product of residual and preconditioned residual at which the solver ends.
     steps: largest number of steps.
     """
     turned = residual * preconditioner
@@ -62,14 +59,14 @@ def conjugate_gradients(
     return x, taken, length
 
 
+# Least K at the PSF's own frequency, times the squared number of steps over the squared radius of
+# the PSF in pixels. The number of conjugate-gradient steps grows as the square root of the
+# condition number. Measured with 11 PSFs and three noises: of 0.05 to 1 times the squared radius,
+# the weights of about 0.05 for a disk of 7 pixels, 0.2 for a ring of 12 and 1 for one of 30 are
+# the best.
 _LEAST_PENALTY = 2e-4
-"""Least K at the PSF's own frequency, times the squared number of steps over the squared radius of
-the PSF in pixels. The number of conjugate-gradient steps grows as the square root of the condition
-number. Measured with 11 PSFs and three noises: of 0.05 to 1 times the squared radius, the weights
-of about 0.05 for a disk of 7 pixels, 0.2 for a ring of 12 and 1 for one of 30 are the best."""
 
-_PERIODS_PER_RADIUS = 2.7
-"""Period of the PSF's own frequency over its root mean square radius."""
+_PERIODS_PER_RADIUS = 2.7  # period of the PSF's own frequency over its root mean square radius
 
 
 def least_weight(
@@ -77,8 +74,8 @@ def least_weight(
 ) -> float:
     """Return the least weight of a penalty K that so many steps can solve.
 
-    With a smaller weight, the light from beyond the frame isn't found yet after these steps, and
-    its errors are amplified; they are worst at frequencies of about the PSF's size.
+    With a smaller one, the light from beyond the frame isn't found yet, and its errors are
+    amplified, most at frequencies of about the PSF's size.
 
     shape: K for a weight of 1, by the squared frequency in (cycles/pixel)².
     """
@@ -89,6 +86,14 @@ def least_weight(
     # The smooth continuation of the photograph is worth two steps.
     least = _LEAST_PENALTY * (observation.psf_radius / max(steps, 2)) ** 2
     return least / max(there, 1e-30)
+
+
+def squared_response(seen: Observation) -> torch.Tensor:
+    """Return the squared response of blur and filters to each frequency, a mean over the pixels."""
+    filters = seen.relative_filters
+    if filters is None:
+        return seen.squared_mtf
+    return seen.squared_mtf * filters.square().mean((-2, -1), keepdim=True)
 
 
 class LinearEquations(ABC):
@@ -112,10 +117,10 @@ class LinearEquations(ABC):
         """Whether the equations treat each frequency on its own."""
         return False
 
-    @property
+    @cached_property
     def squared_response(self) -> torch.Tensor:
         """The diagonal of B* M B on frequencies, as the preconditioner takes it."""
-        return self.observation.squared_response
+        return squared_response(self.observation)
 
     @abstractmethod
     def apply_data_gram(self, x: torch.Tensor) -> torch.Tensor:
@@ -126,30 +131,35 @@ class LinearEquations(ABC):
         """Return the mean squared residual, relative to the noise variance."""
 
     def solve(
-        self,
-        penalty: torch.Tensor,
-        start: torch.Tensor,
-        steps: int,
-        pull: torch.Tensor | None = None,
-    ) -> tuple[torch.Tensor, int, float]:
-        """Solve the equations from the spectra `start`: see solve_on_frequencies().
-
-        penalty: K of each frequency.
-        pull: spectrum of K z; 0 if None.
-        """
-        wanted = self.data_spectrum if pull is None else self.data_spectrum + pull
-        return self._solve(wanted, penalty, start, steps)
-
-    def _solve(
         self, wanted: torch.Tensor, penalty: torch.Tensor, start: torch.Tensor, steps: int
     ) -> tuple[torch.Tensor, int, float]:
+        """Solve the equations from the spectra `start`, for the right-hand side `wanted`.
+
+        Returns the solution's spectrum, the number of steps, and the residual relative to the
+        right-hand side, in the preconditioner's norm: see conjugate_gradients().
+
+        penalty: K of each frequency.
+        """
         inverse = self._denominator(penalty).reciprocal_().detach()
         if self.is_diagonal:
             return wanted * inverse, 0, 0.0
-        return solve_on_frequencies(
-            lambda x: self.apply_data_gram(x).add_(x * penalty),
-            wanted, start, inverse, self._count, steps,
-        )  # fmt: skip
+
+        def normal(x: torch.Tensor) -> torch.Tensor:
+            return self.apply_data_gram(x).add_(x * penalty)
+
+        @torch.no_grad()
+        def inner(a: torch.Tensor, b: torch.Tensor) -> float:
+            """Return the inner product of two real pictures, up to a constant factor."""
+            products = (a.real * b.real + a.imag * b.imag) * self._count
+            return float(products.sum(dtype=torch.float64))
+
+        # The residual may be 1e-5 of the right-hand side.
+        whole = inner(wanted, wanted * inverse)
+        left = wanted - normal(start)
+        found, taken, rest = conjugate_gradients(
+            normal, left, start, inverse, inner, 1e-5**2 * whole, steps
+        )
+        return found, taken, math.sqrt(rest / whole) if whole > 0 else 0.0
 
     def _denominator(self, penalty: torch.Tensor) -> torch.Tensor:
         """Return ``|H|² + K``, kept above 0 for its inversion."""
@@ -157,10 +167,9 @@ class LinearEquations(ABC):
 
 
 class NormalEquations(LinearEquations):
-    """The equations of one photograph, less its mean.
+    """The equations of one photograph, less its mean, so that the penalty K doesn't darken it.
 
-    The mean is added to the solution, so that the penalty K doesn't darken it; with `keeps_mean` it
-    isn't subtracted. If the whole period was measured, the solution has a closed form.
+    With `keeps_mean` it isn't subtracted.
     """
 
     def __init__(self, observation: Observation, *, keeps_mean: bool = False) -> None:
@@ -177,10 +186,7 @@ class NormalEquations(LinearEquations):
         return self._apply_adjoint(self.observation.inpainted_image - self.mean)
 
     def extended_spectrum(self) -> torch.Tensor:
-        """Return the spectrum of the photograph's smooth extension, less its mean.
-
-        It is the best start of conjugate gradients where the PSF is wide.
-        """
+        """Return the spectrum of the photograph's smooth extension, less its mean."""
         return rfft2(self.observation.extended_image - self.mean)
 
     def initial_spectrum(self, penalty: torch.Tensor) -> torch.Tensor:
@@ -196,9 +202,8 @@ class NormalEquations(LinearEquations):
     ) -> torch.Tensor:
         """Return the solution's picture on the whole period, with its derivatives.
 
-        The derivatives are those of the exact solution (implicit function theorem), by all that
-        photograph, PSF and slope depend on. They take the memory of one application of the
-        equations, whatever the number of iterations was.
+        They are those of the exact solution (implicit function theorem), by all that photograph,
+        PSF and slope depend on, and take the memory of one application of the equations.
 
         spectrum: the solution, where the pull of the data, H* M (y - H x), and the prior's slope
             cancel.
@@ -211,22 +216,6 @@ class NormalEquations(LinearEquations):
         step = _SymmetricSolution.apply(left, solve)  # type: ignore[no-untyped-call]
         picture: torch.Tensor = self.picture(found) + step
         return picture
-
-    def linear_response(
-        self, penalty: torch.Tensor, steps: int
-    ) -> Callable[[torch.Tensor], torch.Tensor]:
-        """Return a function that solves the equations for any right-hand side.
-
-        penalty: K of each frequency.
-        steps: number of steps of conjugate gradients.
-        """
-
-        def solve(picture: torch.Tensor) -> torch.Tensor:
-            wanted = rfft2(picture)
-            answer, *_ = self._solve(wanted, penalty, torch.zeros_like(wanted), steps)
-            return irfft2(answer, self.observation.period_shape)
-
-        return solve
 
     def picture(self, spectrum: torch.Tensor) -> torch.Tensor:
         """Convert a spectrum to the picture on the whole period, with its mean."""
@@ -251,10 +240,7 @@ class NormalEquations(LinearEquations):
 
 
 class _SymmetricSolution(torch.autograd.Function):
-    """The solution of symmetric linear equations, differentiable by their right-hand side.
-
-    The matrix is symmetric, so that the derivative's adjoint is the same solution.
-    """
+    """The solution of symmetric linear equations, differentiable by their right-hand side."""
 
     @staticmethod
     def forward(
@@ -266,7 +252,7 @@ class _SymmetricSolution(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None]:
-        """Solve the equations for the gradient by the solution."""
+        """Solve the equations for the gradient by the solution, since their matrix is symmetric."""
         with torch.no_grad():
             found = ctx.solve(gradients[0])
         # The equations themselves depend on the PSF, which a second derivative would have to know.
@@ -276,10 +262,9 @@ class _SymmetricSolution(torch.autograd.Function):
 
 
 class ConjugateGradientStep(PictureStep):
-    """The picture's step of an iteration by splitting, by a few steps of conjugate gradients.
+    """The picture's step of an iteration by splitting, by `steps` of conjugate gradients.
 
     They start from the last picture, the first time from `start`, which is the photograph if None.
-    `steps` is their number.
     """
 
     def __init__(
@@ -297,8 +282,9 @@ class ConjugateGradientStep(PictureStep):
             if prior.adjoint_target is not None:
                 pulled = prior.adjoint_target * coupling
                 target = pulled if target is None else target.add_(pulled)
-        pull = None if target is None else rfft2(target)
-        self._spectrum, *_ = self._equations.solve(penalty, self._spectrum, self._steps, pull)
+        wanted = self._equations.data_spectrum
+        wanted = wanted if target is None else wanted + rfft2(target)
+        self._spectrum, *_ = self._equations.solve(wanted, penalty, self._spectrum, self._steps)
         return irfft2(self._spectrum, self.observation.period_shape)
 
     def blend_with(self, picture: torch.Tensor, share: float) -> torch.Tensor:
@@ -312,36 +298,3 @@ class ConjugateGradientStep(PictureStep):
 
     def residual_of(self, picture: torch.Tensor) -> float:
         return self._equations.mean_squared_residual(rfft2(picture))
-
-
-def solve_on_frequencies(
-    normal: Callable[[torch.Tensor], torch.Tensor],
-    right_hand_side: torch.Tensor,
-    spectrum: torch.Tensor,
-    preconditioner: torch.Tensor,
-    count: torch.Tensor,
-    steps: int,
-) -> tuple[torch.Tensor, int, float]:
-    """Solve normal equations on rfft2 spectra by conjugate gradients, from `spectrum`.
-
-    Returns the solution's spectrum, the number of steps, and the residual relative to the
-    right-hand side, in the preconditioner's norm: see conjugate_gradients().
-
-    count: from optics.fourier.rfft_column_weights().
-    """
-
-    inner = partial(_inner_product, count=count)
-    # The residual may be 1e-5 of the right-hand side, in the preconditioner's norm.
-    whole = inner(right_hand_side, right_hand_side * preconditioner)
-    left = right_hand_side - normal(spectrum)
-    found, taken, rest = conjugate_gradients(
-        normal, left, spectrum, preconditioner, inner, 1e-5**2 * whole, steps
-    )
-    return found, taken, math.sqrt(rest / whole) if whole > 0 else 0.0
-
-
-@torch.no_grad()
-def _inner_product(a: torch.Tensor, b: torch.Tensor, count: torch.Tensor) -> float:
-    """Return the inner product of two real pictures by rfft2 spectra, up to a constant factor."""
-    products = (a.real * b.real + a.imag * b.imag) * count
-    return float(products.sum(dtype=torch.float64))

@@ -11,20 +11,19 @@ from typing import Self
 import torch
 
 from optics.inverse.blur import Border, blur_shape, require_border, transfer_function
-from optics.inverse.border import extend_periodically
-from optics.inverse.noise import PhotographSpectrum, PowerLaw, WienerPrediction, fit_power_law
+from optics.inverse.noise import PowerLaw, fit_power_law, mend_flat_noise
 from optics.inverse.operator import squared_modulus
-from optics.inverse.psf_origin import about_offset, light_offset, shifted_window
+from optics.inverse.psf_origin import about_offset, light_offset, rms_radius, shifted_window
 from optics.plane import centred_crop, centred_pad
 from optics.validation import needs_gradient, require_finite, require_same_shape
 
+# Root mean square radius of a wide PSF in pixels. Measured with six PSFs: from here on, twice the
+# iterations add 0.1 to 0.7 dB where there is little noise.
 _WIDE = 4.0
-"""Root mean square radius of a wide PSF in pixels. Measured with six PSFs: from here on, twice the
-iterations add 0.1 to 0.7 dB where there is little noise."""
 
+# Largest sum of a PSF. That of a star which is measured relative to another exceeds 1 by noise
+# and by errors of the exposures.
 _MOST_LIGHT = 1.25
-"""Largest sum of a PSF. That of a star which is measured relative to another exceeds 1 by noise and
-by errors of the exposures."""
 
 LEAST_NOISE = 1e-6
 """Standard deviation of the rounding in single precision, relative to that of the photograph."""
@@ -37,20 +36,18 @@ MIN_EXPLAINED_SHARE = 3e-3
 class Observation:
     """A photograph with its PSF, noise, border and pixel weights.
 
-    It states the problem that a restoration solves. `build_observation` makes one from arrays of
-    any kind. If the PSF sums to less than 1, part of the light is lost, and the restored scene is
-    brighter than the photograph by the inverse of that sum.
+    It states the problem that a restoration solves; `build_observation` makes one from arrays of
+    any kind. If the PSF sums to less than 1, the restored scene is brighter than the photograph by
+    the inverse of that sum.
 
     Parameters
     ----------
     image : torch.Tensor, (rows, columns)
         The photograph, in light per pixel, of a scene that `psf` has blurred.
     psf : torch.Tensor, (rows, columns)
-        Point spread function with its origin at n // 2. Its sum is the share of the scene's light
-        that reaches the sensor.
+        Point spread function, origin at n // 2. Its sum is the share of the light that arrives.
     given_noise : float, optional
-        Standard deviation of a pixel of weight 1, in the image's unit. Estimated from the
-        photograph if None.
+        Standard deviation of a pixel of weight 1, in the image's unit; estimated if None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
         What the scene does beyond the frame. "unknown" is right for photographs of a real scene.
     weights : torch.Tensor, (rows, columns), optional
@@ -64,17 +61,15 @@ class Observation:
         Noise that is known to be there, for example of photons; an estimate isn't below it.
     variance : torch.Tensor, (rows, columns), optional
         Variance of each pixel from which `weights` were made: see `with_variance`. None where all
-        pixels have the same noise.
+        have the same noise.
     offset : tuple of int, default (0, 0)
-        Place of the restored picture's frame in that of the photograph, (rows, columns): see
-        `with_centred_psf`.
+        Place of the restored picture's frame in the photograph's: see `with_centred_psf`.
 
     Raises
     ------
     ValueError
-        If shapes don't fit or are empty, if a value isn't finite, if the noise or a weight is
-        negative, if the noise is larger than the photograph, if the PSF has no light or more than
-        the scene, if `border` is another word, or if all pixels are clipped or have no weight.
+        If shapes don't fit or are empty, if a value isn't finite or is negative, if there is more
+        noise than light, no light in the PSF or too much, another border, or no pixel to trust.
     """
 
     image: torch.Tensor
@@ -89,28 +84,7 @@ class Observation:
     offset: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        shapes = f"image is {tuple(self.image.shape)} and psf {tuple(self.psf.shape)}"
-        if self.image.ndim != 2 or self.psf.ndim != 2:
-            raise ValueError(f"{shapes}; both are (rows, columns)")
-        if not self.image.numel() or not self.psf.numel():
-            raise ValueError(f"{shapes}; both need at least one pixel")
-        require_psf(self.psf)
-        _require_share(self.psf)
-        require_border(self.border)
-        if self.given_noise is not None and not (
-            self.given_noise >= 0 and math.isfinite(self.given_noise)
-        ):
-            raise ValueError(f"noise is {self.given_noise:g}; it must be finite, and not negative")
-        require_same_shape(
-            "image", self.image,
-            weights=self.weights, clipped=self.clipped, variance=self.variance,
-        )  # fmt: skip
-        if self.weights is not None:
-            require_weights(self.weights)
-        require_finite("image", self.image)
-        _require_less_noise(self.image, self.given_noise)
-        if self.effective_weights is not None and not bool(self.effective_weights.any()):
-            raise ValueError("every pixel is clipped or has no weight; nothing was measured")
+        _require_sound(self)
 
     @property
     def psf_sum(self) -> float:
@@ -126,19 +100,8 @@ class Observation:
     @property
     def records_derivatives(self) -> bool:
         """Whether derivatives by the photograph, its PSF or weights are recorded."""
-        given = (self.image, self.psf, self.weights)
-        return torch.is_grad_enabled() and any(needs_gradient(one) for one in given)
-
-    def without_light(self) -> Observation:
-        """Return the same problem for a dark photograph, on the same scale.
-
-        Clipped pixels have no weight in it.
-        """
-        dark = replace(
-            self, image=torch.zeros_like(self.image), weights=self.effective_weights, clipped=None
-        )
-        dark.__dict__["scale"] = self.scale
-        return dark
+        given = map(needs_gradient, (self.image, self.psf, self.weights))
+        return torch.is_grad_enabled() and any(given)
 
     @cached_property
     def effective_weights(self) -> torch.Tensor | None:
@@ -164,10 +127,9 @@ class Observation:
         return light_offset(self.psf)
 
     def with_centred_psf(self) -> Self:
-        """Return the problem with the PSF's light about its origin.
+        """Return the problem with the PSF's light about its origin, and the picture's frame for it.
 
-        The restored picture, in its frame `offset`, is that of the given PSF. One whose derivatives
-        are recorded stays, since each of its pixels counts.
+        A PSF whose derivatives are recorded stays, since each of its pixels counts.
         """
         if self.psf_offset == (0, 0) or self.psf.requires_grad:
             return self
@@ -176,20 +138,11 @@ class Observation:
     @cached_property
     def psf_radius(self) -> float:
         """The root mean square radius of the PSF about its centroid, in pixels."""
-        psf = self.psf.detach().to(torch.float64).clamp(min=0)
-        share, radius = psf / psf.sum(), 0.0
-        for axis in (0, 1):
-            line = share.sum(1 - axis)
-            place = torch.arange(line.numel(), dtype=torch.float64, device=line.device)
-            radius += float((line * (place - (line * place).sum()) ** 2).sum())
-        return math.sqrt(radius)
+        return rms_radius(self.psf)
 
     @cached_property
     def unit(self) -> float:
-        """The power of two below the photograph's brightest pixel, the unit of `in_own_unit`.
-
-        The told noise takes the place of a dark photograph's light.
-        """
+        """The power of two below the photograph's brightest pixel, or else below its told noise."""
         light = float(self.image.detach().abs().max()) or self.given_noise or self.least_noise
         return math.ldexp(1.0, math.frexp(light)[1] - 1) if light else 1.0
 
@@ -197,28 +150,24 @@ class Observation:
     def in_own_unit(self) -> Self:
         """The same problem with the photograph's brightest pixel from 1 to 2.
 
-        Whatever the unit of the light, its squares are within single precision there, and what is
-        small is small relative to the picture. A power of two changes no digit.
+        Whatever the light's unit, its squares are within single precision there, and what is small
+        is small relative to the picture. A power of two changes no digit.
         """
-        if self.unit == 1:
+        unit, noise, variance = self.unit, self.given_noise, self.variance
+        if unit == 1:
             return self
-        variance = self.variance
         if variance is not None:
-            variance = (variance.to(torch.float64) / self.unit / self.unit).to(self.image)
-        return replace(
-            self,
-            image=self.image / self.unit,
-            given_noise=None if self.given_noise is None else self.given_noise / self.unit,
-            least_noise=self.least_noise / self.unit,
-            variance=variance,
-        )
+            variance = (variance.to(torch.float64) / unit / unit).to(self.image)
+        noise, least = None if noise is None else noise / unit, self.least_noise / unit
+        image = self.image / unit
+        return replace(self, image=image, given_noise=noise, least_noise=least, variance=variance)
 
     @cached_property
     def period_shape(self) -> tuple[int, int]:
         """The (rows, columns) of the period."""
-        rows, columns = self.image.shape
-        frame = rows, columns
-        return frame if self.border == "periodic" else blur_shape(frame, self.psf.shape)
+        if self.border == "periodic":
+            return self.image.shape[0], self.image.shape[1]
+        return blur_shape(self.image.shape, self.psf.shape)
 
     @cached_property
     def otf(self) -> torch.Tensor:
@@ -229,11 +178,9 @@ class Observation:
     def scale(self) -> float:
         """The scale of the scene's light, which sets thresholds and weights.
 
-        It is the photograph's standard deviation over the sum of the PSF, but at least 1e-3 of the
-        mean; 1 for a dark photograph.
+        It is the standard deviation, but at least 1e-3 of the mean; 1 for a dark photograph.
         """
-        # Statistics of every n-th row are enough, as long as there are at least 128 rows. An odd n
-        # sees all rows of a mosaic.
+        # 128 rows are enough. Every n-th one, with an odd n, sees all rows of a mosaic.
         image = self.image.detach()[:: max(1, len(self.image) >> 7) | 1].to(torch.float64)
         spread = max(float(image.std(correction=0)), 1e-3 * float(image.abs().mean()))
         return spread / self.psf_sum if spread > 0 else 1.0
@@ -251,49 +198,37 @@ class Observation:
     @cached_property
     def power_law(self) -> PowerLaw:
         """The power law and noise of the photograph's spectrum, in its unit squared."""
-        own = self.in_own_unit
-        return self._fitted_power_law() if own is self else own.power_law.in_unit(self.unit)
+        if self.unit == 1:
+            return self._fitted_power_law()
+        law, square = self.in_own_unit.power_law, self.unit * self.unit
+        variances = law.noise_variance * square, law.model_error_variance * square
+        return PowerLaw(law.strength * square, law.slope, *variances)
 
+    @torch.no_grad()
     def _fitted_power_law(self) -> PowerLaw:
         """Fit the power law to the middle of the photograph."""
-        trust = self.effective_weights
-        return fit_power_law(
-            self._centre,
-            self.psf / self.psf_sum,
-            finds_model_error=trust is None or bool((trust > 0).all()),
-        )
+        trust, centre = self.effective_weights, self.centre
+        squared_mtf = self._squared_mtf_on((centre.shape[0], centre.shape[1]))
+        is_whole = trust is None or bool((trust > 0).all())
+        law = fit_power_law(centre, squared_mtf, finds_model_error=is_whole)
+        return mend_flat_noise(law, centre)
 
     @property
-    def _centre(self) -> torch.Tensor:
-        """The middle of the photograph, whose spectrum is fitted."""
-        return centred_crop(self.inpainted_image.detach(), self._centre_shape) * self.psf_sum
+    def centre(self) -> torch.Tensor:
+        """The middle of the photograph, 512 pixels or four PSFs, whose spectrum is fitted."""
+        (rows, columns), (m, n) = self.image.shape, self.psf.shape
+        shape = min(rows, max(512, 4 * m)), min(columns, max(512, 4 * n))
+        return centred_crop(self.inpainted_image.detach(), shape) * self.psf_sum
 
     @property
-    def centre_spectrum(self) -> PhotographSpectrum | None:
-        """The spectrum of the middle of the photograph; None without structure."""
-        return PhotographSpectrum.of(self._centre)
-
-    @property
-    def wiener_prediction(self) -> WienerPrediction:
-        """What the Wiener filter is predicted to find, from the photograph's power law."""
-        return self.power_law.wiener_prediction(
-            self._squared_mtf_on(self._centre_shape), self._centre_shape
-        )
+    def squared_mtf_of_centre(self) -> tuple[torch.Tensor, tuple[int, int]]:
+        """The squared MTF on the rfft2 grid of the photograph's middle, and the middle's shape."""
+        rows, columns = self.centre.shape
+        return self._squared_mtf_on((rows, columns)), (rows, columns)
 
     def _squared_mtf_on(self, shape: tuple[int, int]) -> torch.Tensor:
         """Compute the squared MTF ``|H|²`` on a period of the given shape."""
         return squared_modulus(transfer_function(self.psf / self.psf_sum, shape))
-
-    @property
-    def _centre_shape(self) -> tuple[int, int]:
-        """The (rows, columns) of the middle whose spectrum is fitted.
-
-        512 pixels, or four times the PSF, are enough for the fit.
-        """
-        rows, columns = (
-            min(n, max(512, 4 * m)) for n, m in zip(self.image.shape, self.psf.shape, strict=True)
-        )
-        return rows, columns
 
     @cached_property
     def noise(self) -> float:
@@ -309,22 +244,16 @@ class Observation:
 
     @cached_property
     def disturbance(self) -> float:
-        """The noise against which a prior is weighed, on the scale of the scene.
+        """The noise against which a prior is weighed, with the PSF's error, on the scene's scale.
 
-        It includes what the PSF's error does, whether the noise is told or estimated: see
-        `PowerLaw.model_error_variance`. A residual is relative to `scene_noise` instead.
+        See `PowerLaw.model_error_variance`. A residual is relative to `scene_noise` instead.
         """
         error = self.power_law.model_error_variance / self.psf_sum**2
         return math.hypot(self.scene_noise, math.sqrt(error))
 
     def explained_share(self, mean_squared_residual: float) -> float:
-        """Return the share of the data that a picture explains, at least a small one.
-
-        The share is of what exceeds the larger of told and estimated noise: noise that is told a
-        little too small would leave nothing explained.
-
-        mean_squared_residual: of the picture, relative to `scene_noise`.
-        """
+        """Return the share of the data that a picture with such a residual explains, above 0."""
+        # Noise that is told a little too small would leave nothing explained.
         estimated = self.power_law.total_variance / self.psf_sum**2
         left = mean_squared_residual * self.scene_noise**2 / max(self.disturbance**2, estimated)
         return max(1 - left, MIN_EXPLAINED_SHARE)
@@ -339,60 +268,31 @@ class Observation:
         """The normalised photograph, with pixels of weight 0 filled in from their neighbours."""
         if self.effective_weights is None:
             return self.normalised_image
-        known = self.effective_weights > 0
-        return (
-            self.normalised_image if bool(known.all()) else _inpaint(self.normalised_image, known)
-        )
+        known, image = self.effective_weights > 0, self.normalised_image
+        return image if bool(known.all()) else _inpaint(image, known)
 
     @cached_property
     def extended_image(self) -> torch.Tensor:
-        """The inpainted photograph, extended smoothly to the whole period.
-
-        Opposite edges of the period meet smoothly. With a dark border, zeros surround the
-        photograph instead.
-        """
-        if self.border == "dark":
-            return centred_pad(self.inpainted_image, self.period_shape)
-        return extend_periodically(self.inpainted_image, self.period_shape)
+        """The inpainted photograph, extended smoothly to the period, or by zeros if it's dark."""
+        extend = centred_pad if self.border == "dark" else extend_periodically
+        return extend(self.inpainted_image, self.period_shape)
 
     @cached_property
     def support(self) -> torch.Tensor | None:
         """1 on the period where the scene may have light, else 0; None if it may everywhere."""
-        if self.border != "dark":
-            return None
-        return centred_pad(torch.ones_like(self.image), self.period_shape)
+        whole = torch.ones_like(self.image)
+        return centred_pad(whole, self.period_shape) if self.border == "dark" else None
 
     def crop_to_frame(self, period_image: torch.Tensor) -> torch.Tensor:
         """Crop a picture on the whole period to the photograph's frame, as a view."""
         return centred_crop(period_image, self.image.shape)
 
     def crop_to_picture(self, period_image: torch.Tensor) -> torch.Tensor:
-        """Crop a picture on the whole period to its own frame: see `offset`.
-
-        Beyond the period, the picture goes on as at its edge.
-        """
+        """Crop a picture on the period to its own frame, beyond which it goes on as at its edge."""
         if self.offset == (0, 0):
             return self.crop_to_frame(period_image)
-        return shifted_window(
-            period_image, self.offset, tuple(self.image.shape), self.border == "periodic"
-        )
-
-    @property
-    def picture_window(self) -> tuple[slice, slice]:
-        """The rows and columns of the period that the picture's frame shows."""
-        if self.border == "periodic":
-            return slice(None), slice(None)
-        first = [
-            whole // 2 - n // 2 + shift
-            for whole, n, shift in zip(
-                self.period_shape, self.image.shape, self.offset, strict=True
-            )
-        ]
-        rows, columns = (
-            slice(max(one, 0), max(one + n, 0))
-            for one, n in zip(first, self.image.shape, strict=True)
-        )
-        return rows, columns
+        wraps = self.border == "periodic"
+        return shifted_window(period_image, self.offset, self.image.shape, wraps)
 
     @property
     def bands(self) -> int:
@@ -400,66 +300,71 @@ class Observation:
         return 1
 
     @property
-    def needs_filters(self) -> bool:
-        """Whether the photograph was taken through a mosaic of filters."""
-        return False
-
-    @property
-    def squared_response(self) -> torch.Tensor:
-        """The squared response of blur and filters to each frequency, a mean over the pixels."""
-        return self.squared_mtf
-
-    @property
-    def filter_power(self) -> float | torch.Tensor:
-        """The squared transmission of the sensor's filters, summed over the bands."""
-        return 1.0
+    def relative_filters(self) -> torch.Tensor | None:
+        """The transmissions of a mosaic of filters over their norm; None without filters."""
+        return None
 
     @property
     def channels(self) -> tuple[Observation, torch.Tensor]:
-        """The photograph as one of the blurred light of each channel, and how bands mix into it.
+        """The photograph as one of each channel's light, and how bands mix into it.
 
-        The mixing is (channels, bands). For many bands, the light of the sensor's channels, which
-        are fewer, is split off.
+        The mixing is (channels, bands). Of many bands, the channels' light is split off.
         """
         return self, torch.eye(self.bands, dtype=torch.float64)
 
     def sum_bands(self, light: torch.Tensor) -> torch.Tensor:
-        """Return what the sensor measures of the bands' light in the frame.
-
-        `light` is (bands, rows, columns), and the result is (1, rows, columns), on the scale of
-        `normalised_image`.
-        """
-        return light
+        """Return what the sensor measures of the bands' light in the frame, (1, rows, columns)."""
+        filters = self.relative_filters
+        return light if filters is None else (filters * light).sum(0, keepdim=True)
 
     def spread_to_bands(self, frame: torch.Tensor) -> torch.Tensor:
         """Apply the adjoint of sum_bands() to a picture in the frame."""
-        return frame
+        return frame if self.relative_filters is None else self.relative_filters * frame
 
     @torch.no_grad()
     def mean_squared_residual(self, light: torch.Tensor) -> float:
-        """Compute the mean squared residual, relative to the noise variance.
+        """Compute the mean squared residual of pixels with a weight, over the noise variance.
 
-        The residual is the normalised photograph less `light`, the blurred picture on the whole
-        period. The mean is over pixels with a weight.
+        The residual is the normalised photograph less `light`, a blurred picture on the period.
         """
         squares = (self.sum_bands(self.crop_to_frame(light)) - self.normalised_image).square_()
-        if self.effective_weights is None:
-            mean = float(squares.mean())
-        else:
-            mean = float(
-                squares.mul_(self.effective_weights).sum() / (self.effective_weights > 0).sum()
-            )
-        return mean / self.scene_noise**2
+        trust = self.effective_weights
+        mean = squares.mean() if trust is None else squares.mul_(trust).sum() / (trust > 0).sum()
+        return float(mean) / self.scene_noise**2
 
 
-def _require_less_noise(image: torch.Tensor, noise: float | None) -> None:
-    """Raise ValueError for a told noise beside which the photograph is nothing."""
-    brightest = float(image.detach().abs().max())
-    if noise is not None and brightest > 0 and noise > brightest:
+def _require_sound(seen: Observation) -> None:
+    """Raise ValueError for a photograph that can't be restored: see Observation."""
+    shapes = f"image is {tuple(seen.image.shape)} and psf {tuple(seen.psf.shape)}"
+    if seen.image.ndim != 2 or seen.psf.ndim != 2:
+        raise ValueError(f"{shapes}; both are (rows, columns)")
+    if not seen.image.numel() or not seen.psf.numel():
+        raise ValueError(f"{shapes}; both need at least one pixel")
+    require_psf(seen.psf)
+    share, noise = float(seen.psf.detach().sum()), seen.given_noise
+    if share > _MOST_LIGHT:
+        raise ValueError(
+            f"psf sums to {share:g}; the sum is the share of the scene's light that arrives, "
+            "at most 1: divide the PSF by its sum"
+        )
+    require_border(seen.border)
+    if noise is not None and not (noise >= 0 and math.isfinite(noise)):
+        raise ValueError(f"noise is {noise:g}; it must be finite, and not negative")
+    require_same_shape(
+        "image", seen.image,
+        weights=seen.weights, clipped=seen.clipped, variance=seen.variance,
+    )  # fmt: skip
+    if seen.weights is not None:
+        require_weights(seen.weights)
+    require_finite("image", seen.image)
+    brightest = float(seen.image.detach().abs().max())
+    if noise is not None and noise > brightest > 0:
         raise ValueError(
             f"noise is {noise:g}, and the photograph's largest pixel {brightest:g}; give the "
             "standard deviation of a pixel in the photograph's unit, or leave it out"
         )
+    if seen.effective_weights is not None and not bool(seen.effective_weights.any()):
+        raise ValueError("every pixel is clipped or has no weight; nothing was measured")
 
 
 def require_weights(weights: torch.Tensor) -> None:
@@ -478,16 +383,6 @@ def require_psf(psf: torch.Tensor) -> None:
         raise ValueError(f"psf sums to {light:g}; it must send light somewhere")
 
 
-def _require_share(psf: torch.Tensor) -> None:
-    """Raise ValueError for a PSF that sends more light than there is."""
-    light = float(psf.detach().sum())
-    if light > _MOST_LIGHT:
-        raise ValueError(
-            f"psf sums to {light:g}; the sum is the share of the scene's light that arrives, at "
-            "most 1: divide the PSF by its sum"
-        )
-
-
 def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
     """Fill invalid pixels with the mean of the nearest valid ones."""
     value = torch.where(valid, image, 0.0)[None, None]
@@ -503,3 +398,31 @@ def _inpaint(image: torch.Tensor, valid: torch.Tensor) -> torch.Tensor:
             # Some 25 pixels deep in a gap, too little arrives: what is filled counts as valid.
             value, share = torch.where(missing, 0.0, answer), (~missing).to(image)
     return answer[0, 0]
+
+
+def extend_periodically(image: torch.Tensor, shape: tuple[int, int]) -> torch.Tensor:
+    """Extend a photograph smoothly to the period `shape`, as FFTs need it.
+
+    The picture is mirrored at each edge. Across the gap, the mirrored parts of two opposite edges
+    are blended into each other by a raised cosine, so that opposite edges meet smoothly.
+    """
+    whole = centred_pad(image, shape)
+    for dim in (-1, -2):
+        n, length = image.shape[dim], shape[dim]
+        gap, first = length - n, length // 2 - n // 2
+        if gap == 0:
+            continue
+        step = torch.arange(gap)
+        ramp = (0.5 * (1 + torch.cos(torch.pi * (step + 1) / (gap + 1)))).to(whole)
+        period = max(2 * n - 2, 1)
+        beyond = torch.stack([n + step, step - gap]) % period
+        after, before = first + torch.where(beyond < n, beyond, period - beyond)
+        filling = torch.lerp(
+            whole.index_select(dim, before),
+            whole.index_select(dim, after),
+            ramp if dim == -1 else ramp[:, None],
+        )
+        end = gap - first
+        whole.narrow(dim, first + n, end).copy_(filling.narrow(dim, 0, end))
+        whole.narrow(dim, 0, first).copy_(filling.narrow(dim, end, first))
+    return whole

@@ -18,13 +18,13 @@ from optics.validation import (
     split_mask,
 )
 
-EVEN_SPREAD = 1.05
-"""Mean variance over the squared mean deviation up to which noise counts as even. Chosen: at 1.05,
-deviations differ by about a fifth."""
+# Mean variance over the squared mean deviation up to which noise counts as even. Chosen: at 1.05,
+# deviations differ by about a fifth.
+_EVEN_SPREAD = 1.05
 
+# Noise that the photograph shows over that of its map, from which the rest is added to the map.
+# Chosen: verdicts doubt a told noise from the same ratio.
 _DOUBTED = 1.6
-"""Noise that the photograph shows over that of its map, from which the rest is added to the map.
-Chosen: verdicts doubt a told noise from the same ratio."""
 
 
 def with_variance(observation: Observation, variance: torch.Tensor) -> Observation:
@@ -35,21 +35,31 @@ def with_variance(observation: Observation, variance: torch.Tensor) -> Observati
     and of ``|∇x| / s``. The scale s of the scene's gradients follows the light, as σ does.
     Multiplied by σ, which is about constant in a region, it is the sum of (H x - y)² / (2 σ) and of
     ``|∇x|`` times a constant. The inverse variance would suit a scene whose gradients are as large
-    in the shade as in the sun; it restores bright parts worse than one noise for all. The scale of
-    the weights makes the mean of weight times variance the mean variance, so that a residual
-    relative to the noise is about 1. See Almeida and Figueiredo 2013, doi 10.1109/TIP.2013.2258354,
-    for weighted data and missing pixels in a splitting, and Granados et al. 2010, doi
+    in the shade as in the sun; it restores bright parts worse than one noise for all. The weights'
+    scale makes a residual relative to the noise about 1. See Almeida and Figueiredo 2013, doi
+    10.1109/TIP.2013.2258354, for weighted data in a splitting, and Granados et al. 2010, doi
     10.1109/CVPR.2010.5540208, for the noise of a merged bracket.
 
-    The noise of the result is the root mean square of the map. If the noise is even, `variance` is
-    None in it, and all pixels have the same weight. Raises ValueError for a map of another shape,
-    values that are NaN or not above 0, and a map without a finite value at a pixel that is used.
+    The noise of the result is the rms of the map. If the noise is even, `variance` is None in it,
+    and all pixels have the same weight. Raises ValueError for a map of another shape, values that
+    are NaN or not above 0, and a map without a finite value at a pixel that is used.
 
     observation: its own weights only say which pixels are used.
     variance: variance of each pixel, (rows, columns), above 0, in the photograph's unit squared;
         infinite where nothing was measured.
     """
-    _require_variance(observation, variance)
+    shape = tuple(observation.image.shape)
+    if tuple(variance.shape) != shape:
+        raise ValueError(f"variance is {tuple(variance.shape)} and image {shape}; give one a pixel")
+    unknown = int(torch.isnan(variance).sum())
+    if unknown:
+        raise ValueError(f"variance is NaN at {unknown} pixels; it's infinite where unmeasured")
+    wrong = int((variance <= 0).sum())
+    if wrong:
+        raise ValueError(
+            f"variance is {float(variance.min()):g} at its least, and at {wrong} pixels not above "
+            "0; give the squared standard deviation of each pixel, which read noise keeps above 0"
+        )
     trust = observation.effective_weights
     measured = torch.isfinite(variance)
     used = measured if trust is None else measured & (trust > 0)
@@ -60,24 +70,17 @@ def with_variance(observation: Observation, variance: torch.Tensor) -> Observati
     known = variance[used].to(torch.float64)
     mean, deviation = float(known.mean()), float(known.sqrt().mean())
     # The weight of a clipped pixel doesn't matter, but it must not look like a dead one.
-    kept = torch.isfinite(variance)
-    if observation.weights is not None:
-        kept &= observation.weights > 0
+    given = torch.ones_like(measured) if observation.weights is None else observation.weights > 0
+    kept = measured & given
     if observation.clipped is not None:
-        kept |= observation.clipped & (
-            torch.ones_like(kept) if observation.weights is None else observation.weights > 0
-        )
-    if mean <= EVEN_SPREAD * deviation**2:
+        kept |= observation.clipped & given
+    if mean <= _EVEN_SPREAD * deviation**2:
         weights = None if bool(kept.all()) else kept.to(observation.image)
         return replace(observation, given_noise=mean**0.5, weights=weights, variance=None)
     inverse = torch.where(used, variance, mean).to(torch.float64).rsqrt()
     weights = (inverse * (mean / deviation) * kept).to(observation.image)
-    return replace(
-        observation,
-        given_noise=mean**0.5,
-        weights=weights,
-        variance=variance.to(torch.float64),
-    )
+    variance = variance.to(torch.float64)
+    return replace(observation, given_noise=mean**0.5, weights=weights, variance=variance)
 
 
 def with_doubted_variance(observation: Observation, variance: torch.Tensor) -> Observation:
@@ -103,22 +106,6 @@ def without_variance(observation: Observation) -> Observation:
     return replace(observation, weights=weights, variance=None)
 
 
-def _require_variance(observation: Observation, variance: torch.Tensor) -> None:
-    """Raise ValueError for a variance map of another shape, or not above 0, or NaN."""
-    shape = tuple(observation.image.shape)
-    if tuple(variance.shape) != shape:
-        raise ValueError(f"variance is {tuple(variance.shape)} and image {shape}; give one a pixel")
-    unknown = int(torch.isnan(variance).sum())
-    if unknown:
-        raise ValueError(f"variance is NaN at {unknown} pixels; it's infinite where unmeasured")
-    wrong = int((variance <= 0).sum())
-    if wrong:
-        raise ValueError(
-            f"variance is {float(variance.min()):g} at its least, and at {wrong} pixels not above "
-            "0; give the squared standard deviation of each pixel, which read noise keeps above 0"
-        )
-
-
 def build_observation(
     image: Any,
     psf: Any,
@@ -131,20 +118,18 @@ def build_observation(
 ) -> Observation:
     """Gather a blurred photograph, its PSF, noise and weights.
 
-    The arrays may be of any kind. The photograph is restored in double precision if `image` is
-    double, otherwise in single precision. See `Observation` for what the quantities mean.
+    The photograph is restored in double precision if `image` is double, otherwise in single. See
+    `Observation` for what the quantities mean.
 
     Parameters
     ----------
     image : torch.Tensor or numpy.ndarray, (rows, columns)
-        The photograph, light per pixel. Whole numbers and half precision become float32. `restore`
-        returns an array of the same kind. Masked pixels of a numpy.ma array count as dead.
+        The photograph, light per pixel. Whole numbers and half precision become float32. Masked
+        pixels of a numpy.ma array count as dead.
     psf : torch.Tensor or numpy.ndarray, (rows, columns)
-        Point spread function, origin at n // 2. Its sum is the share of the scene's light that
-        reaches the sensor, at most 1.
+        Point spread function, origin at n // 2. Its sum is the share of the light that arrives.
     noise : float, optional
-        Standard deviation of a pixel, in the unit of `image`. Estimated from the photograph if
-        None.
+        Standard deviation of a pixel, in the unit of `image`; estimated if None.
     border : {"unknown", "dark", "periodic"}, default "unknown"
         What the scene does beyond the frame.
     weights : torch.Tensor or numpy.ndarray, (rows, columns), optional
@@ -152,9 +137,8 @@ def build_observation(
     clipped : torch.Tensor or numpy.ndarray of bool, (rows, columns), optional
         True where the well was full.
     variance : torch.Tensor or numpy.ndarray, (rows, columns), optional
-        Variance of each pixel, as of a merged exposure bracket; infinite where nothing was
-        measured. It takes the place of `noise`: see with_variance(). `weights` then only say which
-        pixels are used.
+        Variance of each pixel, in the place of `noise`; infinite where nothing was measured.
+        `weights` then only say which pixels are used: see with_variance().
 
     Returns
     -------
@@ -187,9 +171,8 @@ def _build_observation(
     clipped: torch.Tensor | None,
     variance: torch.Tensor | None,
 ) -> Observation:
-    given = {"image": image, "psf": psf, "weights": weights, "clipped": clipped}
-    given["variance"] = variance
-    for name, value in given.items():
+    given = (image, psf, weights, clipped, variance)
+    for name, value in zip(("image", "psf", "weights", "clipped", "variance"), given, strict=True):
         require_tensor(name, value)
         if value is not None and value.is_complex():
             raise TypeError(f"{name} is of {value.dtype}; give real numbers")

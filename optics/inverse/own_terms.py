@@ -1,7 +1,7 @@
 """Solve in terms of the photograph itself: in its unit, and with a centred PSF.
 
 The unit of the light and the place of the PSF's origin are conventions, on which no restored detail
-may depend. Methods are therefore decorated by `in_own_unit` and `with_centred_psf`.
+may depend. Methods are therefore decorated by `in_own_unit`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Power = float | Callable[[dict[str, Any]], float]
 
 
 def in_own_unit(
-    *, bounds: tuple[str, ...] = (), **powers: Power
+    *, bounds: tuple[str, ...] = (), centred: bool = False, **powers: Power
 ) -> Callable[[Callable[Given, RestoredImage]], Callable[Given, RestoredImage]]:
     """Decorate a method to work in the photograph's own unit: see `Observation.in_own_unit`.
 
@@ -33,6 +33,9 @@ def in_own_unit(
 
     bounds: names of arguments that are light and may be negative; other negative numbers are left
         for the method to refuse.
+    centred: whether a PSF whose light is off its origin only moves the picture. The method gets a
+        PSF with its light about the origin, so that the picture from which iterations start, and
+        what is beyond the frame, fit the photograph. A map of bounds leaves all where it is.
     powers: which power of the light's unit the unit of each named argument is. That of `weight` is
         the restored image's weight as well.
     """
@@ -45,27 +48,33 @@ def in_own_unit(
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
             given = bound.arguments
-            seen: Observation = _fresh(given["observation"])
-            if seen.unit == 1:
-                return solve(*bound.args, **bound.kwargs)
-            power = {name: one(given) if callable(one) else one for name, one in powers.items()}
-            units = dict.fromkeys(bounds, seen.unit)
-            units |= {name: seen.unit**one for name, one in power.items()}
-            for name, unit in units.items():
-                if name in bounds or not _is_refused(given[name]):
-                    given[name] = _over_unit(given[name], unit)
-            given["observation"] = seen.in_own_unit
+            seen: Observation = given["observation"]
+            if seen.records_derivatives:
+                # What the observation has computed before may lack its derivatives.
+                seen = replace(seen)
+            unit, units = seen.unit, dict.fromkeys(bounds, seen.unit)
+            for name, power in powers.items():
+                units[name] = unit ** (power(given) if callable(power) else power)
+            if unit != 1:
+                seen = seen.in_own_unit
+                for name, one in units.items():
+                    refused = isinstance(given[name], (int, float)) and not given[name] > 0
+                    if name in bounds or not refused:
+                        given[name] = _over_unit(given[name], one)
+            maps = any(torch.as_tensor(given[name]).ndim for name in bounds)
+            own = seen.with_centred_psf() if centred and not maps else seen
+            given["observation"] = own
             found = solve(*bound.args, **bound.kwargs)
-            return _in_given_unit(found, seen.unit, units.get("weight", 1.0))
+            if own.offset != seen.offset:
+                whole = shifted_window(
+                    found.period_image, own.offset, seen.period_shape, seen.border == "periodic"
+                )
+                found = replace(found, period_image=whole)
+            return found if unit == 1 else _in_given_unit(found, unit, units.get("weight", 1.0))
 
         return wrapper
 
     return decorate
-
-
-def _is_refused(value: Any) -> bool:
-    """Tell whether a value is a number that isn't above 0, which the method refuses."""
-    return isinstance(value, (int, float)) and not value > 0
 
 
 def _over_unit(value: Any, unit: float) -> Any:
@@ -96,33 +105,3 @@ def _in_given_unit(found: RestoredImage, unit: float, weight_unit: float) -> Res
         weight=None if found.weight is None else found.weight * weight_unit,
         period_image=None if whole is None else whole * unit,
     )
-
-
-def with_centred_psf(solve: Callable[Given, RestoredImage]) -> Callable[Given, RestoredImage]:
-    """Decorate a method so that a PSF whose light is off its origin only moves the picture.
-
-    The method gets a PSF with its light about the origin, and the frame in which the picture stands
-    where the given PSF puts it. So the picture from which iterations start, and what is dark or
-    unknown beyond the frame, fit the photograph. A map of bounds of the picture's frame leaves all
-    where it is.
-    """
-
-    @functools.wraps(solve)
-    def wrapper(*args: Given.args, **kwargs: Given.kwargs) -> RestoredImage:
-        seen: Any = args[0]
-        maps = [one for one in kwargs.values() if isinstance(one, torch.Tensor) and one.ndim > 1]
-        own = seen if maps else _fresh(seen).with_centred_psf()
-        if own.offset == seen.offset:
-            return solve(*args, **kwargs)
-        found = solve(own, *args[1:], **kwargs)  # type: ignore[arg-type]
-        whole = shifted_window(
-            found.period_image, own.offset, seen.period_shape, seen.border == "periodic"
-        )
-        return replace(found, period_image=whole)
-
-    return wrapper
-
-
-def _fresh(observation: Observation) -> Observation:
-    """Forget what an observation has computed if derivatives are wanted: it may lack theirs."""
-    return replace(observation) if observation.records_derivatives else observation

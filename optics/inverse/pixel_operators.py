@@ -12,9 +12,7 @@ from optics.validation import accepts_numpy, as_floating_point, require_finite
 
 
 class CentredCrop(Operator):
-    """Crops the middle of a larger picture, as a frame shows only part of the scene.
-
-    The transpose pads a picture with zeros.
+    """Crops the middle of a larger picture; the transpose pads a picture with zeros.
 
     Parameters
     ----------
@@ -47,11 +45,6 @@ class CentredCrop(Operator):
         return centred_pad(y, self._whole)
 
     @property
-    def bytes(self) -> int:
-        """The memory in bytes that one call needs besides input and output: none."""
-        return 0
-
-    @property
     def gram(self) -> GramOperator:
         """A^T A, which is diagonal in pixels."""
         inside = centred_pad(torch.ones(self._shape), self._whole)
@@ -71,8 +64,7 @@ class Mask(Operator):
     Parameters
     ----------
     weights : torch.Tensor or numpy.ndarray
-        (rows, columns), or (bands, rows, columns), finite. For example 0 where a pixel is dead or
-        clipped and 1 elsewhere, or the share of the light that each pixel gets.
+        (rows, columns), or (bands, rows, columns), finite; 0 where a pixel is dead.
 
     Raises
     ------
@@ -93,18 +85,13 @@ class Mask(Operator):
         return y * self.weights
 
     @property
-    def bytes(self) -> int:
-        """The memory in bytes that one call needs besides input and output: none."""
-        return 0
-
-    @property
     def diagonal(self) -> tuple[Domain, torch.Tensor]:
         """The weights, by which the pixels are multiplied."""
         return "pixels", self.weights
 
 
 class SpectralMosaic(Operator):
-    """Adds all spectral bands to one value at each pixel of a sensor, y = sum_n S_n x_n.
+    """Adds all spectral bands at each pixel of a sensor, y = sum_n S_n x_n (thesis Eq. 4.1).
 
     Parameters
     ----------
@@ -116,10 +103,6 @@ class SpectralMosaic(Operator):
     ------
     ValueError
         For weights that aren't finite or don't have three axes.
-
-    References
-    ----------
-    Thesis Eq. 4.1.
     """
 
     @accepts_numpy
@@ -138,11 +121,6 @@ class SpectralMosaic(Operator):
         return y[..., None, :, :] * self.weights
 
     @property
-    def bytes(self) -> int:
-        """The memory in bytes that one call needs besides input and output."""
-        return self.weights.nelement() * self.weights.element_size()
-
-    @property
     def gram(self) -> GramOperator:
         """A^T A, which is an outer product over the bands at each pixel."""
         return GramOperator("bands", self.weights, (self.domain[-2], self.domain[-1]))
@@ -154,12 +132,10 @@ def filter_weights(
 ) -> torch.Tensor:
     """Repeat a pattern of colour filters over a picture, and return what each pixel transmits.
 
-    The pattern repeats from the first pixel on.
-
     Parameters
     ----------
     pattern : sequence of str
-        Rows of one letter for each pixel, such as ("RG", "GB").
+        Rows of one letter for each pixel, such as ("RG", "GB"), from the first pixel on.
     response : torch.Tensor or numpy.ndarray
         (channels, bands): the share of each band that each letter's filter transmits.
     channels : str

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import nn
@@ -13,9 +13,13 @@ from torch.nn import functional
 from optics.fourier import rfft_column_weights
 from optics.inverse.band_coupling import helmert_matrix, transform_bands
 from optics.inverse.method import SETUP_COST, Denoise, Gain, RestorationCost, RestorationMethod
-from optics.inverse.normal_equations import ConjugateGradientStep, NormalEquations
+from optics.inverse.normal_equations import (
+    ConjugateGradientStep,
+    NormalEquations,
+    squared_response,
+)
 from optics.inverse.observation import Observation
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
+from optics.inverse.own_terms import in_own_unit
 from optics.inverse.priors import Prior
 from optics.inverse.restored_image import CONVERGED_CHANGE, RestoredImage
 from optics.inverse.splitting import SplittingSettings, restored_image, solve_by_splitting
@@ -25,8 +29,7 @@ from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_count, require_positive
 
-MULTIPLE = 8
-"""The sides of the network's pictures must be multiples of this number of samples."""
+_MULTIPLE = 8  # the sides of the network's pictures must be multiples of this number of samples
 
 
 class _ResidualBlock(nn.Module):
@@ -114,7 +117,7 @@ class Denoiser(nn.Module):
             low = components.amin((-2, -1), keepdim=True).clamp_(max=0)
             unit = (components.amax((-2, -1), keepdim=True) - low).clamp_(min=1e-6)
         levels = (torch.as_tensor(noise).to(picture) / unit).expand_as(components)
-        more = (0, -columns % MULTIPLE, 0, -rows % MULTIPLE)
+        more = (0, -columns % _MULTIPLE, 0, -rows % _MULTIPLE)
         filled, told = (
             functional.pad(one[:, None].float(), more, mode="replicate")
             for one in ((components - low) / unit, levels)
@@ -142,46 +145,33 @@ def load_denoiser(weights: Mapping[str, torch.Tensor]) -> Denoiser:
     return network.requires_grad_(False).eval()
 
 
-@dataclass(frozen=True)
-class PlugAndPlaySettings:
-    """Tune the rounds and the noise level that the denoiser gets.
+# Noise level of the denoiser in the first round, and the smallest, relative to white. Chosen.
+_FIRST_LEVEL, _MIN_LEVEL = 0.15, 0.002
 
-    Values are chosen where no other origin is given.
+# Factor between the denoiser's noise level and the noise that a linear step leaves, and the
+# weight of the worst frequency in that noise. It is a geometric mean of the rms over all
+# frequencies and of the noise at the worst one: some frequencies have far more noise than others,
+# and a denoiser that gets the rms takes them for texture. Chosen.
+_LEVEL_FACTOR, _WORST_SHARE = 1.3, 0.6
 
-    first_level: noise level of the denoiser in the first round, relative to white.
-    min_level: smallest noise level of the denoiser in any round, relative to white.
-    level_factor: factor between the denoiser's noise level and the noise that a linear step leaves.
-    worst_frequency_share: weight of the worst frequency in that noise, which is a geometric mean of
-        the rms over all frequencies and of the noise at the worst frequency. Some frequencies have
-        far more noise than others, and a denoiser that gets the rms takes them for texture.
-    min_penalty: smallest penalty of the first round, relative to |H|² of a frequency without blur.
-        Conjugate gradients take many steps with smaller ones where the PSF is wide and the border
-        unknown.
-    cg_steps: steps of conjugate gradients in each round, which starts from the result of the last
-        one.
-    first_share: share of the first picture in the result. Its errors are partly independent of the
-        last one's. Measured for 44 photographs with 8 PSFs: with 0.2 to 0.3 none is below the
-        first.
-    white_quantile: quantile of a picture's light that counts as white.
-    """
+# Smallest penalty of the first round, relative to |H|² of a frequency without blur. Conjugate
+# gradients take many steps with smaller ones where the PSF is wide and the border unknown.
+# Chosen.
+_MIN_PENALTY = 1e-4
 
-    first_level: float = 0.15
-    min_level: float = 0.002
-    level_factor: float = 1.3
-    worst_frequency_share: float = 0.6
-    min_penalty: float = 1e-4
-    cg_steps: int = 6
-    first_share: float = 0.3
-    white_quantile: float = 0.999
+# Steps of conjugate gradients in each round, which starts from the last one's result. Chosen.
+_CG_STEPS = 6
 
+# Share of the first picture in the result. Its errors are partly independent of the last one's.
+# Measured for 44 photographs with 8 PSFs: with 0.2 to 0.3 none is below the first.
+_FIRST_SHARE = 0.3
 
-_SETTINGS = PlugAndPlaySettings()
+_WHITE_QUANTILE = 0.999  # quantile of a picture's light that counts as white; chosen
 
 
 @single_threaded
 @torch.no_grad()
-@in_own_unit()
-@with_centred_psf
+@in_own_unit(centred=True)
 def plug_and_play(
     observation: Observation,
     denoise: Denoise,
@@ -196,10 +186,8 @@ def plug_and_play(
     half-quadratic splitting (Zhang et al. 2021, doi 10.1109/TPAMI.2021.3088914). The first picture
     comes from total_variation(). Each round denoises the picture to z, and then computes the x that
     minimises |H x - y|² + K |x - z|², where the first term counts trusted pixels only. K grows
-    geometrically up to `strength`, or less far for data with little noise. The denoiser's noise
-    level in each round is the noise that the last step left in x, which follows from K and the
-    blur. The result is a weighted mean of the first and the last picture, cut to be nowhere
-    negative.
+    geometrically up to `strength`, or less far for data with little noise. The result is a weighted
+    mean of the first and the last picture, cut to be nowhere negative.
 
     Raises ValueError for a strength that isn't positive, or no round.
 
@@ -216,15 +204,13 @@ def plug_and_play(
         observation, iterations=iterations, progress=progress.part(0, 0.1)
     ).period_image
     start = first.reshape(-1, *observation.period_shape)
-    step = ConjugateGradientStep(
-        NormalEquations(observation, keeps_mean=True), _SETTINGS.cg_steps, start
-    )
+    step = ConjugateGradientStep(NormalEquations(observation, keeps_mean=True), _CG_STEPS, start)
     prior = _DenoisedPicture(observation, denoise, start, strength, rounds)
     solution = solve_by_splitting(
         step, [prior], SplittingSettings(rounds, strength, starts_from_picture=True),
         "plug-and-play", progress.part(0.1, 1), start,
     )  # fmt: skip
-    blend = step.blend_with(start, _SETTINGS.first_share)
+    blend = step.blend_with(start, _FIRST_SHARE)
     # The last round's coupling is the one whose solution is wanted.
     converged = solution.relative_changes[-1] <= CONVERGED_CHANGE
     return restored_image(step, replace(solution, picture=blend), "plug-and-play", converged)
@@ -233,7 +219,8 @@ def plug_and_play(
 class _DenoisedPicture(Prior):
     """The split picture, which a denoiser takes from the last one.
 
-    The coupling K grows from round to round, and the denoiser's noise level falls with it.
+    The coupling K grows from round to round, and the denoiser's noise level falls with the noise
+    that a linear step leaves in the picture.
     """
 
     def __init__(
@@ -244,13 +231,20 @@ class _DenoisedPicture(Prior):
         strength: float,
         rounds: int,
     ) -> None:
-        light = _subsample(observation.crop_to_frame(start))
-        quantile = float(torch.quantile(light, _SETTINGS.white_quantile))
-        self._white = max(quantile, observation.scale)
-        self._left = _RemainingNoise.of(observation, self._white)
+        light = observation.crop_to_frame(start)
+        # About 2^18 values are enough.
+        light = light.flatten()[:: max(1, light.numel() >> 18)]
+        self._white = max(float(torch.quantile(light, _WHITE_QUANTILE)), observation.scale)
+        response = squared_response(observation)
+        # About 16,000 frequencies show the noise, each of which stands for some of the full FFT.
+        every = max(1, math.isqrt(response.numel() // (1 << 14)))
+        self._power = response[..., ::every, ::every].double()
+        count = rfft_column_weights(observation.period_shape[1])[::every]
+        self._count = count.double().expand(self._power.shape)
+        self._noise = observation.disturbance / self._white
         # For data with hardly any noise, K stays small: the denoiser isn't needed.
-        tightest = min(self._left.penalty_for(_SETTINGS.min_level), strength)
-        loosest = min(self._left.penalty_for(_SETTINGS.first_level), tightest)
+        tightest = min(self._penalty_for(_MIN_LEVEL), strength)
+        loosest = min(self._penalty_for(_FIRST_LEVEL), tightest)
         self._penalties = iter(
             torch.logspace(math.log10(loosest), math.log10(tightest), rounds).tolist()
         )
@@ -262,58 +256,29 @@ class _DenoisedPicture(Prior):
 
     def update(self, x: torch.Tensor, weight: float) -> None:
         self._penalty = next(self._penalties)
-        level = max(self._left.denoiser_level(self._penalty), _SETTINGS.min_level)
+        level = max(self._denoiser_level(self._penalty), _MIN_LEVEL)
         noise = torch.full((len(x), 1, 1), level).to(x)
         axes = None if len(x) == 1 else helmert_matrix(len(x)).to(x)
         wanted = self._denoise(x / self._white, noise, axes).mul_(self._white).clamp_(min=0)
         support = self._observation.support
         self.adjoint_target = wanted if support is None else wanted.mul_(support)
 
-
-@dataclass(frozen=True, eq=False)
-class _RemainingNoise:
-    """The noise that a linear step leaves in x, relative to white.
-
-    noise: noise of the photograph.
-    power: |H|² of each sampled frequency.
-    count: number of frequencies of the full FFT that each represents.
-    """
-
-    noise: float
-    power: torch.Tensor
-    count: torch.Tensor
-
-    @classmethod
-    def of(cls, observation: Observation, white: float) -> _RemainingNoise:
-        """Sample about 16,000 frequencies of a blur."""
-        response = observation.squared_response
-        every = max(1, math.isqrt(response.numel() // (1 << 14)))
-        power = response[..., ::every, ::every].double()
-        count = rfft_column_weights(observation.period_shape[1])[::every]
-        return cls(observation.disturbance / white, power, count.double().expand(power.shape))
-
-    def denoiser_level(self, penalty: float) -> float:
-        """Return the denoiser's noise level for a penalty K."""
-        share = _SETTINGS.worst_frequency_share
-        squares = self.power / (self.power + penalty).square() * self.count
-        mean = math.sqrt(float(squares.sum() / self.count.sum()))
+    def _denoiser_level(self, penalty: float) -> float:
+        """Return the denoiser's noise level, relative to white, for a penalty K."""
+        squares = self._power / (self._power + penalty).square() * self._count
+        mean = math.sqrt(float(squares.sum() / self._count.sum()))
         worst = 0.5 / math.sqrt(penalty)
-        return _SETTINGS.level_factor * self.noise * mean ** (1 - share) * worst**share
+        return _LEVEL_FACTOR * self._noise * mean ** (1 - _WORST_SHARE) * worst**_WORST_SHARE
 
-    def penalty_for(self, level: float) -> float:
+    def _penalty_for(self, level: float) -> float:
         """Find the penalty K for the denoiser's noise level, but not below the smallest K."""
-        low, high = math.log(_SETTINGS.min_penalty), math.log(1e3)
+        low, high = math.log(_MIN_PENALTY), math.log(1e3)
         for _ in range(40):
             middle = 0.5 * (low + high)
             low, high = (
-                (middle, high) if self.denoiser_level(math.exp(middle)) > level else (low, middle)
+                (middle, high) if self._denoiser_level(math.exp(middle)) > level else (low, middle)
             )
         return math.exp(high)
-
-
-def _subsample(picture: torch.Tensor) -> torch.Tensor:
-    """Return about 2^18 evenly spaced values of a picture."""
-    return picture.flatten()[:: max(1, picture.numel() >> 18)]
 
 
 def _solve(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 
 from optics.inverse.frequency_step import DataProx
 from optics.inverse.method import SETUP_COST, Gain, RestorationCost, RestorationMethod
 from optics.inverse.observation import Observation
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
+from optics.inverse.own_terms import in_own_unit
 from optics.inverse.restored_image import RestoredImage
 from optics.inverse.total_variation import total_variation
 from optics.progress import Progress
@@ -18,8 +16,7 @@ from optics.threads import single_threaded
 
 @single_threaded
 @torch.no_grad()
-@in_own_unit(weight=1)
-@with_centred_psf
+@in_own_unit(weight=1, centred=True)
 def poisson_total_variation(
     observation: Observation,
     weight: float | None = None,
@@ -32,18 +29,14 @@ def poisson_total_variation(
     """Deblur with a Poisson likelihood and a total-variation prior.
 
     The result x minimises m * the sum of (H x - y log H x) + weight * the sum of |∇x|. The first
-    sum is over trusted pixels y, and m is their mean. total_variation() has squares instead of this
-    likelihood.
-
-    The likelihood of counting y photons where v are expected is proportional to exp(y log v - v)
-    (thesis Eq. 2.30). Negative light, which the subtraction of dark frames leaves, counts as 0.
-    Near v = y the data term is m / y * (v - y)² / 2. A dim pixel, which has less noise, therefore
-    counts more. A pixel of mean brightness counts as much as in least squares, so that `weight` has
-    the same meaning and is estimated in the same way.
+    sum is over trusted pixels y, and m is their mean: the likelihood of counting y photons where v
+    are expected is proportional to exp(y log v - v) (thesis Eq. 2.30). Negative light, which the
+    subtraction of dark frames leaves, counts as 0. Near v = y the data term is m / y * (v - y)² /
+    2: a dim pixel, which has less noise, counts more, and one of mean brightness as much as in
+    total_variation(), so that `weight` has the same meaning.
 
     The problem is convex (Figueiredo and Bioucas-Dias 2010, doi 10.1109/TIP.2010.2053941; Chambolle
-    and Pock 2011, doi 10.1007/s10851-010-0251-1, solve it too). It is split, with v = H x split
-    off, and the step for v is the root of a quadratic.
+    and Pock 2011, doi 10.1007/s10851-010-0251-1), with v = H x split off.
 
     Raises ValueError for a weight that isn't positive, or no iteration.
 
@@ -52,13 +45,12 @@ def poisson_total_variation(
     iterations: largest number of iterations.
     tol: relative change of the picture at which the iteration ends; 0 for all iterations.
     positive: whether x is kept from being negative in each iteration. Photographs of few photons
-        and of stars on a dark sky need this, and more iterations. H x is never negative, and the
-        result is clipped at 0.
+        and of stars on a dark sky need this, and more iterations.
     """
-    how: dict[str, Any] = {"iterations": iterations, "tol": tol, "positive": positive}
     return total_variation(
-        observation, weight, data_prox=poisson_data_prox(observation), progress=progress, **how
-    )
+        observation, weight, iterations=iterations, tol=tol, positive=positive,
+        data_prox=poisson_data_prox(observation), progress=progress,
+    )  # fmt: skip
 
 
 def poisson_data_prox(observation: Observation) -> DataProx:

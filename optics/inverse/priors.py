@@ -8,90 +8,12 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import torch
 
-from optics.inverse.band_coupling import BandCoupling, Shrinkage
-
-
-class Derivative(ABC):
-    """Base class of the derivatives of periodic pictures, (..., rows, columns).
-
-    parts: number of pictures that make up a derivative.
-    """
-
-    parts: int
-
-    @abstractmethod
-    def gram_spectrum(self, shape: tuple[int, int]) -> torch.Tensor:
-        """Return the adjoint times the derivative on the rfft2 grid of a period, float64."""
-
-    @abstractmethod
-    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
-        """Add a picture's derivative, times a factor, to `parts` in place."""
-
-    @abstractmethod
-    def adjoint(self, parts: Sequence[torch.Tensor], out: torch.Tensor) -> torch.Tensor:
-        """Apply the adjoint, and write the result to `out`."""
-
-
-class _Gradient(Derivative):
-    """Forward differences down columns and along rows."""
-
-    parts = 2
-
-    def gram_spectrum(self, shape: tuple[int, int]) -> torch.Tensor:
-        return laplacian_spectrum(shape)
-
-    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
-        down, along = parts
-        add_gradient(x, down, along, factor)
-
-    def adjoint(self, parts: Sequence[torch.Tensor], out: torch.Tensor) -> torch.Tensor:
-        down, along = parts
-        return gradient_adjoint(down, along, out)
-
-
-class _Curvature(Derivative):
-    """Second differences down the columns, along the rows, and across both, times √2.
-
-    Together they don't depend on the direction.
-    """
-
-    parts = 3
-
-    def gram_spectrum(self, shape: tuple[int, int]) -> torch.Tensor:
-        return laplacian_spectrum(shape).square()
-
-    def add(self, x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
-        down, along = torch.zeros_like(x), torch.zeros_like(x)
-        add_gradient(x, down, along, factor)
-        twice_down, twice_along, across = parts
-        twice_down.add_(down)
-        twice_down[..., 1:, :].sub_(down[..., :-1, :])
-        twice_down[..., 0, :].sub_(down[..., -1, :])
-        twice_along.add_(along)
-        twice_along[..., 1:].sub_(along[..., :-1])
-        twice_along[..., 0].sub_(along[..., -1])
-        across[..., :-1].add_(down[..., 1:], alpha=math.sqrt(2))
-        across[..., -1].add_(down[..., 0], alpha=math.sqrt(2))
-        across.sub_(down, alpha=math.sqrt(2))
-
-    def adjoint(self, parts: Sequence[torch.Tensor], out: torch.Tensor) -> torch.Tensor:
-        twice_down, twice_along, across = parts
-        down, along = twice_down.clone(), twice_along.clone()
-        down[..., :-1, :].sub_(twice_down[..., 1:, :])
-        down[..., -1, :].sub_(twice_down[..., 0, :])
-        down[..., 1:].add_(across[..., :-1], alpha=math.sqrt(2))
-        down[..., 0].add_(across[..., -1], alpha=math.sqrt(2))
-        down.sub_(across, alpha=math.sqrt(2))
-        along[..., :-1].sub_(twice_along[..., 1:])
-        along[..., -1].sub_(twice_along[..., 0])
-        return gradient_adjoint(down, along, out)
-
-
-GRADIENT, CURVATURE = _Gradient(), _Curvature()
+from optics.inverse.band_coupling import BandCoupling
 
 
 def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
@@ -104,25 +26,82 @@ def laplacian_spectrum(shape: tuple[int, int]) -> torch.Tensor:
     return y[:, None] + x[None, :]
 
 
-def add_gradient(
-    x: torch.Tensor, down: torch.Tensor, along: torch.Tensor, factor: float = 1.0
-) -> None:
-    """Add a picture's periodic forward differences, times a factor, to `down` and `along`."""
-    plus, minus = {"alpha": factor}, {"alpha": -factor}
+def add_gradient(x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
+    """Add the forward differences down columns and along rows, times a factor, to `parts`."""
+    (down, along), plus, minus = parts, {"alpha": factor}, {"alpha": -factor}
     down[..., :-1, :].add_(x[..., 1:, :], **plus).add_(x[..., :-1, :], **minus)
     down[..., -1, :].add_(x[..., 0, :], **plus).add_(x[..., -1, :], **minus)
     along[..., :-1].add_(x[..., 1:], **plus).add_(x[..., :-1], **minus)
     along[..., -1].add_(x[..., 0], **plus).add_(x[..., -1], **minus)
 
 
-def gradient_adjoint(down: torch.Tensor, along: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
+def gradient_adjoint(parts: Sequence[torch.Tensor], out: torch.Tensor) -> torch.Tensor:
     """Apply the adjoint of the periodic gradient, and write the result to `out`."""
+    down, along = parts
     torch.add(down, along, out=out).neg_()
     out[..., 1:, :].add_(down[..., :-1, :])
     out[..., 0, :].add_(down[..., -1, :])
     out[..., 1:].add_(along[..., :-1])
     out[..., 0].add_(along[..., -1])
     return out
+
+
+def gradient_of(x: torch.Tensor, factor: float = 1.0) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return a periodic picture's forward differences, times a factor: see add_gradient()."""
+    parts = torch.zeros_like(x), torch.zeros_like(x)
+    add_gradient(x, parts, factor)
+    return parts
+
+
+def _add_curvature(x: torch.Tensor, parts: Sequence[torch.Tensor], factor: float = 1.0) -> None:
+    """Add second differences down the columns, along the rows, and across both, times √2.
+
+    Together they don't depend on the direction.
+    """
+    down, along = gradient_of(x, factor)
+    twice_down, twice_along, across = parts
+    twice_down.add_(down)
+    twice_down[..., 1:, :].sub_(down[..., :-1, :])
+    twice_down[..., 0, :].sub_(down[..., -1, :])
+    twice_along.add_(along)
+    twice_along[..., 1:].sub_(along[..., :-1])
+    twice_along[..., 0].sub_(along[..., -1])
+    across[..., :-1].add_(down[..., 1:], alpha=math.sqrt(2))
+    across[..., -1].add_(down[..., 0], alpha=math.sqrt(2))
+    across.sub_(down, alpha=math.sqrt(2))
+
+
+def _curvature_adjoint(parts: Sequence[torch.Tensor], out: torch.Tensor) -> torch.Tensor:
+    twice_down, twice_along, across = parts
+    down, along = twice_down.clone(), twice_along.clone()
+    down[..., :-1, :].sub_(twice_down[..., 1:, :])
+    down[..., -1, :].sub_(twice_down[..., 0, :])
+    down[..., 1:].add_(across[..., :-1], alpha=math.sqrt(2))
+    down[..., 0].add_(across[..., -1], alpha=math.sqrt(2))
+    down.sub_(across, alpha=math.sqrt(2))
+    along[..., :-1].sub_(twice_along[..., 1:])
+    along[..., -1].sub_(twice_along[..., 0])
+    return gradient_adjoint((down, along), out)
+
+
+class Derivative(NamedTuple):
+    """A derivative of periodic pictures, (..., rows, columns), which consists of so many `parts`.
+
+    gram_spectrum: adjoint times derivative on the rfft2 grid of a period, float64.
+    add: adds a picture's derivative, times a factor, to parts in place.
+    adjoint: applies the adjoint to parts, and writes the result to another picture.
+    """
+
+    parts: int
+    gram_spectrum: Callable[[tuple[int, int]], torch.Tensor]
+    add: Callable[..., None]
+    adjoint: Callable[[Sequence[torch.Tensor], torch.Tensor], torch.Tensor]
+
+
+GRADIENT = Derivative(2, laplacian_spectrum, add_gradient, gradient_adjoint)
+CURVATURE = Derivative(
+    3, lambda shape: laplacian_spectrum(shape).square(), _add_curvature, _curvature_adjoint
+)
 
 
 LEAST_WEIGHT_SHARE = 0.7
@@ -150,14 +129,12 @@ RELAXATION = 1.8
 
 
 class Prior(ABC):
-    """Base class of priors on D x, where D x is split off.
-
-    Pictures are (bands, rows, columns), on a whole period.
+    """Base class of priors on D x, where D x of pictures (bands, rows, columns) is split off.
 
     gram_spectrum: D^T D on the frequencies of a period, (rows, columns // 2 + 1), or one number.
-    adjoint_target: D^T (d - b), the split's contribution to the right-hand side of the next
-        picture's step for a coupling of 1; d is the split and b its scaled dual variable. None
-        before the first step. Each step may overwrite the array.
+    adjoint_target: D^T (d - b), the split's part in the right-hand side of the next picture's step
+        for a coupling of 1; d is the split and b its scaled dual variable. None before the first
+        step. Each step may overwrite the array.
     component_scales: factors of the components before they are split, (bands,), whose squares
         multiply D^T D. All are 1 if None.
     """
@@ -203,11 +180,10 @@ class DerivativePenalty(Prior):
         self.bands, self.threshold, self._power = bands, threshold, power
         self._weight_factor = weight_factor
         self.derivative, self._relaxation = derivative, relaxation
-        self._shrinkage = Shrinkage(bands, threshold, power)
         self.gram_spectrum = derivative.gram_spectrum(shape).to(dtype)
         self.component_scales = bands.scales
         whole = (bands.bands, *shape)
-        self._parts = [torch.zeros(whole, dtype=dtype) for _ in range(derivative.parts)]
+        self._parts = list(torch.zeros(derivative.parts, *whole, dtype=dtype))
         self._out, self._one = torch.empty(whole, dtype=dtype), torch.ones((), dtype=dtype)
 
     def coupling(self, weight: float, data: float) -> float:
@@ -220,7 +196,7 @@ class DerivativePenalty(Prior):
 
     def update(self, x: torch.Tensor, weight: float) -> None:
         self.derivative.add(self.bands.components(x), self._parts, self._relaxation)
-        removed = self._shrinkage.removed_share(sum_products(self._parts, self._parts))
+        removed = self._removed_share(self._parts)
         # The new b is the removed part, and d - b is the derivative less twice that part. What is
         # kept of both is b and, for the over-relaxation, a share of d.
         kept = torch.add(self._one, removed, alpha=-2)
@@ -241,7 +217,10 @@ class DerivativePenalty(Prior):
         """Return where the next step's split at the solution x is 0, broadcast to components."""
         parts = [part.clone() for part in self._parts]
         self.derivative.add(self.bands.components(x), parts, self._relaxation)
-        return self._shrinkage.removed_share(sum_products(parts, parts)) >= 1
+        return self._removed_share(parts) >= 1
+
+    def _removed_share(self, parts: Sequence[torch.Tensor]) -> torch.Tensor:
+        return self.bands.removed_share(sum_products(parts, parts), self.threshold, self._power)
 
 
 def sum_products(parts: Sequence[torch.Tensor], others: Sequence[torch.Tensor]) -> torch.Tensor:
@@ -252,9 +231,9 @@ def sum_products(parts: Sequence[torch.Tensor], others: Sequence[torch.Tensor]) 
     return total
 
 
-BOX_COUPLING = 0.3
-"""Coupling of the split of Box, relative to that of the data. Measured with four PSFs, two noises,
-12 and 30 iterations: 0.3 is up to 2.3 dB better than 1."""
+# Coupling of the split of Box, relative to that of the data. Measured with four PSFs, two noises,
+# 12 and 30 iterations: 0.3 is up to 2.3 dB better than 1.
+_BOX_COUPLING = 0.3
 
 
 class Box(Prior):
@@ -266,7 +245,7 @@ class Box(Prior):
         self._kept: torch.Tensor | None = None
 
     def coupling(self, weight: float, data: float) -> float:
-        return data * BOX_COUPLING
+        return data * _BOX_COUPLING
 
     def _unlimited_split(self, x: torch.Tensor) -> torch.Tensor:
         """Return what the next step limits: picture and dual variable."""
@@ -289,15 +268,13 @@ class Box(Prior):
 
 
 def mean_gradient(x: torch.Tensor, power: float, bands: BandCoupling | None = None) -> float:
-    """Compute the mean length of a picture's gradients to a power.
+    """Compute the mean length of a picture's gradients to a power, in every n-th row of large ones.
 
-    Of large pictures, the mean is taken over every n-th row. With several bands, it is the mean
-    over the pixels of the penalty of all groups of components.
+    With several bands, it is the mean over the pixels of the penalty of all groups of components.
     """
     every = max(1, x.shape[-2] * x.shape[-1] >> 18)
     # A picture of one row or column has no gradient across it.
-    single = [2 if n == 1 else 1 for n in x.shape[-2:]]
-    x = x.repeat(*(1,) * (x.ndim - 2), *single)
+    x = x.repeat(*(1,) * (x.ndim - 2), 1 + (x.shape[-2] == 1), 1 + (x.shape[-1] == 1))
     rows = x[..., :-1:every, :]
     down, along = (x[..., 1::every, :] - rows)[..., :-1], rows[..., 1:] - rows[..., :-1]
     if bands is not None and bands.axes is not None:
@@ -306,24 +283,6 @@ def mean_gradient(x: torch.Tensor, power: float, bands: BandCoupling | None = No
     length = squares.sqrt_() if bands is None else bands.lengths(squares)
     mean = float((length if power == 1 else length.pow_(power)).mean())
     return mean if bands is None else mean * len(bands.groups)
-
-
-def divergence_of_direction(x: torch.Tensor, smooth: float) -> torch.Tensor:
-    """Compute div(∇x / ``|∇x|``), the total-variation term.
-
-    To avoid division by 0, ``|∇x|`` is replaced by √(``|∇x|²`` + smooth²).
-    """
-    down, along = torch.zeros_like(x), torch.zeros_like(x)
-    add_gradient(x, down, along)
-    length = torch.addcmul(down * down, along, along).add_(smooth**2).rsqrt_()
-    return gradient_adjoint(down.mul_(length), along.mul_(length), length).neg_()
-
-
-def laplacian_of(x: torch.Tensor) -> torch.Tensor:
-    """Compute ∇²x of a periodic picture from differences of neighbouring pixels."""
-    down, along = torch.zeros_like(x), torch.zeros_like(x)
-    add_gradient(x, down, along)
-    return gradient_adjoint(down, along, torch.empty_like(x)).neg_()
 
 
 class LinearTerm(Prior):
@@ -345,8 +304,7 @@ class LinearisedPenalty(Prior):
 
     The joint length of derivatives, for a power of 1, is |W z|, with the weights W of the
     components. Its second derivative is (W² - g g^T) / |W z|, with g = W² z / |W z|. The split's
-    step solves a linear system with this matrix, a diagonal less an outer product, by the
-    Sherman-Morrison formula.
+    step solves a system with this matrix by the Sherman-Morrison formula.
     """
 
     def __init__(self, penalty: DerivativePenalty, solution: torch.Tensor) -> None:

@@ -16,8 +16,7 @@ CONVERGED_CHANGE = 0.015
 """Largest remaining relative change of a converged picture. Of 240 restorations by total variation
 with 10 PSFs, those within it lost 0.5 dB at most against 300 iterations, and 0.3 dB in 19 of 20."""
 
-_FORETOLD_CHANGES = 8
-"""Number of changes from which the remaining change is foretold."""
+_FORETOLD_CHANGES = 8  # number of changes from which the remaining change is foretold
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +41,10 @@ class RestoredImage:
     relative_changes : list of float, optional
         Relative change of the picture in each iteration.
     converged : bool, default True
-        Whether the method ended by itself, or further iterations would change the picture by
-        little: see has_converged().
+        Whether the method ended by itself, or more iterations would change the picture by little.
     period_image : torch.Tensor or numpy.ndarray, optional
-        The restored scene on the whole period, which includes the surroundings whose light reaches
-        the frame. A later restoration can start from it. Negative light isn't cut in it.
+        The restored scene on the whole period, with the surroundings whose light reaches the frame.
+        Negative light isn't cut in it.
     uncut_residual : float, optional
         The residual before light outside the bounds was cut; None where nothing was cut.
     """
@@ -64,10 +62,9 @@ class RestoredImage:
 
     @property
     def residual(self) -> float:
-        """The rms residual, relative to the noise.
+        """The rms of the photograph less the blurred restoration, relative to the noise.
 
-        The residual is the photograph less the blurred restoration, as it is returned. It is about
-        1 if model, PSF and noise are right. Above 1.2, one of them is wrong.
+        It is about 1 if model, PSF and noise are right. Above 1.2, one of them is wrong.
         """
         if not callable(self.residual_source):
             return self.residual_source
@@ -87,11 +84,9 @@ class RestoredImage:
 
 
 def remaining_change(changes: Sequence[float]) -> float:
-    """Extrapolate the relative change that further iterations would make.
+    """Extrapolate the relative change that further iterations would make, from those of all before.
 
     The last changes are taken for a geometric series; the result of fewer than two is infinite.
-
-    changes: relative changes of all iterations.
     """
     last = changes[-1 - _FORETOLD_CHANGES :]
     if len(last) < 2:
@@ -102,17 +97,9 @@ def remaining_change(changes: Sequence[float]) -> float:
     return last[-1] * ratio / (1 - ratio) if ratio < 1 else math.inf
 
 
-def has_converged(changes: Sequence[float]) -> bool:
-    """Tell whether more iterations would change the picture by little."""
-    return remaining_change(changes) <= CONVERGED_CHANGE
-
-
 @torch.no_grad()
 def relative_change(now: torch.Tensor, before: torch.Tensor) -> float:
-    """Return the relative L2 change of a picture from one iteration to the next.
-
-    The change is measured on every fourth row.
-    """
+    """Return the relative L2 change of a picture, measured on every fourth row."""
     rows, old = now[::4], before[::4]
     scale = float(torch.linalg.vector_norm(rows))
     return float(torch.linalg.vector_norm(rows - old)) / scale if scale else 0.0

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 
 from optics.fourier import irfft2, rfft2
 from optics.inverse.blur import transfer_function
 from optics.inverse.method import SETUP_COST, Gain, RestorationCost, RestorationMethod
 from optics.inverse.observation import Observation
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
-from optics.inverse.priors import divergence_of_direction, laplacian_of
+from optics.inverse.own_terms import in_own_unit
+from optics.inverse.priors import gradient_adjoint, gradient_of
 from optics.inverse.restored_image import RestoredImage, relative_change
 from optics.plane import centred_pad
 from optics.progress import Progress
@@ -20,8 +18,7 @@ from optics.validation import require_count
 
 
 @single_threaded
-@in_own_unit()
-@with_centred_psf
+@in_own_unit(centred=True)
 def richardson_lucy(
     observation: Observation,
     iterations: int = 30,
@@ -34,11 +31,11 @@ def richardson_lucy(
 ) -> RestoredImage:
     """Deblur a photograph by the Richardson-Lucy iteration.
 
-    The iteration converges towards the picture of greatest likelihood under photon noise. Negative
-    light, which the subtraction of dark frames leaves, counts as 0, and so do negative values of
-    the PSF. Pixels that weren't measured, beyond the frame or in it, are restored with the others
-    (Bertero and Boccacci 2005, doi 10.1051/0004-6361:20052717), so that they cause no ringing. The
-    picture is nowhere negative.
+    The iteration converges towards the picture of greatest likelihood under photon noise, which is
+    nowhere negative. Negative light, which the subtraction of dark frames leaves, counts as 0, and
+    so do negative values of the PSF. Pixels that weren't measured, beyond the frame or in it, are
+    restored with the others, and cause no ringing (Bertero and Boccacci 2005, doi
+    10.1051/0004-6361:20052717).
 
     Raises ValueError for negative weights, or too few iterations.
 
@@ -56,19 +53,30 @@ def richardson_lucy(
         if not 0 <= value < float("inf"):
             raise ValueError(f"{name} is {value:g}; give 0 or more")
     progress = progress or Progress()
-    likelihood = _Likelihood.of(observation)
-    path = _Iterates(likelihood.initial_picture(), accelerate)
+    likelihood = _Likelihood(observation)
+    even = torch.full_like(likelihood.data, likelihood.mean_light)
+    picture = even if observation.support is None else even * observation.support
     change, ended = list[float](), False
+    direction, gains = torch.zeros(()), list[torch.Tensor]()
     for number in range(iterations):
         progress.report(number / iterations, f"Richardson-Lucy {number + 1}/{iterations}")
-        ahead = path.extrapolate()
+        ahead = picture
+        if len(gains) == 2:
+            before, last = (one.flatten() for one in gains)
+            length = float(torch.dot(before, before))
+            share = float(torch.dot(last, before)) / length if length > 0 else 0.0
+            share = min(max(share, 0.0), 1.0)
+            ahead = torch.add(picture, direction, alpha=share).clamp_(min=0)
         expected = likelihood.blur(ahead)
         if not continue_past_noise and observation.mean_squared_residual(expected) <= 1:
             ended = True
             break
         factor = _regulariser_factor(ahead, likelihood.mean_light, total_variation, tikhonov)
-        change.append(path.advance(likelihood.updated_picture(ahead, expected, factor), ahead))
-    picture = path.current
+        fresh = likelihood.updated_picture(ahead, expected, factor)
+        if accelerate:
+            direction, gains = fresh - picture, [*gains[-1:], (fresh - ahead).detach()]
+        change.append(relative_change(fresh, picture))
+        picture = fresh
     name = "Richardson-Lucy" + (" with total variation" if total_variation else "")
     return RestoredImage(
         observation.crop_to_picture(picture).contiguous(),
@@ -83,56 +91,38 @@ def richardson_lucy(
     )
 
 
-@dataclass(frozen=True, eq=False)
 class _Likelihood:
-    """The Poisson likelihood of pictures on the whole period."""
+    """The Poisson likelihood of pictures on the whole period.
 
-    observation: Observation
-    otf: torch.Tensor
-    conjugate_otf: torch.Tensor
-    data: torch.Tensor
-    period_weights: torch.Tensor
-    inverse_sensitivity: torch.Tensor
-    restorable: torch.Tensor | None
-    mean_light: float
+    data: the photograph, without negative light.
+    mean_light: of the scene, above 0.
+    """
 
-    @classmethod
-    def of(cls, observation: Observation) -> _Likelihood:
-        """Prepare the likelihood of a blurred photograph."""
-        psf = observation.psf.clamp(min=0) / observation.psf_sum
-        transfer = transfer_function(psf, observation.period_shape)
-        data = observation.normalised_image.clamp(min=0)
-        trust = (
-            torch.ones_like(data)
-            if observation.effective_weights is None
-            else observation.effective_weights
+    def __init__(self, observation: Observation) -> None:
+        self._shape = shape = observation.period_shape
+        self._transfer = transfer_function(
+            observation.psf.clamp(min=0) / observation.psf_sum, shape
         )
-        measured = centred_pad(trust, observation.period_shape)
-        back = transfer.conj().resolve_conj()
-        reached = irfft2(rfft2(measured) * back, observation.period_shape)
+        self._conjugate = self._transfer.conj().resolve_conj()
+        data, trust = observation.normalised_image.clamp(min=0), observation.effective_weights
+        trust = torch.ones_like(data) if trust is None else trust
+        self._weights = centred_pad(trust, shape)
+        reached = irfft2(rfft2(self._weights) * self._conjugate, shape)
         # A place that sends less than 1 % of the largest share of light into the frame can't be
         # restored, and isn't changed.
         least = 0.01 * float(reached.max())
         known = reached > least
         if observation.support is not None:
             known &= observation.support > 0
-        step = torch.where(known, 1 / reached.clamp(min=least), 0.0)
-        light = float((data.detach() * trust).sum() / trust.sum() / transfer[0, 0].real)
-        level = max(light, float(torch.finfo(data.dtype).tiny))
-        data = centred_pad(data, observation.period_shape)
-        everywhere = bool(known.all())
-        return cls(
-            observation, transfer, back, data, measured, step, None if everywhere else known, level
-        )
-
-    def initial_picture(self) -> torch.Tensor:
-        """Return even light inside the scene's support."""
-        even = torch.full_like(self.data, self.mean_light)
-        return even if self.observation.support is None else even * self.observation.support
+        self._step = torch.where(known, 1 / reached.clamp(min=least), 0.0)
+        self._restorable = None if bool(known.all()) else known
+        light = float((data.detach() * trust).sum() / trust.sum() / self._transfer[0, 0].real)
+        self.mean_light = max(light, float(torch.finfo(data.dtype).tiny))
+        self.data = centred_pad(data, shape)
 
     def blur(self, picture: torch.Tensor) -> torch.Tensor:
         """Blur a picture by the PSF, on the whole period."""
-        return irfft2(rfft2(picture) * self.otf, self.observation.period_shape)
+        return irfft2(rfft2(picture) * self._transfer, self._shape)
 
     def updated_picture(
         self, picture: torch.Tensor, expected: torch.Tensor, factor: torch.Tensor | None
@@ -144,39 +134,12 @@ class _Likelihood:
         """
         # The lower limit avoids a division by 0.
         ratio = self.data / expected.clamp(min=1e-6 * self.mean_light)
-        ratio.mul_(self.period_weights)
-        moved = irfft2(rfft2(ratio).mul_(self.conjugate_otf), self.observation.period_shape)
-        moved.mul_(self.inverse_sensitivity).clamp_(min=0).mul_(picture)
+        ratio.mul_(self._weights)
+        moved = irfft2(rfft2(ratio).mul_(self._conjugate), self._shape)
+        moved.mul_(self._step).clamp_(min=0).mul_(picture)
         if factor is not None:
             moved.mul_(factor)
-        return moved if self.restorable is None else torch.where(self.restorable, moved, picture)
-
-
-class _Iterates:
-    """The iterates, and their extrapolation."""
-
-    def __init__(self, start: torch.Tensor, accelerate: bool) -> None:
-        self.current, self._accelerate = start, accelerate
-        self._direction: torch.Tensor | None = None
-        self._gains: list[torch.Tensor] = []
-
-    def extrapolate(self) -> torch.Tensor:
-        """Extrapolate the last two pictures to the next step's start."""
-        if not self._accelerate or self._direction is None or len(self._gains) < 2:
-            return self.current
-        before, last = self._gains
-        length = float(torch.dot(before.flatten(), before.flatten()))
-        share = float(torch.dot(last.flatten(), before.flatten())) / length if length > 0 else 0.0
-        share = min(max(share, 0.0), 1.0)
-        return torch.add(self.current, self._direction, alpha=share).clamp_(min=0)
-
-    def advance(self, fresh: torch.Tensor, ahead: torch.Tensor) -> float:
-        """Store the next picture and return its relative change."""
-        self._direction = fresh - self.current
-        if self._accelerate:
-            self._gains = [*self._gains[-1:], (fresh - ahead).detach()]
-        before, self.current = self.current, fresh
-        return relative_change(fresh, before)
+        return moved if self._restorable is None else torch.where(self._restorable, moved, picture)
 
 
 def _regulariser_factor(
@@ -187,9 +150,14 @@ def _regulariser_factor(
         return None
     taken = torch.zeros_like(picture)
     if total_variation:
-        taken.add_(divergence_of_direction(picture, 1e-3 * level), alpha=total_variation)
+        # div(∇I / |∇I|), where |∇I|² + (a thousandth of the mean light)² avoids a division by 0.
+        down, along = gradient_of(picture)
+        length = torch.addcmul(down * down, along, along).add_((1e-3 * level) ** 2).rsqrt_()
+        direction = down.mul_(length), along.mul_(length)
+        taken.add_(gradient_adjoint(direction, length).neg_(), alpha=total_variation)
     if tikhonov:
-        taken.add_(laplacian_of(picture), alpha=tikhonov / level)
+        laplacian = gradient_adjoint(gradient_of(picture), torch.empty_like(picture)).neg_()
+        taken.add_(laplacian, alpha=tikhonov / level)
     # The limit of 0.9 keeps the factor positive.
     return taken.clamp_(max=0.9).neg_().add_(1).reciprocal_()
 

@@ -1,29 +1,24 @@
 """Linear restoration axis by axis, for a separable PSF such as that of a cubic phase mask.
 
 A separable PSF is a column times a row. The photograph is then Y = A X B^T, where the matrix A
-blurs down the columns and B blurs along the rows. Any border is possible: if the scene continues
-beyond the frame, A and B have more columns than rows. With the singular values s of A and t of B,
-these restorations are separable:
+blurs down the columns and B along the rows, with any border. With the singular values s of A and t
+of B, these restorations are separable:
 
 - A penalty on |X|². The coefficients of the photograph in the two bases of singular vectors are
-  multiplied by s t / (s² t² + weight). This isn't a product of a filter for each axis, but each
-  basis belongs to one axis (Hansen, Nagy and O'Leary, Deblurring Images, 2006, chapter 4, doi
-  10.1137/1.9780898718874).
+  multiplied by s t / (s² t² + weight) (Hansen, Nagy and O'Leary, Deblurring Images, 2006, chapter
+  4, doi 10.1137/1.9780898718874).
 - A Gaussian prior whose covariance is a product of one for the columns and one for the rows. After
   each axis is whitened, it is the first case.
 - One filter for each axis, s / (s² + weight) times t / (t² + weight) (thesis section 2.5). It takes
   only two matrix products, but it weighs the noise on each axis as if the other had no blur.
 
-A penalty on the squared gradient, |D X|² + |X D^T|², isn't separable. A^T A, D^T D and the identity
-would need the same eigenvectors, and they have them only on a period, where these are the Fourier
-vectors. Weights of single pixels aren't separable either. For both, see
-optics.inverse.wiener.
+Neither a penalty on the squared gradient, |D X|² + |X D^T|², nor weights of single pixels are
+separable: see optics.inverse.wiener.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import torch
 from scipy.optimize import minimize_scalar
@@ -70,13 +65,10 @@ def separable_parts(psf: torch.Tensor, tol: float = 1e-3) -> tuple[torch.Tensor,
 
 @accepts_numpy
 def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tensor:
-    """Build the matrix that blurs along one axis, (length, scene).
+    """Build the matrix that blurs along one axis by a kernel with its origin at n // 2.
 
-    The scene is as long as the frame of `length` pixels. With an "unknown" border it is n - 1
-    pixels longer, which are all that send light into the frame; n - 1 - n // 2 of them lie before
-    the frame.
-
-    kernel: (n,), with its origin at n // 2.
+    It is (length, scene). The scene is as long as the frame, but with an "unknown" border n - 1
+    pixels longer, of which n - 1 - n // 2 lie before the frame.
     """
     require_border(border)
     n = len(kernel)
@@ -94,53 +86,45 @@ def blur_matrix(kernel: torch.Tensor, length: int, border: Border) -> torch.Tens
     return kernel.new_zeros(length, scene).scatter_add(1, source, share)
 
 
-@dataclass(frozen=True, eq=False)
-class _Axis:
+class _Axis(NamedTuple):
     """The singular value decomposition U diag(s) V^T of one axis' blur of a whitened scene.
 
-    left_vectors: U, (frame, rank).
-    singular_values: s.
-    right_vectors: root of the prior's covariance times V, for the pixels in the frame, (frame,
-        rank).
+    The right vectors are the root of the prior's covariance times V, for the pixels in the frame,
+    (frame, rank), as U.
     """
 
     left_vectors: torch.Tensor
     singular_values: torch.Tensor
     right_vectors: torch.Tensor
 
-    @classmethod
-    def of(cls, kernel: torch.Tensor, length: int, border: Border, prior: ScenePrior) -> _Axis:
-        blur = blur_matrix(kernel.to(torch.float64), length, border)
-        root = _prior_root(blur.shape[1], border, prior)
-        u, s, vh = torch.linalg.svd(blur if root is None else blur @ root, full_matrices=False)
-        right = vh.mT if root is None else root @ vh.mT
-        n = len(kernel)
-        first = n - 1 - n // 2 if border == "unknown" else 0
-        return cls(u, s, right[first : first + length])
 
-
-def _prior_root(length: int, border: Border, prior: ScenePrior) -> torch.Tensor | None:
-    """Return the root R of the scene's correlation R R^T along one axis; None for the identity."""
-    if prior == "flat":
-        return None
-    # Correlation of neighbouring pixels in photographs (Jain 1989, chapter 2).
-    r = 0.95
-    if border == "periodic":
-        f = torch.fft.fftfreq(length, dtype=torch.float64)
+def _decompose(kernel: torch.Tensor, length: int, border: Border, prior: ScenePrior) -> _Axis:
+    blur = blur_matrix(kernel.to(torch.float64), length, border)
+    scene, n = blur.shape[1], len(kernel)
+    # The root R of the scene's correlation R R^T, which of neighbouring pixels in photographs is
+    # 0.95 (Jain 1989, chapter 2).
+    root, r = None, 0.95
+    if prior != "flat" and border == "periodic":
+        f = torch.fft.fftfreq(scene, dtype=torch.float64)
         # This is the power spectrum of a correlation that falls geometrically, on a period.
         spectrum = ((1 - r**2) / (1 - 2 * r * torch.cos(2 * torch.pi * f) + r**2)).sqrt()
         wave = torch.fft.ifft(spectrum.to(torch.complex128)).real
-        index = torch.arange(length)
-        return wave[(index[:, None] - index) % length]
-    index = torch.arange(length, dtype=torch.float64)
-    return torch.linalg.cholesky(r ** (index[:, None] - index).abs())
+        index = torch.arange(scene)
+        root = wave[(index[:, None] - index) % scene]
+    elif prior != "flat":
+        place = torch.arange(scene, dtype=torch.float64)
+        root = torch.linalg.cholesky(r ** (place[:, None] - place).abs())
+    u, s, vh = torch.linalg.svd(blur if root is None else blur @ root, full_matrices=False)
+    right = vh.mT if root is None else root @ vh.mT
+    first = n - 1 - n // 2 if border == "unknown" else 0
+    return _Axis(u, s, right[first : first + length])
 
 
 class SeparableFilter:
-    """A linear filter for photographs of one shape with a separable PSF; differentiable.
+    """A linear filter for any number of photographs of one shape with a separable PSF.
 
-    The singular values of two matrices are computed once, for any number of photographs. Raises
-    ValueError for another prior or border, or kernels that aren't finite.
+    It is differentiable. Raises ValueError for another prior or border, or kernels that aren't
+    finite.
 
     down, along: column and row of the PSF: see separable_parts().
     shape: the photograph's (rows, columns).
@@ -172,27 +156,14 @@ class SeparableFilter:
                 raise ValueError(f"{name} is {tuple(kernel.shape)}; a kernel has one axis")
         self.shape = (int(shape[0]), int(shape[1]))
         self.prior, self.joint = prior, joint
-        axes = (
-            _Axis.of(kernel, length, border, prior)
-            for kernel, length in zip((down, along), self.shape, strict=True)
-        )
         self._rows, self._columns = (
-            _Axis(
-                *(
-                    m.to(dtype)
-                    for m in (axis.left_vectors, axis.singular_values, axis.right_vectors)
-                )
-            )
-            for axis in axes
+            _Axis(*(part.to(dtype) for part in _decompose(kernel, length, border, prior)))
+            for kernel, length in zip((down, along), self.shape, strict=True)
         )
 
     @property
     def multiplications(self) -> int:
-        """The number of multiplications for one photograph.
-
-        A joint filter takes four matrix products and the gain. One filter for each axis takes two
-        matrix products.
-        """
+        """The number of multiplications for one photograph, in four or two matrix products."""
         m, n = self.shape
         p, q = len(self._rows.singular_values), len(self._columns.singular_values)
         if not self.joint:
@@ -228,25 +199,19 @@ class SeparableFilter:
 
     @accepts_numpy
     def __call__(self, image: torch.Tensor, weight: float) -> torch.Tensor:
-        """Compute the scene X in the frame from a photograph.
+        """Compute the scene X in the frame from a photograph less its mean.
 
         X minimises |A X B^T - image|² + weight * (X in the norm of the inverse prior covariance).
-        Subtract the mean from `image` first, since the prior pulls X to 0.
         """
         if self.joint:
             return self.restore(self.coefficients(image), weight)
-        down, along = self.axis_filters(weight)
-        return down @ image @ along.mT
-
-    def axis_filters(self, weight: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the filter of each axis, (rows, rows) and (columns, columns)."""
         require_positive("weight", weight, "")
         down, along = (
             (axis.right_vectors * (axis.singular_values / (axis.singular_values.square() + weight)))
             @ axis.left_vectors.mT
             for axis in (self._rows, self._columns)
         )
-        return down, along
+        return down @ image @ along.mT
 
     def residual_coefficients(self, coefficients: torch.Tensor, weight: float) -> torch.Tensor:
         """Return the residual as coefficients of the photograph."""
@@ -270,9 +235,8 @@ def restore_separable(
 ) -> RestoredImage:
     """Deblur a photograph with a separable PSF by a linear filter, without iterations.
 
-    The result X minimises |H X - O|² + weight * (X in the norm of the inverse prior covariance)
-    exactly. It is linear, so that it may be negative where the light is dim, and differentiable.
-    The mean of the photograph is subtracted before and added afterwards.
+    The result is linear, so that it may be negative where the light is dim, and differentiable: see
+    SeparableFilter. The mean of the photograph is subtracted before and added afterwards.
 
     Raises ValueError for a PSF that isn't separable, a weight that isn't positive, or pixels that
     have weights or are clipped, which aren't separable.
@@ -294,7 +258,11 @@ def restore_separable(
     mean = observation.normalised_image.mean()
     coefficients = planned.coefficients(observation.normalised_image - mean)
     if weight is None:
-        weight = _choose_weight(observation, planned, coefficients.detach(), (down, along))
+        # A flat prior describes photographs too poorly for cross-validation.
+        if prior == "neighbours":
+            weight = _cross_validated_weight(planned, coefficients.detach())
+        else:
+            weight = _predicted_weight(observation, down, along, joint)
     picture = planned.restore(coefficients, weight) + mean
     squares = float(planned.residual_coefficients(coefficients.detach(), weight).square().mean())
     name = f"separable, {prior}" + ("" if joint else ", each axis by itself")
@@ -303,30 +271,16 @@ def restore_separable(
     )
 
 
-def _choose_weight(
-    observation: Observation,
-    separable_filter: SeparableFilter,
-    coefficients: torch.Tensor,
-    kernels: tuple[torch.Tensor, torch.Tensor],
+def _predicted_weight(
+    observation: Observation, down: torch.Tensor, along: torch.Tensor, joint: bool
 ) -> float:
-    """Choose the prior's weight by cross-validation, or for a flat prior by prediction.
+    """Predict the best weight for a flat prior from the photograph's spectrum.
 
-    A flat prior describes photographs too poorly for cross-validation. Its weight therefore comes
-    from the error that the photograph's spectrum predicts.
+    The prediction assumes that the whole period was measured.
     """
-    if separable_filter.prior == "neighbours":
-        return _cross_validated_weight(separable_filter, coefficients)
-    if not separable_filter.joint:
-        return _predicted_weight(observation, *kernels)
-    power = observation.squared_mtf.to(torch.float64)
-    return least_error_weight(observation, lambda k, at: power[at] / (power[at] + k))
-
-
-def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch.Tensor) -> float:
-    """Predict the best weight with one filter for each axis.
-
-    The prior is flat. The prediction assumes that the whole period was measured.
-    """
+    if joint:
+        power = observation.squared_mtf.to(torch.float64)
+        return least_error_weight(observation, lambda k, at: power[at] / (power[at] + k))
     rows, columns = observation.period_shape
     y = squared_modulus(torch.fft.fft(down.to(torch.float64), rows))[:, None]
     x = squared_modulus(torch.fft.rfft(along.to(torch.float64), columns))
@@ -339,11 +293,10 @@ def _predicted_weight(observation: Observation, down: torch.Tensor, along: torch
 
 
 def _cross_validated_weight(separable_filter: SeparableFilter, coefficients: torch.Tensor) -> float:
-    """Choose the weight by generalised cross-validation.
+    """Choose the weight by generalised cross-validation, which doesn't need the noise.
 
     With this weight, each pixel is predicted best from the others (Golub, Heath and Wahba 1979, doi
-    10.1080/00401706.1979.10489751). The method takes the border into account and doesn't need the
-    noise.
+    10.1080/00401706.1979.10489751).
     """
     data = coefficients.to(torch.float64)
     ones = torch.ones_like(data)

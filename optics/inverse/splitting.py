@@ -19,15 +19,17 @@ import torch
 from optics.fourier import irfft2, rfft2
 from optics.inverse.observation import Observation
 from optics.inverse.priors import Prior
-from optics.inverse.restored_image import RestoredImage, has_converged, relative_change
+from optics.inverse.restored_image import (
+    CONVERGED_CHANGE,
+    RestoredImage,
+    relative_change,
+    remaining_change,
+)
 from optics.progress import Progress
 
 
 class PictureStep(ABC):
-    """Base class of the step for the picture.
-
-    Pictures are (bands, rows, columns), on the observation's period.
-    """
+    """Base class of the step for the picture, (bands, rows, columns), on the whole period."""
 
     def __init__(self, observation: Observation) -> None:
         self.observation = observation
@@ -58,9 +60,8 @@ class PictureStep(ABC):
 
 @dataclass(frozen=True)
 class SplittingSettings:
-    """The number of iterations, and how the weight is found.
+    """The largest number of iterations, and how the weight is found.
 
-    iterations: largest number of iterations.
     weight: regularisation weight of the penalty in the first iterations.
     estimate_weight: the next weight, for the last picture, the last weight and the mean squared
         residual. The weight is fixed if None.
@@ -80,11 +81,9 @@ class SplittingSettings:
 
 @dataclass(frozen=True, eq=False)
 class SplitSolution:
-    """The picture that the iterations end with.
+    """The picture that the iterations end with, (bands, rows, columns), and the last weight.
 
-    picture: (bands, rows, columns), on the period.
-    weight: the last regularisation weight.
-    relative_changes: relative change of the picture in each iteration.
+    relative_changes: of the picture in each iteration.
     converged: whether the tolerance was reached, or without one, whether further iterations would
         change the picture by little.
     """
@@ -103,10 +102,9 @@ def solve_by_splitting(
     progress: Progress,
     start: torch.Tensor | None = None,
 ) -> SplitSolution:
-    """Run the iterations.
+    """Run the iterations from `start`, (bands, rows, columns), or the photograph if None.
 
     method: name for progress reports.
-    start: first picture, (bands, rows, columns); the photograph if None.
     """
     picture = step.start() if start is None else start
     weight, changes, count = settings.weight, list[float](), settings.iterations
@@ -118,11 +116,11 @@ def solve_by_splitting(
         before, picture = picture, step.next_picture(priors, weight)
         if settings.estimate_weight is not None and number >= settings.weight_delay:
             weight = settings.estimate_weight(picture, weight, step.mean_squared_residual)
-        seen, old = (step.visible_picture(one) for one in (picture, before))
-        changes.append(relative_change(seen, old))
+        seen = step.visible_picture(picture)
+        changes.append(relative_change(seen, step.visible_picture(before)))
         if settings.tol and changes[-1] <= settings.tol:
             return SplitSolution(picture, weight, changes, True)
-    converged = not settings.tol and has_converged(changes)
+    converged = not settings.tol and remaining_change(changes) <= CONVERGED_CHANGE
     return SplitSolution(picture, weight, changes, converged)
 
 
@@ -133,53 +131,39 @@ def restored_image(
     converged: bool | None = None,
     upper: float = math.inf,
 ) -> RestoredImage:
-    """Gather the result, with light from 0 to `upper`.
+    """Gather the result, with light from 0 to `upper`; a picture of one band is (rows, columns).
 
-    A picture of one band is (rows, columns).
-
-    method: the method's name.
     converged: follows from the relative changes if None.
     """
-    with torch.no_grad():
-        uncut = step.mean_squared_residual**0.5
-        cut = _residual_within_bounds(step, solution.picture.detach(), upper)
-    whole = step.visible_picture(solution.picture)
+    seen, picture = step.observation, solution.picture
+    whole = step.visible_picture(picture)
     whole = whole[0] if len(whole) == 1 else whole
+    with torch.no_grad():
+        uncut = residual = step.mean_squared_residual**0.5
+        # The frame is cut to its bounds. The scene around it stays as it explains the photograph,
+        # or is made dark where it is known to be.
+        shown = picture.detach().clone()
+        if seen.support is not None:
+            shown *= seen.support
+        window = [slice(None), slice(None)]
+        if seen.border != "periodic":
+            for axis, n in enumerate(seen.image.shape):
+                first = seen.period_shape[axis] // 2 - n // 2 + seen.offset[axis]
+                window[axis] = slice(max(first, 0), max(first + n, 0))
+        shown[..., window[0], window[1]].clamp_(min=0, max=upper)
+        is_cut = not torch.equal(shown, picture)
+        if is_cut:
+            residual = step.residual_of(shown) ** 0.5
     changes = solution.relative_changes
     return RestoredImage(
-        step.observation.crop_to_picture(whole).clamp(min=0, max=upper),
+        seen.crop_to_picture(whole).clamp(min=0, max=upper),
         method,
-        step.observation.noise,
-        uncut if cut is None else cut,
+        seen.noise,
+        residual,
         solution.weight,
         len(changes),
         changes,
         solution.converged if converged is None else converged,
         whole,
-        None if cut is None else uncut,
+        uncut if is_cut else None,
     )
-
-
-def _residual_within_bounds(step: PictureStep, picture: torch.Tensor, upper: float) -> float | None:
-    """Return the rms residual after the frame is cut to its bounds; None if nothing is cut.
-
-    The scene around the frame stays as it explains the photograph, or is made dark where it is
-    known to be.
-    """
-    seen = step.observation
-    shown = picture.clone() if seen.support is None else picture * seen.support
-    rows, columns = seen.picture_window
-    shown[..., rows, columns].clamp_(min=0, max=upper)
-    return None if torch.equal(shown, picture) else step.residual_of(shown) ** 0.5
-
-
-def damped_weight(
-    target: float, weight: float, initial: float, min_factor: float, max_factor: float
-) -> float:
-    """Move a weight 30 % of the way to its target, in logarithms.
-
-    The target is limited to `min_factor` to `max_factor` times the initial weight. Before the
-    iterations have converged, the picture explains too little, and would ask for less weight.
-    """
-    target = min(max(target, initial * min_factor), initial * max_factor)
-    return weight * (target / weight) ** 0.3

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import torch
@@ -16,7 +15,7 @@ from optics.inverse.frequency_step import DataProx, frequency_step
 from optics.inverse.method import SETUP_COST, Gain, RestorationMethod, splitting_cost
 from optics.inverse.normal_equations import NormalEquations
 from optics.inverse.observation import MIN_EXPLAINED_SHARE, Observation
-from optics.inverse.own_terms import in_own_unit, with_centred_psf
+from optics.inverse.own_terms import in_own_unit
 from optics.inverse.priors import (
     LEAST_WEIGHT_SHARE,
     Box,
@@ -31,22 +30,16 @@ from optics.inverse.restored_image import RestoredImage
 from optics.inverse.splitting import (
     SplitSolution,
     SplittingSettings,
-    damped_weight,
     restored_image,
     solve_by_splitting,
 )
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import (
-    accepts_numpy,
-    as_floating_point,
     needs_gradient,
     require_count,
     require_positive,
 )
-
-_ENTRIES = 2048
-"""Entries of the table; linear interpolation between them is accurate to 1e-6 of the length."""
 
 
 def require_power(power: float) -> None:
@@ -55,80 +48,30 @@ def require_power(power: float) -> None:
         raise ValueError(f"power is {power:g}; give one above 0, up to 1")
 
 
-@accepts_numpy
-def shrink(value: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
-    """Return the v that minimises ``|v|^power + coupling / 2 (v - value)²`` for each value.
-
-    v is 0 up to a threshold of |value|. Beyond it, |v| is the largest root of v - |value| = -(power
-    / coupling) v^(power - 1) (Krishnan and Fergus 2009, "Fast image deconvolution using
-    hyper-Laplacian priors", NIPS 22). The result is accurate to 1e-6 of the value. Raises
-    ValueError for a power outside 0 to 1, or a coupling that isn't positive.
-    """
-    require_power(power)
-    require_positive("coupling", coupling, "")
-    value = as_floating_point(value)
-    return value * shrinkage_factor(value.square(), power, coupling)
-
-
-def shrinkage_factor(squares: torch.Tensor, power: float, coupling: float) -> torch.Tensor:
-    """Return the share of a gradient that shrink() keeps.
-
-    squares: squared lengths of the gradients.
-    """
-    threshold, table = _shrinkage_table(power)
-    table = table.to(squares)
-    place = (squares + torch.finfo(squares.dtype).tiny).rsqrt_()
-    place.mul_(threshold * coupling ** (-1 / (2 - power)) * _ENTRIES)
-    lost = place > _ENTRIES
-    # The table is indexed by the inverse length: infinity is at 0, and the threshold at the end.
-    below = place.clamp_(max=_ENTRIES).long().clamp_(max=_ENTRIES - 1)
-    share = torch.lerp(table[below], table[below + 1], place - below)
-    return share.masked_fill_(lost, 0.0)
-
-
-@lru_cache
-def _shrinkage_table(power: float) -> tuple[float, torch.Tensor]:
-    """Compute the shrinkage threshold for a coupling of 1, and a table of the shares kept.
-
-    Entry i is the share that is kept of a gradient of length threshold / (i / _ENTRIES).
-    """
-    least = (2 * (1 - power)) ** (1 / (2 - power))
-    threshold = least + power * least ** (power - 1) if power < 1 else 1.0
-    part = torch.arange(1, _ENTRIES + 1, dtype=torch.float64) / _ENTRIES
-    length = threshold / part
-    root = length.clone()
-    # Newton's method needs many steps: at the threshold, each step only halves the error.
-    for _ in range(60):
-        slope = 1 - power * (1 - power) * root ** (power - 2)
-        root = root - (root - length + power * root ** (power - 1)) / slope
-        root = root.clamp(min=max(least, 1e-12))
-    return threshold, torch.cat([torch.ones(1, dtype=torch.float64), root / length])
-
-
 GRADIENT_THRESHOLD = 0.2
 """Length of the gradients that a first iteration sets to 0, relative to the picture's standard
 deviation. This value is the fastest."""
 
 
+# Over-relaxation of the split gradients. Of 1, 1.5 and 1.8 with four PSFs, two noises and 12 to
+# 60 iterations, 1.5 is up to 0.17 dB better than 1; 1.8 is as good, but not with clipped pixels.
+# It doesn't serve penalties that aren't convex, nor the likelihood of photons.
 _RELAXATION = 1.4
-"""Over-relaxation of the split gradients. Of 1, 1.5 and 1.8 with four PSFs, two noises and 12 to
-60 iterations, 1.5 is up to 0.17 dB better than 1; 1.8 is as good, but not with clipped pixels. It
-doesn't serve penalties that aren't convex, nor the likelihood of photons."""
 
-LUMINANCE_WEIGHT = 0.5
-"""Weight of the luminance beside colour differences. Of 0.3, 0.5 and 0.7, the best for five
-photographs, blurred by a disk or by a ring for each colour."""
+# Weight of the luminance beside colour differences. Of 0.3, 0.5 and 0.7, the best for five
+# photographs, blurred by a disk or by a ring for each colour.
+_LUMINANCE_WEIGHT = 0.5
 
-LEAST_BAND_WEIGHT = 3e-4
-"""Least estimated weight of a scene with several bands, relative to the scale of its light. What
-neither filters nor PSFs determine needs a prior also where there is no noise."""
+# Least estimated weight of a scene with several bands, relative to the scale of its light. What
+# neither filters nor PSFs determine needs a prior also where there is no noise.
+_LEAST_BAND_WEIGHT = 3e-4
 
 
-VARIED_WEIGHT = 1.8
-"""Factor on the estimated weight for photographs with a variance map. The gradients from which the
-weight is estimated are mostly those of the brightest parts. Measured on nine photographs of three
-scenes with three PSFs, of 1, 1.5 and 2.2: the gain in light is 0.6 dB, 0.7 dB and 0.5 dB, and that
-in its logarithm -1.2 dB, -0.2 dB and 0.4 dB."""
+# Factor on the estimated weight for photographs with a variance map. The gradients from which the
+# weight is estimated are mostly those of the brightest parts. Measured on nine photographs of
+# three scenes with three PSFs, of 1, 1.5 and 2.2: the gain in light is 0.6 dB, 0.7 dB and 0.5 dB,
+# and that in its logarithm -1.2 dB, -0.2 dB and 0.4 dB.
+_VARIED_WEIGHT = 1.8
 
 
 def light_in_weight(given: Mapping[str, Any]) -> float:
@@ -137,8 +80,7 @@ def light_in_weight(given: Mapping[str, Any]) -> float:
 
 
 @single_threaded
-@in_own_unit(weight=light_in_weight, upper=1, data_prox=1)
-@with_centred_psf
+@in_own_unit(weight=light_in_weight, upper=1, data_prox=1, centred=True)
 def total_variation(
     observation: Observation,
     weight: float | torch.Tensor | None = None,
@@ -155,9 +97,9 @@ def total_variation(
 ) -> RestoredImage:
     """Deblur with the total-variation prior, which keeps edges sharp (thesis Eq. 2.27).
 
-    The picture is nowhere negative. It has derivatives by the photograph, the PSFs, the pixel
-    weights and `weight` where these record them: those of the exact solution, which the iterations
-    must have reached about. What is flat in it stays flat, and clipped pixels have none.
+    The picture is nowhere negative. It has derivatives by photograph, PSFs, pixel weights and
+    `weight` where these record them: those of the exact solution, which the iterations must have
+    reached about. What is flat in it stays flat, and clipped pixels have none.
 
     Raises ValueError for a weight that isn't positive, or a power outside 0 to 1.
 
@@ -183,11 +125,15 @@ def total_variation(
     require_count("iterations", iterations)
     name = "total variation" if power == 1 else f"gradients to the power {power:g}"
     name = name if data_prox is None else f"Poisson {name}"
-    coupling = bands or BandCoupling.luminance_chrominance(observation.bands, LUMINANCE_WEIGHT)
+    coupling = bands or BandCoupling.luminance_chrominance(observation.bands, _LUMINANCE_WEIGHT)
     if coupling.bands != observation.bands:
         raise ValueError(f"bands couples {coupling.bands}; the scene has {observation.bands}")
+    # Clipped light may be many times brighter than the measured value. With a small threshold, it
+    # would take many iterations to reach it.
+    bright = observation.clipped is not None and bool(observation.clipped.any())
     penalty = DerivativePenalty(
-        coupling, observation.period_shape, _gradient_threshold(observation),
+        coupling, observation.period_shape,
+        (1.0 if bright else GRADIENT_THRESHOLD) * observation.scale,
         observation.image.dtype, power=power,
         relaxation=_RELAXATION if power == 1 and data_prox is None else 1.0,
         weight_factor=weight_factor,
@@ -197,9 +143,11 @@ def total_variation(
         raise ValueError(f"upper is {upper:g}; it must be above 0, the lower bound of light")
     bounded = positive or upper < math.inf or observation.border == "dark"
     bounds = [Box(observation.support, upper)] if bounded else []
-    is_grey = not observation.needs_filters
+    is_grey = observation.relative_filters is None
     with torch.no_grad():
-        settings = weight_settings(observation, penalty, number, iterations, tol, power, is_grey)
+        settings = weight_settings(
+            observation, penalty, number, iterations, tol, power, is_predictable=is_grey
+        )
         step = frequency_step(observation, iterations, data_prox, coupling)
         priors = [penalty, *bounds]
         solution = solve_by_splitting(step, priors, settings, name, progress or Progress())
@@ -229,7 +177,12 @@ def _picture_with_gradients(
     def solve(change: torch.Tensor) -> torch.Tensor:
         priors: list[Prior] = [LinearisedPenalty(penalty, found)]
         priors += [LinearisedBox(box, found) for box in bounds]
-        seen = observation.without_light()
+        # The same problem for a dark photograph, on the same scale; clipped pixels have no weight.
+        seen = replace(
+            observation, image=torch.zeros_like(observation.image),
+            weights=observation.effective_weights, clipped=None,
+        )  # fmt: skip
+        seen.__dict__["scale"] = observation.scale
         step = frequency_step(seen, settings.iterations, bands=penalty.bands)
         linear = [*priors, LinearTerm(change)]
         return solve_by_splitting(
@@ -246,57 +199,48 @@ def weight_settings(
     penalty: DerivativePenalty,
     weight: float | None,
     iterations: int,
-    tol: float,
-    power: float,
+    tol: float = 0.0,
+    power: float = 1.0,
+    *,
     is_predictable: bool,
 ) -> SplittingSettings:
-    """Choose how the weight is found: as given, or estimated if None.
-
-    The weight follows the evidence of the pictures after some iterations.
+    """Choose how the weight is found: as given, or by the evidence of the pictures if None.
 
     is_predictable: whether the photograph's spectrum predicts the weight well, so that it needn't
         move far.
     """
     if weight is not None:
         return SplittingSettings(iterations, weight, tol=tol)
-    varied = 1.0 if observation.variance is None else VARIED_WEIGHT
+    varied = 1.0 if observation.variance is None else _VARIED_WEIGHT
     delay, limits = (5, (LEAST_WEIGHT_SHARE, 2.5)) if is_predictable else (3, (1 / 8, 8.0))
     least = 0.0
-    if not observation.needs_filters:
+    if observation.relative_filters is None:
         first = varied * initial_weight(observation, power)
     else:
         # Blur and interpolation make the first picture smoother than the scene.
-        least = LEAST_BAND_WEIGHT * observation.scale ** (2 - power)
+        least = _LEAST_BAND_WEIGHT * observation.scale ** (2 - power)
         smooth = penalty.estimate_weight(observation.extended_image, observation.disturbance, 1.0)
         first = max(0.5 * smooth, least)
 
     def estimate(picture: torch.Tensor, used: float, residual: float) -> float:
         freedom = observation.explained_share(residual)
         wanted = varied * penalty.estimate_weight(picture, observation.disturbance, freedom)
-        return damped_weight(max(wanted, least), used, first, *limits)
+        # Before the iterations have converged, the picture explains too little, and would ask for
+        # less weight. So the weight goes 30 % of the way, in logarithms.
+        target = min(max(wanted, least, first * limits[0]), first * limits[1])
+        return used * (target / used) ** 0.3
 
     return SplittingSettings(iterations, first, estimate, delay, tol)
 
 
-def _gradient_threshold(observation: Observation) -> float:
-    """Return the length of gradients below which the first iteration sets them to 0."""
-    bright = observation.clipped is not None and bool(observation.clipped.any())
-    # Clipped light may be many times brighter than the measured value. With a small threshold, it
-    # would take many iterations to reach it.
-    return (1.0 if bright else GRADIENT_THRESHOLD) * observation.scale
-
-
 def initial_weight(observation: Observation, power: float = 1.0) -> float:
-    """Predict the weight from the photograph's spectrum.
-
-    The prediction estimates what the Wiener filter would restore, and takes the weight from the
-    evidence of that picture.
-    """
-    explained = observation.wiener_prediction
+    """Predict the weight from the evidence of the picture that the Wiener filter would restore."""
+    law = observation.power_law
+    share, gradient = law.wiener_prediction(*observation.squared_mtf_of_centre)
     # The mean length of photographs' gradients is 0.32 of the rms length.
-    length = (0.32 * explained.gradient / observation.psf_sum) ** power
+    length = (0.32 * gradient / observation.psf_sum) ** power
     return weight_by_evidence(
-        length, power, observation.disturbance, max(explained.explained_share, MIN_EXPLAINED_SHARE)
+        length, power, observation.disturbance, max(share, MIN_EXPLAINED_SHARE)
     )
 
 

@@ -9,20 +9,21 @@ import numpy as np
 import scipy.ndimage
 import torch
 
+from optics.inverse.noise import PhotographSpectrum
 from optics.inverse.observation import LEAST_NOISE, Observation
 from optics.inverse.restored_image import RestoredImage, residual_map
 from optics.progress import Progress
 from optics.threads import single_threaded
 from optics.validation import require_positive
 
-RANGE, _STEP, _REFINEMENTS = 0.15, 0.025, 3
-"""Largest deviation of the scale from 1 that is looked for, the step of the first scales, and the
-number of halvings of that step."""
+# Largest deviation of the scale from 1 that is looked for, the step of the first scales, and the
+# number of halvings of that step.
+_RANGE, _STEP, _REFINEMENTS = 0.15, 0.025, 3
 
-LEAST_EVIDENCE, EVIDENCE_SHARE, LEAST_DEVIATION = 20.0, 0.002, 0.01
-"""Logarithm of the likelihood ratio, alone and added per frequency, and deviation from 1, from
-which a scale is believed to be wrong. Pictures depart from a power law, which looks like evidence
-and grows with their number of frequencies."""
+# Logarithm of the likelihood ratio, alone and added per frequency, and deviation from 1, from
+# which a scale is believed to be wrong. Pictures depart from a power law, which looks like
+# evidence and grows with their number of frequencies.
+_LEAST_EVIDENCE, _EVIDENCE_SHARE, _LEAST_DEVIATION = 20.0, 0.002, 0.01
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,11 @@ class PSFScale:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the photograph shows that the PSF has another scale.
-
-        A likelihood that still grows at the end of the range doesn't show it: what grows is then
-        the picture's departure from a power law.
-        """
-        least = LEAST_EVIDENCE + EVIDENCE_SHARE * self.frequencies
-        return self.evidence >= least and LEAST_DEVIATION <= abs(self.scale - 1) < RANGE - 1e-9
+        """Whether the photograph shows that the PSF has another scale."""
+        # A likelihood that still grows at the end of the range doesn't show it: what grows is then
+        # the picture's departure from a power law.
+        least = _LEAST_EVIDENCE + _EVIDENCE_SHARE * self.frequencies
+        return self.evidence >= least and _LEAST_DEVIATION <= abs(self.scale - 1) < _RANGE - 1e-9
 
 
 @single_threaded
@@ -54,8 +53,7 @@ class PSFScale:
 def find_psf_scale(observation: Observation, progress: Progress | None = None) -> PSFScale:
     """Find the scale of the PSF that the photograph's spectrum shows.
 
-    Each trial scale is given the power law and noise that fit best: see fit_power_law(). The
-    likeliest scale is found on a grid, and then between its neighbours.
+    Each trial scale is given the power law and noise that fit best: see fit_power_law().
 
     Parameters
     ----------
@@ -70,17 +68,17 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
         The scale and its evidence; 1 without evidence for a point or an even photograph.
     """
     progress, observation = progress or Progress(), observation.in_own_unit
-    spectrum = observation.centre_spectrum
+    spectrum = PhotographSpectrum.of(observation.centre)
     if spectrum is None or observation.psf_radius == 0:
         return PSFScale(1.0, 0.0, 0)
     likelihoods = dict[float, float]()
 
     def look_at(scale: float) -> None:
-        if scale not in likelihoods and abs(scale - 1) <= RANGE + 1e-9:
+        if scale not in likelihoods and abs(scale - 1) <= _RANGE + 1e-9:
             psf = scaled_psf(observation.psf, scale)
             likelihoods[scale] = spectrum.log_likelihood(psf / psf.sum())
 
-    count = round(RANGE / _STEP)
+    count = round(_RANGE / _STEP)
     for number in range(-count, count + 1):
         progress.report((number + count) / (2 * count + 1 + 2 * _REFINEMENTS), "scale of the PSF")
         look_at(1 + number * _STEP)
@@ -91,16 +89,15 @@ def find_psf_scale(observation: Observation, progress: Progress | None = None) -
         look_at(best - step)
         look_at(best + step)
     best = max(likelihoods, key=likelihoods.__getitem__)
-    evidence = likelihoods[best] - likelihoods[1.0]
-    return PSFScale(best, evidence, spectrum.count)
+    return PSFScale(best, likelihoods[best] - likelihoods[1.0], spectrum.count)
 
 
 def scaled_psf(psf: torch.Tensor, scale: float) -> torch.Tensor:
     """Enlarge or shrink a PSF about its origin at n // 2, with the same sum.
 
-    The result may be larger than `psf`. Negative values of the cubic interpolation are 0.
+    The result may be larger than `psf`, (rows, columns). Negative values of the cubic interpolation
+    are 0.
 
-    psf: (rows, columns), with its origin at n // 2.
     scale: size of the result over that of `psf`, above 0.
     """
     require_positive("scale", scale, "")
@@ -122,35 +119,35 @@ def refine_psf_scale(observation: Observation, found: PSFScale) -> Observation:
     return replace(observation, psf=scaled_psf(observation.psf, found.scale))
 
 
-LEAST_RESIDUAL, MOST_RESIDUAL = 0.55, 1.25
-"""Residuals, relative to the noise, between which the rest of the photograph looks like noise."""
+# Residuals, relative to the noise, between which the rest of the photograph looks like noise.
+_LEAST_RESIDUAL, _MOST_RESIDUAL = 0.55, 1.25
 
+# Told noise over estimated noise, or the inverse, from which the told noise is doubted.
 _NOISE_RATIO = 1.6
-"""Told noise over estimated noise, or the inverse, from which the told noise is doubted."""
 
+# Deviation of the PSF's scale from 1, or evidence per frequency, that is likely to cost more than
+# 1 dB.
 _GRAVE_SCALE, _GRAVE_EVIDENCE = 0.03, 0.05
-"""Deviation of the PSF's scale from 1, or evidence per frequency, that is likely to cost more than
-1 dB."""
 
+# Residual around clipped pixels, over that of all, that is likely to cost more than 1 dB.
 _GRAVE_CLIPPING = 1.3
-"""Residual around clipped pixels, over that of all, that is likely to cost more than 1 dB."""
 
+# Number of pixels that share the highest level, and their number over that of the next lower
+# level, from which they count as clipped.
 _CLIPPED_PIXELS, _CLIPPED_RATIO = 10, 2.0
-"""Number of pixels that share the highest level, and their number over that of the next lower
-level, from which they count as clipped."""
 
 
+# Depth of a photograph's light below 0, over the noise, and the share of such pixels from which
+# the light is too low. Chosen: white noise has 3e-5 of them where nothing shines.
 _NEGATIVE_DEPTH, _NEGATIVE_SHARE = 4.0, 1e-3
-"""Depth of a photograph's light below 0, over the noise, and the share of such pixels from which
-the light is too low. Chosen: white noise has 3e-5 of them where nothing shines."""
 
+# Share of a PSF's light that is negative from which it may make light negative. Chosen: a
+# measured PSF has less, by its noise.
 _NEGATIVE_PSF = 0.01
-"""Share of a PSF's light that is negative from which it may make light negative. Chosen: a measured
-PSF has less, by its noise."""
 
+# Residual of a picture whose negative light was cut, over that before, from which the cut is what
+# doesn't fit. Chosen.
 _CUT_COST = 1.1
-"""Residual of a picture whose negative light was cut, over that before, from which the cut is what
-doesn't fit. Chosen."""
 
 
 @dataclass(frozen=True)
@@ -172,10 +169,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found; good if the PSF was judged and nothing is grave.
-
-    `judges_psf` is False where the photograph doesn't show whether its PSF is right.
-    """
+    """What was found; `judges_psf` is False where the photograph doesn't show its PSF's errors."""
 
     findings: tuple[Finding, ...] = ()
     judges_psf: bool = True
@@ -218,25 +212,20 @@ def judge_restoration(
     Verdict
         What was found, the causes that explain most first.
     """
-    causes = [
-        one
-        for one in (
-            _scale_finding(scale),
-            _clipping_finding(observation, restored),
-            _noise_finding(observation, restored),
-            _dark_finding(observation, restored),
-            _psf_finding(observation),
-        )
-        if one is not None
-    ]
-    if (
-        not any(one.is_grave for one in causes)
-        and (rest := _residual_finding(restored)) is not None
-        # A mosaic leaves much freedom to its bands, so that they fit some of the noise.
-        and not (observation.needs_filters and rest.cause == "smoothing")
-    ):
+    found = (
+        _scale_finding(scale),
+        _clipping_finding(observation, restored),
+        _noise_finding(observation, restored),
+        _dark_finding(observation, restored),
+        _psf_finding(observation),
+    )
+    causes = [one for one in found if one is not None]
+    has_filters = observation.relative_filters is not None
+    rest = None if any(one.is_grave for one in causes) else _residual_finding(restored)
+    # A mosaic leaves much freedom to its bands, so that they fit some of the noise.
+    if rest is not None and not (has_filters and rest.cause == "smoothing"):
         causes.append(rest)
-    return Verdict(tuple(causes), judges_psf=not observation.needs_filters)
+    return Verdict(tuple(causes), judges_psf=not has_filters)
 
 
 def _scale_finding(scale: PSFScale | None) -> Finding | None:
@@ -263,22 +252,17 @@ def _clipping_finding(observation: Observation, restored: RestoredImage) -> Find
         return None
     if count < _CLIPPED_RATIO * int((below == below.max()).sum()):
         return None
+    # The residual around such pixels, over that of all.
+    left = residual_map(observation, restored).square()
+    near = torch.nn.functional.max_pool2d((image == top)[None, None].float(), 5, 1, 2)[0, 0] > 0
+    everywhere, there = float(left.nanmean()), float(left[near].nanmean())
+    share = math.sqrt(there / everywhere) if everywhere > 0 and there > 0 else 0.0
     return Finding(
         "clipping",
         f"{count} pixels share the highest level, {float(top):.4g}",
         "if they are clipped, give that level, so that they are left out",
-        _residual_around(image == top, observation, restored) > _GRAVE_CLIPPING,
+        share > _GRAVE_CLIPPING,
     )
-
-
-def _residual_around(
-    pixels: torch.Tensor, observation: Observation, restored: RestoredImage
-) -> float:
-    """Return the rms residual near some pixels, over that of all pixels."""
-    left = residual_map(observation, restored).square()
-    near = torch.nn.functional.max_pool2d(pixels[None, None].float(), 5, 1, 2)[0, 0] > 0
-    everywhere, there = float(left.nanmean()), float(left[near].nanmean())
-    return math.sqrt(there / everywhere) if everywhere > 0 and there > 0 else 0.0
 
 
 def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding | None:
@@ -288,7 +272,7 @@ def _noise_finding(observation: Observation, restored: RestoredImage) -> Finding
     if told is None or shown <= 0 or observation.variance is not None:
         return None
     ratio, residual = told / shown, restored.residual
-    too_large = ratio > _NOISE_RATIO and residual < MOST_RESIDUAL
+    too_large = ratio > _NOISE_RATIO and residual < _MOST_RESIDUAL
     too_small = ratio < 1 / _NOISE_RATIO and residual > 1
     if not (too_large or too_small):
         return None
@@ -320,7 +304,7 @@ def _dark_finding(observation: Observation, restored: RestoredImage) -> Finding 
         "dark",
         f"{share:.1%} of the pixels are negative by more than {_NEGATIVE_DEPTH:g} times the noise",
         "the dark level that was subtracted is too high; subtract less",
-        is_grave=max(restored.residual, least) > MOST_RESIDUAL,
+        is_grave=max(restored.residual, least) > _MOST_RESIDUAL,
     )
 
 
@@ -338,7 +322,7 @@ def _psf_finding(observation: Observation) -> Finding | None:
 
 def _residual_finding(restored: RestoredImage) -> Finding | None:
     """Report a residual that is too large or too small without a known cause."""
-    if restored.residual > MOST_RESIDUAL:
+    if restored.residual > _MOST_RESIDUAL:
         uncut = restored.uncut_residual
         if uncut is not None and restored.residual > _CUT_COST * uncut:
             return Finding(
@@ -359,7 +343,7 @@ def _residual_finding(restored: RestoredImage) -> Finding | None:
             f"the residual is {restored.residual:.2f} times the noise",
             "PSF, noise or model doesn't fit; measure the PSF again",
         )
-    if restored.residual < LEAST_RESIDUAL:
+    if restored.residual < _LEAST_RESIDUAL:
         return Finding(
             "smoothing",
             f"the residual is only {restored.residual:.2f} times the noise",

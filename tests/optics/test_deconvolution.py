@@ -11,8 +11,7 @@ from scipy.signal import convolve2d, fftconvolve
 from skimage import restoration
 
 from optics.inverse.blur import blur_shape, transfer_function
-from optics.inverse.border import extend_periodically
-from optics.inverse.observation import require_psf
+from optics.inverse.observation import extend_periodically, require_psf
 from optics.inverse.observation_builder import build_observation
 from optics.inverse.richardson_lucy import richardson_lucy
 from optics.inverse.wiener import wiener

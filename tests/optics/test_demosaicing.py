@@ -16,7 +16,7 @@ from test_total_variation import disk
 
 from optics.inverse import Blur, SpectralMosaic, build_mosaic_observation, demosaic
 from optics.inverse.band_coupling import helmert_matrix
-from optics.inverse.mosaics import _SETTINGS, MosaicObservation
+from optics.inverse.mosaics import _LUMINANCE, MosaicObservation
 from optics.progress import Cancelled, Progress
 
 BAYER = ("RG", "GB")
@@ -185,7 +185,7 @@ def test_splitting_ends_at_the_least_of_its_objective(blurs):
         left = camera(problem.crop_to_frame(spread(x))) - raw / problem.filter_gain
         turned = torch.tensordot(helmert_matrix(3), x, 1)
         second = second_differences(turned).square().sum(0)
-        bends = _SETTINGS.luminance * second[0].sqrt() + second[1:].sum(0).sqrt()
+        bends = _LUMINANCE * second[0].sqrt() + second[1:].sum(0).sqrt()
         return float((left**2).sum() / 2 + weight * bends.sum())
 
     least = objective(x)

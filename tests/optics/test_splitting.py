@@ -23,7 +23,7 @@ from optics.inverse import (
     judge_restoration,
     restore,
 )
-from optics.inverse.band_coupling import BandCoupling, Shrinkage, helmert_matrix
+from optics.inverse.band_coupling import BandCoupling, helmert_matrix
 from optics.inverse.normal_equations import NormalEquations
 from optics.inverse.restored_image import residual_map
 from optics.inverse.total_variation import total_variation
@@ -89,7 +89,7 @@ SPECTRA = np.array([[1.0, 0.9, 0.7], [0.2, 0.5, 0.9], [0.6, 0.6, 0.5], [0.9, 0.3
 
 COUPLINGS = {
     "separate": BandCoupling.separate(3),
-    "vector": BandCoupling.vector(3),
+    "vector": BandCoupling(torch.ones(3).double(), (3,)),
     "luminance": BandCoupling.luminance_chrominance(3, 0.4),
     "spectral": BandCoupling.spectral(torch.from_numpy(SPECTRA)),
     "more bands than channels": BandCoupling.spectral(numbers(9, 5, seed=13)),
@@ -136,9 +136,9 @@ def test_the_shrinkage_of_a_group_is_the_minimum_that_a_search_finds(weights, po
     """Of |W v|^p + 1 / (2 t) |v - a|²; for p below 1 the formula is Chartrand's, near it."""
     own = torch.tensor(weights).double()
     threshold = 0.3
-    shrinkage = Shrinkage(BandCoupling(own, (2,)), threshold, power)
+    coupling = BandCoupling(own, (2,))
     values = torch.tensor([[2.0, 0.6, 0.05, 0.0], [1.0, -0.9, 0.08, 0.4]]).double()
-    removed = shrinkage.removed_share(values[:, None].square().clone())
+    removed = coupling.removed_share(values[:, None].square(), threshold, power)
     split = (values[:, None] * (1 - removed))[:, 0]
     if power < 1:
         length = values.norm(dim=0)
@@ -262,7 +262,7 @@ def test_light_stays_within_an_upper_bound_that_it_would_exceed():
 
 def test_a_coupling_of_other_bands_is_refused():
     with pytest.raises(ValueError, match="bands couples 2; the scene has 3"):
-        total_variation(problem((8, 8)), 0.02, bands=BandCoupling.vector(2))
+        total_variation(problem((8, 8)), 0.02, bands=BandCoupling.separate(2))
 
 
 def test_what_has_no_derivative_is_refused():
