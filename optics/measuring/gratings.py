@@ -25,15 +25,9 @@ of neighbouring pixels blurs the edges of stripes, and patterns of long periods 
 _ORDERS = ((1, 1.0), (-1, 1.0), (3, 1 / 3), (-3, 1 / 3))
 """Diffraction orders of equally wide stripes, and their amplitudes relative to the first."""
 
-_REGISTRATION_GRATINGS = (
-    (0.95, 15.0),
-    (0.8, 80.0),
-    (0.95, 140.0),
-    (0.6, 200.0),
-    (0.9, 255.0),
-    (0.75, 320.0),
-)
-"""Length, as a share of the longest, and direction in degrees of the registration's gratings. No
+_REGISTRATION_LENGTHS = (0.95, 0.8, 0.95, 0.6, 0.9, 0.75)
+_REGISTRATION_ANGLES = (15.0, 80.0, 140.0, 200.0, 255.0, 320.0)
+"""Lengths, as shares of the longest, and directions in degrees of the registration's gratings. No
 rotation and no reflection maps this set onto itself."""
 
 
@@ -46,26 +40,19 @@ def region_slices(shape: tuple[int, int], regions: tuple[int, int]) -> list[tupl
         )
     edges = [np.linspace(0, n, count + 1).round() for n, count in zip(shape, regions, strict=True)]
     rows, columns = ([slice(int(a), int(b)) for a, b in itertools.pairwise(e)] for e in edges)
-    return [(row, column) for row in rows for column in columns]
+    return list(itertools.product(rows, columns))
 
 
 def registration_vectors(max_frequency: float) -> Array:
     """Return six grating vectors that register panel and sensor, (6, 2).
 
-    No rotation and no reflection maps the set onto itself.
     max_frequency: cycles per panel pixel, low enough for the spots to fall on the sensor in any
         orientation.
     """
     _require_frequency(max_frequency)
-    return np.array(
-        [
-            (
-                share * max_frequency * math.sin(math.radians(angle)),
-                share * max_frequency * math.cos(math.radians(angle)),
-            )
-            for share, angle in _REGISTRATION_GRATINGS
-        ]
-    )
+    polar = zip(_REGISTRATION_LENGTHS, map(math.radians, _REGISTRATION_ANGLES), strict=True)
+    found = [(s * max_frequency * math.sin(a), s * max_frequency * math.cos(a)) for s, a in polar]
+    return np.array(found)
 
 
 def region_vectors(
@@ -87,18 +74,13 @@ def region_vectors(
     _require_frequency(max_frequency)
     count = len(region_slices(shape, regions))
     lines = np.array([shape[0] // regions[0], shape[1] // regions[1]])
-    tried = [
-        (1 / period, apart)
-        for some in (_PREFERRED_PERIODS, _FALLBACK_PERIODS)
-        for apart in (8, 6)  # 8 line widths between spots are preferred, 6 are enough.
-        for period in some
-    ]
-    for length, apart in tried:
-        chosen = _choose_lattice_points(
-            _lattice(lines, min(length, max_frequency)), count, apart + blur * lines
-        )
-        if len(chosen) == count:
-            return np.array(chosen) / lines
+    for periods in (_PREFERRED_PERIODS, _FALLBACK_PERIODS):
+        # 8 line widths between spots are preferred, 6 are enough.
+        for apart, period in itertools.product((8, 6), periods):
+            grid = _lattice(lines, min(1 / period, max_frequency))
+            chosen = _choose_lattice_points(grid, count, apart + blur * lines)
+            if len(chosen) == count:
+                return np.array(chosen) / lines
     raise ValueError(
         f"regions is {regions}; the spots of {count} gratings can't be told apart on this sensor: "
         "choose fewer regions, or let more of the sensor be read"
