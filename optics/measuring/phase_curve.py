@@ -190,8 +190,8 @@ class Sweep:
 
     def select(self, inliers: NDArray[np.bool_]) -> Sweep:
         """Return the sweep with its inlier frames only."""
-        own = (self.low, self.high, self.light, self.noise)
-        return Sweep(*(array[inliers] for array in own), self.law)
+        low, high, light, noise = self.low, self.high, self.light, self.noise
+        return Sweep(low[inliers], high[inliers], light[inliers], noise[inliers], self.law)
 
 
 SWING, OFFSET, BLUR2, RIPPLE2, GHOST, FIRST_INCREMENT = range(6)
