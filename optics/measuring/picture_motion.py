@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,10 +223,7 @@ def register_pictures(
         levels.append((*pictures, *masks))
     found = Registration(start or RigidMotion(), math.inf)
     for number in reversed(range(len(levels))):
-        parts = [
-            _BandPoints(*one, number=number, shape=shape)
-            for one in zip(*levels[number], strict=True)
-        ]
+        parts = [_BandPoints(one, number, shape) for one in zip(*levels[number], strict=True)]
         found = _register_level(parts, number, shape, found.motion)
     return found
 
@@ -269,9 +267,9 @@ class _BandPoints:
     """The pixels of one band that are compared, with slopes of the fixed picture."""
 
     def __init__(
-        self, fixed: Picture, moving: Picture, fixed_valid: Mask, moving_valid: Mask,
-        number: int, shape: tuple[int, ...],
-    ) -> None:  # fmt: skip
+        self, pictures: tuple[NDArray[Any], ...], number: int, shape: tuple[int, ...]
+    ) -> None:
+        fixed, moving, fixed_valid, moving_valid = pictures
         self._scale, self._radius = 2.0**number, _radius(shape)
         # Place of a halved picture's first pixel in the finest one, from its centre.
         self._first = np.array([(self._scale - 1) / 2 - (n - 1) / 2 for n in shape])[:, None]

@@ -78,8 +78,8 @@ def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResp
     known = frequencies <= min(1.0, oversampling / 2)
     mtf = transform / transform[0] / np.sinc(frequencies / oversampling) ** 2
     angle = math.atan(slope)
-    frequencies, mtf = frequencies[known].astype(np.float64), mtf[known]
-    return EdgeResponse(frequencies, mtf, angle, horizontal, places, edge)
+    at = np.asarray(frequencies[known], dtype=np.float64)
+    return EdgeResponse(at, mtf[known], angle, horizontal, places, edge)
 
 
 def _fit_edge_line(values: Array) -> tuple[float, float]:
