@@ -163,23 +163,14 @@ class Bracket:
         return Bracket(self.frames, times, self.darks, self.dark_counts, self.sensor)
 
 
+# Robust deviations of a dark frame: none of ten megapixels by chance, with heavy tails; chosen
 _HOT = 8.0
-"""Robust standard deviations of dark frames from their median from which a pixel is hot. Chosen: in
-ten megapixels none is by chance, with tails as heavy as that of dark currents in a good sensor."""
-
-_STUCK = 5.0
-"""Standard deviations without light within which all numbers of a stuck pixel agree. Chosen."""
-
+_STUCK = 5.0  # deviations without light within which all numbers of a stuck pixel agree; chosen
+# Such deviations by which it is above its dark level: more than two of _STUCK's; chosen
 _LIT = 10.0
-"""Standard deviations without light above its dark level from which on a constant number isn't that
-of a dark pixel. Chosen: more than two of _STUCK's."""
-
+# Exposures, and their range, over which light isn't constant; chosen
 _LEAST_FRAMES, _LEAST_RATIO = 3, 4.0
-"""Different exposures, and ratio of the longest to the shortest, from which on a constant number
-can't be light. Chosen."""
-
-_LISTED = 5
-"""Pixels that are listed by their places. Chosen."""
+_LISTED = 5  # pixels that are listed by their places; chosen
 
 
 @dataclass(frozen=True, eq=False)

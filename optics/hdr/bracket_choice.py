@@ -20,9 +20,8 @@ from optics.hdr.exposure_snr import FIRST_MARGIN, ExposureSNR, decibels, from_de
 
 Least = Literal["time", "frames"]
 
+# Lowest ratio that is offered instead, and halvings, to .01 dB; chosen
 _LEAST_DB, _DB_STEPS = -40.0, 14
-"""Lowest ratio that is offered where the wanted one can't be reached, and halvings of the interval
-between both. Chosen: to .01 dB."""
 
 
 @dataclass(frozen=True)
@@ -202,8 +201,7 @@ def _reachable_db(sensor: Sensor, wanted: WantedSNR, limits: ExposureLimits) -> 
 LADDER_RATIOS = (2.0, 4.0, 8.0)
 """Ratios of the ladders that chosen brackets are usually compared with."""
 
-_STARTS = 24
-"""Shortest exposures of a ladder that are tried for each of its steps. Chosen."""
+_STARTS = 24  # shortest exposures of a ladder that are tried for each of its steps; chosen
 
 
 def choose_ladder(

@@ -22,37 +22,19 @@ from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
 
+# Pixels of a block: it tells its variance to 18 %, and one that moved is left out; chosen
 _SIDE = 8
-"""Side in pixels of the blocks in which variances are taken. Chosen: blocks in which something
-moved can be left out, and a block tells its variance to 18 %."""
-
-_BLOCKS = 20_000
-"""Blocks of a pair of frames that are looked at. Chosen: gains are right to some tenths of a
-percent."""
-
-_OPEN = 0.9
-"""Share of the range up to which pixels count, far enough from the clip level. Chosen."""
-
-_BINS, _QUIET = 20, 0.25
-"""Levels of light that the fit starts from, and quantile of blocks' variances that is taken for
-that of noise alone. Chosen: a third of the blocks may hold what moved."""
-
-_FREEDOM = _SIDE**2 - 1
-"""Degrees of freedom of a block's variance."""
-
-_STRAY = 2.0
-"""Standard deviations of a block's variance beyond which it doesn't count. Chosen: what moved in
-flat parts of the scene adds little."""
-
-_PASSES = 8
-"""Passes of the fit; the last ones change the gain by less than 1e-3."""
-
+_BLOCKS = 20_000  # of a pair of frames: gains are right to some tenths of a percent; chosen
+_OPEN = 0.9  # share of the range up to which pixels count, far enough from the clip level; chosen
+_BINS = 20  # levels of light that the fit starts from; chosen
+# Quantile of variances that is noise alone: a third of the blocks may hold what moved; chosen
+_QUIET = 0.25
+_FREEDOM = _SIDE**2 - 1  # degrees of freedom of a block's variance
+_STRAY = 2.0  # deviations of a block's variance beyond which it doesn't count; chosen
+_PASSES = 8  # of the fit; the last ones change the gain by less than 1e-3
+# Blocks, their share, and deviations of the gain, at least; chosen
 _FEWEST, _LEAST_SHARE, _SURE = 50, 0.3, 5.0
-"""Blocks, their share of all, and standard deviations of the gain, that an estimate needs. Chosen.
-"""
-
-_ROUNDING = 1 / 12
-"""Variance of rounding to whole numbers, DN²."""
+_ROUNDING = 1 / 12  # DN²: variance of rounding to whole numbers
 
 
 @dataclass(frozen=True)

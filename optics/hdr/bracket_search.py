@@ -29,26 +29,14 @@ Groups = tuple[Group, ...]
 Chain = tuple[tuple[int, ...], Groups, float | None]
 """Numbers of frames at each time, exposures, and the lowest rate that they reach, if any."""
 
+# Chains of each number of frames, the darkest: more made no bracket quicker by 1 %; chosen
 _BEAM = 16
-"""Chains of each number of frames that are kept, those which reach darkest. Chosen: with more, no
-bracket of 300 random ones became quicker by 1 %."""
-
-_OF_EACH = 4
-"""Likewise of each number of different times, where each of these takes dark frames of its own."""
-
+_OF_EACH = 4  # likewise of each number of times, where each takes dark frames of its own
+# Frames at each time that share dark frames: finer steps change a few percent; chosen
 _REPEATS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
-"""Frames at each time that are tried where these share dark frames. Chosen: steps of 1.5 at most
-change the time by a few percent."""
-
-_KEPT = 3
-"""Exposures at the start of a chain that stay as long as may be while the rest is shortened, at
-most. Chosen likewise."""
-
-_MORE_FRAMES = 4
-"""Frames beyond the fewest with which a shorter time is looked for. Chosen likewise."""
-
-_GOOD_ENOUGH = 1.003
-"""Time over the lower bound at which the search ends. Chosen."""
+_KEPT = 3  # first exposures that stay as long as may be, at most; chosen likewise
+_MORE_FRAMES = 4  # beyond the fewest, with which a shorter time is looked for; chosen likewise
+_GOOD_ENOUGH = 1.003  # time over the lower bound at which the search ends; chosen
 
 _MOST_TERMS = 120_000
 """Exposures whose information is computed, at most, after which the best bracket so far is taken.

@@ -20,11 +20,9 @@ Array = NDArray[np.float64]
 NEAR = 7.0
 """Standard deviations from the clip level within which an exposure may be clipped, or not."""
 
-_STEP = 0.1
-"""Spacing of the functions' nodes, in standard deviations. Chosen."""
-
+_STEP = 0.1  # standard deviations: spacing of the functions' nodes; chosen
+# Functions for each factor of e in s: the error of a coarser s is 1 %; chosen
 _STEPS_PER_FACTOR = 20
-"""Different functions for each factor of e in s. Chosen: the error of a coarser s is 1 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,11 +179,8 @@ def _bending(first: int, spacing: float, second: int, other_spacing: float) -> A
     return whole
 
 
-_SAFE = 8.0
-"""Standard deviations below the clip level from which an exposure surely isn't clipped."""
-
-_MAY_CLIP = 5.0
-"""Standard deviations from the shortest exposure's clip level within which a pixel may clip."""
+_SAFE = 8.0  # deviations below the clip level from which an exposure surely isn't clipped
+_MAY_CLIP = 5.0  # deviations from the shortest exposure's clip level within which a pixel may clip
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,7 @@ _SLOW = (
 NOMINAL_TIMES = (*(1 / one for one in _FAST), *_SLOW)
 """Customary exposure times of cameras, seconds, the shortest first."""
 
-_SAME = 0.006
-"""Relative difference up to which a time is a customary one. Chosen: .017 s is 1/60 s to 2 %, and
-isn't taken for it; .0167 s is."""
+_SAME = 0.006  # relative: .017 s is 1/60 s to 2 %, and isn't taken for it; .0167 s is; chosen
 
 
 def is_nominal(time: float) -> bool:
@@ -54,35 +52,18 @@ def shutter_time(time: float) -> float:
 
 Array = NDArray[np.float64]
 
-_SIDE = 4
-"""Side of a patch in pixels. Chosen: its mean has a fourth of the noise, and few have edges."""
-
-_PATCHES = 100_000
-"""Patches of a frame, at most, evenly over it. Chosen."""
-
-_BORDER = 8
-"""Pixels at the border in which no patch lies. Chosen: scans have rims."""
-
+_SIDE = 4  # pixels of a patch: its mean has a fourth of the noise, and few have edges; chosen
+_PATCHES = 100_000  # of a frame at most, evenly over it; chosen
+_BORDER = 8  # pixels without patches: scans have rims; chosen
+# Numbers of a patch: below, they are cut or rounded too coarsely; chosen
 _LEAST, _LEAST_MEAN = 2, 12.0
-"""Least number of a patch's pixels, and of their mean: below, numbers are cut or rounded too
-coarsely. Chosen."""
-
+# Deviations within a calm patch: the first that leaves enough; chosen
 _CALM = (5.0, 8.0, 12.0, 20.0)
-"""Deviations within a patch up to which it is calm: the first that leaves enough patches. Chosen.
-"""
-
-_ENOUGH, _TOO_FEW = 600, 40
-"""Patches that are enough, and too few. Chosen."""
-
+_ENOUGH, _TOO_FEW = 600, 40  # patches; chosen
+# Medians along both frames' numbers at most, and patches of each at least; chosen
 _STEPS, _IN_STEP = 60, 20
-"""Steps along the two frames' numbers in each of which a median is taken, at most, and patches in a
-step, at least. Chosen."""
-
-_WIDEST = 30.0
-"""Range of the sum of both numbers within a step, at most. Chosen: curves are straight in it."""
-
-_ROUNDING = 0.06
-"""Deviation of a median that rounding leaves, numbers. Chosen."""
+_WIDEST = 30.0  # range of the sum of both numbers within a step: curves are straight in it; chosen
+_ROUNDING = 0.06  # deviation of a median that rounding leaves, numbers
 
 _ALIKE, _APART = 4.0, 10.0
 """Difference of numbers up to which both may be the darkness or the white of a film, which tells no
@@ -166,37 +147,24 @@ of the levels below. Chosen on photographs: a tenth of it, or ten times as much,
 
 _LEVELS = np.linspace(12, 250, 100)
 
+# Of light's logarithm by a smooth curve: pictures without fault leave .2 to 1.5 %; chosen
 _MISFIT = 0.01
-"""Deviation of light's logarithm between a smooth curve and a pair of numbers. Chosen: pictures
-without fault leave .2 to 1.5 %."""
-
-_FIRST_POWER = 2.2
-"""Power of the curve with which fitting begins: a usual gamma."""
-
-_PASSES = 4
-"""Fits, each with weights by the curve and the residuals before. Chosen."""
-
-_STRAY = 3.0
-"""Robust deviations at which the weight of a pair of numbers is halved."""
-
+_FIRST_POWER = 2.2  # of the curve with which fitting begins: a usual gamma
+_PASSES = 4  # fits, each with weights by the curve and the residuals before; chosen
+_STRAY = 3.0  # robust deviations at which the weight of a pair of numbers is halved
+# Deviation of times' logarithms in the fit of weights: one may be half too long; chosen
 _LOOSE = 0.3
-"""Deviation of all times' logarithms in the fit by which residuals are weighted. Chosen: a time may
-be half too long."""
 
 _NOTABLE, _SURE, _KNOWN = 0.06, 5.0, 0.03
 """Logarithm of a factor from which on it is named, standard deviations by which it differs from 1,
 and the deviation up to which it is known. Chosen: times that are 10 % wrong are to be named; those
 of sound photographs are found to 1 %, of films to 3 %."""
 
+# Misfit that another time takes away: share, and in light's logarithm; chosen on photographs
 _GAIN, _GAINED = 0.3, 0.015
-"""Part of the misfit that another time takes away, and how much it is in the logarithm of light,
-root mean square, from which on the time is wrong. Chosen on photographs."""
-
+# Part of the best time's gain within which another frame's may as well be the wrong one
 _LIKELY = 0.05
-"""Part of the best time's gain within which another frame's may as well be the wrong one."""
-
-_LEAST_CHANGE = 0.025
-"""Logarithm of a factor of such another frame, at least. Chosen."""
+_LEAST_CHANGE = 0.025  # logarithm of a factor of such another frame, at least; chosen
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,16 +14,10 @@ from optics.hdr.bracket import Bracket
 
 Array = NDArray[np.float64]
 
+# Of the light against a shorter exposure, relative: lamps flicker, and things move; chosen
 _FALL = 0.05
-"""Relative fall of the light from which on a frame is darker than one of a shorter exposure.
-Chosen: lamps flicker, and things move."""
-
-_LEAST_ROOM = 0.01
-"""Part of the clip level by which a frame's mean is below it from which on it's darker than a
-clipped one of a shorter exposure. Chosen."""
-
-_SURE = 5.0
-"""Standard deviations by which it's darker, at least."""
+_LEAST_ROOM = 0.01  # of the clip level: below a clipped one of a shorter exposure; chosen
+_SURE = 5.0  # standard deviations by which it's darker, at least
 
 
 def find_disorder(light: Array, deviations: Array, times: Array) -> tuple[int, ...]:
@@ -86,42 +80,19 @@ def _falls(light: Array, deviations: Array, times: Array) -> NDArray[np.bool_]:
     return np.asarray(longer & (light < light[:, None] - allowed))
 
 
-_PIXELS = 100_000
-"""Pixels that are looked at, evenly over the frames. Chosen: ratios are right to 0.1 %."""
-
-_ROUNDS = 12
-"""Newton steps at most. Factors of 1.03 take four, two exchanged frames nine."""
-
-_SAFE = 8.0
-"""Standard deviations from the clip level within which an exposure of a pixel isn't used."""
-
-_LEAST_SIGNAL = 5.0
-"""Signal over noise of a pixel from which on it is used."""
-
-_STRAY = 5.0
-"""Robust deviations from a frame's median residual beyond which something moved in a pixel."""
-
-_LEAST_PIXELS = 30
-"""Pixels that two frames have in common from which on their ratio counts. Chosen."""
-
+_PIXELS = 100_000  # looked at, evenly over the frames: ratios are right to 0.1 %; chosen
+_ROUNDS = 12  # Newton steps at most: factors of 1.03 take four, two exchanged frames nine
+_SAFE = 8.0  # deviations from the clip level within which an exposure of a pixel isn't used
+_LEAST_SIGNAL = 5.0  # signal over noise of a pixel from which on it is used
+_STRAY = 5.0  # robust deviations of a residual beyond which something moved in a pixel
+_LEAST_PIXELS = 30  # common to two frames, from which on their ratio counts; chosen
+# Flicker of a frame over what it could be: those of the scale may, too; chosen
 _FLICKER_MARGIN = 1.5
-"""Light of a frame that flickers over what it could be by itself. Chosen: others, which give the
-scale, may flicker too."""
-
-_DRIFT = 0.1
-"""Standard deviation of the level without light that a whole frame has in common, over that of a
-pixel's noise. Chosen: levels drift by some tenths of an electron."""
-
-_EXCHANGED = 0.1
-"""Part of a factor's logarithm by which those of exchanged frames differ from each other's. Chosen.
-"""
-
-_PERMUTED = 0.1
-"""Relative difference of exposures from each other's times up to which frames are in a wrong order.
-Chosen."""
-
+_DRIFT = 0.1  # of a frame's level over a pixel's noise: some tenths of an electron; chosen
+_EXCHANGED = 0.1  # part of a factor's logarithm that exchanged frames miss each other's by; chosen
+_PERMUTED = 0.1  # relative difference of exposures from each other's times in a wrong order; chosen
+# Relative, and deviations, by which a named frame differs; chosen
 _NOTABLE, _EXPOSURE_FACTORS_SURE = 0.025, 5.0
-"""Relative difference, and standard deviations, from which on a frame is named. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,7 @@ _WITHIN_PERIOD = 1e-3
 """Share of the shorter period by which a common period may miss a multiple of it. Chosen: light
 that flickers fully then errs by less than 1e-3 of one period's light."""
 
-_MOST_PERIODS = 50
-"""Multiples of the longest period that are tried as the common one. Chosen."""
+_MOST_PERIODS = 50  # multiples of the longest period that are tried as the common one; chosen
 
 
 @dataclass(frozen=True)

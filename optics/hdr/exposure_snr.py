@@ -27,8 +27,7 @@ FIRST_MARGIN = 8.0
 """The same for the shortest exposure at the brightest rate, where no shorter one tells whether it
 is clipped. A pixel is said to be perhaps clipped within five, and its own noise is three more."""
 
-_ROUNDS = 60
-"""Newton steps, or halvings of an interval, at most. Chosen: beyond the precision of a float."""
+_ROUNDS = 60  # Newton steps at most: beyond the precision of a float
 
 
 @dataclass(frozen=True)

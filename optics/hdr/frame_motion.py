@@ -22,19 +22,12 @@ from optics.measuring import Registration, RigidMotion, register_pictures
 Levels = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+# Pixels at the corners (sampling allows half of one) and deviations, if moved; chosen
 _NOTABLE, _SURE = 0.5, 5.0
-"""Distance at the corners in pixels, and standard deviations, from which on a frame has moved.
-Chosen: half a pixel is what sampling allows by itself."""
-
-_LEAST = 0.05
-"""Distance at the corners in pixels from which on aligning a frame gains. Chosen."""
-
+_LEAST = 0.05  # pixels at the corners from which on aligning a frame gains; chosen
+# Pixels of a frame; larger ones are averaged, and corners still known to .1 pixel; chosen
 _MOST = 1_000_000
-"""Pixels of a frame that are compared: larger ones are averaged down. Chosen: their corners are
-still known to .1 pixel."""
-
-_BINS = 4
-"""Bins of a histogram for each level. Chosen: levels of 8-bit pictures are whole."""
+_BINS = 4  # of a histogram for each level: those of 8-bit pictures are whole; chosen
 
 
 @dataclass(frozen=True, eq=False)

@@ -145,16 +145,11 @@ def _settle_doubts(
     return np.concatenate(moved)
 
 
+# Pixels that are averaged together, in a core's memory: 2¹⁴ to 2¹⁶ take the same time
 _TILE = 1 << 15
-"""Pixels that are averaged together: so few that their numbers stay in a core's memory. 2¹⁴ to 2¹⁶
-take the same time."""
-
+# Pixels whose doubtful ones are settled together: enough for each call of numpy; chosen
 _BLOCK = 1 << 19
-"""Pixels whose doubtful ones are settled together: so many that each call of numpy has enough to
-do. Chosen."""
-
-_DARK = 3.0
-"""Standard deviations of its noise below which a pixel counts as dark."""
+_DARK = 3.0  # standard deviations of its noise below which a pixel counts as dark
 
 
 def merge(

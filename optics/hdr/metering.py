@@ -24,28 +24,17 @@ from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
 
+# Share of the range below the largest number that counts as the brightest; chosen
 _BRIGHTEST = 0.01
-"""Share of the range below the largest number in which pixels count as the brightest. Chosen."""
-
+# Brightest light by the shorter exposure over the longer one's: lamps vary less; chosen
 _MISSED = 1.02
-"""Light by the shorter exposure over that of the longer one, of the brightest pixels, from which on
-these are clipped. Chosen: lamps vary by less from frame to frame."""
-
-_SIGMAS = 3.0
-"""Deviations by which light must be missed to be missed. Chosen."""
-
+_SIGMAS = 3.0  # deviations by which light must be missed to be missed; chosen
+# Three deviations of that ratio up to which it proves pixels not to be clipped; chosen
 _PRECISE = 0.03
-"""Three deviations of that ratio up to which it proves that pixels aren't clipped. Chosen."""
-
-_APART = 1.25
-"""Ratio of two exposures from which on they are compared. Chosen."""
-
+_APART = 1.25  # ratio of two exposures from which on they are compared; chosen
+# Range of another frame's numbers over this one's that proves this isn't clipped; chosen
 _HIGHER = 1.1
-"""Range of numbers of any frame over that of another one from which on the camera goes on above the
-other's, so that this isn't clipped. Chosen."""
-
-_LEAST_ROOM = 8.0
-"""Numbers above the black level that a clip level must lie, at least. Chosen."""
+_LEAST_ROOM = 8.0  # numbers above the black level that a clip level must lie, at least; chosen
 
 
 def _untold_clip_level(frames: Mapping[float, Array], sensor: Sensor) -> int | None:
@@ -103,19 +92,10 @@ def _missed_light(
     return found
 
 
-_PER_DECADE = 120
-"""Rates for each factor of ten. Chosen: 2 % from one to the next."""
-
-_BIN = 0.5
-"""Width of the bins of numbers, in standard deviations of their noise. Chosen."""
-
-_DARKEST = 0.3
-"""Darkest rate that is told apart from none, in standard deviations of a frame's noise without
-light. Chosen: below, ten thousand pixels tell hardly anything."""
-
-_EM_STEPS = 150
-"""Steps of the iteration. Chosen: the quantile below which 1 % lies is then right to 4 %
-where its pixels are twice their noise, and to 20 % where they are as large as it."""
+_PER_DECADE = 120  # rates for each factor of ten, 2 % from one to the next; chosen
+_BIN = 0.5  # standard deviations of noise: width of the bins of numbers; chosen
+_DARKEST = 0.3  # deviations of noise without light: rates below tell hardly anything; chosen
+_EM_STEPS = 150  # the 1 % quantile is right to 4 % at twice the noise, to 20 % at the noise; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,45 +170,24 @@ def _likeliest(chance: Array, counts: Array) -> Array:
     return shares
 
 
+# Of the pixels, darker than the dark end of the range; all numbers below are chosen
 _DARK_SHARE = 0.01
-"""Share of the pixels that are darker than the dark end of the range. Chosen as all numbers here.
-"""
-
+# Next exposure where pixels clip, where nothing is seen; 12 bits tell a range of 50
 _SHORTER, _LONGER = 1 / 32, 8.0
-"""Factors to the next exposure where pixels are clipped, and where nothing is seen. A frame of 12
-bits tells the brightest light over a range of about 50."""
-
-_SEEN_SNR, _TOLD_SNR = 3.0, 0.7
-"""Signal over noise of a pixel from which on it counts as seen, and from which on an exposure is
-derived from it."""
-
-_ROUGH_SNR = 8.0
-"""That of the brightest pixels from which on they are known well enough if the dark end of the
-range doesn't follow from them."""
-
-_BRIGHT_SNR, _DARK_SNR, _EFFORT = (20.0, 60.0), (1.5, 4.0), 0.03
-"""That of the pixels from which the dark end follows, the brightest or the darkest, from which on
-they are known well enough: at least, and where it takes little of the bracket's time; and the part
-of that time that is little."""
-
-_MOST_FILL = 0.5
-"""Part of the range below clipping that the brightest pixels shall fill."""
-
-_HOT_SHARE = 1e-3
-"""Share of pixels that look hot beyond which none is left out as such."""
-
-_PROOF, _PROOF_LIGHT = (0.5, 2.0), 10_000.0
-"""Factors to the exposure that shall prove pixels not to be clipped, and electrons of the brightest
-pixels from which on the shorter one tells their light to 3 %."""
-
-_MOST_FRAMES = 10
-"""Metering frames at most."""
-
-_ENOUGH = 0.7
-"""Part of what metering wants with which no other frame is taken. Chosen."""
-
-_BEYOND = 1.2
-"""Light of a metering exposure over what its rate needs. Chosen: its rate isn't known well yet."""
+_SEEN_SNR, _TOLD_SNR = 3.0, 0.7  # of a pixel that counts as seen; from which an exposure is derived
+_ROUGH_SNR = 8.0  # of the brightest pixels, where the dark end doesn't follow from them
+# Of the brightest pixels, if the dark end follows: at least, and at little effort
+_BRIGHT_SNR = (20.0, 60.0)
+_DARK_SNR = (1.5, 4.0)  # the same of the darkest pixels
+_EFFORT = 0.03  # part of the bracket's time that is little
+_MOST_FILL = 0.5  # part of the range below clipping that the brightest pixels shall fill
+_HOT_SHARE = 1e-3  # of pixels that look hot, beyond which none is left out as such
+_PROOF = (0.5, 2.0)  # factors to the exposure that shall prove pixels not to be clipped
+# Electrons of the brightest pixels, whose light the shorter one tells to 3 %
+_PROOF_LIGHT = 10_000.0
+_MOST_FRAMES = 10  # of a metering
+_ENOUGH = 0.7  # part of what metering wants with which no other frame is taken
+_BEYOND = 1.2  # light of an exposure over what its rate needs, which isn't known well yet
 
 
 @dataclass(frozen=True)

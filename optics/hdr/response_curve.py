@@ -30,8 +30,7 @@ LOWEST, HIGHEST = 5, 250
 
 _LEVELS = 256
 
-_PIXELS = 60_000
-"""Pixels that tell the curve, evenly over the frames. Chosen."""
+_PIXELS = 60_000  # that tell the curve, evenly over the frames; chosen
 
 _SMOOTHNESS, _SMOOTHER = 1.0, 7.0
 """Weight of the curve's squared second differences, in units of the number of pixels, for exposures
@@ -39,33 +38,15 @@ that differ by factors of two, and the power of the factor's logarithm by which 
 tell nothing of ripples that repeat with their factor. Chosen on photographs of factors of 2 and 8.
 """
 
-_FIRST_NOISE = (1.0, 0.1)
-"""Standard deviations with which the curve is fitted at first: of a number, and of light, relative.
-Chosen."""
-
-_PASSES = 3
-"""Fits, each with weights by the slope of the curve before. Chosen."""
-
-_LEAST_RISE = 1e-3
-"""Least rise of the curve from a number to the next. Chosen: a small part of the mean one."""
-
-_BEYOND = 10.0
-"""Rise of the curve for each number beyond the ends of what light makes. Chosen."""
-
-_BINS = 20
-"""Ranges of slope in which the scatter of numbers is measured. Chosen."""
-
-_MOVED = 8.0
-"""Robust deviations of a misfit beyond which something moved in a pixel. Chosen."""
-
-_LEAST_SPAN = 20
-"""Range of numbers from which on a curve can be told. Chosen."""
-
-_NEARLY_ALL = 0.9
-"""Share of numbers that are clipped, or dark, from which on it's said. Chosen."""
-
-_LEAST_PIXELS = 1000
-"""Pixels with good numbers in two frames from which on a curve can be told. Chosen."""
+_FIRST_NOISE = (1.0, 0.1)  # deviations at first: of a number, and of light, relative; chosen
+_PASSES = 3  # fits, each with weights by the slope of the curve before; chosen
+_LEAST_RISE = 1e-3  # of the curve from a number to the next: a small part of the mean one; chosen
+_BEYOND = 10.0  # rise for each number beyond the ends of what light makes; chosen
+_BINS = 20  # ranges of slope in which the scatter of numbers is measured; chosen
+_MOVED = 8.0  # robust deviations of a misfit beyond which something moved in a pixel; chosen
+_LEAST_SPAN = 20  # range of numbers from which on a curve can be told; chosen
+_NEARLY_ALL = 0.9  # share of numbers that are clipped, or dark, from which on it's said; chosen
+_LEAST_PIXELS = 1000  # with good numbers in two frames, from which on a curve can be told; chosen
 
 
 @dataclass(frozen=True, eq=False)

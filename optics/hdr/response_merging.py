@@ -21,29 +21,16 @@ from optics.validation import require_unmasked
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_STEPS = 6
-"""Gauss-Newton steps. Chosen: more change nothing."""
-
-_LARGEST_STEP = 1.0
-"""Largest step of the logarithm of light, against overshooting where the curve is flat. Chosen."""
-
-_TILE = 1 << 16
-"""Pixels that are merged together. Chosen: what is made of them stays near the processor."""
-
-_DARK = 3.0
-"""Standard deviations below which light counts as dark."""
-
-_KNOWN = 1.0
-"""Standard deviations from which on numbers tell light at all. Chosen: below it, the error is
-larger than the light, and the estimate depends on where it started."""
-
-_CONTRADICTS, _EDGES = 6.0, 3.0
-"""Standard deviations by which a frame contradicts the others where something moved, and numbers by
-which pixels at edges differ without it: compression and interpolation leave them. Chosen."""
-
+_STEPS = 6  # Gauss-Newton steps: more change nothing; chosen
+_LARGEST_STEP = 1.0  # of light's logarithm, against overshooting where the curve is flat; chosen
+_TILE = 1 << 16  # pixels merged together: what is made of them stays near the processor; chosen
+_DARK = 3.0  # standard deviations below which light counts as dark
+_KNOWN = 1.0  # deviations: below, the error exceeds the light, and the start decides; chosen
+# Deviations by which a frame contradicts the others where something moved; chosen
+_CONTRADICTS = 6.0
+_EDGES = 3.0  # numbers by which pixels at edges differ by compression and interpolation; chosen
+# Squared deviations for each factor of e in time by which longer frames are kept; chosen
 _LONGEST = 1.0
-"""Squared deviations by which a frame must contradict more, for each factor of e in time, to be
-left out in the place of a shorter one. Chosen."""
 
 
 def merge_by_response(

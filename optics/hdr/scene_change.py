@@ -27,18 +27,11 @@ _ALIKE = 16
 """Pixels of like light, in whose mean a quantile's noise must be small. Chosen: it then is less
 than a fifth of the light of one pixel, which widens a distribution by a few percent."""
 
-_LEVEL_ERROR = 0.3
-"""Error of a sensor's black level in digital numbers. Chosen: levels are rounded to whole ones."""
-
-_LEAST_SNR = 20.0
-"""Signal over noise of a block from which on it is compared: its light is known to 5 %. Chosen."""
-
+_LEVEL_ERROR = 0.3  # digital numbers: black levels are rounded to whole ones; chosen
+_LEAST_SNR = 20.0  # of a block that is compared: its light is known to 5 %; chosen
+# Logarithm of a ratio: a change of 20 % is told for certain, one of 10 % is not; chosen
 _NOTABLE = 0.15
-"""Logarithm of the ratio of lights from which on a change is told: a change of 20 % is told for
-certain, one of 10 % is not. Chosen."""
-
-_NOTABLE_SHARE = 0.1
-"""Share of the blocks that is told. Chosen."""
+_NOTABLE_SHARE = 0.1  # of the blocks that is told; chosen
 
 
 @dataclass(frozen=True, eq=False)

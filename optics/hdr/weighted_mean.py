@@ -197,12 +197,9 @@ def _quotient(above: Array, below: Array, samples: Samples) -> Array:
     return np.divide(above, below, out=rate, where=below > 0)
 
 
+# Deviations below the largest within which another exposure may as well be wrong; chosen
 _ALIKE = 1.0
-"""Standard deviations below the largest difference within which another exposure may as well be the
-wrong one. Chosen."""
-
-_FALSE_ALARMS = 5e-4
-"""Share of still pixels that may be taken for moved. Chosen."""
+_FALSE_ALARMS = 5e-4  # share of still pixels that may be taken for moved; chosen
 
 
 def outlier_limit(exposures: int) -> float:

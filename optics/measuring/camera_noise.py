@@ -30,11 +30,10 @@ from optics.measuring.photon_transfer import (
 )
 from optics.measuring.pixel_maps import BOX_SHARE, Defects, collect_defects
 
+# Largest share of dark numbers at 0: beyond, mean and noise in darkness are cut off
 _MOST_ZEROS = 1e-3
-"""Largest share of dark numbers that may be 0. More, and mean and noise in darkness are cut off."""
-
+# Changes between frames that are expected where none is seen, at most (95 %, Poisson)
 _LIMIT_EVENTS = 3.0
-"""Changes between frames that are expected where none is seen, at most (95 %, Poisson)."""
 
 
 @dataclass(frozen=True)
@@ -169,14 +168,10 @@ def _covariance(sums: Sequence[Array]) -> Measured | None:
     return Measured(product * n / (n - 1), sigma)
 
 
-_RISE = 1.5
-"""Least signal of the longest exposure over that of the shortest, for light that counts. Chosen."""
-
-_SURE_LIGHT = 20.0
-"""Least largest signal over the dark noise. Chosen."""
-
+_RISE = 1.5  # least signal of the longest exposure over that of the shortest; chosen
+_SURE_LIGHT = 20.0  # least largest signal over the dark noise; chosen
+# Step between the rows that tell a frame's mean: odd, for all colours to be among them
 _EVERY_ROW = 5
-"""Step between the rows that tell a frame's mean: odd, so that all colours are among them."""
 
 
 @dataclass(frozen=True, eq=False)

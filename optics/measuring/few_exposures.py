@@ -20,27 +20,18 @@ from optics.sensor.pile import LEAST_PILE, top_pile
 Array = NDArray[np.float64]
 
 
+# Deviations by which the brightest pixels rise where there is light; all numbers are chosen
 _SEEN_RISE = 8.0
-"""Rise of the brightest pixels with the exposure, in deviations, from which on there is light.
-Chosen as all numbers here."""
-
-_SURELY_CLIPPED, _SURELY_OPEN = 1.3, 0.9
-"""Light of a pixel by the shorter exposure, over the longer one's largest number, from which on it
-must be clipped there; and number of a pixel, over the largest, up to which it surely isn't."""
-
-_SAME_NUMBER, _SAME_LEVEL, _WELL_DEVIATIONS = 0.6, 0.03, 5.0
-"""Deviation of clipped pixels' numbers up to which a converter ends there, DN, and over their
-number, up to which wells are full; deviations below the mean full well from which a pixel counts as
-clipped."""
-
+# Light by the shorter exposure over the longer one's largest number: clipped there
+_SURELY_CLIPPED = 1.3
+_SURELY_OPEN = 0.9  # number of a pixel over the largest one, up to which it surely isn't clipped
+# Deviation of clipped numbers: DN where a converter ends, share where wells are full
+_SAME_NUMBER, _SAME_LEVEL = 0.6, 0.03
+_WELL_DEVIATIONS = 5.0  # deviations below the mean full well from which a pixel counts as clipped
+# Pixels that tell the linearity, and their signal over noise, at least
 _LEAST_PIXELS, _LEAST_SNR = 30, 4.0
-"""Pixels that tell the linearity, and signal of such a pixel over its noise, at least."""
-
-_CUT = 0.02
-"""Share of pixels at 0 from which on darkness is cut off."""
-
-_GROUPS = 8
-"""Parts of the pixels whose scatter tells how sure a result is."""
+_CUT = 0.02  # share of pixels at 0 from which on darkness is cut off
+_GROUPS = 8  # parts of the pixels whose scatter tells how sure a result is
 
 
 @dataclass(frozen=True)
@@ -183,8 +174,7 @@ class FewExposures:
         return Linearity(exponent, (t1, t2, t3), first.size)
 
 
-_SIGMAS = 4.0
-"""Deviations by which frames must differ beyond their noise for the lamp to flicker."""
+_SIGMAS = 4.0  # deviations beyond their noise by which frames differ where the lamp flickers
 
 
 @dataclass(frozen=True)

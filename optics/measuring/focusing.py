@@ -115,9 +115,8 @@ def exposure_for_level(level: float, rate: float, sensor: Sensor) -> float:
     return electrons / (rate + sensor.dark_current)
 
 
+# Deviations of a region's mean light from none: a score is divided by its square; chosen
 _LEAST_LIGHT = 3.0
-"""Standard deviations of its error by which a region's mean light must exceed none. Chosen: a
-score is divided by the light's square."""
 
 
 def focus_score(numbers: NDArray[Any], sensor: Sensor) -> float:
@@ -174,22 +173,16 @@ def focus_score(numbers: NDArray[Any], sensor: Sensor) -> float:
 FWHM = 2 * math.sqrt(2 * math.log(2))
 """Full width at half maximum of a Gaussian over its standard deviation."""
 
+# Pixels: least side of a star's region, and its rim, which tells the background; chosen
 _LEAST_SIDE, _RIM = 8, 2
-"""Pixels of a star's region on each side at least, and width of its rim, whose median is the
-background. Chosen."""
 
 
-_FIRST_WIDTH, _NARROWEST, _WIDEST = 2.0, 0.3, 0.2
-"""Standard deviations of a star's window: the first and the least in pixels (the neighbours of a
-star in a single pixel have 0.4 % of its light), and the largest as a share of the region's shorter
-side, which shows too little of a wider star. Chosen."""
-
+_FIRST_WIDTH = 2.0  # pixels, standard deviation of a star's first window; chosen
+_NARROWEST = 0.3  # pixels: the neighbours of a star in a single pixel have 0.4 % of its light
+_WIDEST = 0.2  # share of the region's shorter side, which shows too little of a wider star; chosen
+# Most steps, each halves the error; change of the window that ends them; chosen
 _ROUNDS, _TOLERANCE = 100, 1e-5
-"""Most steps, each of which halves the error for a Gaussian, and the relative change of the
-window's variances with which they end. Chosen."""
-
-_REACH = 5.0
-"""Standard deviations of the window beyond which its weight, below 4e-6, isn't counted. Chosen."""
+_REACH = 5.0  # standard deviations of the window beyond which its weight, below 4e-6, isn't counted
 
 
 @dataclass(frozen=True)

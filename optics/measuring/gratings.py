@@ -15,15 +15,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_PREFERRED_PERIODS, _FALLBACK_PERIODS = (
-    (48, 40, 32, 27, 23, 20, 18, 16, 14, 12, 10),
-    (8.7, 7.4, 6.3, 5.3, 4.4),
-)
-"""Periods in panel pixels: those that are tried first, and those that are tried last. The coupling
-of neighbouring pixels blurs the edges of stripes, and patterns of long periods have few edges."""
-
+# Panel pixels; the coupling of neighbouring pixels blurs the edges of stripes
+_PREFERRED_PERIODS = (48, 40, 32, 27, 23, 20, 18, 16, 14, 12, 10)
+_FALLBACK_PERIODS = (8.7, 7.4, 6.3, 5.3, 4.4)  # panel pixels, tried last
+# Diffraction orders of equally wide stripes, and their amplitudes relative to the first
 _ORDERS = ((1, 1.0), (-1, 1.0), (3, 1 / 3), (-3, 1 / 3))
-"""Diffraction orders of equally wide stripes, and their amplitudes relative to the first."""
 
 _REGISTRATION_LENGTHS = (0.95, 0.8, 0.95, 0.6, 0.9, 0.75)
 _REGISTRATION_ANGLES = (15.0, 80.0, 140.0, 200.0, 255.0, 320.0)

@@ -25,18 +25,10 @@ from optics.measuring.pixel_maps import (
 
 Array = NDArray[np.float64]
 
-STEP_VARIANCE = 1 / 12
-"""Variance that rounding adds to noise of more than half a step, in steps²."""
-
-SURE_VARIANCE = 0.36
-"""Variance of a noise, in steps², for which the twelfth is right to 1 %: at .6 steps, the largest
-error is 4 exp(-2π² · .36) of it."""
-
-_NODES = 2001
-"""Levels between -6 and 6 standard deviations over which pixels are summed."""
-
-_LEAST = 1e-3
-"""Least noise that is looked for, in steps."""
+STEP_VARIANCE = 1 / 12  # steps²: what rounding adds to noise of more than half a step
+SURE_VARIANCE = 0.36  # steps²: of a noise for which the twelfth is right to 1 %, 4 exp(-2π² · .36)
+_NODES = 2001  # levels between -6 and 6 standard deviations over which pixels are summed
+_LEAST = 1e-3  # steps: least noise that is looked for
 
 
 def rounded_moments(level: Array, noise: float) -> tuple[Array, Array]:
@@ -95,15 +87,10 @@ def noise_below_a_step(mean: float, over_pixels: float, temporal: float) -> floa
     return float(brentq(excess, _LEAST, width, xtol=1e-5))
 
 
-_BRIGHT = 99.9
-"""Percentile of a group's numbers that counts as its brightest pixel. Chosen, below defects."""
-
+_BRIGHT = 99.9  # percentile of a group's numbers that is its brightest pixel; chosen, below defects
+# Of the largest signal, up to which the brightest pixel is clear of clipping; chosen
 _OPEN_SHARE = 0.8
-"""Share of the largest number, above darkness, up to which the brightest pixel is clear of
-clipping. Chosen."""
-
-_LIT_SHARE = 0.05
-"""Share of the largest number from which an exposure tells of the response. Chosen."""
+_LIT_SHARE = 0.05  # of the largest signal, from which an exposure tells of the response; chosen
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,12 @@ Pairs = dict[float, list[tuple[int, int]]]
 MIN_EXPOSURES = 5
 """Fewest exposure times of a photon transfer curve. EMVA 1288 asks for 50."""
 
+# Fewest pixels of an area: its variance is then known to 3 %, and about normal; chosen
 _AREA_PIXELS = 2000
-"""Fewest pixels of an area: its variance is then known to 3 %, and about normal. Chosen."""
-
+# Sixteen points for each exposure time tell whether the fit describes them; chosen
 _AREAS_A_SIDE = 4
-"""Areas along either side of a sensor with pixels enough. Chosen: sixteen points for each exposure
-time tell whether the fit describes them."""
-
+# Pixels: longest side of an area, which limits the memory for all of its frames
 _LARGEST_AREA = 500
-"""Longest side of an area in pixels, which limits the memory for all of its frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,12 +145,8 @@ def _pairs(exposures: NDArray[np.float64], chosen: NDArray[np.bool_], kind: str)
 Frame = NDArray[Any]
 Mask = NDArray[np.bool_]
 
-_BLOCK = 16
-"""Side in pixels of the blocks over which the light's change counts as even. Chosen."""
-
-_SURE_SIGNAL = 100.0
-"""Signal over the noise of its mean from which frames are scaled to each other: dimmer ones tell
-nothing of the lamp. Chosen."""
+_BLOCK = 16  # pixels: side of the blocks over which the light's change counts as even; chosen
+_SURE_SIGNAL = 100.0  # signal over its noise from which frames tell a change of the lamp; chosen
 
 
 @dataclass(frozen=True)

@@ -18,20 +18,13 @@ from optics.validation import require_positive
 
 Array = NDArray[np.float64]
 
-_MOST_BLUR = 1.5
-"""Largest standard deviation of the blur, in pixels, for which the law is computed; chosen."""
-
+_MOST_BLUR = 1.5  # pixels: largest standard deviation of the blur; chosen
+# Pixels: standard deviations at which the law is computed
 _BLURS = (0.0, 0.1, 0.2, 0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.25, _MOST_BLUR)
-"""Standard deviations of the blur, in pixels, at which the law is computed."""
-
-_NODES, _WEIGHTS = gauss_legendre(7)
-"""Nodes along an axis of a pixel's active area at which the phase is evaluated."""
-
-_HEIGHTS = 257
-"""Number of heights between the two levels into which the blurred pattern is sorted; chosen."""
-
+_NODES, _WEIGHTS = gauss_legendre(7)  # along an axis of a pixel's active area
+_HEIGHTS = 257  # between the two levels, into which the blurred pattern is sorted; chosen
+# Nodes, in standard deviations of the ripple, and their weights
 _GAUSS_HERMITE = ((-math.sqrt(3.0), 1 / 6), (0.0, 2 / 3), (math.sqrt(3.0), 1 / 6))
-"""Gauss-Hermite nodes, in standard deviations of the ripple, and their weights."""
 
 
 class StripeLaw:
@@ -152,8 +145,7 @@ def _blur_axis(values: Array, blur: float, place: float, axis: int) -> Array:
     return correlate1d(values, taps / taps.sum(), axis=axis, mode="nearest")
 
 
-MIN_LEVELS = 12
-"""Fewest levels of a sweep from which a phase curve can be fitted; chosen."""
+MIN_LEVELS = 12  # fewest levels of a sweep from which a phase curve can be fitted; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,22 +190,14 @@ SWING, OFFSET, BLUR2, RIPPLE2, GHOST, FIRST_INCREMENT = range(6)
 """Indices of a phase curve's parameters; the increments follow from FIRST_INCREMENT on."""
 
 
+# The ghost's expected deviations and bound over the swing; chosen
 NO_GHOST, SOME_GHOST, _MOST_GHOST = 1e-5, 0.03, 0.3
-"""Expected standard deviations of the ghost of fits without and with one, and its bound, as shares
-of the swing. Chosen."""
-
+# Panel pixels², shares of the phase; chosen
 _USUAL_BLUR2, _USUAL_RIPPLE2, _MOST_RIPPLE = 0.5**2, 0.02**2, 0.08
-"""Expected squares of blur, in panel pixels, and ripple, which is a share of the phase, and the
-ripple's upper bound. Chosen."""
-
-_DIFFERENCE_STEP = 1e-8
-"""Step of the squared ripple for its derivative by differences. Chosen."""
-
-_STEPS = 100
-"""Evaluations of one least-squares fit at most. Chosen."""
-
+_DIFFERENCE_STEP = 1e-8  # of the squared ripple, for its derivative
+_STEPS = 100  # evaluations of one least-squares fit at most; chosen
+# More knots of the spline at the ends, where a curve may bend most; chosen
 _END_KNOT_DENSITY = 0.35
-"""How much denser the spline's knots are at the ends, where a curve may bend most. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,12 +21,9 @@ from optics.measuring.group_statistics import (
 )
 from optics.measuring.measured import Array, Measured, weighted_mean
 
+# Of the largest: below it, read noise is left, and all pixels are full; chosen
 _FULL_VARIANCE = 0.1
-"""Variance, relative to the largest, below which a group beyond it is saturated. Chosen: read noise
-is left of the noise, and of an evenly lit group no pixel that isn't full."""
-
-_AT_TOP = 0.5
-"""Numbers from the converter's end within which a saturated mean is its end."""
+_AT_TOP = 0.5  # numbers from the converter's end within which a saturated mean is its end
 
 
 def find_clip_level(
@@ -95,12 +92,9 @@ def saturation_signal(groups: Sequence[GroupStatistics]) -> Measured | None:
 FIT_SHARE = 0.7
 """Share of saturation up to which the curve is fitted (EMVA 1288, section 6.6)."""
 
+# The third changes the gain by less than 1e-6; a drift of a fifth is then right to 1e-4
 _PASSES = 4
-"""Passes in which weights follow the fit: the third changes the gain by less than 1e-6. Also those
-in which a lamp's drift is found; a drift of a fifth is then right to 1e-4."""
-
-_FEWEST = 3
-"""Fewest exposure times that are fitted."""
+_FEWEST = 3  # exposure times that are fitted, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,15 +211,11 @@ def _fit(x: Array, y: Array, sigma: Array, with_offset: bool) -> tuple[float, fl
     return float(slope), float(offset), to_offset @ covariance @ to_offset.T
 
 
+# Shares of saturation between which linearity is judged (EMVA 1288, section 6.7)
 _LOW, _HIGH = 0.05, 0.95
-"""Shares of saturation between which linearity is judged (EMVA 1288, section 6.7)."""
-
-_LINEARITY_FEWEST = 4
-"""Fewest exposure times from which linearity is told."""
-
+_LINEARITY_FEWEST = 4  # exposure times from which linearity is told
+# Correlation of exposure and clock that hides a drift; chosen: rising exposures have .95
 _ALIKE = 0.9
-"""Correlation of exposure time and clock from which drift can't be told from a bent line. Chosen:
-exposures that only rise have .95 and more."""
 
 
 @dataclass(frozen=True, eq=False)

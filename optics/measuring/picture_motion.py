@@ -70,12 +70,9 @@ class RigidMotion:
         return float(np.hypot(*away).max())
 
 
-_ROWS = 256
-"""Rows that are resampled together, which saves memory. Chosen."""
-
+_ROWS = 256  # resampled together, which saves memory; chosen
+# A cubic spline's weights of pixels farther away are below 5 % of the nearest one's
 _REACH = np.ones((3, 3), dtype=bool)
-"""Pixels around a place whose clipping reaches it: a cubic spline's weights of others are below 5 %
-of the nearest one's."""
 
 
 def resample_moved(
@@ -128,42 +125,22 @@ def resample_moved(
 Mask = NDArray[np.bool_]
 Picture = NDArray[np.float32]
 
+# Pixels, standard deviation before slopes are taken: it lessens noise and blocks' edges; chosen
 _BLUR = 0.7
-"""Standard deviation of the blur before slopes are taken, pixels. Chosen: it lessens the noise, and
-what compression leaves at the edges of its blocks, more than the detail."""
-
-_COARSEST = 40
-"""Least rows and columns of the coarsest picture. Chosen: what moved by a tenth of the picture is
-within a few of its pixels."""
-
+_COARSEST = 40  # least side of the coarsest picture: a tenth of it is a few of its pixels; chosen
+# Steepest pixels that are compared at each level; more change corners by < .01 pixel
 _POINTS = 150_000
-"""Pixels that are compared in each picture of the pyramid, those of the steepest slopes in each of
-the regions below. Chosen: more change corners by less than .01 pixel."""
-
-_REGIONS = 8
-"""Regions along each side, all of which tell the turn."""
-
+_REGIONS = 8  # along each side, each with its steepest pixels: all of them tell the turn
+# Most Gauss-Newton steps of a level, and pixels at the corners at which they end
 _STEPS, _STILL = 12, 2e-3
-"""Gauss-Newton steps in each picture of the pyramid, at most, and the change of the corners in
-pixels at which they end."""
-
-_STRAY = 2.0
-"""Robust deviations at which a pixel's weight is a fourth."""
-
+_STRAY = 2.0  # robust deviations at which a pixel's weight is a fourth
+# Variance of slopes that white noise makes after the blur: squares of both kernels' product
 _NOISE = 0.32
-"""Variance of the slopes that white noise makes after the blur, over that of the noise: the sum of
-the squares of both kernels' product. It's no detail."""
-
+# Of one picture's numbers that the other may have: a light that but rises tells no shift; chosen
 _POWERS = 4
-"""Powers of the moving picture's numbers by which they may differ from the fixed one's. Chosen:
-where light but rises from one side to the other, a shift is but another curve, and isn't known."""
-
-_LEAST_POINTS = 200
-"""Pixels that two pictures share from which on their motion is told. Chosen."""
-
+_LEAST_POINTS = 200  # pixels that two pictures share from which on their motion is told; chosen
+# Deviation over that of independent pixels: blur and compression; chosen on photographs
 _CORRELATED = 3.0
-"""Deviation of the motion over what residuals would give if each pixel's was by itself. Chosen on
-photographs: blur, compression and interpolation make neighbours alike."""
 
 
 @dataclass(frozen=True)

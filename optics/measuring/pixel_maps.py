@@ -19,12 +19,9 @@ Map = NDArray[np.float64]
 Halves = tuple[Map, Map]
 Mask = NDArray[np.bool_]
 
+# Pixels: side of the box whose mean is the light around a pixel, vignetting included; chosen
 _BOX = 15
-"""Side in pixels of the box whose mean is the light around a pixel. Chosen: smooth light,
-vignetting and shading are taken off, and of the pixels' own spread 1/_BOX²."""
-
-BOX_SHARE = 1 - 1 / _BOX**2
-"""Share of the response's variance that is left without slow changes."""
+BOX_SHARE = 1 - 1 / _BOX**2  # of the response's variance that is left without slow changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,11 +114,8 @@ Chosen: more than dust and PRNU do."""
 DEAD_RESPONSE = 0.5
 """Response, relative to the surroundings, below which a pixel is dead. Chosen."""
 
-_MAD = 1.4826
-"""Standard deviation over the median absolute deviation of a normal distribution."""
-
-_ROUNDING = 0.3
-"""Least spread of dark numbers, DN: that of rounding."""
+_MAD = 1.4826  # standard deviation over the median absolute deviation of a normal distribution
+_ROUNDING = 0.3  # DN: least spread of dark numbers, that of rounding
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ from optics.measuring.spots import Spot, frame_variance
 
 Array = NDArray[np.float64]
 
-_FEWEST = 4
-"""Smallest number of steered spots for a registration."""
+_FEWEST = 4  # steered spots of a registration, at least
 
 Flip = Literal["none", "left-right", "up-down", "both"]
 

@@ -32,33 +32,22 @@ from optics.measuring.phase_curve import (
 Array = NDArray[np.float64]
 
 
+# Of the spline, each from the fit before; all are chosen
 _INCREMENT_COUNTS = (5, 7, 9, 11, 13, 15, 18)
-"""Numbers of spline increments, tried in this order, each from the result of the one before. Chosen
-as all numbers here."""
-
-_GAMMAS = (0.6, 0.8, 1.0, 1.25, 1.6)
-"""Exponents of the level in the starting curves."""
-
+_GAMMAS = (0.6, 0.8, 1.0, 1.25, 1.6)  # exponents of the level in the starting curves
+# Starting values, panel pixels² and share of the phase, squared
 _FIRST_BLUR2, _FIRST_RIPPLE2 = 0.04, 1e-5
-"""Starting values of the squares of blur, in panel pixels, and ripple."""
-
-_STARTS_FITTED, _STARTS_REFINED, _SAME_RANGE = 8, 3, 0.3
-"""Starting curves that are fitted, those of them that are refined with more increments, and radians
-at the highest level within which two coarse curves count as the same."""
-
-_GHOST_MARGIN = 16.0
-"""Improvement of the information criterion from which a ghost is accepted."""
-
-_OUTLIER_SIGMAS, _MIN_SWING_TO_NOISE, _MAX_RESIDUAL = 5.0, 10.0, 0.1
-"""Standard deviations beyond which a frame is an outlier, least swing of the light over its noise,
-and root mean square residual, as a share of the swing, beyond which a fit is refused."""
-
-_BLUR_PHASE_ERROR, _BLUR_UNCERTAINTY = 108.0, 0.05
-"""Radians by which blur moves the light's turning points, per square of the ratio of blur to the
-stripes' period, and the relative uncertainty of that, as the blur needn't be a Gaussian."""
-
-_TRIAL_RANGES = np.linspace(0.6, 1.45, 35)
-"""Phase ranges of the starting curves, relative to the expected range."""
+# Starting curves that are fitted, and refined with more increments
+_STARTS_FITTED, _STARTS_REFINED = 8, 3
+_SAME_RANGE = 0.3  # radians at the highest level within which two coarse curves count as the same
+_GHOST_MARGIN = 16.0  # improvement of the information criterion from which a ghost is accepted
+_OUTLIER_SIGMAS = 5.0  # standard deviations beyond which a frame is an outlier
+# Of the light over its noise; root mean square over the swing
+_MIN_SWING_TO_NOISE, _MAX_RESIDUAL = 10.0, 0.1
+# Radians by which blur moves turning points, per square of blur over period
+_BLUR_PHASE_ERROR = 108.0
+_BLUR_UNCERTAINTY = 0.05  # relative, of that shift: the blur needn't be a Gaussian
+_TRIAL_RANGES = np.linspace(0.6, 1.45, 35)  # of the starting curves, over the expected range
 
 
 @dataclass(frozen=True, eq=False)

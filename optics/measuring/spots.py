@@ -14,18 +14,13 @@ from optics.camera import Sensor
 Array = NDArray[np.float64]
 
 
-_DETECTION_SIGMAS, _SMOOTHING = 8.0, 1.5
-"""Standard deviations of noise from which a maximum counts as a spot, and standard deviation in
-pixels of the Gaussian that smooths a frame for detection. Chosen."""
-
-_HOT_RATIO = 10.0
-"""Ratio of a hot pixel to its brightest neighbour; it is smaller in a focused spot. Chosen."""
-
+# Standard deviations of noise from which a maximum counts as a spot; chosen
+_DETECTION_SIGMAS = 8.0
+_SMOOTHING = 1.5  # pixels, standard deviation of the Gaussian by which spots are found; chosen
+_HOT_RATIO = 10.0  # of a hot pixel to its brightest neighbour: smaller in a focused spot; chosen
+# Most iterations of a centroid, and pixels by which it moves at their end
 _ROUNDS, _TOLERANCE = 30, 1e-4
-"""Iterations of a centroid at most, and pixels: they end when it moves by less. Chosen."""
-
-_NARROWEST, _WIDEST = 1.0, 8.0
-"""Limits in pixels of the centroid window's standard deviation. Chosen."""
+_NARROWEST, _WIDEST = 1.0, 8.0  # pixels: limits of the centroid window's standard deviation; chosen
 
 
 @dataclass(frozen=True)

@@ -18,19 +18,11 @@ from optics.psf.chain_collapsed import collapse_to_thin_camera
 from optics.slm import Panel
 from optics.validation import require_wavelength
 
-_MOST_PIXELS = 300
-"""Pixels along a side of the coarser panel that replaces the real one, at most. Chosen: it is
-enough because wavefronts are smooth."""
-
-_OVERSAMPLING = 3.0
-"""Samples relative to the fewest that resolve the PSF, for cubic interpolation. Chosen."""
-
+_MOST_PIXELS = 300  # a side of the coarser panel: enough because wavefronts are smooth; chosen
+_OVERSAMPLING = 3.0  # samples over the fewest that resolve the PSF, for cubic interpolation; chosen
+# Forces double precision: rounding would dominate the derivatives before a fit converges
 _TOL = 1e-6
-"""Tolerance of the PSF, to force double precision: in single precision the derivatives would be
-dominated by rounding before a fit converges."""
-
-_MARGIN = 4
-"""Sensor pixels around the window. Chosen."""
+_MARGIN = 4  # sensor pixels around the window; chosen
 
 
 class StarModel:

@@ -29,26 +29,18 @@ TERMS: tuple[Term, ...] = tuple((n, m) for n in range(2, 5) for m in range(-n, n
 
 _DEFOCUS = (2, 0)
 
-_START_DEFOCUS = np.linspace(-1.0, 1.0, 9)
-"""Twice the starting values of the defocus, in waves, root mean square."""
+_START_DEFOCUS = np.linspace(-1.0, 1.0, 9)  # waves, root mean square: twice the starting values
 
 
-_STARTS_FOLLOWED, _STEPS, _GOOD_CHI2 = 2, 60, 1.5
-"""Starting values from which the fit is run and iterations of one fit, at most, and mean squared
-misfit, in standard deviations, below which no other start is tried. Chosen."""
-
-_PARAMETER_UNIT, _BEAM_UNIT = 0.05, 0.2
-"""What makes one unit of the optimiser's parameters: waves, root mean square, and pixels; and the
-change of the log amplitude at the disc's edge. Chosen."""
-
-_DIFFERENCE_STEP = 0.02
-"""Step of derivatives by differences, in units of the parameters. Chosen."""
-
-_MAX_CORRELATION = 0.95
-"""Upper limit of the correlation of neighbouring pixels' misfits. Chosen."""
-
-_MODEL_ERROR = 0.005
-"""Error of the model besides the noise, as a share of a picture's peak. Chosen."""
+# Starting values that are fitted, and iterations of a fit, at most; chosen
+_STARTS_FOLLOWED, _STEPS = 2, 60
+_GOOD_CHI2 = 1.5  # mean squared misfit, in deviations, below which no other start is tried; chosen
+# Waves, root mean square, and pixels, that are one unit of the optimiser; chosen
+_PARAMETER_UNIT = 0.05
+_BEAM_UNIT = 0.2  # the same of the log amplitude at the disc's edge; chosen
+_DIFFERENCE_STEP = 0.02  # of derivatives, in these units; chosen
+_MAX_CORRELATION = 0.95  # of neighbouring pixels' misfits; chosen
+_MODEL_ERROR = 0.005  # besides the noise, as a share of a picture's peak; chosen
 
 
 @dataclass(frozen=True, eq=False)
