@@ -106,10 +106,9 @@ def estimate_bracket_noise(
     require_unmasked(frames, darks)
     order = np.argsort(np.asarray(times, dtype=np.float64), kind="stable")
     pairs = []
-    for one, other in itertools.pairwise(order):
-        found = _read_blocks(
-            (frames[one], frames[other]), (darks[one], darks[other]), full_scale, period
-        )
+    for both in itertools.pairwise(order):
+        taken = [(frames[one], darks[one]) for one in both]
+        found = _read_blocks(taken, full_scale, period)
         if len(found.longer) >= _FEWEST and found.ratio() > 0:
             pairs.append(found)
     if not pairs:
@@ -117,32 +116,26 @@ def estimate_bracket_noise(
     return _fit(pairs)
 
 
-def _read_blocks(
-    frames: tuple[Any, Any], darks: tuple[Any, Any], full: float, period: tuple[int, int]
-) -> _Blocks:
-    """Cut two frames into blocks, and keep those in which neither is near the clip level."""
+def _read_blocks(frames: list[tuple[Any, Any]], full: float, period: tuple[int, int]) -> _Blocks:
+    """Cut two frames into blocks, and keep those in which neither is near the clip level.
+
+    frames: (numbers, darkness), the shorter one first.
+    """
     down, along = period
-    share = down * along
     found: tuple[list[Array], list[Array]] = ([], [])
-    for y, x in itertools.product(range(down), range(along)):
-        both = []
-        for frame, dark in zip(frames, darks, strict=True):
-            level = dark[y::down, x::along] if np.ndim(dark) else dark
-            both.append((frame[y::down, x::along], level))
-        rows, columns = (n // _SIDE for n in both[0][0].shape)
-        every = max(1, math.ceil(rows * columns * share / _BLOCKS))
-        parts = []
-        for numbers, level in both:
-            cut = [
-                _cut(one, rows, columns, every) if np.ndim(one) else one for one in (numbers, level)
-            ]
-            parts.append((cut[0] - cut[1], cut[0], cut[1]))
-        limit = [level + _OPEN * (full - level) for _, _, level in parts]
-        is_open = np.logical_and(
-            *(np.all(one[1] < top, axis=1) for one, top in zip(parts, limit, strict=True))
-        )
-        for kept, part in zip(found, parts, strict=True):
-            kept.append(part[0][is_open])
+    for y, x in np.ndindex(period):
+        is_open, light = np.array(True), []
+        for frame, dark in frames:
+            plane = frame[y::down, x::along]
+            rows, columns = (n // _SIDE for n in plane.shape)
+            every = max(1, math.ceil(rows * columns * down * along / _BLOCKS))
+            numbers, level = _cut(plane, rows, columns, every), dark
+            if np.ndim(dark):
+                level = _cut(dark[y::down, x::along], rows, columns, every)
+            light.append(numbers - level)
+            is_open = is_open & np.all(numbers < level + _OPEN * (full - level), axis=1)
+        for kept, one in zip(found, light, strict=True):
+            kept.append(one[is_open])
     shorter, longer = (np.concatenate(one) for one in found)
     return _Blocks(shorter, longer)
 
@@ -156,23 +149,39 @@ def _cut(plane: NDArray[Any], rows: int, columns: int, every: int) -> Array:
 
 def _fit(pairs: Sequence[_Blocks]) -> BracketNoise:
     """Fit gain and read noise to the variance that pairs of frames leave."""
-    ratios, kept = [one.ratio() for one in pairs], None
-    law = np.zeros(2)
-    for number in range(_PASSES):
+    ratios = [one.ratio() for one in pairs]
+    ends = np.cumsum([len(one.longer) for one in pairs])[:-1]
+    law: Array | None = None
+    for _ in range(_PASSES):
         light, floor, variance = _points(pairs, ratios)
-        if number == 0:
-            law = _start(light, floor, variance)
+        law = _start(light, floor, variance) if law is None else law
         expected = np.maximum(law[0] * light, 0) + law[1] * floor
         kept = _is_regular(pairs, ratios, law)
-        law = _weighted_fit(light, floor, variance, expected, kept)
-        ends = np.cumsum([len(one.longer) for one in pairs])
-        parts = np.split(kept, ends[:-1])
+        # Least squares with weights, neither below 0.
+        weight = 1 / np.maximum(expected[kept], 1e-12)
+        design = np.stack([light[kept], floor[kept]], axis=1) * weight[:, None]
+        law = optimize.nnls(design, variance[kept] * weight / _kept_mean())[0]
         ratios = [
             one.ratio(part) if part.sum() >= _FEWEST else ratio
-            for one, part, ratio in zip(pairs, parts, ratios, strict=True)
+            for one, part, ratio in zip(pairs, np.split(kept, ends), ratios, strict=True)
         ]
-    assert kept is not None
-    return _judged(light[kept], floor[kept], expected[kept], law, float(kept.mean()))
+    assert law is not None
+    if kept.sum() < _FEWEST or kept.mean() < _LEAST_SHARE:
+        raise ValueError("more than noise differs between the frames")
+    spread = np.sqrt(2 / _FREEDOM * np.diag(np.linalg.pinv(design.T @ design))).tolist()
+    if not law[0] > _SURE * spread[0]:
+        raise ValueError(
+            "the frames don't tell photons' noise from the readout's: they are too small, or of "
+            "too even a light"
+        )
+    gain = 1 / float(law[0])
+    noise = math.sqrt(max(float(law[1]) - _ROUNDING, 0.0))
+    # Where hardly any is seen, its square is uncertain, and not its own slope.
+    uncertain = math.sqrt(noise**2 + spread[1]) - noise
+    return BracketNoise(
+        gain, gain * noise, gain**2 * spread[0], gain * uncertain, int(kept.sum()),
+        float(kept.mean()),
+    )  # fmt: skip
 
 
 def _points(pairs: Sequence[_Blocks], ratios: Sequence[float]) -> tuple[Array, Array, Array]:
@@ -221,34 +230,3 @@ def _kept_mean() -> float:
     # The mean of a chi-squared distribution between two values has the one of two freedoms more.
     above, below = (np.diff(stats.chi2.cdf(ends, k)) for k in (_FREEDOM + 2, _FREEDOM))
     return float(above[0] / below[0])
-
-
-def _weighted_fit(
-    light: Array, floor: Array, variance: Array, expected: Array, kept: NDArray[np.bool_]
-) -> Array:
-    """Return 1 / g and σ² by least squares with weights, neither below 0."""
-    weight = 1 / np.maximum(expected[kept], 1e-12)
-    design = np.stack([light[kept], floor[kept]], axis=1) * weight[:, None]
-    law: Array = optimize.nnls(design, variance[kept] * weight / _kept_mean())[0]
-    return law
-
-
-def _judged(light: Array, floor: Array, expected: Array, law: Array, share: float) -> BracketNoise:
-    """Return the noise with its deviations; raise ValueError if the frames don't tell it."""
-    if len(light) < _FEWEST or share < _LEAST_SHARE:
-        raise ValueError("more than noise differs between the frames")
-    weight = 1 / np.maximum(expected, 1e-12)
-    design = np.stack([light, floor], axis=1) * weight[:, None]
-    spread = np.sqrt(2 / _FREEDOM * np.diag(np.linalg.pinv(design.T @ design)))
-    if not law[0] > _SURE * spread[0]:
-        raise ValueError(
-            "the frames don't tell photons' noise from the readout's: they are too small, or of "
-            "too even a light"
-        )
-    gain = 1 / float(law[0])
-    noise = math.sqrt(max(float(law[1]) - _ROUNDING, 0.0))
-    # Where hardly any is seen, its square is uncertain, and not its own slope.
-    uncertain = math.sqrt(noise**2 + float(spread[1])) - noise
-    return BracketNoise(
-        gain, gain * noise, gain**2 * float(spread[0]), gain * uncertain, len(light), share
-    )

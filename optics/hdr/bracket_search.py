@@ -38,10 +38,10 @@ _KEPT = 3  # first exposures that stay as long as may be, at most; chosen likewi
 _MORE_FRAMES = 4  # beyond the fewest, with which a shorter time is looked for; chosen likewise
 _GOOD_ENOUGH = 1.003  # time over the lower bound at which the search ends; chosen
 
+# Exposures whose information is computed, at most, after which the best bracket so far is taken:
+# less than half a second. Only brackets of many frames come here, in which photons make the noise,
+# so that all ways to divide the time are nearly alike; chosen
 _MOST_TERMS = 120_000
-"""Exposures whose information is computed, at most, after which the best bracket so far is taken.
-Chosen: less than half a second. Only brackets of many frames come here, in which photons make the
-noise, so that all ways to divide the time are nearly alike."""
 
 
 class BracketSearch:
@@ -147,12 +147,11 @@ class BracketSearch:
     def _least_duration(self, frames: int) -> float:
         """Return a lower bound of the time that so many frames take, in seconds."""
         readout, longest = self._limits.readout, self._allowed.time(self._allowed.count - 1)
-        single = self._first_true(
-            lambda time: self._square(((time, 1),), self._low) >= self._snr**2
-        )
+        target = self._snr**2
+        single = self._first_true(lambda time: self._square(((time, 1),), self._low) >= target)
         if single is None:
             # Each of several frames tells less in its time than the longest.
-            single = longest * self._snr**2 / self._square(((longest, 1),), self._low)
+            single = longest * target / self._square(((longest, 1),), self._low)
         return frames * readout + single + self._darks * (readout + self._limits.shortest)
 
     def _square(self, groups: Groups, rate: float) -> float:
@@ -168,12 +167,10 @@ class BracketSearch:
         reached: the lowest rate that it reaches from the brightest one, None if not even that.
         Returns None where no exposure is short enough.
         """
-        number = self._last_usable(self._high if reached is None else reached)
-        if not groups and not self._taken_is_safe:
-            number = self._last_usable(self._high, FIRST_MARGIN)
-        if number < 0:
+        margin = MARGIN if groups or self._taken_is_safe else FIRST_MARGIN
+        time = self.longest_usable(self._high if reached is None else reached, margin)
+        if time is None:
             return None
-        time = self._allowed.time(number)
         if groups and groups[-1][0] >= time:
             last, before = groups[-1]
             longer = (*groups[:-1], (last, before + count))
@@ -199,21 +196,10 @@ class BracketSearch:
             if reached >= rate or rate <= self._low:
                 return reached
 
-    def _last_usable(self, rate: float, margin: float = MARGIN) -> int:
-        """Return the number of the longest allowed time that isn't clipped at a rate, or -1."""
-        low, high = -1, self._allowed.count
-        while high - low > 1:
-            middle = (low + high) // 2
-            if self._noise.brightest(self._allowed.time(middle), margin) >= rate:
-                low = middle
-            else:
-                high = middle
-        return low
-
     def longest_usable(self, rate: float, margin: float = MARGIN) -> float | None:
         """Return the longest allowed time in seconds that isn't clipped at a rate; None if none."""
-        number = self._last_usable(rate, margin)
-        return None if number < 0 else self._allowed.time(number)
+        number = self._before_first(lambda time: self._noise.brightest(time, margin) < rate)
+        return self._allowed.time(number - 1) if number else None
 
     def _chains(self, frames: int) -> list[tuple[int, ...]]:
         """Return numbers of frames at each time with which chains reach the darkest rate."""
@@ -316,10 +302,24 @@ class BracketSearch:
         return True
 
     def _first_true(self, test: Callable[[float], bool], count: int | None = None) -> float | None:
-        """Return the shortest allowed time that passes a test, as all longer ones do, if any."""
+        """Return the shortest allowed time that passes a test, as all longer ones do, if any.
+
+        count: of times that are tried, the shortest ones; all by default.
+        """
         whole = self._allowed.count if count is None else count
-        number = _first_true(lambda index: test(self._allowed.time(index)), whole)
-        return None if number is None else self._allowed.time(number)
+        number = self._before_first(test, whole)
+        return self._allowed.time(number) if number < whole else None
+
+    def _before_first(self, test: Callable[[float], bool], count: int | None = None) -> int:
+        """Return how many allowed times come before the first that passes a test, by bisection."""
+        low, high = -1, self._allowed.count if count is None else count
+        while high - low > 1:
+            middle = (low + high) // 2
+            if test(self._allowed.time(middle)):
+                high = middle
+            else:
+                low = middle
+        return high
 
 
 def in_order(groups: Groups) -> Groups:
@@ -328,15 +328,3 @@ def in_order(groups: Groups) -> Groups:
     for time, count in sorted(groups):
         counts[time] = counts.get(time, 0) + count
     return tuple(counts.items())
-
-
-def _first_true(test: Callable[[int], bool], count: int) -> int | None:
-    """Return the first of `count` numbers that passes a test, by bisection; None if none does."""
-    low, high = -1, count
-    while high - low > 1:
-        middle = (low + high) // 2
-        if test(middle):
-            high = middle
-        else:
-            low = middle
-    return high if high < count else None

@@ -70,7 +70,7 @@ _ALIKE, _APART = 4.0, 10.0
 light, where other numbers differ by more than the second one. Chosen."""
 
 
-class Patches(NamedTuple):
+class _Patches(NamedTuple):
     """Means and deviations of the numbers of small patches of a frame, and which patches count."""
 
     mean: NDArray[np.float32]
@@ -78,31 +78,31 @@ class Patches(NamedTuple):
     counts: NDArray[np.bool_]
 
 
-def frame_patches(numbers: NDArray[Any], motion: RigidMotion) -> Patches:
+def _frame_patches(numbers: NDArray[Any], motion: RigidMotion) -> _Patches:
     """Return the patches of a frame's band, at places of the reference, to the nearest pixel.
 
     numbers: (rows, columns). motion: of the frame.
     """
-    middle = (np.array(numbers.shape)[:, None] - 1) / 2
+    shape = np.array(numbers.shape)[:, None]
+    middle, half = (shape - 1) / 2, (_SIDE - 1) / 2
     step = max(_SIDE, round(math.sqrt(numbers.size / _PATCHES)))
     inside = [
         np.arange(_BORDER, max(n - _BORDER - _SIDE, _BORDER + 1), step) for n in numbers.shape
     ]
     corner = np.array([one.ravel() for one in np.meshgrid(*inside, indexing="ij")])
-    half = (_SIDE - 1) / 2
     at = np.rint(motion.places(corner + half - middle) + middle - half).astype(np.intp)
-    last = np.array(numbers.shape)[:, None] - _SIDE
+    last = shape - _SIDE
     seen = ((at >= 0) & (at <= last)).all(axis=0)
     row, column = np.clip(at, 0, last)
-    every = np.stack(
-        [numbers[row + down, column + right] for down in range(_SIDE) for right in range(_SIDE)]
-    ).astype(np.float32)
+    places = np.ndindex(_SIDE, _SIDE)
+    every = np.stack([numbers[row + down, column + right] for down, right in places])
+    every = every.astype(np.float32)
     counts = seen & (every.max(axis=0) <= HIGHEST) & (every.min(axis=0) >= _LEAST)
     mean = every.mean(axis=0)
-    return Patches(mean, every.std(axis=0), counts & (mean >= _LEAST_MEAN))
+    return _Patches(mean, every.std(axis=0), counts & (mean >= _LEAST_MEAN))
 
 
-def compare_levels(first: Patches, second: Patches) -> Array:
+def _compare_levels(first: _Patches, second: _Patches) -> Array:
     """Return numbers that two frames have at the same places, (3, steps).
 
     The rows are the numbers of the first and of the second frame, and the standard deviation of
@@ -122,18 +122,15 @@ def compare_levels(first: Patches, second: Patches) -> Array:
     found = []
     for start in range(0, len(order) - each + 1, each):
         few = order[start : start + each]
-        if np.ptp(total[few]) > _WIDEST:
-            continue
-        middle, whole = np.median(away[few]), np.median(total[few])
-        spread = 1.4826 * np.median(np.abs(away[few] - middle))
-        # A median's deviation is 1.25 times a mean's.
-        known = np.hypot(1.25 * spread / np.sqrt(each), _ROUNDING)
-        found.append(((whole - middle) / 2, (whole + middle) / 2, known))
+        if np.ptp(total[few]) <= _WIDEST:
+            middle, whole = np.median(away[few]), np.median(total[few])
+            spread = 1.4826 * np.median(np.abs(away[few] - middle))
+            # A median's deviation is 1.25 times a mean's.
+            known = np.hypot(1.25 * spread / np.sqrt(each), _ROUNDING)
+            found.append(((whole - middle) / 2, (whole + middle) / 2, known))
     pairs = np.array(found).reshape(-1, 3).T
     differ = np.abs(pairs[1] - pairs[0])
-    if differ.max(initial=0) > _APART:
-        pairs = pairs[:, differ > _ALIKE]
-    return pairs
+    return pairs[:, differ > _ALIKE] if differ.max(initial=0) > _APART else pairs
 
 
 _KNOTS = np.array([0.0] * 4 + [20, 40, 64, 96, 128, 160, 192, 216, 236] + [255.0] * 4)
@@ -260,20 +257,18 @@ def _pairs(
 ) -> Array:
     """Return pairs of numbers: frames, band, numbers, deviation, (6, pairs)."""
     order = np.argsort([np.mean([band.mean() for band in one]) for one in frames], kind="stable")
-    found = []
+    found = [np.zeros((6, 0))]
     for band in range(len(frames[0])):
-        patches = [
-            frame_patches(np.asarray(one[band]), motion)
-            for one, motion in zip(frames, motions, strict=True)
-        ]
+        moved = zip(frames, motions, strict=True)
+        patches = [_frame_patches(np.asarray(one[band]), motion) for one, motion in moved]
         # Of neighbours in brightness, and the next ones.
         for place, step in itertools.product(range(len(frames)), (1, 2)):
             if place + step < len(frames):
                 one, other = order[place], order[place + step]
-                few = compare_levels(patches[one], patches[other])
+                few = _compare_levels(patches[one], patches[other])
                 known = np.array([[one], [other], [band]]) * np.ones((1, few.shape[1]))
                 found.append(np.concatenate([known, few]))
-    return np.concatenate(found, axis=1) if found else np.zeros((6, 0))
+    return np.concatenate(found, axis=1)
 
 
 class _Fit:
@@ -309,16 +304,15 @@ class _Fit:
         size, first = self._design.shape[1], len(self._curves)
         found, stray = np.zeros(size), np.ones(len(self._wanted))
         found[0 : first : self._width] = _FIRST_POWER
+        free = np.diag(np.where(np.arange(size) < first, 0, 1 / _LOOSE**2))
         for _ in range(_PASSES):
             penalty = self._bends(found)
-            slope = np.zeros(len(self._wanted))
-            for numbers in (self._low, self._high):
-                slope += self._slopes(found, numbers) / 2
+            slope = self._slopes(found, self._low) / 2 + self._slopes(found, self._high) / 2
             variance = (slope * known) ** 2 + _MISFIT**2
             weight = stray / variance
-            loose = penalty + np.diag(np.where(np.arange(size) < first, 0, 1 / _LOOSE**2))
-            matrix = (self._design.T * weight) @ self._design + loose
-            found = np.linalg.solve(matrix, (self._design.T * weight) @ self._wanted)
+            weighted = self._design.T * weight
+            matrix = weighted @ self._design + (penalty + free)
+            found = np.linalg.solve(matrix, weighted @ self._wanted)
             away = np.abs(self._wanted - self._design @ found) / np.sqrt(variance)
             scale = max(1.0, 1.4826 * float(np.median(away)))
             stray = 1 / (1 + (away / (_STRAY * scale)) ** 2)
@@ -334,58 +328,52 @@ class _Fit:
 
     def _bends(self, found: Array) -> Array:
         """Return the penalty of the curves' relative bends, by the slopes of a fit."""
-        size = self._design.shape[1]
-        penalty = np.zeros((size, size))
+        penalty = np.zeros((self._design.shape[1],) * 2)
         step = 2.0
         bend = (_basis(_LEVELS + step) - 2 * _basis(_LEVELS) + _basis(_LEVELS - step)) / step**2
+        parts = [self._part(band) for band in range(len(self._curves) // self._width)]
         slope = (_basis(_LEVELS + 0.5) - _basis(_LEVELS - 0.5)) @ np.stack(
-            [found[self._part(band)] for band in range(len(self._curves) // self._width)], axis=1
+            [found[few] for few in parts], axis=1
         )
-        for band, one in enumerate(np.maximum(slope, 2e-3).T):
+        for few, one in zip(parts, np.maximum(slope, 2e-3).T, strict=True):
             relative = bend / one[:, None]
-            few = self._part(band)
             penalty[few, few] = _BEND * relative.T @ relative + 1e-6 * np.eye(self._width)
         return penalty
 
-    def _solve(self, columns: NDArray[np.intp]) -> tuple[float, Array, Array]:
-        """Return misfit, unknowns and their covariance, for the curves and some factors."""
+    def _solve(self, columns: NDArray[np.intp]) -> tuple[float, float, float]:
+        """Return the misfit, and the last unknown with its variance, of curves and some factors."""
         design, few = self._design[:, columns], np.ix_(columns, columns)
         matrix = (design.T * self._weight) @ design + self._penalty[few]
-        covariance: Array = np.asarray(
-            np.linalg.pinv(matrix, rcond=1e-12, hermitian=True), dtype=np.float64
-        )
+        covariance = np.linalg.pinv(matrix, rcond=1e-12, hermitian=True)
         found = covariance @ ((design.T * self._weight) @ self._wanted)
         left = self._wanted - design @ found
         misfit = self._weight @ left**2 + found @ self._penalty[few] @ found
-        return float(misfit), found, covariance
+        return float(misfit), float(found[-1]), float(covariance[-1, -1])
 
     def checked(self) -> CodedTimes:
         """Tell which frames' times are wrong, each tried by itself."""
         count, first = len(self._told), len(self._curves)
         misfit, _, _ = self._solve(self._curves)
-        logs, deviations = np.zeros(count), np.full(count, math.inf)
-        gains = np.zeros(count)
-        linked = np.abs(self._design[:, first:]).sum(axis=0) > 0
-        for frame in np.flatnonzero(linked):
-            one, found, covariance = self._solve(np.append(self._curves, first + frame))
-            gains[frame], logs[frame] = misfit - one, found[-1]
-            deviations[frame] = math.sqrt(max(covariance[-1, -1], 0.0))
+        gains, logs = np.zeros((2, count))
+        deviations = np.full(count, math.inf)
+        for frame in np.flatnonzero(np.abs(self._design[:, first:]).sum(axis=0) > 0):
+            columns = np.append(self._curves, first + frame)
+            one, logs[frame], variance = self._solve(columns)
+            gains[frame], deviations[frame] = misfit - one, math.sqrt(max(variance, 0.0))
         suspects: tuple[int, ...] = ()
         best = int(np.argmax(gains))
         gained = math.sqrt(max(gains[best], 0.0) / self._weight.sum())
-        if gains[best] > _GAIN * misfit and gained > _GAINED:
-            suspects = _suspects(gains, logs, deviations)
+        # Frames one of which has a wrong time, by what each alone would explain.
+        known = (deviations < _KNOWN) & (np.abs(logs) > _SURE * deviations)
+        likely = known & (gains > (1 - _LIKELY) * gains[best]) & (np.abs(logs) > _LEAST_CHANGE)
+        if (
+            gains[best] > _GAIN * misfit
+            and gained > _GAINED
+            and known[best]
+            and np.abs(logs[likely]).max(initial=0) >= _NOTABLE
+        ):
+            suspects = tuple(np.flatnonzero(likely).tolist())
         return CodedTimes(np.exp(self._told), np.exp(logs), deviations, suspects)
-
-
-def _suspects(gains: Array, logs: Array, deviations: Array) -> tuple[int, ...]:
-    """Return frames one of which has a wrong time, by what each alone would explain."""
-    best = int(np.argmax(gains))
-    known = (deviations < _KNOWN) & (np.abs(logs) > _SURE * deviations)
-    likely = known & (gains > (1 - _LIKELY) * gains[best]) & (np.abs(logs) > _LEAST_CHANGE)
-    if not known[best] or not likely.any() or np.abs(logs[likely]).max() < _NOTABLE:
-        return ()
-    return tuple(np.flatnonzero(likely).tolist())
 
 
 def _basis(numbers: Array) -> Array:
