@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,7 @@ Array = NDArray[np.float64]
 _FEWEST = 4  # steered spots of a registration, at least
 
 Flip = Literal["none", "left-right", "up-down", "both"]
-
-_FLIPS: dict[tuple[bool, bool], Flip] = {
-    (False, False): "none",
-    (False, True): "left-right",
-    (True, False): "up-down",
-    (True, True): "both",
-}
+"""Without a mirror, of x, of y, and of both."""
 
 
 @dataclass(frozen=True)
@@ -194,8 +188,8 @@ def decompose_affine(matrix: Array) -> AffineParts:
     if abs(np.linalg.det(turned)) < 1e-9 * np.abs(turned).max() ** 2:
         raise ValueError("the matrix sends all gratings to one line; it is no registration")
     found = []
-    for (up_down, left_right), name in _FLIPS.items():
-        mirror = np.diag([-1.0 if left_right else 1.0, -1.0 if up_down else 1.0])
+    for name, (y, x) in zip(get_args(Flip), itertools.product((1.0, -1.0), repeat=2), strict=True):
+        mirror = np.diag([x, y])
         q, r = np.linalg.qr(turned @ mirror)
         signs = np.sign(np.diag(r))
         q, r = q * signs, (r.T * signs).T

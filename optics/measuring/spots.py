@@ -31,7 +31,6 @@ class Spot:
     sigma: standard deviation of either, pixels.
     light: in the frame's unit.
     noise: standard deviation of the light.
-    clipped: whether one of its pixels is at full scale.
     """
 
     y: float
@@ -39,7 +38,6 @@ class Spot:
     sigma: float
     light: float
     noise: float
-    clipped: bool
 
     @property
     def place(self) -> tuple[float, float]:
@@ -79,16 +77,10 @@ def without_hot_pixels(frame: Array, variance: Array) -> Array:
     return clean
 
 
-def find_spot(
-    light: Array,
-    variance: Array,
-    clipped: NDArray[np.bool_] | None = None,
-    excluded: NDArray[np.bool_] | None = None,
-) -> Spot:
+def find_spot(light: Array, variance: Array, excluded: NDArray[np.bool_] | None = None) -> Spot:
     """Find the spot that stands out most in a frame.
 
     light, variance: (rows, columns); the background is already subtracted.
-    clipped: pixels at full scale.
     excluded: pixels that aren't searched.
 
     Raises ValueError if no spot stands out of the noise.
@@ -108,15 +100,10 @@ def find_spot(
             f"standard deviations above it, and {_DETECTION_SIGMAS:g} are needed; expose longer, "
             "or bring the star into the frame"
         )
-    return measure_spot(clean, variance, (float(y), float(x)), clipped)
+    return measure_spot(clean, variance, (float(y), float(x)))
 
 
-def measure_spot(
-    light: Array,
-    variance: Array,
-    start: tuple[float, float],
-    clipped: NDArray[np.bool_] | None = None,
-) -> Spot:
+def measure_spot(light: Array, variance: Array, start: tuple[float, float]) -> Spot:
     """Measure a spot near a position (y, x) by its windowed centroid.
 
     The window is a Gaussian that follows the spot and is as wide as the spot (Bertin, SExtractor's
@@ -153,9 +140,8 @@ def measure_spot(
     total = float((weight * light[part]).sum())
     noise = weight**2 * variance[part]
     sigma = 2 * math.sqrt(float((noise * (square / 2)).sum())) / total
-    is_clipped = clipped is not None and bool(clipped[part].any())
     # A window as wide as a Gaussian spot passes half of its light.
-    return Spot(y, x, sigma, 2 * total, 2 * math.sqrt(float(noise.sum())), is_clipped)
+    return Spot(y, x, sigma, 2 * total, 2 * math.sqrt(float(noise.sum())))
 
 
 def _window_pixels(

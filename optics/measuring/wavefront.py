@@ -24,8 +24,8 @@ from optics.zernike import zernike
 Array = NDArray[np.float64]
 Term = tuple[int, int]
 
+# Zernike polynomials that are fitted: those of the second to the fourth degree
 TERMS: tuple[Term, ...] = tuple((n, m) for n in range(2, 5) for m in range(-n, n + 1, 2))
-"""Zernike polynomials that are fitted by default: those of the second to the fourth degree."""
 
 _DEFOCUS = (2, 0)
 
@@ -119,11 +119,7 @@ class StarPictures:
 
 
 def fit_wavefront(
-    model: StarModel,
-    pictures: StarPictures,
-    *,
-    terms: Sequence[Term] = TERMS,
-    progress: Progress | None = None,
+    model: StarModel, pictures: StarPictures, *, progress: Progress | None = None
 ) -> WavefrontFit:
     """Fit Zernike polynomials to pictures of the star.
 
@@ -131,17 +127,15 @@ def fit_wavefront(
 
     The fit is by least squares in units of the noise, with gradients through the PSF (L-BFGS). It
     begins at the best of nine values of defocus. The light and the background of each picture are
-    fitted, too. Raises ValueError for fewer than two pictures, or if defocus isn't among the terms.
+    fitted, too. Raises ValueError for fewer than two pictures.
     """
     if len(pictures.light) < 2 or len(pictures.light) != model.pattern_count:
         raise ValueError(
             f"{len(pictures.light)} pictures of {model.pattern_count} patterns; a wavefront needs "
             "one of each, and two at least"
         )
-    if _DEFOCUS not in terms:
-        raise ValueError("terms lack defocus, (2, 0); add it")
     progress = progress or Progress()
-    task = _WavefrontProblem(model, pictures, tuple(terms))
+    task = _WavefrontProblem(model, pictures)
     starts = sorted(
         (task.initial_parameters(defocus * 0.5) for defocus in _START_DEFOCUS), key=task.cost
     )
@@ -165,27 +159,27 @@ class _WavefrontProblem:
     slopes along y and x, and its quadratic fall towards the edge, as for a Gaussian beam.
     """
 
-    def __init__(self, model: StarModel, pictures: StarPictures, terms: tuple[Term, ...]) -> None:
-        self._model, self._terms = model, terms
+    def __init__(self, model: StarModel, pictures: StarPictures) -> None:
+        self._model = model
         self._light = torch.from_numpy(pictures.light)
         peak = pictures.light.max(axis=(1, 2), keepdims=True)
         variance = pictures.variance + (_MODEL_ERROR * peak) ** 2
         self._weight = torch.from_numpy(np.where(pictures.usable, 1 / variance, 0.0))
         y, x = (axis / model.radius for axis in model.plane.mesh())
         shape = model.plane.shape
-        self._shapes = torch.stack([zernike(n, m, y, x).expand(shape) for n, m in terms])
+        self._shapes = torch.stack([zernike(n, m, y, x).expand(shape) for n, m in TERMS])
         self._path_unit = _PARAMETER_UNIT * model.wavelength
         y, x = y.expand(shape), x.expand(shape)
         self._beam = torch.stack([y, x, y**2 + x**2]) * _BEAM_UNIT
 
     def initial_parameters(self, waves: float) -> torch.Tensor:
-        start = torch.zeros(len(self._terms) + 2 + len(self._beam), dtype=torch.float64)
-        start[self._terms.index(_DEFOCUS)] = waves / _PARAMETER_UNIT
+        start = torch.zeros(len(TERMS) + 2 + len(self._beam), dtype=torch.float64)
+        start[TERMS.index(_DEFOCUS)] = waves / _PARAMETER_UNIT
         return start
 
     def predict_pictures(self, parameters: torch.Tensor) -> torch.Tensor:
         """Predict the pictures, each with fitted light and background."""
-        n = len(self._terms)
+        n = len(TERMS)
         path = torch.tensordot(parameters[:n], self._shapes, 1) * self._path_unit
         amplitude = torch.exp(torch.tensordot(parameters[n + 2 :], self._beam, 1))
         shares = self._model(path, parameters[n : n + 2] * _PARAMETER_UNIT, amplitude)
@@ -237,7 +231,7 @@ class _WavefrontProblem:
         chi2 = self.chi2(parameters)
         # Model errors are correlated between neighbouring pixels, which counts as fewer pixels.
         doubt = max(chi2, 1.0) * _correlation_area((seen - self._light) * root)
-        n = len(self._terms)
+        n = len(TERMS)
         covariance = torch.linalg.pinv(jacobian.T @ jacobian, hermitian=True) * doubt
         covariance = covariance[:n, :n].numpy() * self._path_unit**2
         coefficients = parameters[:n].numpy() * self._path_unit
@@ -247,7 +241,7 @@ class _WavefrontProblem:
         away = float(((seen - self._light)[usable] ** 2).sum().sqrt())
         residual = away / float(self._light[usable].norm())
         return WavefrontFit(
-            self._terms, coefficients, covariance, self._model.radius, rms, sigma, (y, x),
+            TERMS, coefficients, covariance, self._model.radius, rms, sigma, (y, x),
             residual, chi2,
         )  # fmt: skip
 
@@ -258,7 +252,7 @@ class _WavefrontProblem:
         y, x = self._model.plane.mesh()
         flat = torch.stack([torch.ones(lit.shape), y.expand(lit.shape), x.expand(lit.shape)])
         basis = flat.reshape(3, -1).T.numpy() * np.sqrt(weight)[:, None]
-        shapes = self._shapes.reshape(len(self._terms), -1).T.numpy() * np.sqrt(weight)[:, None]
+        shapes = self._shapes.reshape(len(TERMS), -1).T.numpy() * np.sqrt(weight)[:, None]
         shapes = shapes - basis @ np.linalg.lstsq(basis, shapes, rcond=None)[0]
         spread = float(np.einsum("pi,ij,pj", shapes, covariance, shapes))
         return float(np.linalg.norm(shapes @ coefficients)), math.sqrt(max(spread, 0.0))
