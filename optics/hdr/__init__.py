@@ -31,7 +31,7 @@ from optics.hdr.exposure_factors import (
     find_disorder,
     measure_exposure_factors,
 )
-from optics.hdr.exposure_limits import ExposureLimits, common_period
+from optics.hdr.exposures import ExposureLimits, common_period
 from optics.hdr.frame_motion import FrameMotions, find_motions
 from optics.hdr.merging import (
     CLIPPED,

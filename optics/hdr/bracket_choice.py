@@ -15,8 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from optics.camera import Sensor
 from optics.hdr.bracket_search import BracketSearch, Groups, in_order
-from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
-from optics.hdr.exposure_snr import FIRST_MARGIN, ExposureSNR, decibels, from_decibels
+from optics.hdr.exposures import (
+    FIRST_MARGIN,
+    AllowedTimes,
+    ExposureLimits,
+    ExposureSNR,
+    decibels,
+    from_decibels,
+)
 
 Least = Literal["time", "frames"]
 

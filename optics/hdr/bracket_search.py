@@ -20,14 +20,22 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 
-from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
-from optics.hdr.exposure_snr import FIRST_MARGIN, MARGIN, ExposureSNR, Group
+from optics.hdr.exposures import (
+    FIRST_MARGIN,
+    MARGIN,
+    AllowedTimes,
+    ExposureLimits,
+    ExposureSNR,
+    Group,
+)
 
 Groups = tuple[Group, ...]
 """Exposure times with their numbers of frames, the shortest first."""
 
 Chain = tuple[tuple[int, ...], Groups, float | None]
 """Numbers of frames at each time, exposures, and the lowest rate that they reach, if any."""
+
+_NO_CHAIN: Chain = ((), (), None)
 
 # Chains of each number of frames, the darkest: more made no bracket quicker by 1 %; chosen
 _BEAM = 16
@@ -64,7 +72,7 @@ class BracketSearch:
         self._darks = dark_frames
         self._allowed = AllowedTimes(limits)
         self._terms = 0
-        self._beams: list[list[Chain]] = [[((), (), None)]]
+        self._beams: list[list[Chain]] = [[_NO_CHAIN]]
 
     def duration(self, groups: Groups) -> float:
         """Return the seconds that exposures take, read-out and dark frames included."""
@@ -115,29 +123,24 @@ class BracketSearch:
         """
         found: list[tuple[tuple[float, int], tuple[int, ...]]] = []
         for count, last in itertools.product(_REPEATS, _REPEATS):
-            counts = self._counts_to_end(count, last, most_frames)
-            chain = counts and self._chain((), counts)
-            if counts and chain:
-                found.append((self._merit(self._cut(chain)), counts))
+            chain = self._repeated_chain(count, last, most_frames)
+            if chain:
+                counts, groups, _ = chain
+                found.append((self._merit(self._cut(groups)), counts))
         for _, counts in sorted(found)[:_OF_EACH]:
             yield from self._quickest_brackets(counts)
 
-    def _counts_to_end(self, count: int, last: int, most_frames: int) -> tuple[int, ...] | None:
-        """Return the frames at each time of a chain of equal numbers but for the last, if any."""
-        counts: tuple[int, ...] = ()
-        groups: Groups = ()
-        reached: float | None = None
+    def _repeated_chain(self, count: int, last: int, most_frames: int) -> Chain | None:
+        """Return the chain of equal numbers of frames but for the last that ends dark enough."""
+        counts, groups, reached = _NO_CHAIN
         while sum(counts) + last <= most_frames:
             end = self._extend(groups, reached, last)
-            if end is None:
-                return None
-            if end[1] is not None and end[1] <= self._low:
-                return (*counts, last)
-            longer = self._extend(groups, reached, count)
+            if end is not None and end[1] is not None and end[1] <= self._low:
+                return (*counts, last), *end
+            longer = end and self._extend(groups, reached, count)
             if longer is None:
                 return None
-            groups, reached = longer
-            counts = (*counts, count)
+            counts, (groups, reached) = (*counts, count), longer
         return None
 
     def _merit(self, groups: Groups) -> tuple[float, int]:

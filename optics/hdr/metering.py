@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from optics.camera import Sensor
-from optics.hdr.exposure_limits import AllowedTimes, ExposureLimits
-from optics.hdr.exposure_snr import ExposureSNR, from_decibels
+from optics.hdr.exposures import AllowedTimes, ExposureLimits, ExposureSNR, from_decibels
 from optics.measuring.spots import frame_variance, without_hot_pixels
 from optics.sensor.pile import top_pile
 from optics.validation import require_unmasked

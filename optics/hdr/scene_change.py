@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optics.camera import Sensor
-from optics.hdr.exposure_snr import ExposureSNR
+from optics.hdr.exposures import ExposureSNR
 from optics.validation import require_unmasked
 
 Array = NDArray[np.float64]
