@@ -31,6 +31,11 @@ _BINS = 20  # levels of light that the fit starts from; chosen
 _QUIET = 0.25
 _FREEDOM = _SIDE**2 - 1  # degrees of freedom of a block's variance
 _STRAY = 2.0  # deviations of a block's variance beyond which it doesn't count; chosen
+_QUIET_VARIANCE = float(stats.chi2.ppf(_QUIET, _FREEDOM)) / _FREEDOM  # over the mean one
+# Mean variance of the blocks that are kept, over that of all: the mean of a chi-squared
+# distribution between two values has the one of two freedoms more
+_ENDS = _FREEDOM * (1 + _STRAY * math.sqrt(2 / _FREEDOM) * np.array([-1, 1]))
+_KEPT_MEAN = float(np.divide(*(np.diff(stats.chi2.cdf(_ENDS, _FREEDOM + k))[0] for k in (2, 0))))
 _PASSES = 8  # of the fit; the last ones change the gain by less than 1e-3
 # Blocks, their share, and deviations of the gain, at least; chosen
 _FEWEST, _LEAST_SHARE, _SURE = 50, 0.3, 5.0
@@ -160,7 +165,7 @@ def _fit(pairs: Sequence[_Blocks]) -> BracketNoise:
         # Least squares with weights, neither below 0.
         weight = 1 / np.maximum(expected[kept], 1e-12)
         design = np.stack([light[kept], floor[kept]], axis=1) * weight[:, None]
-        law = optimize.nnls(design, variance[kept] * weight / _kept_mean())[0]
+        law = optimize.nnls(design, variance[kept] * weight / _KEPT_MEAN)[0]
         ratios = [
             one.ratio(part) if part.sum() >= _FEWEST else ratio
             for one, part, ratio in zip(pairs, np.split(kept, ends), ratios, strict=True)
@@ -196,10 +201,9 @@ def _points(pairs: Sequence[_Blocks], ratios: Sequence[float]) -> tuple[Array, A
 
 def _start(light: Array, floor: Array, variance: Array) -> Array:
     """Return 1 / g and σ² by the quiet blocks at each level of light."""
-    quiet = _noise_quantile()
     groups = np.array_split(np.argsort(light), _BINS)
     level = np.array([[light[one].mean(), floor[one].mean()] for one in groups])
-    seen = np.array([np.quantile(variance[one], _QUIET) / quiet for one in groups])
+    seen = np.array([np.quantile(variance[one], _QUIET) / _QUIET_VARIANCE for one in groups])
     weight = 1 / np.maximum(seen, 1e-12)
     law: Array = optimize.nnls(np.maximum(level, 0) * weight[:, None], seen * weight)[0]
     return law
@@ -215,18 +219,5 @@ def _is_regular(pairs: Sequence[_Blocks], ratios: Sequence[float], law: Array) -
         left -= left.mean(1, keepdims=True)
         found.append((left**2 / expected).mean(1))
     shown = np.concatenate(found)
-    noise = float(np.quantile(shown, _QUIET)) / _noise_quantile()
+    noise = float(np.quantile(shown, _QUIET)) / _QUIET_VARIANCE
     return np.asarray(np.abs(shown - noise) <= _STRAY * math.sqrt(2 / _FREEDOM) * noise)
-
-
-def _noise_quantile() -> float:
-    """Return the quiet quantile of a block's variance over its mean, where there is noise alone."""
-    return float(stats.chi2.ppf(_QUIET, _FREEDOM)) / _FREEDOM
-
-
-def _kept_mean() -> float:
-    """Return the mean variance of the blocks that are kept, over that of all."""
-    ends = _FREEDOM * (1 + _STRAY * math.sqrt(2 / _FREEDOM) * np.array([-1, 1]))
-    # The mean of a chi-squared distribution between two values has the one of two freedoms more.
-    above, below = (np.diff(stats.chi2.cdf(ends, k)) for k in (_FREEDOM + 2, _FREEDOM))
-    return float(above[0] / below[0])

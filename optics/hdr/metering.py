@@ -146,30 +146,20 @@ def rate_distribution(
     steps = math.ceil(math.log10(top / darkest) * _PER_DECADE)
     levels = np.geomspace(darkest, top, steps)
     chance = np.diff(ndtr((edges - levels[:, None]) / np.sqrt(levels + floor)[:, None]), axis=1)
+    # The shares of rates that make the frame's numbers the likeliest.
     shares = np.zeros(steps)
     if counts.any():
-        shares = _likeliest(chance[:, counts > 0], counts[counts > 0])
+        seen, chance = counts[counts > 0] / counts.sum(), chance[:, counts > 0]
+        shares = np.full(steps, 1 / steps)
+        for _ in range(_EM_STEPS):
+            shares = shares * (chance @ (seen / np.maximum(shares @ chance, 1e-300)))
+            shares /= shares.sum()
     # Clipped pixels stand one step above the brightest rate that isn't clipped.
     rates = np.append(levels, top * 10 ** (1 / _PER_DECADE)) / time
     share = float(clipped.mean())
     return RateDistribution(rates, np.append(shares * (1 - share), share))
 
 
-def _likeliest(chance: Array, counts: Array) -> Array:
-    """Return the shares of rates that make a frame's numbers the likeliest.
-
-    chance: of each bin, for each rate. counts: pixels in each bin.
-    """
-    seen = counts / counts.sum()
-    shares = np.full(len(chance), 1 / len(chance))
-    for _ in range(_EM_STEPS):
-        expected = np.maximum(shares @ chance, 1e-300)
-        shares = shares * (chance @ (seen / expected))
-        shares /= shares.sum()
-    return shares
-
-
-# Of the pixels, darker than the dark end of the range; all numbers below are chosen
 _DARK_SHARE = 0.01
 # Next exposure where pixels clip, where nothing is seen; 12 bits tell a range of 50
 _SHORTER, _LONGER = 1 / 32, 8.0

@@ -308,29 +308,44 @@ def characterise_camera(source: PairedFrames) -> CameraNoise:
     if dark.is_coarse:
         # The noise is too small to average over the converter's steps: their rounding is in it.
         offsets = Measured(offsets.value, math.hypot(offsets.sigma, STEP_VARIANCE))
+    level, full_well = dark.black_level, None
+    if clip is not None:
+        # Where steps are coarse, the offset's uncertainty is that of the dark number.
+        own = 0.0 if dark.is_coarse else level.sigma
+        signal = Measured(clip.value - level.value, math.hypot(clip.sigma, own))
+        full_well = electrons(transfer, signal)
+    # Darkness or photon transfer tells the black level, whichever does better.
+    black, offset = level, transfer.offset
+    if dark.is_coarse and offset.sigma <= level.sigma:
+        black = Measured(level.value - offset.value, offset.sigma)
+    taken: dict[float, float] = {}
+    if source.times is not None:
+        for time, pairs in source.light.items():
+            taken[time] = float(np.mean([source.times[index] for pair in pairs for index in pair]))
+    ratios = np.array([[one.ratio for one in group.light] for group in groups])
     first = dark.points[0]
     return CameraNoise(
         gain=gain,
         read_noise=read_noise,
         read_noise_is_limit=is_limit,
         dark_noise=Measured(first.variance, first.variance_sigma).root,
-        black_level=_black_level(dark, transfer),
+        black_level=black,
         dark_current=dark.current.times(gain),
-        full_well=None if clip is None else _full_well(clip, dark, transfer),
+        full_well=full_well,
         clip_number=clip,
         clip_limit=limit,
         saturation_capacity=capacity,
         sensitivity_threshold=threshold,
         dynamic_range=capacity.times(threshold.inverse) if capacity else None,
         snr_max=capacity.root if capacity else None,
-        linearity=measure_linearity(groups, full, _light_times(source)),
+        linearity=measure_linearity(groups, full, taken),
         prnu=(response * (1 / BOX_SHARE)).root if response else None,
         dsnu=offsets.root.times(gain),
         defects=collect_defects([(one.defects, one.rows, one.columns) for one in groups]),
         transfer=transfer,
         dark=dark,
         unevenness=_unevenness(groups),
-        lamp_jump=_lamp_jump(groups),
+        lamp_jump=float(np.abs(np.median(ratios, axis=0) - 1).max()),
         frames=len(source.frames),
     )
 
@@ -361,22 +376,6 @@ def _require_rising_light(source: PairedFrames) -> None:
         )
 
 
-def _black_level(dark: DarkSignal, transfer: PhotonTransfer) -> Measured:
-    """Return the black level, DN, by what tells it better: darkness or photon transfer."""
-    if not dark.is_coarse or transfer.offset.sigma > dark.black_level.sigma:
-        return dark.black_level
-    return Measured(dark.black_level.value - transfer.offset.value, transfer.offset.sigma)
-
-
-def _full_well(clip: Measured, dark: DarkSignal, transfer: PhotonTransfer) -> Measured:
-    """Return the electrons at which pixels clip."""
-    level = dark.black_level
-    # Where steps are coarse, the offset's uncertainty is that of the dark number.
-    own = 0.0 if dark.is_coarse else level.sigma
-    signal = Measured(clip.value - level.value, math.hypot(clip.sigma, own))
-    return electrons(transfer, signal)
-
-
 def _sensitivity_threshold(read_noise: Measured, gain: Measured) -> Measured:
     """Return the electrons at which signal and noise are equal (EMVA 1288, equation 27)."""
     variance = read_noise.value**2 + gain.value**2 * STEP_VARIANCE
@@ -384,22 +383,6 @@ def _sensitivity_threshold(read_noise: Measured, gain: Measured) -> Measured:
     slopes = read_noise.value, gain.value * STEP_VARIANCE
     sigma = math.hypot(slopes[0] * read_noise.sigma, slopes[1] * gain.sigma) / (value - 0.5)
     return Measured(value, sigma)
-
-
-def _light_times(source: PairedFrames) -> dict[float, float]:
-    """Return when the light of each exposure time was taken, seconds; empty if unknown."""
-    if source.times is None:
-        return {}
-    return {
-        time: float(np.mean([source.times[index] for pair in pairs for index in pair]))
-        for time, pairs in source.light.items()
-    }
-
-
-def _lamp_jump(groups: list[GroupStatistics]) -> float:
-    """Return the largest relative change of the light between the two frames of a pair."""
-    ratios = np.array([[one.ratio for one in group.light] for group in groups])
-    return float(np.abs(np.median(ratios, axis=0) - 1).max())
 
 
 def _unevenness(groups: list[GroupStatistics]) -> float:

@@ -73,7 +73,10 @@ def region_vectors(
     for periods in (_PREFERRED_PERIODS, _FALLBACK_PERIODS):
         # 8 line widths between spots are preferred, 6 are enough.
         for apart, period in itertools.product((8, 6), periods):
-            grid = _lattice(lines, min(1 / period, max_frequency))
+            # The vectors up to a length, (y, x) cycles per region, one of each opposite pair.
+            most = np.floor(min(1 / period, max_frequency) * lines).astype(int)
+            grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
+            grid = grid[np.hypot(*(grid / lines).T) <= min(1 / period, max_frequency)]
             chosen = _choose_lattice_points(grid, count, apart + blur * lines)
             if len(chosen) == count:
                 return np.array(chosen) / lines
@@ -81,13 +84,6 @@ def region_vectors(
         f"regions is {regions}; the spots of {count} gratings can't be told apart on this sensor: "
         "choose fewer regions, or let more of the sensor be read"
     )
-
-
-def _lattice(lines: NDArray[np.int64], max_frequency: float) -> NDArray[np.int64]:
-    """Return the vectors up to a length, (y, x) cycles per region, one of each opposite pair."""
-    most = np.floor(max_frequency * lines).astype(int)
-    grid = np.mgrid[-most[0] : most[0] + 1, 0 : most[1] + 1].reshape(2, -1).T
-    return grid[np.hypot(*(grid / lines).T) <= max_frequency]
 
 
 def _choose_lattice_points(

@@ -44,20 +44,6 @@ def rounded_moments(level: Array, noise: float) -> tuple[Array, Array]:
     return centre + mean, square - mean**2
 
 
-def temporal_variance(mean: float, spread: float, noise: float) -> float:
-    """Compute the mean temporal variance of pixels after rounding, in steps².
-
-    mean, spread: of the normal distribution of the pixels' levels.
-    noise: of each, in steps.
-    """
-    if spread < _LEAST:
-        return float(rounded_moments(np.array([mean]), noise)[1][0])
-    places = np.linspace(-6, 6, _NODES)
-    shares = np.exp(-(places**2) / 2)
-    variances = rounded_moments(mean + spread * places, noise)[1]
-    return float((shares * variances).sum() / shares.sum())
-
-
 def noise_below_a_step(mean: float, over_pixels: float, temporal: float) -> float:
     """Find the noise before rounding, in steps.
 
@@ -77,7 +63,14 @@ def noise_below_a_step(mean: float, over_pixels: float, temporal: float) -> floa
     level, width = fitted.x
 
     def excess(noise: float) -> float:
-        return temporal_variance(level, math.sqrt(max(width**2 - noise**2, 0.0)), noise) - temporal
+        # Over the normal distribution of the pixels' levels.
+        spread = math.sqrt(max(width**2 - noise**2, 0.0))
+        if spread < _LEAST:
+            return float(rounded_moments(np.array([level]), noise)[1][0]) - temporal
+        places = np.linspace(-6, 6, _NODES)
+        shares = np.exp(-(places**2) / 2)
+        variances = rounded_moments(level + spread * places, noise)[1]
+        return float((shares * variances).sum() / shares.sum()) - temporal
 
     # Never more than the noise and the pixels' spread together.
     if excess(width) <= 0:

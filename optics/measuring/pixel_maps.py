@@ -55,7 +55,14 @@ def average_frames(
         base = _half_means(frames, [pair for time in bright for pair in dark[time]])
         first, second = lit[0] - base[0], lit[1] - base[1]
         response = first / first.mean(), second / second.mean()
-    return GroupMaps(_half_means(frames, short), _growth(frames, dark), response)
+    # The slope of each pixel over the exposure time of its dark frames.
+    listed = [(time, index) for time, pairs in dark.items() for pair in pairs for index in pair]
+    middle = float(np.mean([time for time, _ in listed]))
+    growth = np.zeros(frames.shape[1:])
+    for time, index in listed:
+        growth += (time - middle) * frames[index]
+    growth = growth / sum((time - middle) ** 2 for time, _ in listed)
+    return GroupMaps(_half_means(frames, short), growth, response)
 
 
 def _half_means(frames: NDArray[Any], pairs: list[tuple[int, int]]) -> Halves:
@@ -65,17 +72,6 @@ def _half_means(frames: NDArray[Any], pairs: list[tuple[int, int]]) -> Halves:
         for total, index in zip(totals, pair, strict=True):
             total += frames[index]
     return totals[0] / len(pairs), totals[1] / len(pairs)
-
-
-def _growth(frames: NDArray[Any], dark: Pairs) -> Map:
-    """Return the slope of each pixel over the exposure time of its dark frames, DN/s."""
-    listed = [(time, index) for time, pairs in dark.items() for pair in pairs for index in pair]
-    middle = float(np.mean([time for time, _ in listed]))
-    weights = [time - middle for time, _ in listed]
-    total = np.zeros(frames.shape[1:])
-    for weight, (_, index) in zip(weights, listed, strict=True):
-        total += weight * frames[index]
-    return np.asarray(total / sum(weight**2 for weight in weights))
 
 
 def _local_mean(response: Map, good: Mask) -> Map:

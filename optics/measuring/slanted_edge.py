@@ -73,8 +73,12 @@ def measure_edge_response(picture: ArrayLike, oversampling: int = 4) -> EdgeResp
     offset, slope = _fit_edge_line(values)
     places, edge = _edge_spread(values, offset, slope, oversampling)
     spread = np.diff(edge)
-    transform = np.abs(np.fft.rfft(spread * _tukey_window(len(spread))))
-    frequencies = np.fft.rfftfreq(len(spread), 1 / oversampling)
+    # Tukey's window is flat, with cosine tapers of this share of it.
+    taper, count = 0.3, len(spread)
+    place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
+    window = 0.5 * (1 + np.cos(np.pi * np.clip((place - (1 - taper)) / taper, 0, 1)))
+    transform = np.abs(np.fft.rfft(spread * window))
+    frequencies = np.fft.rfftfreq(count, 1 / oversampling)
     known = frequencies <= min(1.0, oversampling / 2)
     mtf = transform / transform[0] / np.sinc(frequencies / oversampling) ** 2
     angle = math.atan(slope)
@@ -133,11 +137,3 @@ def _edge_spread(
         )
     total = np.bincount(number[inside], values[inside], minlength=2 * half)
     return (np.arange(2 * half) - half + 0.5) / oversampling, total / count
-
-
-def _tukey_window(count: int) -> Array:
-    """Return Tukey's window, flat with cosine tapers."""
-    taper = 0.3  # The tapers take this share of the window.
-    place = np.abs(np.arange(count) - (count - 1) / 2) / (count / 2)
-    fall = np.clip((place - (1 - taper)) / taper, 0, 1)
-    return 0.5 * (1 + np.cos(np.pi * fall))

@@ -62,7 +62,10 @@ class StarModel:
         camera = _with_lens_at_panel(camera, distance)
         panel = camera.panel
         self.radius = open_pupil_radius(camera)
-        factor = _coarsening_factor(panel.shape)
+        # The smallest common divisor of the panel's sides that leaves few enough pixels.
+        common, longest = math.gcd(*panel.shape), max(panel.shape)
+        divisors = (d for d in range(1, common + 1) if common % d == 0)
+        factor = next((d for d in divisors if longest / d <= _MOST_PIXELS), common)
         coarse = Panel(  # of perfect pixels
             shape=(panel.shape[0] // factor, panel.shape[1] // factor),
             pitch=panel.pitch * factor,
@@ -141,13 +144,6 @@ def _with_lens_at_panel(camera: Camera, distance: float) -> Camera:
     thin = collapse_to_thin_camera(plain, distance)
     bent = replace(thin.lens, kind=lens.kind, aberrations=lens.aberrations)
     return replace(thin, lens=bent)
-
-
-def _coarsening_factor(shape: tuple[int, int]) -> int:
-    """Return the smallest common divisor of the panel's sides that leaves few enough pixels."""
-    common = math.gcd(*shape)
-    few = (d for d in range(1, common + 1) if common % d == 0 and max(shape) / d <= _MOST_PIXELS)
-    return next(few, common)
 
 
 def _block_average(
